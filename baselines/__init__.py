@@ -1,0 +1,1 @@
+"""The rivals and reference rows, one file a codec."""

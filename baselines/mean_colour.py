@@ -1,0 +1,45 @@
+"""The floor: one colour a texel, whatever the directions."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.material import DecoderCost, Material, sample_texture
+
+
+class MeanColour(Codec):
+    """Each texel's mean over all pairs: what every codec must beat, and the floor of time."""
+
+    name, version = "mean-colour", 1
+
+    @dataclass(frozen=True)
+    class Settings:
+        half: bool = True  # store the texture as float16
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        mean = torch.zeros(*btf.shape, 3, dtype=torch.float64)
+        for picture in fit.progress(btf, total=len(btf)):
+            mean += torch.from_numpy(picture) / len(btf)
+        return Parts(texture={"mean": mean.half() if self.settings.half else mean.float()})
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        return MeanColourMaterial(parts.texture["mean"].float().to(device))
+
+
+class MeanColourMaterial(Material):
+    def __init__(self, texture: Tensor):
+        height, width, channels = texture.shape
+        cost = DecoderCost(
+            texture_channels=channels,
+            texture_floats=texture.numel(),
+            flops_per_sample=4 * 2 * channels,
+            bytes_per_sample=4 * channels * texture.element_size(),
+        )
+        super().__init__((height, width), cost)
+        self.texture = texture
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return sample_texture(self.texture, uv)  # bilinear, periodic

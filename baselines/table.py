@@ -1,0 +1,60 @@
+"""The table itself, at half precision, interpolated between its samples: the reference for quality."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.btf import BTF, Layout
+from bench.codec import Codec, Fit, Parts
+from bench.directions import PairInterpolator
+from bench.material import DecoderCost, Material, texel_corners
+
+HALF_MAX = 65504.0
+
+
+class Table(Codec):
+    """The half-float table itself, interpolated over directions: exact at its samples, and as large as the data."""
+
+    name, version = "table", 1
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        values = torch.empty(len(btf), *btf.shape, 3, dtype=torch.float16)
+        scale = 1.0
+        for i, picture in enumerate(fit.progress(btf, total=len(btf))):
+            top = float(np.abs(picture).max(initial=0))
+            if top / scale > HALF_MAX:
+                # Half precision ends at 65,504: the whole table is stored smaller, and the file says by how much.
+                values[:i] *= scale / (top / HALF_MAX)
+                scale = top / HALF_MAX
+            values[i] = torch.from_numpy(picture / scale)
+        directions = {"wo": torch.from_numpy(btf.wo), "wi": torch.from_numpy(btf.wi)}
+        return Parts(texture={"values": values}, other={**directions, "scale": torch.tensor([scale])})
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        layout = Layout.of(parts.other["wo"].numpy(), parts.other["wi"].numpy())
+        return TableMaterial(parts.texture["values"].to(device), PairInterpolator(layout), parts.other["scale"])
+
+
+class TableMaterial(Material):
+    def __init__(self, values: Tensor, interpolator: PairInterpolator, scale: Tensor):
+        pairs, height, width, channels = values.shape
+        reads = 4 * interpolator.reads * channels
+        cost = DecoderCost(
+            texture_channels=pairs * channels,
+            texture_floats=values.numel(),
+            flops_per_sample=2 * reads,
+            bytes_per_sample=reads * values.element_size(),
+        )
+        super().__init__((height, width), cost)
+        self.values, self.interpolator, self.scale = (
+            values.reshape(pairs, height * width, channels),
+            interpolator,
+            scale,
+        )
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        texel, texel_weight = texel_corners(self.size, uv)
+        pair, pair_weight = self.interpolator(wo, wi)
+        corners = self.values[pair[:, :, None], texel[:, None, :]].to(wo.dtype)
+        rgb = torch.einsum("np,nt,nptc->nc", pair_weight, texel_weight.to(wo.dtype), corners)
+        return rgb * self.scale.to(wo.dtype)

@@ -1,0 +1,314 @@
+"""The bidirectional texture function (BTF): what every reader gives and every codec is given.
+
+Conventions, on which every docstring of the suite relies:
+
+- **Frame.** Seen from above with the picture upright, x points right (+u), y points up (+v) and the normal z
+  toward the eye. `wo` points to the camera and `wi` to the light: unit vectors, float32, z > 0 above the
+  surface. θ is measured from z, φ from +x counter-clockwise; radians, unless a name ends in `_deg`.
+- **Texels.** `uv` is in texture units, periodic. Row 0 is the top row of the picture: texel (row, col) has its
+  centre at u = (col + 0.5) / W, v = 1 − (row + 0.5) / H. A footprint is the side of a square box in texture units.
+- **Values.** Linear Rec. 709 RGB of f_r · cos θ_i: the radiance that leaves toward ω_o under a directional light
+  of unit irradiance on a plane that faces it. Highlights are not clamped. What a reader converted stands in
+  `BTF.provenance`.
+
+A *pair* is one (ω_o, ω_i); a *slice* is the picture of one pair, (H, W, 3); an *ABRDF* is one texel at all pairs.
+"""
+
+import hashlib
+import json
+import logging
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bench.cache import cache_dir
+
+log = logging.getLogger(__name__)
+Array = np.ndarray
+
+
+class Source:
+    """Where the values of a BTF come from. A reader implements `slice` and `fingerprint`; the rest has defaults.
+
+    The defaults of `texels` and `gather` serve a source that is cheap only by slices: they read a transposed
+    half-float scratch file, made once and kept in the cache under the fingerprint.
+    """
+
+    shape: tuple[int, int]
+    count: int
+
+    def slice(self, pair: int) -> Array:
+        """The picture of one pair, (H, W, 3) float32."""
+        raise NotImplementedError
+
+    def fingerprint(self) -> str:
+        """A hex digest that changes with the content, found without reading all of it."""
+        raise NotImplementedError
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        """ABRDFs (n, len(pairs), 3) float32 of n texels at some pairs."""
+        return self._scratch[rows * self.shape[1] + cols][:, pairs].astype(np.float32)
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        """Single values (n, 3) float32 at n places."""
+        return self._scratch[row * self.shape[1] + col, pair].astype(np.float32)
+
+    @cached_property
+    def _scratch(self) -> Array:
+        path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}.npy"
+        if not path.exists():
+            _write_transposed(self, path)
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+
+
+def _write_transposed(source: Source, path: Path, block_bytes: int = 64 << 20) -> None:
+    """Write (H · W, count, 3) in float16 (float32 where half would overflow), reading each slice once."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    texels = source.shape[0] * source.shape[1]
+    for dtype in (np.float16, np.float32):
+        size = texels * source.count * 3 * np.dtype(dtype).itemsize
+        log.warning("writing a scratch file of %.1f MB for scattered reads: %s", size / 1e6, path)
+        partial = path.with_suffix(f".{os.getpid()}.partial")
+        out = np.lib.format.open_memmap(partial, "w+", dtype=dtype, shape=(texels, source.count, 3))
+        step = max(1, block_bytes // (texels * 3 * 4))
+        try:
+            for start in range(0, source.count, step):
+                block = np.stack([source.slice(i) for i in range(start, min(start + step, source.count))])
+                if dtype is np.float16 and np.abs(block).max(initial=0) > np.finfo(np.float16).max:
+                    break
+                out[:, start : start + len(block)] = block.reshape(len(block), texels, 3).swapaxes(0, 1)
+            else:
+                out.flush()
+                os.replace(partial, path)
+                return
+        finally:
+            del out
+            partial.unlink(missing_ok=True)
+
+
+class ArraySource(Source):
+    """Values held in one array (count, H, W, 3), in memory or memory-mapped, of any float type."""
+
+    def __init__(self, values: Array):
+        if values.ndim != 4 or values.shape[-1] != 3:
+            raise ValueError(f"values must be (pairs, H, W, 3), not {values.shape}")
+        self.values = values
+        self.count, self.shape = len(values), (values.shape[1], values.shape[2])
+
+    def slice(self, pair: int) -> Array:
+        return np.asarray(self.values[pair], np.float32)
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        return np.asarray(self.values[pairs[None, :], rows[:, None], cols[:, None]], np.float32)
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        return np.asarray(self.values[pair, row, col], np.float32)
+
+    def fingerprint(self) -> str:
+        digest = hashlib.sha256(f"{self.values.shape} {self.values.dtype}".encode())
+        for block in self.values:
+            digest.update(np.ascontiguousarray(block).tobytes())
+        return digest.hexdigest()
+
+
+class _BoxFiltered(Source):
+    """Another source averaged over factor × factor texels; rows and columns that do not fill a box are left out."""
+
+    def __init__(self, source: Source, factor: int):
+        self.source, self.factor, self.count = source, factor, source.count
+        self.shape = (source.shape[0] // factor, source.shape[1] // factor)
+
+    def _box(self, rows: Array, cols: Array) -> tuple[Array, Array]:
+        step = np.arange(self.factor)
+        shape = (len(rows), self.factor, self.factor)
+        fine_rows = np.broadcast_to((rows[:, None] * self.factor + step)[:, :, None], shape)
+        fine_cols = np.broadcast_to((cols[:, None] * self.factor + step)[:, None, :], shape)
+        return fine_rows.reshape(-1), fine_cols.reshape(-1)
+
+    def slice(self, pair: int) -> Array:
+        return box_filter(self.source.slice(pair), self.factor)
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        fine = self.source.texels(*self._box(rows, cols), pairs)
+        return fine.reshape(len(rows), self.factor**2, len(pairs), 3).mean(1)
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        fine = self.source.gather(np.repeat(pair, self.factor**2), *self._box(row, col))
+        return fine.reshape(len(row), self.factor**2, 3).mean(1)
+
+    def fingerprint(self) -> str:
+        return hashlib.sha256(f"{self.source.fingerprint()} box {self.factor}".encode()).hexdigest()
+
+
+def box_filter(picture: Array, factor: int) -> Array:
+    """The mean of each factor × factor box of a picture (H, W, C); an incomplete last row or column is left out."""
+    height, width = picture.shape[0] // factor, picture.shape[1] // factor
+    full = picture[: height * factor, : width * factor]
+    return full.reshape(height, factor, width, factor, -1).mean((1, 3))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the pairs of a BTF are arranged: its distinct views and lights, and whether they form a product."""
+
+    views: Array  # (V, 3)
+    lights: Array  # (L, 3)
+    view: Array  # (N,) index into views
+    light: Array  # (N,) index into lights
+
+    @classmethod
+    def of(cls, wo: Array, wi: Array) -> "Layout":
+        """The layout of pairs wo, wi (N, 3); directions within 1e-6 of each other are one."""
+        views, view = _distinct(wo)
+        lights, light = _distinct(wi)
+        return cls(views, lights, view, light)
+
+    @cached_property
+    def grid(self) -> Array | None:
+        """Pair indices (V, L) where every view is combined with every light exactly once, else None."""
+        if len(self.view) != len(self.views) * len(self.lights):
+            return None
+        grid = np.full((len(self.views), len(self.lights)), -1)
+        grid[self.view, self.light] = np.arange(len(self.view))
+        return None if (grid < 0).any() else grid
+
+
+@dataclass(frozen=True)
+class Split:
+    """Disjoint pair indices: what a codec may train on, and the held-out groups by name."""
+
+    train: Array
+    heldout: dict[str, Array] = field(default_factory=dict)
+
+
+class BTF:
+    """Outgoing radiance over texels × pairs, read lazily. See the module for frame, units and colour space.
+
+    `wo` and `wi` are (N, 3) float32, `shape` is (H, W), `len(btf)` is N and `btf[i]` the slice (H, W, 3) float32.
+    `heldout`, where the data declare it, is an (N,) mask of pairs that no codec may train on.
+    `periodic` says that the picture wraps around without a seam, as every rendered material does.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        wo: ArrayLike,
+        wi: ArrayLike,
+        source: Source,
+        *,
+        heldout: ArrayLike | None = None,
+        periodic: bool = False,
+        provenance: dict[str, Any] | None = None,
+        pairs: Array | None = None,
+    ):
+        self.name, self.source, self.periodic = name, source, periodic
+        self.wo, self.wi = np.asarray(wo, np.float32), np.asarray(wi, np.float32)
+        self.pairs = np.arange(source.count) if pairs is None else pairs
+        self.heldout = None if heldout is None else np.asarray(heldout, bool)
+        self.provenance = dict(provenance or {})
+        if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
+            raise ValueError(f"wo and wi must be ({len(self.pairs)}, 3), not {self.wo.shape}, {self.wi.shape}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.source.shape
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __getitem__(self, pair: int) -> Array:
+        return self.source.slice(int(self.pairs[pair]))
+
+    def __iter__(self) -> Iterator[Array]:
+        return (self[i] for i in range(len(self)))
+
+    def texels(self, rows: ArrayLike, cols: ArrayLike) -> Array:
+        """ABRDFs (n, N, 3) float32 of the n texels (rows[i], cols[i])."""
+        return self.source.texels(np.asarray(rows), np.asarray(cols), self.pairs)
+
+    def gather(self, pair: ArrayLike, row: ArrayLike, col: ArrayLike) -> Array:
+        """Values (n, 3) float32 at n scattered (pair, row, col)."""
+        return self.source.gather(self.pairs[np.asarray(pair)], np.asarray(row), np.asarray(col))
+
+    def _with(self, pairs: Array, source: Source, **changes: Any) -> "BTF":
+        provenance = self.provenance | changes
+        heldout = None if self.heldout is None else self.heldout[pairs]
+        return BTF(
+            self.name,
+            self.wo[pairs],
+            self.wi[pairs],
+            source,
+            heldout=heldout,
+            periodic=self.periodic,
+            provenance=provenance,
+            pairs=self.pairs[pairs],
+        )
+
+    def subset(self, pairs: ArrayLike) -> "BTF":
+        """The same BTF at some of its pairs, given by index."""
+        return self._with(np.asarray(pairs), self.source)
+
+    def downsample(self, factor: int) -> "BTF":
+        """The BTF box-filtered over factor × factor texels, in linear light."""
+        if not 1 <= factor <= min(self.shape):
+            raise ValueError(f"factor must be between 1 and {min(self.shape)}, not {factor}")
+        if factor == 1:
+            return self
+        return self._with(np.arange(len(self)), _BoxFiltered(self.source, factor), downsampled=factor)
+
+    @cached_property
+    def layout(self) -> Layout:
+        return Layout.of(self.wo, self.wi)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hex digest of content, pairs, directions and declared split; two BTFs that share it hold the same table."""
+        digest = hashlib.sha256(self.source.fingerprint().encode())
+        digest.update(self.pairs.astype(np.int64).tobytes())
+        digest.update(self.wo.tobytes() + self.wi.tobytes())
+        digest.update(json.dumps([self.heldout is not None and self.heldout.tolist(), self.periodic]).encode())
+        return digest.hexdigest()
+
+    def split(self, seed: int = 0, fraction: float = 0.125) -> Split:
+        """Training pairs and held-out groups, disjoint.
+
+        A declared split is kept as the one group `heldout`. Otherwise whole views and whole lights are held out
+        (`fraction` of each, by seed), so that the training pairs of a product stay a product; the groups are
+        `new view`, `new light` and `both new`. Of a side with fewer than four directions none is held out.
+        """
+        everything = np.arange(len(self))
+        if self.heldout is not None:
+            return Split(everything[~self.heldout], {"heldout": everything[self.heldout]})
+        rng = np.random.default_rng(seed)
+        new_view = _held(rng, len(self.layout.views), fraction)[self.layout.view]
+        new_light = _held(rng, len(self.layout.lights), fraction)[self.layout.light]
+        groups = {
+            "new view": everything[new_view & ~new_light],
+            "new light": everything[~new_view & new_light],
+            "both new": everything[new_view & new_light],
+        }
+        return Split(everything[~new_view & ~new_light], {k: v for k, v in groups.items() if len(v)})
+
+
+def _held(rng: np.random.Generator, count: int, fraction: float) -> Array:
+    """Mask (count,) of the directions of one side that are held out; at least one where there are four or more."""
+    mask = np.zeros(count, bool)
+    if count >= 4:
+        mask[rng.permutation(count)[: max(1, round(count * fraction))]] = True
+    return mask
+
+
+def _distinct(directions: Array) -> tuple[Array, Array]:
+    """Distinct rows in the order of their first appearance, and for each row the index of its distinct one."""
+    rounded = np.round(directions, 6) + 0.0
+    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return directions[first[order]], rank[inverse.reshape(-1)]

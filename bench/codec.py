@@ -1,0 +1,116 @@
+"""What a codec must do: turn a BTF into named tensors, and named tensors into a material."""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import torch
+from torch import Tensor
+
+from bench.btf import BTF
+from bench.errors import InputError
+from bench.material import Material
+from bench.suggest import did_you_mean
+
+T = TypeVar("T")
+Progress = Callable[[Iterable[Any], str, int], Iterator[Any]]
+
+
+def silent(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
+    """The progress of a fit that nobody watches."""
+    return iter(items)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What one fit is given besides its data: where it runs, its seed, and whom it tells how far it is."""
+
+    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
+    threads: int = 1
+    seed: int = 0
+    show: Progress = silent
+
+    def progress(self, items: Iterable[T], label: str = "reading", total: int | None = None) -> Iterator[T]:
+        """The same items, while a progress bar follows; `total` where they have no length."""
+        return self.show(items, label, len(items) if total is None else total)  # type: ignore[arg-type]
+
+    def generator(self) -> torch.Generator:
+        """A generator on the CPU, seeded by this fit."""
+        return torch.Generator().manual_seed(self.seed)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The named tensors of a codec file, by what they are for: bytes are reported for each part."""
+
+    decoder: dict[str, Tensor] = field(default_factory=dict)  # what every query needs: the network
+    texture: dict[str, Tensor] = field(default_factory=dict)  # what varies over the texels
+    other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, what else decoding needs
+
+
+class Codec:
+    """A codec: `name`, `version`, `Settings`, `encode`, `decode`. Its docstring's first line describes it in lists.
+
+    `Settings` is a frozen dataclass of int, float, bool, str and `Literal` fields, each with a default and a comment
+    of one line.
+    """
+
+    name: ClassVar[str]
+    version: ClassVar[int]
+
+    @dataclass(frozen=True)
+    class Settings:
+        pass
+
+    def __init__(self, **settings: Any):
+        """A codec with its default settings but for those named; strings are converted (`components="16"`)."""
+        self.settings: Any = parse_settings(self.name, self.Settings, settings)
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit a BTF, training pairs only; the tensors that the file will hold."""
+        raise NotImplementedError
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material that the tensors describe, without any other source."""
+        raise NotImplementedError
+
+
+def parse_settings(codec: str, settings: type, values: dict[str, Any]) -> Any:
+    """A `Settings` object with some fields set, from Python values or strings.
+
+    `InputError` where a field is unknown (with the nearest name) or a value does not convert.
+    """
+    kinds = get_type_hints(settings)
+    for name in values:
+        if name not in kinds:
+            raise InputError(f"codec {codec} has no setting {name!r}{did_you_mean(name, kinds)}")
+    return settings(**{name: _convert(codec, name, kinds[name], value) for name, value in values.items()})
+
+
+_WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+def _convert(codec: str, name: str, kind: type, value: Any) -> Any:
+    choices = get_args(kind) if get_origin(kind) is Literal else ()
+    if choices:
+        if value not in choices:
+            wanted = " or ".join(map(repr, choices))
+            raise InputError(f"setting {name} of codec {codec} must be {wanted}, not {value!r}")
+        return value
+    try:
+        if isinstance(value, str) and kind is bool:
+            return _WORDS[value.lower()]
+        if isinstance(value, bool) != (kind is bool):
+            raise ValueError
+        if kind is int and int(value) != float(value):
+            raise ValueError
+        return kind(value)
+    except (KeyError, ValueError, TypeError):
+        wanted = {bool: "true or false", int: "a whole number", float: "a number"}.get(kind, kind.__name__)
+        raise InputError(f"setting {name} of codec {codec} must be {wanted}, not {value!r}") from None
+
+
+def settings_dict(codec: Codec) -> dict[str, Any]:
+    """The settings of a codec as plain values, for files and records."""
+    return dataclasses.asdict(codec.settings)

@@ -1,0 +1,193 @@
+"""The codec file: safetensors, tensors named `part/name`, one metadata key of canonical JSON, one hash over all.
+
+The JSON holds {format, codec, version, settings, sha256}. The hash is that of the whole file with its own 64 digits
+replaced by zeros, so that no byte of the file can change unseen. Nothing is ever unpickled.
+"""
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.errors import ContainerError
+
+if TYPE_CHECKING:
+    import torch
+
+    from bench.codec import Codec, Parts
+    from bench.material import Material
+
+FORMAT = 1
+KEY = "neubtf"
+SUFFIX = ".nbtf"
+ZEROS = b"0" * 64
+HEADER_LIMIT = 1 << 24
+# Bytes a number of the dtypes that safetensors names and a codec may write.
+ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a codec file says of itself, read without PyTorch and checked against its hash."""
+
+    path: Path
+    codec: str
+    version: int
+    settings: dict[str, Any]
+    sha256: str
+    tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, bytes
+    file_bytes: int
+
+    def part_bytes(self) -> dict[str, int]:
+        """Bytes of the tensors by part, and `header`: what the file needs besides. They add up to the file."""
+        sums = {"decoder": 0, "texture": 0, "other": 0}
+        for name, (_, _, size) in self.tensors.items():
+            sums[name.split("/")[0]] += size
+        return sums | {"header": self.file_bytes - sum(sums.values())}
+
+
+def save(path: Path, codec: "Codec", parts: "Parts") -> Header:
+    """Write a codec file whole or not at all (a temporary name, then a rename), and read its header back."""
+    path = Path(path)
+    data = to_bytes(codec, parts)
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    try:
+        with open(partial, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return read_header(path)
+
+
+def to_bytes(codec: "Codec", parts: "Parts") -> bytes:
+    """The bytes of a codec file. The same parts give the same bytes."""
+    from safetensors.torch import save as serialise
+
+    tensors = {
+        f"{part}/{name}": tensor.detach().cpu().contiguous()
+        for part in ("decoder", "texture", "other")
+        for name, tensor in getattr(parts, part).items()
+    }
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point() and not tensor.isfinite().all():
+            raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {name}")
+    says = {
+        "format": FORMAT,
+        "codec": codec.name,
+        "version": codec.version,
+        "settings": dataclasses.asdict(codec.settings),
+        "sha256": ZEROS.decode(),
+    }
+    data = serialise(tensors, {KEY: json.dumps(says, sort_keys=True, separators=(",", ":"))})
+    return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
+
+
+def read_header(path: Path) -> Header:
+    """Check a codec file against its own hash and read its header. `ContainerError` says what is wrong."""
+    return _parse(Path(path), _read(path))
+
+
+def load(path: Path, device: "torch.device | str" = "cpu") -> "tuple[Header, Material]":
+    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong."""
+    import torch
+    from safetensors.torch import load as deserialise
+
+    from bench.codec import Parts
+    from bench.registry import load_codec
+
+    path = Path(path)
+    data = _read(path)
+    header = _parse(path, data)
+    codec_class = load_codec(header.codec, wanted_by=str(path))
+    if header.version != codec_class.version:
+        raise ContainerError(
+            f"{path}: written by version {header.version} of codec {header.codec}, this is version "
+            f"{codec_class.version}: encode it again, or install the version that wrote it"
+        )
+    parts = Parts()
+    for full, tensor in deserialise(data).items():
+        part, name = full.split("/", 1)
+        getattr(parts, part)[name] = tensor
+    try:
+        return header, codec_class(**header.settings).decode(parts, torch.device(device))
+    except (KeyError, ValueError, RuntimeError, IndexError, TypeError) as error:
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _parse(path: Path, data: bytes) -> Header:
+    header = _json_header(path, data)
+    says = _metadata(path, header)
+    digits = str(says["sha256"]).encode()
+    if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
+        raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
+    return Header(
+        path,
+        says["codec"],
+        says["version"],
+        says["settings"],
+        says["sha256"],
+        {name: _tensor(path, name, entry) for name, entry in header.items()},
+        len(data),
+    )
+
+
+def _json_header(path: Path, data: bytes) -> dict[str, Any]:
+    """The safetensors header: 8 bytes of length, then JSON of name → {dtype, shape, data_offsets}."""
+    length = struct.unpack("<Q", data[:8])[0] if len(data) >= 8 else 0
+    if not 2 <= length <= HEADER_LIMIT or data[8:9] != b"{":
+        raise ContainerError(f"{path}: not a codec file (no safetensors header)")
+    if 8 + length > len(data):
+        raise ContainerError(
+            f"{path}: truncated: {len(data)} bytes, the header alone needs {8 + length}: copy it again"
+        )
+    try:
+        header = json.loads(data[8 : 8 + length])
+        end = max((entry["data_offsets"][1] for name, entry in header.items() if name != "__metadata__"), default=0)
+        missing = 8 + length + end - len(data)
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
+        raise ContainerError(f"{path}: not a codec file (its safetensors header is not sound)") from error
+    if missing > 0:
+        raise ContainerError(f"{path}: truncated: {missing} bytes are missing at its end: copy it again")
+    return header
+
+
+def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
+    try:
+        says = json.loads(header.pop("__metadata__")[KEY])
+        newer = int(says["format"]) > FORMAT
+        whole = {"format", "codec", "version", "settings", "sha256"} <= says.keys() and len(says["sha256"]) == 64
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
+    if newer:
+        raise ContainerError(f"{path}: format {says['format']} is newer than this version reads ({FORMAT}): upgrade")
+    if not whole:
+        raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete")
+    return says
+
+
+def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
+    try:
+        begin, end = entry["data_offsets"]
+        shape = tuple(int(n) for n in entry["shape"])
+        sound = name.split("/")[0] in ("decoder", "texture", "other") and "/" in name
+        if not sound or end - begin != ITEM_BYTES[entry["dtype"]] * math.prod(shape):
+            raise ValueError
+    except (KeyError, ValueError, TypeError) as error:
+        raise ContainerError(f"{path}: tensor {name!r} is not sound") from error
+    return entry["dtype"], shape, end - begin

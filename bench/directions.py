@@ -1,0 +1,180 @@
+"""The suite's only interpolator between sampled directions, in PyTorch.
+
+One hemisphere is triangulated by Delaunay in its stereographic plane, where circles of the sphere stay circles,
+so that the triangulation is the one of the sphere; weights are barycentric in that plane. Pairs that form a
+product views × lights take the tensor product of the two sides (3 × 3 pairs); scattered pairs take Shepard's
+inverse-distance weights over the nearest eight. A side of one or two directions answers with the nearest.
+Outside the hull a direction is projected onto it.
+
+What is interpolated is radiance / cos θ_i, multiplied back by the cosine of the query: `pair_weights` folds both
+cosines into its weights, so a caller sums weight × radiance and is done.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from scipy.spatial import ConvexHull, Delaunay
+from torch import Tensor, nn
+
+from bench.btf import Layout
+
+CELLS = 64  # a side of the grid of candidate triangles: about two candidates a cell for the published sets
+SHEPARD_NEIGHBOURS = 8
+ROUNDING = 1e-4  # barycentric weights of a sample itself come out as low as −2e-5 in float32
+
+
+class Weights(NamedTuple):
+    """Which samples answer a query, and with what weight: both (n, k)."""
+
+    sample: Tensor
+    weight: Tensor
+
+
+def stereographic(directions: Tensor) -> Tensor:
+    """The plane coordinates (n, 2) of unit directions (n, 3) of the upper hemisphere: xy / (1 + z)."""
+    return directions[:, :2] / (1 + directions[:, 2:])
+
+
+class Hemisphere(nn.Module):
+    """Barycentric weights over the sampled directions (m, 3) of one side; call it with queries (n, 3)."""
+
+    def __init__(self, directions: np.ndarray):
+        super().__init__()
+        points = stereographic(torch.as_tensor(directions, dtype=torch.float64))
+        self.register_buffer("points", points.float())
+        self.flat = len(directions) < 3 or np.linalg.matrix_rank(points.numpy() - points[0].numpy(), tol=1e-6) < 2
+        if not self.flat:
+            self._triangulate(points.numpy())
+
+    triangles: Tensor
+    edges: Tensor
+    candidates: Tensor
+    affine: Tensor
+    points: Tensor
+
+    def _triangulate(self, points: np.ndarray) -> None:
+        triangles = Delaunay(points).simplices
+        corners = points[triangles]
+        spans = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1)
+        sound = np.abs(np.linalg.det(spans)) > 1e-9  # Qhull keeps slivers of collinear rings: they answer nothing
+        triangles, corners, spans = triangles[sound], corners[sound], spans[sound]
+        inverse = np.linalg.inv(spans)
+        # Barycentric (b1, b2) = inverse @ (p − corner0) as one affine map a triangle: [2, 3].
+        affine = np.concatenate([inverse, -(inverse @ corners[:, 0, :, None])], -1)
+        hull = ConvexHull(points).simplices
+        self.register_buffer("triangles", torch.as_tensor(triangles, dtype=torch.long))
+        self.register_buffer("affine", torch.as_tensor(affine, dtype=torch.float32))
+        self.register_buffer("edges", torch.as_tensor(points[hull], dtype=torch.float32))
+        self.register_buffer("candidates", torch.as_tensor(_candidates(corners), dtype=torch.long))
+
+    def outside(self, queries: Tensor) -> Tensor:
+        """Mask (n,) of the queries (n, 3) that lie outside the hull of the samples by more than rounding."""
+        if self.flat:
+            return torch.ones(len(queries), dtype=torch.bool, device=queries.device)
+        return self._barycentric(stereographic(queries))[1].amin(1) < -ROUNDING
+
+    def _barycentric(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        """The triangle (n,) that holds each point (n, 2), or the candidate nearest to it, and its weights (n, 3)."""
+        cell = ((points + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1)
+        candidates = self.candidates[cell[:, 1] * CELLS + cell[:, 0]]
+        affine = self.affine[candidates]
+        tail = (affine[..., :2] * points[:, None, None, :]).sum(-1) + affine[..., 2]
+        weights = torch.cat([1 - tail.sum(-1, keepdim=True), tail], -1)
+        best = weights.amin(-1).argmax(1, keepdim=True)
+        chosen = weights.gather(1, best[..., None].expand(-1, 1, 3))[:, 0]
+        return candidates.gather(1, best)[:, 0], chosen
+
+    def _onto_hull(self, points: Tensor) -> Tensor:
+        start, end = self.edges[:, 0], self.edges[:, 1]
+        along = end - start
+        t = ((points[:, None] - start) * along).sum(-1) / (along * along).sum(-1)
+        nearest = start + t.clamp(0, 1)[..., None] * along
+        best = (points[:, None] - nearest).square().sum(-1).argmin(1)
+        return nearest[torch.arange(len(points), device=points.device), best]
+
+    def forward(self, queries: Tensor) -> Weights:
+        points = stereographic(queries)
+        if self.flat:
+            index = torch.cdist(points, self.points.to(points.dtype)).argmin(1, keepdim=True)
+            return Weights(index, torch.ones_like(index, dtype=points.dtype))
+        triangle, weights = self._barycentric(points)
+        outside = weights.amin(1) < -ROUNDING
+        if outside.any():
+            triangle[outside], weights[outside] = self._barycentric(self._onto_hull(points[outside]))
+        weights = weights.clamp_min(0)
+        return Weights(self.triangles[triangle], weights / weights.sum(1, keepdim=True))
+
+
+def _candidates(corners: np.ndarray) -> np.ndarray:
+    """For each cell of a grid over [−1, 1]², the triangles (cells, k) that may hold a point of it.
+
+    Every triangle whose bounding box meets the cell is one; a cell that none meets lists the nearest. Rows are
+    padded by repeating their first entry, which changes no answer.
+    """
+    low, high = corners.min(1), corners.max(1)
+    slack = 1e-6
+    edges = np.linspace(-1, 1, CELLS + 1)
+    x = (low[:, None, 0] <= edges[1:] + slack) & (high[:, None, 0] >= edges[:-1] - slack)
+    y = (low[:, None, 1] <= edges[1:] + slack) & (high[:, None, 1] >= edges[:-1] - slack)
+    meets = (y[:, :, None] & x[:, None, :]).reshape(len(corners), -1).T
+    middle = (edges[1:] + edges[:-1]) / 2
+    centres = np.stack(np.meshgrid(middle, middle), -1).reshape(-1, 2)
+    nearest = np.linalg.norm(centres[:, None] - corners.mean(1), axis=-1).argmin(1)
+    meets[np.arange(len(meets)), nearest] |= ~meets.any(1)
+    out = np.repeat(meets.argmax(1)[:, None], meets.sum(1).max(), 1)
+    for row, mask in enumerate(meets):
+        found = np.flatnonzero(mask)
+        out[row, : len(found)] = found
+    return out
+
+
+class PairInterpolator(nn.Module):
+    """Weights over the sampled pairs of a BTF for any query of directions. See the module for the scheme."""
+
+    def __init__(self, layout: Layout):
+        super().__init__()
+        self.product = layout.grid is not None
+        self.register_buffer("cos_i", torch.as_tensor(layout.lights[layout.light, 2]).clamp_min(1e-3))
+        if layout.grid is not None:
+            self.views, self.lights = Hemisphere(layout.views), Hemisphere(layout.lights)
+            self.register_buffer("grid", torch.as_tensor(layout.grid))
+        else:
+            pairs = np.concatenate([layout.views[layout.view], layout.lights[layout.light]], 1)
+            self.register_buffer("pairs", torch.as_tensor(pairs, dtype=torch.float32))
+
+    cos_i: Tensor
+    grid: Tensor
+    pairs: Tensor
+
+    @property
+    def reads(self) -> int:
+        """Samples that one query reads."""
+        if not self.product:
+            return min(SHEPARD_NEIGHBOURS, len(self.pairs))
+        return (1 if self.views.flat else 3) * (1 if self.lights.flat else 3)
+
+    def forward(self, wo: Tensor, wi: Tensor) -> Weights:
+        """Pair indices and weights (n, k) of queries wo, wi (n, 3): radiance = Σ weight · radiance of the pair."""
+        index, weight = self._tensor_product(wo, wi) if self.product else self._shepard(wo, wi)
+        return Weights(index, weight * wi[:, 2:] / self.cos_i[index].to(weight.dtype))
+
+    def _tensor_product(self, wo: Tensor, wi: Tensor) -> Weights:
+        view, light = self.views(wo), self.lights(wi)
+        index = self.grid[view.sample[:, :, None], light.sample[:, None, :]]
+        weight = view.weight[:, :, None] * light.weight[:, None, :]
+        return Weights(index.flatten(1), weight.flatten(1))
+
+    def _shepard(self, wo: Tensor, wi: Tensor) -> Weights:
+        """Inverse squared distance over the nearest pairs, the distance that of (ω_o, ω_i) in R⁶."""
+        distance = torch.cdist(torch.cat([wo, wi], 1), self.pairs.to(wo.dtype))
+        near, index = distance.topk(min(SHEPARD_NEIGHBOURS, len(self.pairs)), largest=False)
+        weight = 1 / near.square().clamp_min(1e-12)
+        return Weights(index, weight / weight.sum(1, keepdim=True))
+
+    def outside(self, wo: Tensor, wi: Tensor) -> Tensor:
+        """Mask (n,) of queries whose view or light lies outside the hull of the samples; all False if scattered."""
+        if not self.product:
+            return torch.zeros(len(wo), dtype=torch.bool, device=wo.device)
+        sides = [(side, q) for side, q in ((self.views, wo), (self.lights, wi)) if not side.flat]
+        return torch.stack([side.outside(q) for side, q in sides]).any(0) if sides else torch.zeros(len(wo)).bool()

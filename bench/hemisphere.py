@@ -1,0 +1,73 @@
+"""Directions of the hemisphere in NumPy: angles, the published measurement sets, thinning, random draws.
+
+Frame (see `bench.btf`): x right, y up in the picture, z toward the eye; θ from z, φ from +x counter-clockwise;
+radians, unless a name ends in `_deg`.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+Array = np.ndarray
+
+
+def from_angles(theta: ArrayLike, phi: ArrayLike) -> Array:
+    """Unit vectors (..., 3) float32 of polar angle θ and azimuth φ, in radians."""
+    theta, phi = np.asarray(theta, np.float64), np.asarray(phi, np.float64)
+    sin = np.sin(theta)
+    return np.stack([sin * np.cos(phi), sin * np.sin(phi), np.cos(theta)], -1).astype(np.float32)
+
+
+def from_degrees(theta_deg: ArrayLike, phi_deg: ArrayLike) -> Array:
+    """Unit vectors (..., 3) float32 of θ and φ in degrees."""
+    return from_angles(np.radians(theta_deg), np.radians(phi_deg))
+
+
+def to_degrees(directions: ArrayLike) -> tuple[Array, Array]:
+    """θ in [0, 180] and φ in [0, 360) in degrees, float64, of unit vectors (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
+    return np.degrees(np.arctan2(np.hypot(x, y), z)), np.degrees(np.arctan2(y, x)) % 360.0
+
+
+def _rings(rings: list[tuple[float, int, float]]) -> Array:
+    """Directions ring by ring from (θ, count, first φ) in degrees, evenly spaced in azimuth."""
+    theta = np.concatenate([np.full(count, t) for t, count, _ in rings])
+    phi = np.concatenate([first + np.arange(count) * 360.0 / count for _, count, first in rings])
+    return from_degrees(theta, phi)
+
+
+def ubo2003() -> Array:
+    """The 81 directions of the UBO2003 and UTIA measurements, (81, 3) float32, up to θ = 75°."""
+    return _rings([(0, 1, 0), (15, 6, 0), (30, 12, 0), (45, 18, 0), (60, 20, 0), (75, 24, 0)])
+
+
+def ubo2014() -> Array:
+    """The 151 directions of the UBO2014 measurement, (151, 3) float32, up to θ = 75°."""
+    theta = [0, 11, 23.5, 30, 37.5, 45, 52.5, 60, 67.5, 75]
+    count = [1, 6, 12, 12, 12, 18, 18, 24, 24, 24]
+    first = [0, 15, 0, 15, 0, 0, 7.5, 0, 7.5, 0]
+    return _rings(list(zip(theta, count, first, strict=True)))
+
+
+DIRECTION_SETS = {"ubo2003": ubo2003, "ubo2014": ubo2014}
+
+
+def thin(directions: Array, count: int) -> Array:
+    """Indices (count,) of a subset spread evenly: farthest-point selection, begun at the zenith-most.
+
+    Deterministic: equal distances go to the lower index. Sorted, so that the order of the set survives.
+    """
+    if not 1 <= count <= len(directions):
+        raise ValueError(f"count must be between 1 and {len(directions)}, not {count}")
+    chosen = [int(np.argmax(directions[:, 2]))]
+    distance = np.linalg.norm(directions - directions[chosen[0]], axis=1)
+    while len(chosen) < count:
+        # Rounding makes the ties of a symmetric set depend on the machine; 1e-4 is far below any spacing.
+        chosen.append(int(np.argmax(np.round(distance, 4))))
+        distance = np.minimum(distance, np.linalg.norm(directions - directions[chosen[-1]], axis=1))
+    return np.sort(chosen)
+
+
+def uniform(rng: np.random.Generator, count: int, theta_max_deg: float = 75.0) -> Array:
+    """Directions (count, 3) float32 drawn uniformly in solid angle up to θ_max."""
+    z = 1.0 - rng.random(count) * (1.0 - np.cos(np.radians(theta_max_deg)))
+    return from_angles(np.arccos(z), rng.random(count) * 2 * np.pi)

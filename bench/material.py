@@ -1,0 +1,138 @@
+"""What a decoder holds: a material that answers queries (u, v, ω_o, ω_i, footprint) → RGB, in PyTorch.
+
+Frame, units and colour space: see `bench.btf`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from bench.errors import InputError
+
+CHUNK = 16_384  # queries evaluated at once: intermediates stay in cache, and memory does not grow with the batch
+UNIT_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class DecoderCost:
+    """What one decoder costs, as its codec declares it; `neubtf-bench check` compares it with what is counted."""
+
+    parameters: int = 0  # trainable numbers of the decoder network; 0 for tables
+    texture_channels: int = 0  # numbers a texel of the finest texture
+    texture_floats: int = 0  # numbers in all textures
+    flops_per_sample: int = 0  # a fused multiply-add counts as two
+    bytes_per_sample: int = 0  # read from textures and tables for one query
+
+
+class Material:
+    """A decoded material. A codec writes `evaluate`; everything else is final.
+
+    `size` is (H, W), the resolution that `slice` answers at. Tensors and networks that `evaluate` uses are
+    attributes, so that `to` and `modules` find them.
+    """
+
+    def __init__(self, size: tuple[int, int], cost: DecoderCost):
+        self.size, self.cost = size, cost
+        self.device, self.dtype = torch.device("cpu"), torch.float32
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """RGB (n, 3) of valid queries above the horizon: uv (n, 2), wo and wi (n, 3), footprint (n,). Pure."""
+        raise NotImplementedError
+
+    def modules(self) -> Sequence[nn.Module]:
+        """The networks whose parameters count as the decoder's; none for tables."""
+        return [value for value in vars(self).values() if isinstance(value, nn.Module) and any(value.parameters())]
+
+    def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Material":
+        """Move every tensor and network to a device, floating-point ones to a dtype, in place; returns itself."""
+        for name, value in vars(self).items():
+            if isinstance(value, nn.Module):
+                value.to(device=device, dtype=dtype)
+            elif isinstance(value, Tensor):
+                setattr(self, name, value.to(device=device, dtype=dtype if value.is_floating_point() else None))
+        self.device = self.device if device is None else torch.device(device)
+        self.dtype = dtype or self.dtype
+        return self
+
+    @torch.no_grad()
+    def query(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor | float | None = None) -> Tensor:
+        """RGB (n, 3) float32, ≥ 0, of n queries: uv (n, 2), wo and wi (n, 3), footprint (n,) or one number.
+
+        A direction at or below the horizon answers 0. Directions must be of unit length within 1e-3 and every
+        number finite: `InputError` names the first row that is not. Memory beyond inputs and outputs is bounded.
+        """
+        footprint = torch.as_tensor(0.0 if footprint is None else footprint).expand(len(uv))
+        _check(uv, wo, wi, footprint)
+        out = torch.empty(len(uv), 3)
+        for start in range(0, len(uv), CHUNK):
+            rows = slice(start, start + CHUNK)
+            out[rows] = self._answer(uv[rows], wo[rows], wi[rows], footprint[rows])
+        return out
+
+    def _answer(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """One chunk: below the horizon 0; `evaluate` sees the zenith there, never a direction it cannot handle."""
+        below = (wo[:, 2] <= 0) | (wi[:, 2] <= 0)
+        # Wrapping in double keeps the place of uv = ±1e6 in the texture; the codec's dtype may be half.
+        uv = (uv.double() - uv.double().floor()).to(self.device, self.dtype)
+        if below.any():
+            zenith = wo.new_tensor([0.0, 0.0, 1.0])
+            wo, wi = torch.where(below[:, None], zenith, wo), torch.where(below[:, None], zenith, wi)
+        rgb = self.evaluate(uv, *(x.to(self.device, self.dtype) for x in (wo, wi, footprint)))
+        return rgb.float().clamp_min(0).masked_fill(below[:, None].to(rgb.device), 0).cpu()
+
+    def slice(self, wo: Sequence[float], wi: Sequence[float], size: tuple[int, int] | None = None) -> Tensor:
+        """The picture (H, W, 3) of one pair at the texel centres of `size`, each with a footprint of one texel."""
+        height, width = size or self.size
+        uv = texel_centres(height, width)
+        view, light = (torch.as_tensor(w, dtype=torch.float32).expand(len(uv), 3) for w in (wo, wi))
+        return self.query(uv, view, light, 1 / max(height, width)).reshape(height, width, 3)
+
+
+def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
+    n = len(uv)
+    if uv.shape != (n, 2) or wo.shape != (n, 3) or wi.shape != (n, 3):
+        shapes = f"{tuple(uv.shape)}, {tuple(wo.shape)}, {tuple(wi.shape)}"
+        raise InputError(f"query: uv, wo, wi must be (n, 2), (n, 3), (n, 3), not {shapes}")
+    for name, values in (("uv", uv), ("wo", wo), ("wi", wi), ("footprint", footprint[:, None])):
+        # A sum is non-finite wherever one of its terms is, and far cheaper than a mask.
+        if n and not torch.isfinite(values.sum(dtype=torch.float64)):
+            row = int((~torch.isfinite(values).all(1)).nonzero()[0])
+            raise InputError(f"query: {name} of row {row} is not finite: {values[row].tolist()}")
+    for name, values in (("wo", wo), ("wi", wi)):
+        off = (torch.linalg.vector_norm(values, dim=1) - 1).abs() > UNIT_TOLERANCE
+        if off.any():
+            row = int(off.nonzero()[0])
+            raise InputError(f"query: {name} of row {row} is not of unit length: {values[row].tolist()}; normalise it")
+    if n and footprint.min() < 0:
+        raise InputError(f"query: footprint of row {int(footprint.argmin())} is negative")
+
+
+def texel_centres(height: int, width: int) -> Tensor:
+    """uv (height · width, 2) of the texel centres, row by row from the top of the picture."""
+    v, u = torch.meshgrid(1 - (torch.arange(height) + 0.5) / height, (torch.arange(width) + 0.5) / width, indexing="ij")
+    return torch.stack([u, v], -1).reshape(-1, 2)
+
+
+def texel_corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
+    """Flat texel indices (n, 4) and bilinear weights (n, 4) around uv (n, 2) in a periodic picture of `size`."""
+    height, width = size
+    # Half precision cannot address texels: places are found in float32 whatever the codec's dtype.
+    col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
+    left, top = col.floor(), row.floor()
+    right_share, bottom_share = col - left, row - top
+    left, top = left.long(), top.long()
+    cols = torch.stack([left, left + 1], 1).remainder(width)
+    rows = torch.stack([top, top + 1], 1).remainder(height)
+    index = rows[:, :, None] * width + cols[:, None, :]
+    across = torch.stack([1 - right_share, right_share], 1)
+    down = torch.stack([1 - bottom_share, bottom_share], 1)
+    return index.flatten(1), (down[:, :, None] * across[:, None, :]).flatten(1)
+
+
+def sample_texture(texture: Tensor, uv: Tensor) -> Tensor:
+    """A texture (H, W, C) at uv (n, 2), bilinear and periodic: (n, C), in the texture's dtype."""
+    index, weight = texel_corners((texture.shape[0], texture.shape[1]), uv)
+    corners = texture.reshape(-1, texture.shape[2])[index]
+    return torch.einsum("nk,nkc->nc", weight.to(texture.dtype), corners)

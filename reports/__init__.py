@@ -1,0 +1,1 @@
+"""Records and stored artefacts → tables and figures. Computes nothing new."""
