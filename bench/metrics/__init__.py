@@ -1,0 +1,102 @@
+"""The registry of metrics: one line each, and no metric is imported before it is used.
+
+A metric's name says everything that shapes its number. Two parts of a name are variables:
+
+- `{ppd}ppd`, the pixels per degree at which FLIP looks: `flip_ldr_67ppd`, `flip_ldr_20ppd`. 67 stands for the
+  published default viewing condition, 67.0206; every other number is meant exactly.
+- the ending `_periodic`: the filters wrap around the picture instead of meeting a border, which is right for a
+  material that repeats and wrong for any other picture.
+
+To add a metric, write one file with a class derived from `bench.metrics.base.SliceMetric` and add one line below.
+"""
+
+import difflib
+import importlib
+import re
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from bench.errors import InputError
+
+if TYPE_CHECKING:
+    from bench.metrics.base import SliceMetric
+
+PERIODIC = "_periodic"
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What can be said of a metric without importing it.
+
+    `direction` is "higher" or "lower", whichever is better; `space` is what the numbers are compared in. A change
+    of `version` makes older records not comparable. `target` is "module:Class"; `options` go to its constructor.
+    """
+
+    name: str
+    unit: str
+    direction: str
+    space: str
+    version: int
+    target: str
+    periodic: bool = False  # whether `name` + "_periodic" exists; in a variant, whether it is that variant
+    options: dict[str, Any] = field(default_factory=dict, hash=False)
+
+    def load(self) -> "SliceMetric":
+        """Import the metric and make it."""
+        module, _, name = self.target.partition(":")
+        instance: SliceMetric = getattr(importlib.import_module(module), name)(**self.options)
+        return instance
+
+
+_REGISTERED = (
+    Metric("psnr_display", "dB", "higher", "display", 1, "bench.metrics.psnr:DisplayPSNR"),
+    Metric("psnr_log1p", "dB", "higher", "log1p", 1, "bench.metrics.psnr:LogPSNR"),
+    Metric("rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.rmse:LinearRMSE"),
+    Metric("ssim", "1", "higher", "display luma", 1, "bench.metrics.ssim:SSIM", periodic=True),
+    Metric("flip_ldr_{ppd}ppd", "1", "lower", "display", 1, "bench.metrics.flip:LDR", periodic=True),
+    Metric("flip_hdr_{ppd}ppd", "1", "lower", "linear, ACES", 1, "bench.metrics.flip_hdr:HDR", periodic=True),
+)
+
+
+def registered() -> tuple[Metric, ...]:
+    """Every registered metric; a name may hold `{ppd}`, and `periodic` says whether that variant exists."""
+    return _REGISTERED
+
+
+def get(name: str) -> Metric:
+    """The metric of that name, every variable part filled in.
+
+    Raises `InputError`, with the nearest names, where there is none.
+    """
+    for metric in _REGISTERED:
+        found = re.fullmatch(_pattern(metric), name)
+        if found:
+            return _variant(metric, name, **found.groupdict())
+    near = difflib.get_close_matches(name, _examples(), n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(_examples())}"
+    raise InputError(f"no metric is named {name!r}: {hint}")
+
+
+def default_names(periodic: bool) -> tuple[str, ...]:
+    """What every codec is scored with, on a material that repeats or does not."""
+    ending = PERIODIC if periodic else ""
+    return ("psnr_display", "psnr_log1p", "rmse_linear", f"ssim{ending}", f"flip_ldr_67ppd{ending}")
+
+
+def _pattern(metric: Metric) -> str:
+    pattern = re.escape(metric.name).replace(re.escape("{ppd}"), r"(?P<ppd>[1-9]\d{0,3}(?:\.\d*[1-9])?)")
+    return pattern + (f"(?P<ending>{PERIODIC})?" if metric.periodic else "")
+
+
+def _variant(metric: Metric, name: str, ppd: str | None = None, ending: str | None = None) -> Metric:
+    options: dict[str, Any] = {}
+    if ppd and ppd != "67":
+        options["ppd"] = float(ppd)
+    if ending:
+        options["periodic"] = True
+    return replace(metric, name=name, periodic=bool(ending), options=options)
+
+
+def _examples() -> list[str]:
+    plain = [metric.name.replace("{ppd}", "67") for metric in _REGISTERED]
+    return plain + [name + PERIODIC for name, metric in zip(plain, _REGISTERED, strict=True) if metric.periodic]

@@ -1,0 +1,76 @@
+"""Where over the hemispheres an error lies: bins of view × light, grazing bands, polar maps. Numbers, no drawing.
+
+Angles are of the local frame of `bench.btf`; degrees, because these are tables.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+Pool = Callable[[Array], float]
+
+GRAZING_DEG = 60.0
+THETA_EDGES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+SECTORS = 12
+
+
+def theta_deg(directions: Array) -> Array:
+    """Angle from the normal (N,) in degrees of unit vectors (N, 3)."""
+    return np.degrees(np.arccos(np.clip(np.asarray(directions, np.float64)[:, 2], -1, 1)))
+
+
+def phi_deg(directions: Array) -> Array:
+    """Angle from +x, counter-clockwise, in [0, 360) degrees (N,) of unit vectors (N, 3)."""
+    directions = np.asarray(directions, np.float64)
+    return np.degrees(np.arctan2(directions[:, 1], directions[:, 0])) % 360
+
+
+def grazing(directions: Array) -> Array:
+    """Mask (N,) of the directions more than 60° from the normal."""
+    return theta_deg(directions) > GRAZING_DEG + 1e-4  # a float32 direction at 60° is not grazing
+
+
+def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None]]:
+    """One number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None where no pair falls.
+
+    `wo`, `wi` are (N, 3), `raw` is (N,), and `pool` makes one number of the raw numbers of a bin. A bin holds its
+    lower edge.
+    """
+    row, column = _ring(wo), _ring(wi)
+    side = range(len(THETA_EDGES_DEG) - 1)
+    return [[_pooled(raw[(row == i) & (column == j)], pool) for j in side] for i in side]
+
+
+def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
+    """One number for each cell of a hemisphere, pooled over all pairs whose direction falls there.
+
+    Cells are rings of 15° in θ by sectors of 30° in φ, the first sector centred on +x; the innermost ring is one
+    cell, the same number in each sector. Gives `theta_edges_deg`, `phi_centres_deg`, `value` (rings × sectors, None
+    where empty) and `count`.
+    """
+    ring, width = _ring(directions), 360 / SECTORS
+    sector = np.floor((phi_deg(directions) + width / 2) / width).astype(int) % SECTORS
+    cells = [[(ring == i) & ((sector == j) | (i == 0)) for j in range(SECTORS)] for i in range(len(THETA_EDGES_DEG) - 1)]
+    return {
+        "theta_edges_deg": list(THETA_EDGES_DEG),
+        "phi_centres_deg": [width * j for j in range(SECTORS)],
+        "value": [[_pooled(raw[cell], pool) for cell in row] for row in cells],
+        "count": [[int(cell.sum()) for cell in row] for row in cells],
+    }
+
+
+def _ring(directions: Array) -> Array:
+    # Float32 directions of a grid at 15°, 30°, … may fall a hair below their edge.
+    return np.clip(np.searchsorted(THETA_EDGES_DEG, theta_deg(directions) + 1e-4, side="right") - 1, 0, 5)
+
+
+def _pooled(raw: Array, pool: Pool) -> float | None:
+    raw = raw[~np.isnan(raw)]
+    return as_number(pool(raw)) if len(raw) else None
+
+
+def as_number(value: float) -> float | None:
+    """A finite float, else None: JSON has no infinity, and an exact slice is counted beside it."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,71 @@
+"""What a metric of slices is: a reference side, computed once, and a map of the difference."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bench.errors import InputError
+from bench.metrics.picture import Picture
+
+Array = np.ndarray
+
+
+class Prepared(NamedTuple):
+    """A reference made ready for one metric: what `SliceMetric.prepare` gives and `score` takes."""
+
+    shape: tuple[int, ...]  # (..., H, W)
+    exposure: float
+    side: Any
+
+
+class SliceMetric:
+    """A number for each slice. A metric writes `reference_side` and `compare`, and, where its number is pooled
+    otherwise than by a mean, `values` and `pool`.
+
+    The *raw* number of a slice is the mean of its map; it is stored as it is, so that pooling later is exact.
+    """
+
+    def for_material(self, sample: Array) -> "SliceMetric":
+        """The metric with whatever it fixes once per material, given a sample (n, 3) of its linear radiance."""
+        del sample
+        return self
+
+    def reference_side(self, reference: Picture) -> Any:
+        """Everything that depends on the reference alone: an array, or a tuple of arrays."""
+        raise NotImplementedError
+
+    def compare(self, side: Any, test: Picture) -> Array:
+        """The map (..., H, W) of which the raw number of a slice is the mean. Leading axes broadcast."""
+        raise NotImplementedError
+
+    def values(self, raw: Array) -> Array:
+        """Raw numbers (n,) → numbers in the metric's unit (n,)."""
+        return raw
+
+    def pool(self, raw: Array) -> float:
+        """Raw numbers (n,) of several slices → one number in the metric's unit."""
+        return float(self.values(np.mean(raw)))
+
+    def prepare(self, reference: Array, exposure: float) -> Prepared:
+        """Do the reference's part once. `reference` is linear radiance (H, W, 3), or a stack (..., H, W, 3).
+
+        Raises `InputError` where the reference is no finite float picture or the exposure not positive.
+        """
+        picture = Picture(reference, exposure, "reference")
+        return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
+
+    def error_map(self, state: Prepared, test: Array) -> Array:
+        """The map (..., H, W) of the difference. `test` is linear radiance of the reference's size.
+
+        One prepared reference may be compared with a stack of tests. Raises `InputError` as `prepare` does, and
+        where the sizes differ.
+        """
+        picture = Picture(test, state.exposure, "test")
+        if picture.shape[-2:] != state.shape[-2:] or state.shape[:-2] not in ((), picture.shape[:-2]):
+            raise InputError(f"test is {picture.shape}, but reference is {state.shape}")
+        return self.compare(state.side, picture)
+
+    def score(self, state: Prepared, test: Array) -> Any:
+        """The raw number, the mean of `error_map`: a float for one slice, an array for a stack."""
+        raw = self.error_map(state, test).mean((-2, -1))
+        return float(raw) if np.ndim(raw) == 0 else raw

@@ -1,0 +1,46 @@
+"""From radiance to what a viewer sees: the exposure of a material, the display transform, the log curve."""
+
+import numpy as np
+
+Array = np.ndarray
+
+LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709, as the primaries of every BTF here
+LOG_SCALE = 8.0  # of log1p(8 · exposure · x), the curve that learned codecs predict
+
+
+def exposure_of(values: Array) -> float:
+    """The exposure of a material from a sample of its radiance, of any shape.
+
+    0.8 over the 99th percentile; where that is 0, over the maximum; where that is 0 too, 1. Negative values
+    count as 0.
+    """
+    values = np.maximum(values, 0)
+    bright = float(np.percentile(values, 99)) or float(values.max())
+    return 0.8 / bright if bright > 0 else 1.0
+
+
+def encode_srgb(linear: Array) -> Array:
+    """Linear values in [0, 1] → sRGB in [0, 1] (IEC 61966-2-1), float64, any shape."""
+    encoded = np.power(linear, 1 / 2.4, dtype=np.float64)
+    encoded *= 1.055
+    encoded -= 0.055
+    np.multiply(linear, 12.92, out=encoded, where=linear <= 0.0031308)
+    return encoded
+
+
+def decode_srgb(encoded: Array) -> Array:
+    """sRGB in [0, 1] → linear values in [0, 1] (IEC 61966-2-1), float64, any shape."""
+    encoded = np.asarray(encoded, np.float64)
+    linear = ((encoded + 0.055) / 1.055) ** 2.4
+    np.divide(encoded, 12.92, out=linear, where=encoded <= 0.04045)
+    return linear
+
+
+def to_display(radiance: Array, exposure: float) -> Array:
+    """The display transform: sRGB of exposure × radiance clipped to [0, 1]; any shape, float64."""
+    return encode_srgb(np.clip(np.multiply(radiance, exposure, dtype=np.float64), 0, 1))
+
+
+def to_log1p(radiance: Array, exposure: float) -> Array:
+    """log1p(8 · exposure · radiance), negative radiance counting as 0; any shape, float64."""
+    return np.log1p(np.maximum(np.multiply(radiance, LOG_SCALE * exposure, dtype=np.float64), 0))

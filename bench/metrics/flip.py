@@ -1,0 +1,191 @@
+"""ꟻLIP of low-dynamic-range pictures: Andersson et al., "FLIP: A Difference Evaluator for Alternating Images",
+Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020.
+
+Pictures are linear Rec. 709 RGB in [0, 1], planar. A colour difference, after the eye's contrast sensitivity at a
+number of pixels per degree, is raised to a power that falls where edges or points differ:
+
+    ΔE = ΔE_c ^ (1 − ΔE_f)   in [0, 1] a texel; lower is better; the number of a picture is the mean
+
+Filters act on luminance and the opponents X − Y, Y − Z (each over the white point). The paper scales and shifts
+these to YCxCz, but that commutes with a filter that sums to 1 and is left out.
+"""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import correlate1d
+
+from bench.errors import InputError
+from bench.metrics.base import SliceMetric
+from bench.metrics.picture import Picture
+
+Array = np.ndarray
+
+PPD = 0.7 * (3840 / 0.7) * math.pi / 180  # a 0.7 m wide 4K display at 0.7 m: 67.0206
+
+_XYZ = np.array(
+    [
+        [10135552 / 24577794, 8788810 / 24577794, 4435075 / 24577794],
+        [2613072 / 12288897, 8788810 / 12288897, 887015 / 12288897],
+        [1425312 / 73733382, 8788810 / 73733382, 70074185 / 73733382],
+    ]
+)
+_XYZ_OVER_WHITE = _XYZ / np.array([[0.950428545], [1.0], [1.088900371]])
+_OPPONENT = np.array([[0.0, 1, 0], [1, -1, 0], [0, 1, -1]]) @ _XYZ_OVER_WHITE
+_RGB_OF_OPPONENT = np.linalg.inv(_OPPONENT)
+
+# Contrast sensitivity of each opponent: sums of Gaussians a √(π/b) exp(−π² d² / b), d in degrees (section 4.1).
+_SENSITIVITY = (((1.0, 0.0047),), ((1.0, 0.0053),), ((34.1, 0.04), (13.5, 0.025)))
+_WIDEST = 0.04
+_FEATURE_WIDTH = 0.082  # degrees (section 4.2)
+_COLOUR_POWER, _KNEE, _KNEE_VALUE = 0.7, 0.4, 0.95  # q_c, p_c, p_t
+_FEATURE_POWER = 0.5  # q_f
+
+
+class Seen(NamedTuple):
+    """What the eye makes of one picture: CIELab after contrast sensitivity and the Hunt effect; edges; points."""
+
+    lab: Array  # (3, ..., H, W)
+    edge: Array  # (..., H, W)
+    point: Array  # (..., H, W)
+
+
+class LDR(SliceMetric):
+    """FLIP of exposure × radiance clipped to [0, 1], at a number of pixels per degree (the published default).
+
+    Periodic: filters wrap around, as if the picture were padded with itself, scored and cropped; otherwise the
+    border is repeated, as published.
+    """
+
+    def __init__(self, ppd: float = PPD, periodic: bool = False):
+        if not (math.isfinite(ppd) and ppd > 0):
+            raise InputError(f"ppd must be a positive number, not {ppd}")
+        self.ppd, self.periodic = ppd, periodic
+
+    def reference_side(self, reference: Picture) -> Seen:
+        return see(reference.exposed, self.ppd, self.periodic)
+
+    def compare(self, side: Seen, test: Picture) -> Array:
+        return difference(side, see(test.exposed, self.ppd, self.periodic))
+
+
+def see(planes: Array, ppd: float, periodic: bool) -> Seen:
+    """One picture's part of FLIP. `planes` is linear RGB in [0, 1], (3, ..., H, W) float64."""
+    mode = "wrap" if periodic else "nearest"
+    opponents = _mix(_OPPONENT, planes)
+    edge, point = _features(opponents[0], ppd, mode)
+    filtered = [
+        _weighted_sum(plane, terms, mode) for plane, terms in zip(opponents, _sensitivity_filters(ppd), strict=True)
+    ]
+    return Seen(_hunt_lab(np.clip(_mix(_RGB_OF_OPPONENT, filtered), 0, 1)), edge, point)
+
+
+def difference(one: Seen, other: Seen) -> Array:
+    """The FLIP map (..., H, W) in [0, 1] of two pictures; symmetric."""
+    colour = _redistribute(_hyab(one.lab, other.lab))
+    edge, point = np.abs(one.edge - other.edge), np.abs(one.point - other.point)
+    feature = (np.maximum(edge, point) / math.sqrt(2)) ** _FEATURE_POWER
+    return colour ** (1 - feature)
+
+
+def _mix(matrix: Array, planes: Array | list[Array]) -> Array:
+    """A 3 × 3 matrix applied to the channels of planar pictures."""
+    out = np.empty((3, *planes[0].shape))
+    term = np.empty(planes[0].shape)
+    for row, weights in zip(out, matrix, strict=True):
+        np.multiply(planes[0], weights[0], out=row)
+        for plane, weight in zip(planes[1:], weights[1:], strict=True):
+            row += np.multiply(plane, weight, out=term)
+    return out
+
+
+def _separable(plane: Array, down: Array, across: Array, mode: str) -> Array:
+    return correlate1d(correlate1d(plane, down, -2, mode=mode), across, -1, mode=mode)
+
+
+def _weighted_sum(plane: Array, terms: tuple[tuple[float, Array], ...], mode: str) -> Array:
+    total = terms[0][0] * _separable(plane, terms[0][1], terms[0][1], mode)
+    for weight, kernel in terms[1:]:
+        total += weight * _separable(plane, kernel, kernel, mode)
+    return total
+
+
+@lru_cache(maxsize=16)
+def _sensitivity_filters(ppd: float) -> tuple[tuple[tuple[float, Array], ...], ...]:
+    """For each opponent, (weight, 1-D kernel) whose weighted outer squares make its filter; weights sum to 1."""
+    radius = math.ceil(3 * math.sqrt(_WIDEST / (2 * math.pi**2)) * ppd)
+    degrees = np.arange(-radius, radius + 1) / ppd
+    filters = []
+    for gaussians in _SENSITIVITY:
+        kernels = [np.exp(-(math.pi**2) * degrees**2 / b) for _, b in gaussians]
+        mass = [a * math.sqrt(math.pi / b) * k.sum() ** 2 for (a, b), k in zip(gaussians, kernels, strict=True)]
+        filters.append(tuple((m / sum(mass), k / k.sum()) for m, k in zip(mass, kernels, strict=True)))
+    return tuple(filters)
+
+
+@lru_cache(maxsize=16)
+def _feature_filters(ppd: float) -> tuple[Array, Array, Array]:
+    """1-D kernels: a Gaussian, its first and its second derivative, the signs of which sum to ±1 each."""
+    sigma = 0.5 * _FEATURE_WIDTH * ppd
+    x = np.arange(-math.ceil(3 * sigma), math.ceil(3 * sigma) + 1)
+    gaussian = np.exp(-(x**2) / (2 * sigma**2))
+    return gaussian / gaussian.sum(), _balance(-x * gaussian), _balance((x**2 / sigma**2 - 1) * gaussian)
+
+
+def _balance(kernel: Array) -> Array:
+    positive, negative = np.maximum(kernel, 0), np.minimum(kernel, 0)
+    return positive / positive.sum() - negative / negative.sum()
+
+
+def _features(luminance: Array, ppd: float, mode: str) -> tuple[Array, Array]:
+    """Strength of edges and of points, each (..., H, W)."""
+    gaussian, first, second = _feature_filters(ppd)
+    smooth = correlate1d(luminance, gaussian, -2, mode=mode)
+    edge = np.hypot(
+        correlate1d(smooth, first, -1, mode=mode),
+        _separable(luminance, first, gaussian, mode),
+    )
+    point = np.hypot(
+        correlate1d(smooth, second, -1, mode=mode),
+        _separable(luminance, second, gaussian, mode),
+    )
+    return edge, point
+
+
+def _hunt_lab(planes: Array) -> Array:
+    """Linear RGB → CIELab with a and b scaled by 0.01 · L (the Hunt effect), planar."""
+    x, y, z = _lab_curve(_mix(_XYZ_OVER_WHITE, planes))
+    lightness = 116 * y - 16
+    strength = 0.01 * lightness
+    return np.stack([lightness, 500 * (x - y) * strength, 200 * (y - z) * strength])
+
+
+def _lab_curve(t: Array) -> Array:
+    delta = 6 / 29
+    root = np.cbrt(t)
+    low = t <= delta**3
+    root[low] = t[low] / (3 * delta**2) + 4 / 29
+    return root
+
+
+def _hyab(one: Array, other: Array) -> Array:
+    """HyAB distance of planar CIELab pictures: city block between lightness and chroma."""
+    return np.abs(one[0] - other[0]) + np.hypot(one[1] - other[1], one[2] - other[2])
+
+
+def _redistribute(distance: Array) -> Array:
+    """HyAB → [0, 1]: a power, then linear to 0.95 below 0.4 of the greatest distance and linear to 1 above."""
+    powered = distance**_COLOUR_POWER
+    knee = _KNEE * _greatest()
+    low = powered * (_KNEE_VALUE / knee)
+    high = _KNEE_VALUE + (powered - knee) * ((1 - _KNEE_VALUE) / (_greatest() - knee))
+    return np.where(powered < knee, low, high)
+
+
+@lru_cache(maxsize=1)
+def _greatest() -> float:
+    """The power of the distance from green to blue, the greatest in the gamut: 41.27610."""
+    green, blue = np.array([0.0, 1, 0]).reshape(3, 1), np.array([0.0, 0, 1]).reshape(3, 1)
+    return float(_hyab(_hunt_lab(green), _hunt_lab(blue))[0] ** _COLOUR_POWER)

@@ -1,0 +1,57 @@
+"""Peak signal-to-noise ratio, in display space and of log1p radiance.
+
+    PSNR = 10 · log10(peak² / MSE)   in dB; higher is better; ∞ where the slices are equal
+
+MSE is the mean over texels and channels. The raw number of a slice is its MSE, so the pooled PSNR, that of the
+squared error of all slices together, is exact. Source: Gonzalez & Woods, Digital Image Processing.
+"""
+
+import math
+
+import numpy as np
+
+from bench.metrics.base import SliceMetric
+from bench.metrics.display import LOG_SCALE
+from bench.metrics.picture import Picture
+
+Array = np.ndarray
+
+
+def psnr(mse: Array | float, peak: float) -> Array:
+    """Decibels of a mean squared error, of any shape; ∞ where it is 0."""
+    mse = np.asarray(mse, np.float64)
+    safe = np.where(mse > 0, mse, 1)
+    return np.where(mse > 0, 20 * math.log10(peak) - 10 * np.log10(safe), np.inf)[()]
+
+
+def squared_error(reference: Array, test: Array) -> Array:
+    """Mean over channels of the squared difference of planar pictures (3, ..., H, W) → (..., H, W)."""
+    difference = reference.reshape(3, *(1,) * (test.ndim - reference.ndim), *reference.shape[1:]) - test
+    return np.square(difference, out=difference).mean(0)
+
+
+class DisplayPSNR(SliceMetric):
+    """PSNR of the display transform of both slices; peak 1."""
+
+    peak = 1.0
+
+    def reference_side(self, reference: Picture) -> Array:
+        return reference.display
+
+    def compare(self, side: Array, test: Picture) -> Array:
+        return squared_error(side, test.display)
+
+    def values(self, raw: Array) -> Array:
+        return psnr(raw, self.peak)
+
+
+class LogPSNR(DisplayPSNR):
+    """PSNR of log1p(8 · exposure · radiance); peak log1p(8). Highlights beyond 1 count, where display clips them."""
+
+    peak = math.log1p(LOG_SCALE)
+
+    def reference_side(self, reference: Picture) -> Array:
+        return reference.log1p
+
+    def compare(self, side: Array, test: Picture) -> Array:
+        return squared_error(side, test.log1p)
