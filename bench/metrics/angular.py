@@ -52,7 +52,9 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     """
     ring, width = _ring(directions), 360 / SECTORS
     sector = np.floor((phi_deg(directions) + width / 2) / width).astype(int) % SECTORS
-    cells = [[(ring == i) & ((sector == j) | (i == 0)) for j in range(SECTORS)] for i in range(len(THETA_EDGES_DEG) - 1)]
+    cells = [
+        [(ring == i) & ((sector == j) | (i == 0)) for j in range(SECTORS)] for i in range(len(THETA_EDGES_DEG) - 1)
+    ]
     return {
         "theta_edges_deg": list(THETA_EDGES_DEG),
         "phi_centres_deg": [width * j for j in range(SECTORS)],

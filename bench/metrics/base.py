@@ -25,6 +25,9 @@ class SliceMetric:
     The *raw* number of a slice is the mean of its map; it is stored as it is, so that pooling later is exact.
     """
 
+    perfect = 0.0  # the raw number of two equal slices
+    smallest = 1  # texels a side that a picture must have
+
     def for_material(self, sample: Array) -> "SliceMetric":
         """The metric with whatever it fixes once per material, given a sample (n, 3) of its linear radiance."""
         del sample
@@ -49,9 +52,13 @@ class SliceMetric:
     def prepare(self, reference: Array, exposure: float) -> Prepared:
         """Do the reference's part once. `reference` is linear radiance (H, W, 3), or a stack (..., H, W, 3).
 
-        Raises `InputError` where the reference is no finite float picture or the exposure not positive.
+        Raises `InputError` where the reference is no finite float picture, or smaller than the metric's window, or
+        the exposure is not positive.
         """
         picture = Picture(reference, exposure, "reference")
+        if min(picture.shape[-2:]) < self.smallest:
+            size, least = "{} × {}".format(*picture.shape[-2:]), self.smallest
+            raise InputError(f"reference is {size}, and {type(self).__name__} needs at least {least} × {least}")
         return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
 
     def error_map(self, state: Prepared, test: Array) -> Array:

@@ -1,0 +1,293 @@
+"""Scores a decoded material against its BTF, slice by slice: a few slices in memory, every core at work.
+
+The reference's part of each metric is kept up to a byte limit, so that many codecs compared with one BTF share it.
+Decoded slices arrive as NumPy arrays; the decoder runs in the calling thread, the metrics in others.
+"""
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench import metrics as registry
+from bench.btf import BTF, box_filter
+from bench.errors import InputError
+from bench.metrics.angular import as_number, bins, grazing, polar_map
+from bench.metrics.base import SliceMetric
+from bench.metrics.display import exposure_of, to_display
+from bench.metrics.picture import Picture, check_radiance
+from bench.metrics.psnr import DisplayPSNR, LogPSNR
+
+Array = np.ndarray
+Decode = Callable[[int], Array]
+
+SAMPLE_VALUES = 1_000_000
+_BLOCK_TEXELS = (
+    1 << 16
+)  # slices are scored in stacks of about this size: larger leaves the caches, smaller waits on Python
+
+
+def sample(btf: BTF, seed: int = 0) -> Array:
+    """A seeded sample (n, 3) of linear radiance: about 1 M values over all pairs, or all where there are fewer."""
+    height, width = btf.shape
+    if len(btf) * height * width * 3 <= SAMPLE_VALUES:
+        return np.concatenate([picture.reshape(-1, 3) for picture in btf])
+    rng = np.random.default_rng(seed)
+    count = -(-SAMPLE_VALUES // 3)
+    return btf.gather(*(rng.integers(0, limit, count) for limit in (len(btf), height, width)))
+
+
+def exposure(btf: BTF, seed: int = 0) -> float:
+    """The exposure of a material: 0.8 over the 99th percentile of `sample`; see `bench.metrics.display.exposure_of`."""
+    return exposure_of(sample(btf, seed))
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What was measured, one number a slice, before any mean.
+
+    `raw[name][k]` is the metric's raw number of pair `pairs[k]`: the squared error for PSNR and RMSE; NaN where the
+    metric does not apply. `radiance` is the mean linear radiance of each reference slice. `abrdf` is the error of
+    each texel's ABRDF, (H, W): the squared error of log1p(8 · exposure · radiance), mean over channels and pairs.
+    """
+
+    pairs: Array
+    raw: dict[str, Array]
+    radiance: Array
+    abrdf: Array
+    exposure: float
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """The reference's part of a stack of slices."""
+
+    sides: dict[str, Any]
+    log1p: Array
+    radiance: Array
+
+    @property
+    def bytes(self) -> int:
+        arrays = {id(a): a.nbytes for a in [self.log1p, *_arrays(tuple(self.sides.values()))]}
+        return sum(arrays.values())
+
+
+class Scorer:
+    """Scores any number of codecs against one BTF.
+
+    `names` are metrics of the registry, by default `bench.metrics.default_names`; `exposure` is that of the material,
+    by default measured. `cache_bytes` bounds what is kept of the reference between codecs.
+
+    Raises `InputError` for an unknown metric, and for a periodic one where the BTF is not periodic.
+    """
+
+    def __init__(
+        self,
+        btf: BTF,
+        names: Sequence[str] | None = None,
+        *,
+        exposure: float | None = None,
+        seed: int = 0,
+        threads: int | None = None,
+        cache_bytes: int = 512 << 20,
+    ):
+        self.btf, self.threads, self.cache_bytes = btf, threads or _cores(), cache_bytes
+        self.names = tuple(registry.default_names(btf.periodic) if names is None else names)
+        described = [registry.get(name) for name in self.names]
+        for metric in described:
+            if metric.periodic and not btf.periodic:
+                raise InputError(f"{metric.name} is for materials that repeat, and {btf.name} does not")
+        values = sample(btf, seed)
+        self.exposure = exposure_of(values) if exposure is None else exposure
+        self.metrics = {m.name: m.load().for_material(values) for m in described}
+        self._apply = {name: m for name, m in self.metrics.items() if min(btf.shape) >= m.smallest}
+        self._kept: dict[tuple[int, ...], _Reference] = {}
+        self._kept_bytes = 0
+
+    def score(self, pairs: Sequence[int] | Array, decode_slice: Decode) -> Scores:
+        """Score the slices of some pairs. `decode_slice(i)` gives that of pair i, (H, W, 3) linear radiance.
+
+        Negative values count as 0. Raises `InputError` where a decoded slice is no finite float picture of the BTF's
+        size, and names its pair.
+        """
+        pairs = np.asarray(pairs, np.int64)
+        raw = {name: np.full(len(pairs), np.nan) for name in self.names}
+        radiance = np.empty(len(pairs))
+        abrdf = np.zeros(self.btf.shape)
+        done = 0
+        for means, block_radiance, error in self._blocks(pairs, decode_slice):
+            block = slice(done, done + len(block_radiance))
+            for name, values in means.items():
+                raw[name][block] = values
+            radiance[block] = block_radiance
+            abrdf += error
+            done = block.stop
+        return Scores(pairs, raw, radiance, abrdf / max(1, len(pairs)), self.exposure)
+
+    def _blocks(self, pairs: Array, decode_slice: Decode) -> Iterator[tuple[dict[str, Array], Array, Array]]:
+        """The results of consecutive stacks of pairs, in order, with few of them under way."""
+        step = max(1, _BLOCK_TEXELS // (self.btf.shape[0] * self.btf.shape[1]))
+        waiting: deque[Future] = deque()
+        with ThreadPoolExecutor(self.threads) as pool:
+            try:
+                for start in range(0, len(pairs), step):
+                    block = tuple(pairs[start : start + step].tolist())
+                    test = np.stack([self._decoded(i, decode_slice) for i in block])
+                    truth = None if block in self._kept else np.stack([self.btf[i] for i in block])
+                    waiting.append(pool.submit(self._compare, block, truth, test))
+                    if len(waiting) > self.threads:
+                        yield self._finish(waiting.popleft())
+                while waiting:
+                    yield self._finish(waiting.popleft())
+            finally:
+                for future in waiting:
+                    future.cancel()
+
+    def _decoded(self, pair: int, decode_slice: Decode) -> Array:
+        name = f"decoded slice of pair {pair}"
+        picture = check_radiance(decode_slice(pair), name)
+        if picture.shape != (*self.btf.shape, 3):
+            raise InputError(f"{name} is {picture.shape}, not {(*self.btf.shape, 3)}")
+        return picture
+
+    def _compare(self, block: tuple[int, ...], truth: Array | None, test: Array) -> tuple[Any, ...]:
+        """In a worker: the raw numbers of a stack, and the reference where it was not at hand."""
+        reference = self._kept[block] if truth is None else self._prepare(Picture(truth, self.exposure, "reference"))
+        picture = Picture(test, self.exposure, "test")
+        means = {name: m.compare(reference.sides[name], picture).mean((-2, -1)) for name, m in self._apply.items()}
+        abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)
+        return block, reference, (means, reference.radiance, abrdf)
+
+    def _prepare(self, truth: Picture) -> _Reference:
+        sides = {name: metric.reference_side(truth) for name, metric in self._apply.items()}
+        return _Reference(sides, truth.log1p, truth.linear.mean((0, -2, -1)))
+
+    def _finish(self, future: Future) -> tuple[dict[str, Array], Array, Array]:
+        block, reference, result = future.result()
+        if block not in self._kept and self._kept_bytes + reference.bytes <= self.cache_bytes:
+            self._kept[block] = reference
+            self._kept_bytes += reference.bytes
+        return result
+
+
+def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) -> dict[str, Any]:
+    """Statistics of groups of pairs, ready for JSON.
+
+    `wo` and `wi` are the BTF's directions (N, 3), `groups` indices of its pairs by name; pairs that were not scored
+    are left out. The groups `grazing view` (θ_o > 60°) and `grazing light` (θ_i > 60°) of all scored pairs are added,
+    and those of each group as `NAME, grazing view` and `NAME, grazing light`. Each group gives
+
+    - `slices` and `radiance`, the mean linear radiance of its references;
+    - `metrics`: by name, `mean` and `std` over the slices with a finite value, `pooled` over all of them, `exact`, the
+      number of slices without any error, and `slices`, the number that the metric applies to; `relative` for an error
+      in units of radiance: pooled over the group's `radiance`;
+    - `bins`: by name, pooled numbers of θ_o × θ_i bins (`bench.metrics.angular.bins`).
+
+    None stands for what has no finite value: no slice to measure or, where `exact` equals `slices`, no error at all.
+    """
+    loaded = {name: (registry.get(name).unit, registry.get(name).load()) for name in scores.raw}
+    return {
+        name: _group(scores, chosen, wo, wi, loaded) for name, chosen in _masks(scores.pairs, wo, wi, groups).items()
+    }
+
+
+def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]]:
+    """For each metric, polar maps of its pooled number over the `view` and over the `light` hemisphere, for JSON.
+
+    `wo`, `wi` are the BTF's directions (N, 3). See `bench.metrics.angular.polar_map`.
+    """
+    maps = {}
+    for name, raw in scores.raw.items():
+        pool = registry.get(name).load().pool
+        maps[name] = {
+            "view": polar_map(wo[scores.pairs], raw, pool),
+            "light": polar_map(wi[scores.pairs], raw, pool),
+        }
+    return maps
+
+
+def score_footprints(
+    btf: BTF,
+    pairs: Sequence[int] | Array,
+    decode: Callable[[int, int], Array],
+    exposure: float,
+    factors: Sequence[int] = (1, 2, 4, 8),
+) -> dict[str, dict[str, float | int | None]]:
+    """Display PSNR, pooled over pairs, at footprints of some texels, against box-filtered truth.
+
+    `decode(i, factor)` gives pair i at that footprint, linear radiance (H // factor, W // factor, 3): one answer for
+    each whole box of factor × factor texels. Gives {"1": {"psnr_display": …, "exact": …, "slices": …}, …}; a factor
+    that exceeds the picture is left out. None stands for no error at all. Raises `InputError` as `Scorer.score` does.
+    """
+    errors: dict[int, list[float]] = {factor: [] for factor in factors if factor <= min(btf.shape)}
+    for pair in np.asarray(pairs).tolist():
+        truth = btf[pair]
+        for factor, found in errors.items():
+            wanted, name = box_filter(truth, factor), f"decoded slice of pair {pair} at footprint {factor}"
+            test = check_radiance(decode(pair, factor), name)
+            if test.shape != wanted.shape:
+                raise InputError(f"{name} is {test.shape}, not {wanted.shape}")
+            found.append(float(np.square(to_display(wanted, exposure) - to_display(test, exposure)).mean()))
+    return {
+        str(factor): {
+            "psnr_display": as_number(DisplayPSNR().pool(np.array(mse))) if mse else None,
+            "exact": mse.count(0.0),
+            "slices": len(mse),
+        }
+        for factor, mse in errors.items()
+    }
+
+
+def _masks(pairs: Array, wo: Array, wi: Array, groups: dict[str, Array]) -> dict[str, Array]:
+    """Each group as a mask over the scored pairs, with its grazing bands."""
+    view, light = grazing(wo[pairs]), grazing(wi[pairs])
+    masks = {"grazing view": view, "grazing light": light}
+    for name, members in groups.items():
+        chosen = np.isin(pairs, members)
+        masks |= {name: chosen, f"{name}, grazing view": chosen & view, f"{name}, grazing light": chosen & light}
+    return masks
+
+
+def _group(
+    scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str, tuple[str, SliceMetric]]
+) -> dict[str, Any]:
+    pairs = scores.pairs[chosen]
+    radiance = as_number(scores.radiance[chosen].mean()) if len(pairs) else None
+    result: dict[str, Any] = {"slices": len(pairs), "radiance": radiance, "metrics": {}, "bins": {}}
+    for name, (unit, metric) in loaded.items():
+        raw = scores.raw[name][chosen]
+        stats = _statistics(metric, raw[~np.isnan(raw)])
+        if unit == "radiance":
+            stats["relative"] = stats["pooled"] / radiance if radiance and stats["pooled"] is not None else None
+        result["metrics"][name] = stats
+        result["bins"][name] = bins(wo[pairs], wi[pairs], raw, metric.pool)
+    return result
+
+
+def _statistics(metric: SliceMetric, raw: Array) -> dict[str, Any]:
+    values = metric.values(raw)
+    finite = values[np.isfinite(values)]
+    return {
+        "mean": float(finite.mean()) if len(finite) else None,
+        "std": float(finite.std()) if len(finite) else None,
+        "pooled": as_number(metric.pool(raw)) if len(raw) else None,
+        "exact": int((raw == metric.perfect).sum()),
+        "slices": len(raw),
+    }
+
+
+def _arrays(side: Any) -> Iterator[Array]:
+    """Every array of a reference side, however its tuples nest."""
+    if isinstance(side, np.ndarray):
+        yield side
+    else:
+        for part in side:
+            yield from _arrays(part)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
