@@ -43,7 +43,8 @@ class Material:
 
     def modules(self) -> Sequence[nn.Module]:
         """The networks whose parameters count as the decoder's; none for tables."""
-        return [value for value in vars(self).values() if isinstance(value, nn.Module) and any(value.parameters())]
+        networks = (value for value in vars(self).values() if isinstance(value, nn.Module))
+        return [network for network in networks if next(network.parameters(), None) is not None]
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Material":
         """Move every tensor and network to a device, floating-point ones to a dtype, in place; returns itself."""
