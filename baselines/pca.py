@@ -1,0 +1,146 @@
+"""Principal components of the ABRDFs: a texture of coefficients times a few eigen-ABRDFs."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from baselines.svd import Factors, truncated_svd
+from bench.btf import BTF, Layout
+from bench.codec import Codec, Fit, Parts
+from bench.directions import PairInterpolator
+from bench.errors import InputError
+from bench.material import DecoderCost, Material, sample_texture
+
+BLOCK_BYTES = 64 << 20  # slices decomposed together: large enough for fast products, small beside the sketches
+LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
+HALF_MAX = 65504.0
+
+
+class PCA(Codec):
+    """Principal components of the ABRDFs, interpolated over directions: the linear baseline."""
+
+    name, version = "pca", 1
+
+    @dataclass(frozen=True)
+    class Settings:
+        components: int = 16  # eigen-ABRDFs; fewer where the data have a lower rank
+        domain: Literal["log", "rgb"] = "log"  # what is decomposed: log1p(8 · exposure · x) or x itself
+        precision: Literal["float32", "half", "int8"] = "half"  # coefficients; the basis is half, or float32 with them
+        passes: int = 4  # times the data are read; each beyond two is one more power iteration
+
+        def __post_init__(self) -> None:
+            if self.components < 1 or self.passes < 2:
+                raise InputError("codec pca needs components ≥ 1 and passes ≥ 2")
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain = LOG_GAIN * _exposure(btf, fit.seed) if self.settings.domain == "log" else 1.0
+        texels = btf.shape[0] * btf.shape[1]
+
+        def read(label: str) -> Iterator[Tensor]:
+            for block in _blocks(fit.progress(btf, label, len(btf)), len(btf), texels):
+                values = block.to(fit.device)
+                yield values.clamp_min_(0).mul_(gain).log1p_() if self.settings.domain == "log" else values
+
+        shape = (3 * len(btf), texels)
+        settings = self.settings
+        factors = truncated_svd(read, shape, settings.components, settings.passes, fit.generator(), fit.device)
+        return Parts(
+            decoder=_tables(factors, settings.precision),
+            texture=_coefficients(factors.coefficients.reshape(*btf.shape, -1).cpu(), settings.precision),
+            other={"gain": torch.tensor([gain]), **_pack(btf.layout)},
+        )
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        texture = parts.texture["coefficients"].float()
+        if "scale" in parts.texture:
+            texture = texture * parts.texture["scale"] + parts.texture["offset"]
+        mean, basis = parts.decoder["mean"].float(), parts.decoder["basis"].float()
+        table = torch.cat([mean[:, None], basis], 1)  # (N, k + 1, 3): the mean's coefficient is 1
+        gain = parts.other["gain"] if self.settings.domain == "log" else None
+        return PCAMaterial(texture, table, PairInterpolator(_unpack(parts.other)), gain).to(device)
+
+
+class PCAMaterial(Material):
+    """Coefficients (H, W, k) bilinear over texels, eigen-ABRDFs (N, k + 1, 3) interpolated over directions."""
+
+    def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: Tensor | None):
+        height, width, components = texture.shape
+        row = table[0].numel()
+        cost = DecoderCost(
+            texture_channels=components,
+            texture_floats=texture.numel(),
+            flops_per_sample=2 * (4 * components + interpolator.reads * row + row),
+            bytes_per_sample=4 * (4 * components + interpolator.reads * row),
+        )
+        super().__init__((height, width), cost)
+        self.texture, self.table = texture, table.flatten(1)
+        self.interpolator, self.gain = interpolator, gain
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)
+        pair, weight = self.interpolator(wo, wi)
+        if self.gain is None:
+            return self._combine(pair, weight, coefficients)
+        share = weight / weight.sum(1, keepdim=True)
+        return self._combine(pair, share, coefficients).expm1() / self.gain
+
+    def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
+        """Σ weight · table row · coefficients, (n, 3), without the rows (n, pairs, k, 3) ever standing in memory."""
+        rows = functional.embedding_bag(pair, self.table, per_sample_weights=weight.to(self.table.dtype), mode="sum")
+        return torch.einsum("nk,nkc->nc", coefficients, rows.reshape(len(pair), -1, 3))
+
+
+def _blocks(pictures: Iterator[np.ndarray], count: int, texels: int) -> Iterator[Tensor]:
+    """The slices as rows (3 · slices, texels) float32, as many at once as fill a block; each block is new."""
+    step = max(1, BLOCK_BYTES // (texels * 12))
+    for start in range(0, count, step):
+        block = torch.empty(min(step, count - start), 3, texels)
+        for rows, picture in zip(block, pictures, strict=False):
+            rows.copy_(torch.from_numpy(picture.reshape(texels, 3)).T)
+        yield block.flatten(0, 1)
+
+
+def _exposure(btf: BTF, seed: int) -> float:
+    """0.8 over the 99th percentile of a million values; where that is 0 the maximum, where that is 0, 1."""
+    rng = np.random.default_rng(seed)
+    each = max(1, 1_000_000 // len(btf))
+    sample = np.concatenate([rng.choice(picture.reshape(-1), each) for picture in btf])
+    top = float(np.quantile(sample, 0.99)) or float(sample.max())
+    return 0.8 / top if top > 0 else 1.0
+
+
+def _tables(factors: Factors, precision: str) -> dict[str, Tensor]:
+    """mean (N, 3) and basis (N, k, 3), as half where the coefficients are coarser than float32 and half can hold it."""
+    mean = factors.mean.reshape(-1, 3).cpu()
+    basis = factors.basis.reshape(len(mean), 3, -1).transpose(1, 2).contiguous().cpu()
+    peak = max(float(x.abs().max()) if x.numel() else 0.0 for x in (mean, basis))
+    dtype = torch.float32 if precision == "float32" or peak > HALF_MAX else torch.float16
+    return {"mean": mean.to(dtype), "basis": basis.to(dtype)}
+
+
+def _coefficients(texture: Tensor, precision: str) -> dict[str, Tensor]:
+    """Coefficients (H, W, k) as stored; 8 bits carry a scale and an offset a channel."""
+    if precision != "int8":
+        return {"coefficients": texture.half() if precision == "half" else texture}
+    low, high = texture.amin((0, 1)), texture.amax((0, 1))
+    scale = (high - low).clamp_min(1e-12) / 255
+    return {"coefficients": ((texture - low) / scale).round().to(torch.uint8), "scale": scale, "offset": low}
+
+
+def _pack(layout: Layout) -> dict[str, Tensor]:
+    """Distinct views and lights, and for each pair the numbers of its two (N, 2) in the smallest integers that do."""
+    pairs = torch.from_numpy(np.stack([layout.view, layout.light], 1))
+    most = max(len(layout.views), len(layout.lights))
+    dtype = torch.uint8 if most <= 256 else torch.int16 if most <= 32768 else torch.int32
+    views, lights = torch.from_numpy(layout.views), torch.from_numpy(layout.lights)
+    return {"views": views, "lights": lights, "pairs": pairs.to(dtype)}
+
+
+def _unpack(parts: dict[str, Tensor]) -> Layout:
+    pairs = parts["pairs"].long().numpy()
+    return Layout(parts["views"].numpy(), parts["lights"].numpy(), pairs[:, 0], pairs[:, 1])
