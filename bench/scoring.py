@@ -26,9 +26,7 @@ Array = np.ndarray
 Decode = Callable[[int], Array]
 
 SAMPLE_VALUES = 1_000_000
-_BLOCK_TEXELS = (
-    1 << 16
-)  # slices are scored in stacks of about this size: larger leaves the caches, smaller waits on Python
+_BLOCK_TEXELS = 1 << 16  # slices are scored in stacks of about this size, or small ones would wait for Python
 
 
 def sample(btf: BTF, seed: int = 0) -> Array:

@@ -54,7 +54,11 @@ _REGISTERED = (
     Metric("rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.rmse:LinearRMSE"),
     Metric("ssim", "1", "higher", "display luma", 1, "bench.metrics.ssim:SSIM", periodic=True),
     Metric("flip_ldr_{ppd}ppd", "1", "lower", "display", 1, "bench.metrics.flip:LDR", periodic=True),
-    Metric("flip_hdr_{ppd}ppd", "1", "lower", "linear, ACES", 1, "bench.metrics.flip_hdr:HDR", periodic=True),
+    Metric("flip_hdr_{ppd}ppd", "1", "lower", "HDR, ACES", 1, "bench.metrics.flip_hdr:HDR", periodic=True),
+    Metric("flip_hdr_hable_{ppd}ppd", "1", "lower", "HDR, Hable", 1, "bench.metrics.flip_hdr:Hable", periodic=True),
+    Metric(
+        "flip_hdr_reinhard_{ppd}ppd", "1", "lower", "HDR, Reinhard", 1, "bench.metrics.flip_hdr:Reinhard", periodic=True
+    ),
 )
 
 
@@ -90,7 +94,7 @@ def _pattern(metric: Metric) -> str:
 
 def _variant(metric: Metric, name: str, ppd: str | None = None, ending: str | None = None) -> Metric:
     options: dict[str, Any] = {}
-    if ppd and ppd != "67":
+    if ppd and ppd != "67":  # the class knows the exact default
         options["ppd"] = float(ppd)
     if ending:
         options["periodic"] = True

@@ -60,15 +60,20 @@ class LDR(SliceMetric):
     """
 
     def __init__(self, ppd: float = PPD, periodic: bool = False):
-        if not (math.isfinite(ppd) and ppd > 0):
-            raise InputError(f"ppd must be a positive number, not {ppd}")
-        self.ppd, self.periodic = ppd, periodic
+        self.ppd, self.periodic = check_ppd(ppd), periodic
 
     def reference_side(self, reference: Picture) -> Seen:
         return see(reference.exposed, self.ppd, self.periodic)
 
     def compare(self, side: Seen, test: Picture) -> Array:
         return difference(side, see(test.exposed, self.ppd, self.periodic))
+
+
+def check_ppd(ppd: float) -> float:
+    """The pixels per degree, once they are a positive number; else `InputError`."""
+    if not (math.isfinite(ppd) and ppd > 0):
+        raise InputError(f"ppd must be a positive number, not {ppd}")
+    return float(ppd)
 
 
 def see(planes: Array, ppd: float, periodic: bool) -> Seen:

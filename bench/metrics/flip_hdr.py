@@ -1,0 +1,126 @@
+"""ꟻLIP of high-dynamic-range pictures: Andersson, Nilsson, Shirley, Akenine-Möller, "Visualizing Errors in Rendered
+High Dynamic Range Images", Eurographics 2021 (short papers).
+
+Both pictures are multiplied by 2^e, tone-mapped and clipped for N exposures e from `start` to `stop`, and compared as
+LDR pictures each time; the map is the greatest difference of each texel, the number its mean: in [0, 1], lower is
+better. The range follows from the reference's luminance Y: with x the radiance that the tone mapper sends to 0.85,
+
+    start = log2(x / max Y),   stop = log2(x / median Y),   N = max(2, ⌈stop − start⌉), equally spaced
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.errors import InputError
+from bench.metrics.base import SliceMetric
+from bench.metrics.display import LUMA
+from bench.metrics.flip import PPD, Seen, check_ppd, difference, see
+from bench.metrics.picture import Picture
+
+Array = np.ndarray
+
+_BRIGHT = 0.85
+
+
+class Range(NamedTuple):
+    """Exposures in stops, from the darkest picture to the brightest."""
+
+    start: float
+    stop: float
+
+    def steps(self) -> Array:
+        return np.linspace(self.start, self.stop, max(2, math.ceil(self.stop - self.start)))
+
+
+class HDR(SliceMetric):
+    """FLIP over a range of exposures, tone-mapped by ACES as fitted by Narkowicz (2015).
+
+    Without `start` and `stop` the range is that of each reference, as published; one that is black, or black over
+    half of it, has none and raises `InputError`. Within a material every slice has the range of the whole material,
+    which `for_material` finds from the luminances of its sample that are above 0. The exposure of the display plays
+    no part.
+    """
+
+    # (k0 x² + k1 x + k2) / (k3 x² + k4 x + k5)
+    curve: tuple[float, float, float, float, float, float] = (0.36 * 2.51, 0.6 * 0.03, 0, 0.36 * 2.43, 0.6 * 0.59, 0.14)
+
+    def __init__(self, ppd: float = PPD, periodic: bool = False, start: float | None = None, stop: float | None = None):
+        self.ppd, self.periodic = check_ppd(ppd), periodic
+        if (start is None) != (stop is None):
+            raise InputError("start and stop go together: give both, or neither")
+        self.range: Range | None = None
+        if start is not None and stop is not None:
+            if not (math.isfinite(start) and math.isfinite(stop) and start <= stop):
+                raise InputError(f"start must not exceed stop, both finite: {start}, {stop}")
+            self.range = Range(float(start), float(stop))
+
+    def for_material(self, sample: Array) -> "HDR":
+        luminance = np.maximum(sample, 0) @ LUMA
+        lit = luminance[luminance > 0]
+        start, stop = self.range_of(lit) if len(lit) else (0.0, 0.0)
+        return type(self)(self.ppd, self.periodic, start, stop)
+
+    def range_of(self, luminance: Array) -> Range:
+        """The published range for luminances of any shape; raises `InputError` where their median is 0."""
+        middle = np.sort(luminance, axis=None)[luminance.size // 2]
+        if not middle > 0:
+            raise InputError(
+                "reference is black over half of it or more, so FLIP has no exposures: give start and stop"
+            )
+        white = self._radiance_of(_BRIGHT)
+        return Range(math.log2(white / luminance.max()), math.log2(white / middle))
+
+    def reference_side(self, reference: Picture) -> tuple[Array, tuple[Seen, ...]]:
+        steps = (self.range or self._range_of_one(reference)).steps()
+        return steps, tuple(self._see(reference, step) for step in steps)
+
+    def compare(self, side: tuple[Array, tuple[Seen, ...]], test: Picture) -> Array:
+        steps, seen = side
+        worst = difference(seen[0], self._see(test, steps[0]))
+        for step, one in zip(steps[1:], seen[1:], strict=True):
+            np.maximum(worst, difference(one, self._see(test, step)), out=worst)
+        return worst
+
+    def tone_map(self, planes: Array) -> Array:
+        """Planar linear RGB (3, ..., H, W), at least 0 → tone-mapped, not yet clipped."""
+        return self._rational(planes)
+
+    def _rational(self, x: Array) -> Array:
+        k0, k1, k2, k3, k4, k5 = self.curve
+        # Divided by x²: a radiance whose square overflows still maps to k0 / k3.
+        inverse = 1 / np.maximum(x, 1e-150)
+        mapped = (k0 + (k1 + k2 * inverse) * inverse) / (k3 + (k4 + k5 * inverse) * inverse)
+        return np.where(x > 1e-150, mapped, 0)
+
+    def _radiance_of(self, value: float) -> float:
+        """What the curve maps to a value: the larger root of a quadratic, or the root of a line."""
+        k = self.curve
+        coefficients = [k[0] - value * k[3], k[1] - value * k[4], k[2] - value * k[5]]
+        return float(np.roots(coefficients).real.max())
+
+    def _range_of_one(self, reference: Picture) -> Range:
+        if len(reference.shape) > 2:
+            raise InputError("reference is a stack, each with exposures of its own: give start and stop")
+        return self.range_of(np.tensordot(LUMA, reference.linear, 1))
+
+    def _see(self, picture: Picture, step: float) -> Seen:
+        mapped = self.tone_map(picture.linear * 2.0**step)
+        return see(np.clip(mapped, 0, 1), self.ppd, self.periodic)
+
+
+class Hable(HDR):
+    """Hable's filmic curve (2010), white at 11.2, as FLIP publishes its coefficients."""
+
+    curve = (0.231683, 0.013791, 0, 0.18, 0.3, 0.018)
+
+
+class Reinhard(HDR):
+    """Reinhard's Y / (1 + Y) of luminance (2002), colours scaled with it."""
+
+    curve = (0, 1, 0, 0, 1, 1)
+
+    def tone_map(self, planes: Array) -> Array:
+        luminance = LUMA[0] * planes[0] + LUMA[1] * planes[1] + LUMA[2] * planes[2]
+        return planes / (1 + luminance)
