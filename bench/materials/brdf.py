@@ -1,0 +1,97 @@
+"""The reflectance of a point: GGX specular and a Lambert base coupled by Fresnel, in its own tangent frame.
+
+With t, b, n the components along tangent, bitangent and normal, h the unit half vector and α_t, α_b the widths:
+
+- D = 1 / (π α_t α_b ((h_t/α_t)² + (h_b/α_b)² + h_n²)²): anisotropic GGX (Walter et al. 2007,
+  eq. 33; Burley 2012, eq. 13).
+- V = G₂ / (4 o_n i_n) = 0.5 / (i_n Λ(o) + o_n Λ(i)), Λ(x) = √(α_t² x_t² + α_b² x_b² + x_n²): Smith's height-correlated
+  masking and shadowing (Heitz 2014, eq. 99, with the anisotropic projected roughness of section 5.3).
+- F = F0 + (F90 − F0)(1 − o·h)⁵ (Schlick 1994).
+- f = F D V + (1 − F_d(o_n)) (1 − F_d(i_n)) (1 − metalness) · base / π, with F_d the dielectric's Fresnel term: what is
+  reflected on the way in or out cannot be scattered below, which is reciprocal and keeps the albedo below one
+  (Shirley et al. 1997; Ashikhmin and Shirley 2000).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+Values = Any  # an array over points, or one number for all of them
+DIELECTRIC_F0 = 0.04
+MIN_ALPHA = 1e-3  # keeps the peak 1 / (π α²) inside float16
+
+
+@dataclass(frozen=True)
+class Points:
+    """Shading points seen from one direction; each field is an array over points, colours (3, ...) linear Rec. 709.
+
+    `o` is the view direction and `alpha` the GGX widths in the tangent frame (t, b, n) and (t, b).
+    """
+
+    o: tuple[Array, Array, Array]
+    alpha: tuple[Array, Array]
+    diffuse: Array  # (1 − metalness) · base / π · (1 − F_d(o_n))
+    f0: Array
+    f90: Array
+    dielectric_f90: Array
+    smith_o: Array
+
+
+def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
+    """Prepare points for one view; `maps` holds `base` (3, ...), `roughness`, `metalness`, `specular`, `anisotropy`."""
+    alpha = np.maximum(maps["roughness"] ** 2, MIN_ALPHA)
+    stretch = np.sqrt(1 - 0.9 * maps["anisotropy"])
+    alpha_t, alpha_b = alpha / stretch, np.maximum(alpha * stretch, MIN_ALPHA)
+    metal, specular = maps["metalness"], maps["specular"]
+    dielectric = (1 - metal) * specular
+    o_n = np.maximum(o[2], 1e-3)
+    reflected = fresnel(DIELECTRIC_F0 * specular, specular, o_n)
+    return Points(
+        (o[0], o[1], o_n),
+        (alpha_t, alpha_b),
+        maps["base"] * ((1 - metal) * (1 - reflected) / np.float32(np.pi)),
+        DIELECTRIC_F0 * dielectric + metal * maps["base"],
+        dielectric + metal,
+        specular,
+        _smith((alpha_t, alpha_b), (o[0], o[1], o_n)),
+    )
+
+
+def reflect(at: Points, i: tuple[Array, Array, Array], cos_between: Values) -> tuple[Array, Array]:
+    """The two scalar parts of f · cos θ_i, each over points: multiply by `diffuse` and by F (see `specular_colour`).
+
+    `i` is the light in the tangent frame, `cos_between` is ω_o · ω_i. Below the tangent plane both are 0.
+    """
+    i_n = np.maximum(i[2], 0)
+    inverse_half = 1 / np.sqrt(np.maximum(2 + 2 * cos_between, 1e-12))
+    (o_t, o_b, o_n), (alpha_t, alpha_b) = at.o, at.alpha
+    h_t, h_b, h_n = o_t + i[0], o_b + i[1], o_n + i_n
+    h_t /= alpha_t
+    h_b /= alpha_b
+    stretched = h_t * h_t + h_b * h_b + h_n * h_n
+    stretched *= inverse_half * inverse_half
+    masking = i_n * at.smith_o + o_n * _smith(at.alpha, (i[0], i[1], i_n))
+    density = stretched * stretched * masking * (alpha_t * alpha_b)
+    specular = i_n * (0.5 / np.pi) / density
+    through = i_n * (1 - fresnel(DIELECTRIC_F0 * at.dielectric_f90, at.dielectric_f90, i_n))
+    return through, specular
+
+
+def specular_colour(at: Points, cos_between: Values) -> Values:
+    """F (3, ...) of each point for one pair: every point shares the angle between view and half vector."""
+    return fresnel(at.f0, at.f90, np.sqrt(np.maximum((1 + cos_between) / 2, 0)))
+
+
+def fresnel(f0: Values, f90: Values, cos: Values) -> Values:
+    """Schlick's Fresnel term at the cosine of the angle to the (half) normal."""
+    grazing = 1 - cos
+    squared = grazing * grazing
+    return f0 + (f90 - f0) * (squared * squared * grazing)
+
+
+def _smith(alpha: tuple[Array, Array], x: tuple[Array, Array, Array]) -> Array:
+    """Heitz's Λ-like length √(α_t² x_t² + α_b² x_b² + x_n²)."""
+    t, b = alpha[0] * x[0], alpha[1] * x[1]
+    return np.sqrt(t * t + b * b + x[2] * x[2])

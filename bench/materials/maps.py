@@ -1,0 +1,125 @@
+"""The pictures that describe a material's surface, as physically based asset packs name them."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bench.errors import InputError
+
+Array = np.ndarray
+Map = Any  # a picture or a number in, a float32 picture out
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """A periodic surface: pictures (H', W') or (H', W', 3), row 0 at the top, x right, y up.
+
+    A number stands for a flat map; every field is a float32 array afterwards.
+
+    - `height`: displacement along the normal, in units of the picture's *width*; map texels are square. Its mean is
+      the reference plane.
+    - `base_colour`: linear Rec. 709; a dielectric's diffuse albedo, a metal's reflectance at normal incidence.
+    - `roughness`: perceptual, in [0, 1]; the GGX width is α = roughness² (Burley 2012).
+    - `metalness`: 0 dielectric, 1 metal, a linear mix between.
+    - `specular`: weight in [0, 1] of the dielectric's Fresnel reflection, F0 = 0.04 · specular and F90 = specular
+      (glTF KHR_materials_specular); 0 leaves Lambert.
+    - `anisotropy`: in [0, 1]; α along the stretch is α / s and across it α · s, with
+      s = √(1 − 0.9 · anisotropy) (Burley 2012).
+    - `angle`: direction in which the highlight is stretched, across the scratches or fibres; radians from +x,
+      counter-clockwise, the same modulo π.
+    - `normal`: unit vectors (OpenGL: y up) to shade with instead of the slopes of `height`; None takes those.
+
+    Raises `InputError` where shapes differ, a value is not finite or one of the weights lies outside [0, 1].
+    """
+
+    height: Map
+    base_colour: Map
+    roughness: Map
+    metalness: Map = 0.0
+    specular: Map = 1.0
+    anisotropy: Map = 0.0
+    angle: Map = 0.0
+    normal: Map | None = None
+
+    def __post_init__(self) -> None:
+        shape = np.broadcast_shapes((1, 1), *(np.shape(getattr(self, n)) for n in _SCALARS))
+        if len(shape) != 2:
+            raise InputError(f"maps must be (height, width) pictures, not {shape}")
+        for name in (f.name for f in fields(self)):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _checked(name, value, shape))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.height.shape[0], self.height.shape[1]
+
+    def resized(self, shape: tuple[int, int]) -> "Maps":
+        """The maps at another size (H', W'): linear interpolation to enlarge, area averages to shrink, periodic.
+
+        Angles are averaged as directions modulo π. Heights stay in units of the picture's width.
+        """
+        if shape == self.shape:
+            return self
+        maps = {n: resize(getattr(self, n), shape) for n in (*_SCALARS, "base_colour") if n != "angle"}
+        double = resize(np.stack([np.cos(2 * self.angle), np.sin(2 * self.angle)], -1), shape)
+        normal = None if self.normal is None else resize(self.normal, shape)
+        if normal is not None:
+            normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+        return replace(self, **maps, angle=0.5 * np.arctan2(double[..., 1], double[..., 0]), normal=normal)
+
+
+class Recipe(Protocol):
+    """A material's parameters as a frozen dataclass; they are part of the key of every rendering."""
+
+    def maps(self, seed: int) -> Maps:
+        """The surface, at a resolution of its own; the same for the same seed and parameters."""
+        ...
+
+
+_SCALARS = ("height", "roughness", "metalness", "specular", "anisotropy", "angle")
+
+
+def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """The map as a float32 array of the common shape."""
+    array = np.asarray(value, np.float32)
+    wanted = shape if name in _SCALARS else (*shape, 3)
+    try:
+        array = np.broadcast_to(array, wanted)
+    except ValueError:
+        raise InputError(f"map {name} has shape {array.shape}, the others ask for {wanted}") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"map {name} holds values that are not finite")
+    if name not in ("height", "angle", "normal") and (array.min() < 0 or array.max() > 1):
+        raise InputError(f"map {name} must lie in [0, 1], not [{array.min():g}, {array.max():g}]")
+    return array
+
+
+def resize(picture: Array, shape: tuple[int, int]) -> Array:
+    """A periodic picture (H, W, ...) at another size: linear interpolation to enlarge, area averages to shrink."""
+    for axis, size in enumerate(shape):
+        picture = _resize_axis(picture, axis, size)
+    return picture.astype(np.float32)
+
+
+def _resize_axis(picture: Array, axis: int, size: int) -> Array:
+    """Resample one axis with a triangle (enlarging) or a box (shrinking) that keeps the texel centres aligned."""
+    old = picture.shape[axis]
+    if old == size:
+        return picture
+    weights = np.zeros((size, old))
+    row = np.arange(size)
+    if size > old:
+        place = (row + 0.5) * old / size - 0.5
+        low = np.floor(place).astype(int)
+        np.add.at(weights, (row, low % old), 1 - (place - low))
+        np.add.at(weights, (row, (low + 1) % old), place - low)
+    else:
+        edges = np.arange(size + 1) * old / size
+        cells = np.arange(old)
+        overlap = np.minimum(edges[1:, None], cells + 1) - np.maximum(edges[:-1, None], cells)
+        weights = np.maximum(overlap, 0) * size / old
+    moved = np.tensordot(weights, picture.astype(np.float64), (1, axis))
+    return np.moveaxis(moved, 0, axis)
