@@ -1,0 +1,98 @@
+"""What every reader checks before it gives a BTF away: directions, duplicates, finite values, foreign exceptions."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from bench.errors import InputError
+
+Array = np.ndarray
+HORIZON = 1e-6
+
+
+@contextmanager
+def readable(label: str, remedy: str = "the file is damaged; get it again") -> Iterator[None]:
+    """Turn whatever a decoder raises on bytes it cannot read into an `InputError` that names `label`."""
+    try:
+        yield
+    except InputError:
+        raise
+    # Decoders of hostile bytes raise anything, from struct.error to tokenize.TokenError: no list of types is complete.
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{label}: cannot be read ({reason[:200]}): {remedy}") from error
+
+
+def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
+    """Unit vectors (N, 3) float32 of finite vectors above the horizon, whose length is 1 within `tolerance`."""
+    vectors = np.asarray(vectors, np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(vectors, axis=1)
+    good = np.isfinite(length) & (np.abs(length - 1) <= tolerance)
+    if not good.all():
+        row = int(np.argmin(good))
+        raise InputError(f"{label(row)}: {_listed(vectors[row])} is no unit vector: give x y z of length 1")
+    above = vectors[:, 2] > HORIZON
+    if not above.all():
+        row = int(np.argmin(above))
+        raise InputError(
+            f"{label(row)}: {_listed(vectors[row])} is not above the surface (z > 0): leave this entry out"
+        )
+    return (vectors / length[:, None]).astype(np.float32)
+
+
+def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> None:
+    """Raise unless every θ (radians) lies in [0°, 90°) and every φ in [−360°, 360°]."""
+    theta_deg, phi_deg = np.degrees(np.asarray(theta, np.float64)), np.degrees(np.asarray(phi, np.float64))
+    with np.errstate(invalid="ignore"):
+        steep = ~((theta_deg >= -1e-4) & (np.cos(np.radians(theta_deg)) > HORIZON) & (theta_deg < 90.0))
+        wound = ~(np.abs(phi_deg) <= 360.001)
+    for bad, symbol, value, bounds in ((steep, "theta", theta_deg, "[0, 90)"), (wound, "phi", phi_deg, "[-360, 360]")):
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise InputError(
+                f"{label(row)}: {symbol}{what} = {value[row]:g} degrees is outside {bounds}: "
+                "correct the angle or leave the entry out"
+            )
+
+
+def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
+    """Raise where two of the pairs (wo[i], wi[i]), each (N, 3), are the same; both are named."""
+    key = np.round(np.concatenate([wo, wi], 1).astype(np.float64), 6) + 0.0
+    order = np.lexsort(key.T[::-1])
+    same = np.flatnonzero((key[order[1:]] == key[order[:-1]]).all(1))
+    if len(same):
+        first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
+        raise InputError(f"{label(second)}: the same view and light as {label(first)}: leave one of the two out")
+
+
+def finite(values: Array, label: str) -> Array:
+    """The values (..., 3), or an `InputError` that says how many are not finite and where the first of them is."""
+    good = np.isfinite(values)
+    if good.all():
+        return values
+    place = ", ".join(str(int(i)) for i in np.argwhere(~good)[0])
+    count = int(good.size - np.count_nonzero(good))
+    raise InputError(
+        f"{label}: {count} of {good.size} values are not finite (NaN or infinite), the first at index ({place}): "
+        "mend the values or leave the pair out"
+    )
+
+
+def view_major(wo: Array, wi: Array) -> Array:
+    """The order (N,) that sorts pairs by view, then by light, each by θ and then φ."""
+    angles = [angle for side in (wi, wo) for angle in _sort_angles(side)]
+    return np.lexsort(angles)
+
+
+def _sort_angles(directions: Array) -> tuple[Array, Array]:
+    """φ and θ of directions (N, 3), rounded so that the last bit does not decide the order."""
+    x, y, z = np.asarray(directions, np.float64).T
+    phi = np.round(np.degrees(np.arctan2(y, x)) % 360.0, 3) % 360.0
+    theta = np.round(np.degrees(np.arctan2(np.hypot(x, y), z)), 3)
+    return np.where(theta == 0, 0.0, phi), theta
+
+
+def _listed(vector: Array) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in vector) + ")"
