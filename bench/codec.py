@@ -14,12 +14,19 @@ from bench.material import Material
 from bench.suggest import did_you_mean
 
 T = TypeVar("T")
-Progress = Callable[[Iterable[Any], str, int], Iterator[Any]]
+Progress = Callable[[str, int, int], None]  # label, done, total
 
 
-def silent(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
-    """The progress of a fit that nobody watches."""
-    return iter(items)
+def silent(label: str, done: int, total: int) -> None:
+    """The progress of what nobody watches."""
+
+
+def followed(show: Progress, items: Iterable[T], label: str, total: int) -> Iterator[T]:
+    """The same items, telling `show` how many are done."""
+    for done, item in enumerate(items):
+        show(label, done, total)
+        yield item
+    show(label, total, total)
 
 
 @dataclass(frozen=True)
@@ -33,7 +40,7 @@ class Fit:
 
     def progress(self, items: Iterable[T], label: str = "reading", total: int | None = None) -> Iterator[T]:
         """The same items, while a progress bar follows; `total` where they have no length."""
-        return self.show(items, label, len(items) if total is None else total)  # type: ignore[arg-type]
+        return followed(self.show, items, label, len(items) if total is None else total)  # type: ignore[arg-type]
 
     def generator(self) -> torch.Generator:
         """A generator on the CPU, seeded by this fit."""

@@ -1,0 +1,97 @@
+"""What the command line shows while it works: progress bars, one line a job, and the words of `info`."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console as RichConsole
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from bench.container import Header
+
+if TYPE_CHECKING:
+    from bench.btf import BTF
+
+
+class Console:
+    """Progress bars that vanish when they are done, and lines that stay. Without a terminal only the lines show."""
+
+    def __init__(self) -> None:
+        self.out = RichConsole(highlight=False)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        self.bars = Progress(*columns, console=self.out, transient=True, disable=not self.out.is_terminal)
+        self.tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> "Console":
+        self.bars.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bars.stop()
+
+    def show(self, label: str, done: int, total: int) -> None:
+        """The `Progress` of a fit: move the bar of that label, and remove it when it is full."""
+        task = self.tasks.get(label)
+        if task is None:
+            task = self.tasks[label] = self.bars.add_task(label, total=total)
+        self.bars.update(task, completed=done, total=total)
+        if done >= total:
+            self.bars.remove_task(self.tasks.pop(label))
+
+    def say(self, text: str) -> None:
+        """A line that stays, above the bars."""
+        self.out.print(text, markup=False, soft_wrap=True)
+
+
+def job_line(record: dict[str, Any], cached: str) -> str:
+    """One finished job in one line."""
+    if record["status"] != "ok":
+        word = "not available" if record["status"] == "unavailable" else "FAILED"
+        return f"{record['job']}: {word}: {record['error']}"
+    how = {"record": "cached", "file": "scored again from the cached file"}.get(cached)
+    group = record["scores"].get("heldout") or record["scores"]["all"]
+    psnr = group["metrics"]["psnr_display"]["pooled"]
+    shown = "exact" if psnr is None else f"{psnr:.2f} dB"
+    how = how or f"fitted in {record['fit_seconds']:.1f} s"
+    return f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"
+
+
+def file_lines(header: Header) -> str:
+    """A codec file: codec, settings, parts with bytes, tensors, and what its decoder costs."""
+    from bench.container import load
+    from bench.counting import parameters
+
+    material = load(header.path)[1]
+    parts = header.part_bytes()
+    lines = [
+        f"{header.path}: codec {header.codec}, version {header.version}, {header.file_bytes:,} bytes",
+        "settings: " + (", ".join(f"{k} = {v}" for k, v in header.settings.items()) or "none"),
+        "bytes: " + ", ".join(f"{part} {size:,}" for part, size in parts.items()),
+        f"resolution: {material.size[0]} × {material.size[1]} texels",
+        f"decoder: {parameters(material):,} parameters, {material.cost.texture_channels} texture channels, "
+        f"{material.cost.flops_per_sample:,} FLOP and {material.cost.bytes_per_sample:,} bytes read a sample",
+    ]
+    for name, (dtype, shape, size) in sorted(header.tensors.items()):
+        lines.append(f"  {name}  {dtype} {' × '.join(map(str, shape)) or 'scalar'}  {size:,} bytes")
+    return "\n".join([*lines, f"sha256: {header.sha256}"])
+
+
+def btf_lines(btf: "BTF") -> str:
+    """A BTF: size, directions, split, range of values, and what its reader says of it."""
+    from bench.hemisphere import to_degrees
+    from bench.scoring import sample
+
+    layout, split, values = btf.layout, btf.split(), sample(btf)
+    theta = [to_degrees(w)[0].max() for w in (btf.wo, btf.wi)]
+    low, middle, high = np.percentile(values, [0, 50, 100])
+    product = "their product" if layout.grid is not None else "no product"
+    heldout = sum(map(len, split.heldout.values()))
+    lines = [
+        f"{btf.name}: {btf.shape[0]} × {btf.shape[1]} texels, {len(btf):,} pairs, "
+        + ("periodic" if btf.periodic else "not periodic"),
+        f"directions: {len(layout.views)} views up to {theta[0]:.1f}°, {len(layout.lights)} lights up to "
+        f"{theta[1]:.1f}° ({product})",
+        f"split: {len(split.train):,} training pairs, {heldout:,} held out",
+        f"values (seeded sample): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}",
+        f"fingerprint: {btf.fingerprint}",
+    ]
+    return "\n".join(lines + [f"  {key}: {value}" for key, value in btf.provenance.items()])

@@ -1,0 +1,38 @@
+"""Where a run's numbers come from: code, packages, machine."""
+
+import os
+import platform
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("neubtf-bench", "torch", "numpy", "scipy", "scikit-image", "OpenEXR", "safetensors", "torchinfo")
+
+
+def provenance() -> dict[str, Any]:
+    """Git revision of the suite (None outside a checkout), package versions, processor and operating system."""
+    return {
+        "git": _revision(Path(__file__).parent),
+        "packages": {name: version(name) for name in PACKAGES},
+        "python": sys.version.split()[0],
+        "machine": {"system": platform.platform(), "processor": _processor(), "cores": os.cpu_count()},
+    }
+
+
+def _revision(folder: Path) -> str | None:
+    command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.machine())

@@ -1,0 +1,230 @@
+"""A suite: a TOML file of materials × codecs × settings × seeds, and the jobs it stands for.
+
+    description = "what it is for"
+    threads = 2                      # CPU threads a job; part of what makes bytes the same
+    seeds = [0]                      # repetitions
+    materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
+
+    [data]                           # how built-in materials are rendered
+    size = 64
+    directions = "ubo2003"
+    views = 25
+    lights = 25
+    heldout = 150
+
+    [[codecs]]
+    codec = "pca"
+    components = [8, 16]             # a list is a sweep: one job each
+
+A path is looked up as it stands, then under `$NEUBTF_DATA`.
+"""
+
+import dataclasses
+import itertools
+import os
+import tomllib
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from bench.errors import InputError
+from bench.suggest import did_you_mean
+
+
+@dataclass(frozen=True)
+class Data:
+    """How the built-in materials of a suite are rendered."""
+
+    size: int = 64  # texels a side
+    directions: str = "ubo2003"  # the published direction set that is thinned
+    views: int = 25
+    lights: int = 25
+    heldout: int = 150  # random pairs besides, drawn uniformly in solid angle up to 75°
+
+
+@dataclass(frozen=True)
+class MaterialSpec:
+    """A material of a suite: built in where `path` is empty."""
+
+    name: str
+    path: str = ""
+    where: str = ""  # where to get the data, for who does not have them
+
+    def found(self) -> Path | None:
+        """The path of measured data on this machine, or None."""
+        places = [Path(self.path)]
+        if data := os.environ.get("NEUBTF_DATA"):
+            places.append(Path(data) / self.path)
+        return next((place for place in places if place.exists()), None)
+
+
+@dataclass(frozen=True)
+class CodecSpec:
+    """A codec of a suite with the settings that differ from its defaults."""
+
+    codec: str
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """The row's name in tables: `pca components=16`."""
+        return " ".join([self.codec, *(f"{k}={_plain(v)}" for k, v in sorted(self.settings.items()))])
+
+
+def _plain(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+@dataclass(frozen=True)
+class Suite:
+    """See the module."""
+
+    name: str
+    text: str  # the TOML it was read from
+    description: str = ""
+    threads: int = 2
+    seeds: tuple[int, ...] = (0,)
+    data: Data = field(default_factory=Data)
+    materials: tuple[MaterialSpec, ...] = ()
+    codecs: tuple[CodecSpec, ...] = ()
+
+
+def builtin_suites() -> dict[str, str]:
+    """The text of each built-in suite by name."""
+    found = (file for file in files("bench.suites").iterdir() if file.name.endswith(".toml"))
+    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(found, key=str)}
+
+
+def load_suite(name: str) -> Suite:
+    """A built-in suite by name, or a TOML file by path. `InputError` names the file and the key that is wrong."""
+    builtin = builtin_suites()
+    if name in builtin:
+        return parse_suite(name, builtin[name])
+    path = Path(name)
+    if path.suffix != ".toml":
+        raise InputError(f"no suite named {name!r}{did_you_mean(name, builtin)} (a file's name ends in .toml)")
+    try:
+        return parse_suite(path.stem, path.read_text(encoding="utf-8"), name)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{name}: cannot be read ({error})") from error
+
+
+def parse_suite(name: str, text: str, file: str = "") -> Suite:
+    """The suite that a TOML text describes; `file` is what errors call it."""
+    file = file or f"suite {name}"
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{file}: not TOML: {error}") from error
+    _only(file, "", table, {"description", "threads", "seeds", "data", "materials", "codecs"})
+    data = Data(**_typed(file, "data.", table.get("data", {}), Data))
+    seeds = _value(file, "seeds", table.get("seeds", [0]), list)
+    for number in seeds:
+        _value(file, "seeds", number, int)
+    materials = [_material(file, entry) for entry in _value(file, "materials", table.get("materials", []), list)]
+    codecs = [spec for entry in _value(file, "codecs", table.get("codecs", []), list) for spec in _sweep(file, entry)]
+    if twice := _repeated([spec.label for spec in codecs]) or _repeated([spec.name for spec in materials]):
+        raise InputError(f"{file}: {twice!r} stands there twice")
+    return Suite(
+        name,
+        text,
+        _value(file, "description", table.get("description", ""), str),
+        _value(file, "threads", table.get("threads", 2), int),
+        tuple(seeds),
+        data,
+        tuple(materials),
+        tuple(codecs),
+    )
+
+
+def with_changes(
+    suite: Suite, materials: list[str], codecs: list[str], changes: dict[str, str], seed: int | None
+) -> Suite:
+    """The suite with the command line's choices: only these materials and codecs, these settings, this seed.
+
+    A codec that the suite does not name is added with its defaults. A change is `data.KEY`, `CODEC.KEY`, or `KEY`
+    alone for every codec of the suite that has that setting.
+    """
+    if materials:
+        known = {spec.name: spec for spec in suite.materials}
+        suite = dataclasses.replace(suite, materials=tuple(known.get(name, named(name)) for name in materials))
+    if codecs:
+        chosen = [[spec for spec in suite.codecs if spec.codec == c] or [CodecSpec(c)] for c in codecs]
+        suite = dataclasses.replace(suite, codecs=tuple(itertools.chain(*chosen)))
+    for key, value in changes.items():
+        suite = _change(suite, key, value)
+    return suite if seed is None else dataclasses.replace(suite, seeds=(seed,))
+
+
+def named(material: str) -> MaterialSpec:
+    """The material that a bare string names: a path where it looks like one or leads somewhere, else built in."""
+    spec = MaterialSpec(Path(material).name or material, material)
+    is_path = os.sep in material or bool(Path(material).suffix) or spec.found()
+    return spec if is_path else MaterialSpec(material)
+
+
+def _change(suite: Suite, key: str, value: str) -> Suite:
+    scope, _, name = key.rpartition(".")
+    if scope == "data":
+        fields = {f.name: f.type for f in dataclasses.fields(Data)}
+        if name not in fields:
+            raise InputError(f"--set {key}: no such key{did_you_mean(name, fields)}")
+        if fields[name] is int and not value.isdecimal():
+            raise InputError(f"--set {key}: must be a whole number, not {value!r}")
+        change: dict[str, Any] = {name: int(value) if fields[name] is int else value}
+        return dataclasses.replace(suite, data=dataclasses.replace(suite.data, **change))
+    codecs = [_set(spec, name, value) if _has(spec.codec, scope, name) else spec for spec in suite.codecs]
+    if codecs == list(suite.codecs) and not any(_has(spec.codec, scope, name) for spec in codecs):
+        raise InputError(f"--set {key}: no codec of this run has a setting {name!r} (or write data.{name})")
+    unique = {spec.label: spec for spec in codecs}  # a sweep over the changed setting has become one job
+    return dataclasses.replace(suite, codecs=tuple(unique.values()))
+
+
+def _has(codec: str, scope: str, setting: str) -> bool:
+    from bench.registry import load_codec
+
+    return scope in ("", codec) and setting in {f.name for f in dataclasses.fields(load_codec(codec).Settings)}
+
+
+def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
+    from bench.registry import load_codec
+
+    converted = getattr(load_codec(spec.codec)(**{setting: value}).settings, setting)
+    return dataclasses.replace(spec, settings=spec.settings | {setting: converted})
+
+
+def _material(file: str, entry: Any) -> MaterialSpec:
+    if isinstance(entry, str):
+        return named(entry)
+    return MaterialSpec(**_typed(file, "materials.", _value(file, "materials", entry, dict), MaterialSpec))
+
+
+def _sweep(file: str, entry: Any) -> list[CodecSpec]:
+    """A codec's table with each list multiplied out."""
+    entry = dict(_value(file, "codecs", entry, dict))
+    codec = _value(file, "codecs.codec", entry.pop("codec", None), str)
+    lists = [value if isinstance(value, list) else [value] for value in entry.values()]
+    return [CodecSpec(codec, dict(zip(entry, values, strict=True))) for values in itertools.product(*lists)]
+
+
+def _typed(file: str, prefix: str, table: Any, kind: type) -> dict[str, Any]:
+    kinds = {f.name: f.type for f in dataclasses.fields(kind)}
+    _only(file, prefix, _value(file, prefix.rstrip("."), table, dict), set(kinds))
+    return {key: _value(file, prefix + key, value, kinds[key]) for key, value in table.items()}
+
+
+def _only(file: str, prefix: str, table: dict[str, Any], known: set[str]) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(f"{file}: unknown key {prefix + key!r}{did_you_mean(key, known)}")
+
+
+def _value(file: str, key: str, value: Any, kind: Any) -> Any:
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        raise InputError(f"{file}: {key} must be of type {kind.__name__}, not {value!r}")
+    return value
+
+
+def _repeated(names: list[str]) -> str | None:
+    return next((name for i, name in enumerate(names) if name in names[:i]), None)
