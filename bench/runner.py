@@ -279,23 +279,23 @@ class Job:
             scores = bench.scorer.score(bench.groups["all"], watched)
             gate = bench.groups.get("heldout", bench.groups["all"])
             footprints = score_footprints(btf, gate, decode, bench.exposure)
-        counted = parameters(material)
-        size = header.part_bytes()
+        summary = summarise(scores, btf.wo, btf.wi, bench.groups)
+        angular = {"bins": {name: group.pop("bins") for name, group in summary.items()}}
+        angular["polar"] = polar_maps(scores, btf.wo, btf.wi)
+        slices = {"pairs": scores.pairs, "abrdf": scores.abrdf} | scores.raw
         return {
             "shape": list(btf.shape),
             "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
             "provenance": btf.provenance,
             "settings": header.settings,
             "file": str(header.path.relative_to(folder)),
-            "bytes": size | {"total": header.file_bytes},
-            "parameters": counted,
+            "bytes": header.part_bytes() | {"total": header.file_bytes},
+            "parameters": parameters(material),
             "cost": dataclasses.asdict(material.cost),
-            "scores": summarise(scores, btf.wo, btf.wi, bench.groups),
+            "scores": summary,
             "footprints": footprints,
-            "slices": self._keep(
-                f"slices/{header.path.stem}.npz", {"pairs": scores.pairs, "abrdf": scores.abrdf} | scores.raw
-            ),
-            "polar": polar_maps(scores, btf.wo, btf.wi),
+            "slices": self._keep(f"slices/{header.path.stem}.npz", slices),
+            "angular": self._keep(f"angular/{header.path.stem}.json", angular),
             "pictures": self._keep(f"pictures/{header.path.stem}.npz", self._pictures(decode)),
         }
 
@@ -308,8 +308,12 @@ class Job:
         angles = [np.stack(to_degrees(w[bench.shown]), 1) for w in (bench.btf.wo, bench.btf.wi)]
         return {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
 
-    def _keep(self, name: str, arrays: dict[str, np.ndarray]) -> str:
+    def _keep(self, name: str, content: dict[str, Any]) -> str:
+        """Store what is too much for a record beside it, as .npz or .json; returns the name."""
         path = self.bench.options.folder / name
         path.parent.mkdir(exist_ok=True)
-        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+        if path.suffix == ".json":
+            path.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+        else:
+            np.savez_compressed(path, **content)
         return name
