@@ -1,0 +1,61 @@
+"""Where an error lies over the hemispheres."""
+
+import numpy as np
+import pytest
+
+from bench.metrics.angular import THETA_EDGES_DEG, bins, grazing, phi_deg, polar_map, theta_deg
+
+
+def direction(theta, phi=0.0):
+    theta, phi = np.radians(np.broadcast_arrays(theta, phi))
+    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).astype(np.float32)
+
+
+def mean(raw):
+    return float(np.mean(raw))
+
+
+def test_angles_come_back():
+    theta, phi = np.array([0.5, 20, 60, 89]), np.array([0, 90, 200, 359])
+    found = direction(theta, phi)
+    np.testing.assert_allclose(theta_deg(found), theta, atol=1e-3)
+    np.testing.assert_allclose(phi_deg(found), phi, atol=1e-3)
+
+
+def test_sixty_degrees_is_not_grazing_and_more_is():
+    # In float32 the angle of a grid's 60° may come out a hair above or below.
+    assert grazing(direction([0, 59.9, 60, 60.1, 75])).tolist() == [False, False, False, True, True]
+
+
+def test_bins_hold_their_lower_edge_and_pool_what_falls_in_them():
+    wo, wi = direction([0, 15, 16, 15, 89]), direction([0, 30, 31, 60, 75])
+    table = bins(wo, wi, np.array([1.0, 2, 4, 8, 16]), mean)
+    assert table[0][0] == 1
+    assert table[1][2] == 3
+    assert table[1][4] == 8
+    assert table[5][5] == 16
+    assert sum(value is not None for row in table for value in row) == 4
+
+
+def test_bins_leave_out_what_was_not_measured_and_what_is_not_finite():
+    wo = direction([0, 20, 40])
+    table = bins(wo, wo, np.array([np.nan, 0.0, 1.0]), lambda raw: np.inf if not raw.any() else mean(raw))
+    assert table[0][0] is None
+    assert table[1][1] is None
+    assert table[2][2] == 1
+
+
+def test_a_polar_map_pools_each_cell():
+    found = polar_map(direction([50, 50, 50, 80], [0, 359, 91, 185]), np.array([1.0, 3, 5, 7]), mean)
+    assert found["theta_edges_deg"] == list(THETA_EDGES_DEG)
+    assert found["phi_centres_deg"][:4] == [0, 30, 60, 90]
+    assert found["value"][3][0] == 2
+    assert found["value"][3][3] == 5
+    assert found["value"][5][6] == 7
+    assert found["count"][3][0] == 2
+    assert np.sum(found["count"]) == 4
+
+
+def test_the_pole_is_one_cell():
+    found = polar_map(direction([1, 5], [10, 200]), np.array([1.0, 2]), mean)
+    assert found["value"][0] == [pytest.approx(1.5)] * 12

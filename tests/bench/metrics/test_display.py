@@ -1,0 +1,32 @@
+"""The exposure rule, the display transform and the log curve."""
+
+import numpy as np
+import pytest
+
+from bench.metrics.display import decode_srgb, encode_srgb, exposure_of, to_display, to_log1p
+
+
+def test_exposure_puts_the_99th_percentile_at_0_8():
+    values = np.linspace(0, 5, 1001)
+    assert np.percentile(values, 99) * exposure_of(values) == pytest.approx(0.8)
+
+
+def test_exposure_falls_back_to_the_maximum_and_then_to_one():
+    values = np.zeros(1000)
+    assert exposure_of(values) == 1
+    values[0] = 4
+    assert exposure_of(values) == pytest.approx(0.2)
+    assert exposure_of(-values) == 1
+
+
+def test_srgb_has_the_standard_values_and_inverts():
+    # IEC 61966-2-1: mid grey 0.5 encodes 0.21404114; the linear segment is 12.92 steep.
+    np.testing.assert_allclose(decode_srgb([0, 0.02, 0.5, 1]), [0, 0.02 / 12.92, 0.21404114048, 1], atol=1e-11)
+    linear = np.linspace(0, 1, 1000)
+    # The standard's rounded constants leave a step of 3e-8 where its two pieces meet.
+    np.testing.assert_allclose(decode_srgb(encode_srgb(linear)), linear, atol=3e-8)
+
+
+def test_display_clips_and_log_does_not():
+    assert to_display(np.array([-1.0, 0, 1, 50]), 1.0) == pytest.approx([0, 0, 1, 1])
+    assert to_log1p(np.array([-1.0, 0, 2]), 0.5) == pytest.approx([0, 0, np.log(9)])

@@ -1,0 +1,137 @@
+"""LDR FLIP against NVIDIA's own implementation, against published means, and by its properties."""
+
+import flip_evaluator
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.errors import InputError
+from bench.metrics.display import decode_srgb
+from bench.metrics.flip import LDR, PPD
+
+PPDS = (20.0, PPD, 120.0)
+FLAT = {
+    name: np.zeros((6, 7, 3)) + rgb
+    for name, rgb in {
+        "black": (0, 0, 0),
+        "white": (1, 1, 1),
+        "red": (1, 0, 0),
+        "green": (0, 1, 0),
+        "blue": (0, 0, 1),
+    }.items()
+}
+# Float32 inside the oracle: the 0.7 power lifts its rounding where a difference is small, and on flat pictures the
+# rounding of filters that should give 0 passes through a square root.
+TEXTURED, FLAT_PICTURE = 2e-5, 2e-4
+
+
+def golden():
+    u, v = np.meshgrid(np.arange(64) / 63, np.arange(48) / 47)
+    reference = np.stack([u, v, 0.5 + 0.5 * np.sin(12 * np.pi * u * v)], -1)
+    test = np.stack([u**1.2, v, 0.5 + 0.5 * np.sin(12 * np.pi * u * v + 0.4)], -1)
+    return reference.astype(np.float32), test.astype(np.float32)
+
+
+def flip_map(reference, test, ppd=PPD, periodic=False):
+    metric = LDR(ppd, periodic)
+    return metric.error_map(metric.prepare(decode_srgb(reference), 1.0), decode_srgb(test))
+
+
+def oracle(reference, test, ppd=PPD):
+    found, _, _ = flip_evaluator.evaluate(
+        np.ascontiguousarray(reference, np.float32),
+        np.ascontiguousarray(test, np.float32),
+        "LDR",
+        applyMagma=False,
+        computeMeanError=False,
+        parameters={"ppd": ppd},
+    )
+    return found[..., 0]
+
+
+def textured(seed, height, width):
+    rng = np.random.default_rng(seed)
+    reference = rng.random((height, width, 3), dtype=np.float32)
+    noise = rng.standard_normal(reference.shape, dtype=np.float32)
+    return reference, np.clip(reference + np.float32(10 ** rng.uniform(-2.5, 0)) * noise, 0, 1)
+
+
+sizes = st.integers(1, 45)
+broad = st.integers(2, 45)  # a picture of one texel is flat
+seeds = st.integers(0, 2**32 - 1)
+
+
+@pytest.mark.parametrize("ppd", PPDS)
+@settings(derandomize=True, max_examples=20, deadline=None)
+@given(seeds, broad, broad)
+def test_every_texel_agrees_with_the_oracle(ppd, seed, height, width):
+    reference, test = textured(seed, height, width)
+    np.testing.assert_allclose(flip_map(reference, test, ppd), oracle(reference, test, ppd), rtol=0, atol=TEXTURED)
+
+
+@pytest.mark.parametrize("ppd", PPDS)
+@settings(derandomize=True, max_examples=10, deadline=None)
+@given(seeds, sizes, sizes)
+def test_every_texel_of_flat_pictures_agrees_with_the_oracle(ppd, seed, height, width):
+    colours = np.random.default_rng(seed).random((2, 3), dtype=np.float32)
+    reference, test = (np.zeros((height, width, 3), np.float32) + colour for colour in colours)
+    np.testing.assert_allclose(flip_map(reference, test, ppd), oracle(reference, test, ppd), rtol=0, atol=FLAT_PICTURE)
+
+
+@pytest.mark.parametrize(("ppd", "mean"), [(PPD, 0.2264356), (20.0, 0.3233458), (120.0, 0.1786844)])
+def test_golden_means(ppd, mean):
+    # Half a unit of the last digit given.
+    assert flip_map(*golden(), ppd).mean() == pytest.approx(mean, abs=5e-8)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "mean"),
+    [("black", "white", 0.96738), ("green", "blue", 1.0), ("red", "green", 0.98666), ("black", "blue", 0.95833)],
+)
+def test_flat_colours(one, other, mean):
+    np.testing.assert_allclose(flip_map(FLAT[one], FLAT[other]), mean, atol=5e-6)
+
+
+@settings(derandomize=True, max_examples=20, deadline=None)
+@given(seeds, sizes, sizes, st.booleans())
+def test_it_is_symmetric_bounded_and_zero_for_equal_pictures(seed, height, width, periodic):
+    one, other = textured(seed, height, width)
+    found = flip_map(one, other, periodic=periodic)
+    assert (found == flip_map(other, one, periodic=periodic)).all()
+    assert (found >= 0).all()
+    assert (found <= 1).all()
+    assert not flip_map(one, one, periodic=periodic).any()
+
+
+@pytest.mark.parametrize("ppd", PPDS)
+@pytest.mark.parametrize(("height", "width"), [(40, 33), (12, 5), (3, 1)])
+def test_the_periodic_variant_is_flip_of_the_wrap_padded_picture(ppd, height, width):
+    reference, test = textured(0, height, width)
+    radius = 20  # of the widest filter, at 120 pixels per degree: 17
+    pad = ((radius, radius), (radius, radius), (0, 0))
+    padded = oracle(np.pad(reference, pad, "wrap"), np.pad(test, pad, "wrap"), ppd)[radius:-radius, radius:-radius]
+    np.testing.assert_allclose(flip_map(reference, test, ppd, periodic=True), padded, rtol=0, atol=TEXTURED)
+
+
+@settings(derandomize=True, max_examples=20, deadline=None)
+@given(seeds, st.integers(1, 20), st.integers(1, 20), st.integers(0, 19), st.integers(0, 19))
+def test_the_periodic_variant_does_not_feel_a_periodic_shift(seed, height, width, down, right):
+    reference, test = textured(seed, height, width)
+    shifted = [np.roll(picture, (down, right), (0, 1)) for picture in (reference, test)]
+    found = np.roll(flip_map(reference, test, periodic=True), (down, right), (0, 1))
+    # Sums in another order, 1e-16, may pass through two square roots where nothing differs.
+    np.testing.assert_allclose(flip_map(*shifted, periodic=True), found, atol=1e-6)
+
+
+def test_exposure_scales_before_the_clip():
+    reference, test = (decode_srgb(picture) for picture in golden())
+    metric = LDR()
+    found = metric.score(metric.prepare(reference * 4, 0.25), test * 4)
+    assert found == pytest.approx(0.2264356, abs=5e-8)
+
+
+@pytest.mark.parametrize("ppd", [0.0, -3.0, np.nan, np.inf])
+def test_pixels_per_degree_must_be_positive(ppd):
+    with pytest.raises(InputError, match="ppd"):
+        LDR(ppd)
