@@ -51,7 +51,7 @@ def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
     return Points(
         (o[0], o[1], o_n),
         (alpha_t, alpha_b),
-        maps["base"] * ((1 - metal) * (1 - reflected) / np.float32(np.pi)),
+        maps["base"] * ((1 - metal) * (1 - reflected) / np.pi),
         DIELECTRIC_F0 * dielectric + metal * maps["base"],
         dielectric + metal,
         specular,

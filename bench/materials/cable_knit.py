@@ -20,7 +20,7 @@ class CableKnit:
     bumps: int = 8  # purl bumps across the whole tile
     sway: float = 0.13  # how far a strand swings to each side
     radius: float = 0.15  # half the width of a strand
-    yarn: float = 0.2  # relief of the yarns on a strand, as a share of the strand's
+    yarn: float = 0.28  # relief of the yarns on a strand, as a share of the strand's
     roughness: float = 0.75
     colour_srgb: tuple[float, float, float] = (226, 208, 172)
 
@@ -31,7 +31,7 @@ class CableKnit:
         strands = [self._strand(u, v, side) for side in (-1, 1)]
         layers = np.stack([ground, *strands])
         fuzz = smooth(rng, self.resolution, 0.004, 0.004)
-        height = normalised(layers.max(0) + 0.02 * fuzz)
+        height = normalised(layers.max(0) + 0.008 * fuzz)
         tint = 1 + 0.05 * smooth(rng, self.resolution, 0.06, 0.06) + 0.05 * fuzz
         return Maps(
             height=self.height * height,

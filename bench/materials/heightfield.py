@@ -17,7 +17,8 @@ class HeightField:
     """`height` is (H, W) float32, periodic; `aspect` is the picture's physical height over its width."""
 
     def __init__(self, height: Array, aspect: float):
-        self.height = np.ascontiguousarray(height - height.mean(dtype=np.float64), np.float32)
+        above = height - height.min()  # exactly 0 on a plane, whatever its height
+        self.height = np.ascontiguousarray(above - above.mean(dtype=np.float64), np.float32)
         self.shape = self.height.shape
         self.cell = (aspect / self.shape[0], 1 / self.shape[1])
         self.bottom, self.top = float(self.height.min()), float(self.height.max())

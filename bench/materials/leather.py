@@ -18,8 +18,8 @@ class Leather:
 
     resolution: int = 256
     height: float = 0.03
-    cells: int = 9  # pebbles along a side
-    crease: float = 0.35  # width of a crease, as a share of a pebble
+    cells: int = 10  # pebbles along a side
+    crease: float = 0.9  # width of a crease, as a share of a pebble
     roughness: float = 0.38
     skin_srgb: tuple[float, float, float] = (112, 58, 30)
     crease_srgb: tuple[float, float, float] = (52, 24, 14)
@@ -27,11 +27,11 @@ class Leather:
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
         coarse = self._pebbles(rng, self.cells, self.crease)
-        fine = self._pebbles(rng, 4 * self.cells, 0.6)
+        fine = self._pebbles(rng, 3 * self.cells, 0.9)
         sag = smooth(rng, self.resolution, 0.1, 0.1)
         pores = smooth(rng, self.resolution, 0.005, 0.005)
-        height = coarse * (0.85 + 0.08 * sag) + 0.12 * fine + 0.02 * pores
-        wear = np.clip(0.5 + 0.25 * sag + 0.3 * (coarse - 0.7), 0, 1)
+        height = coarse * (0.85 + 0.08 * sag) + 0.15 * fine * coarse + 0.015 * pores
+        wear = np.clip(0.5 + 0.25 * sag + 0.3 * (coarse - 0.6), 0, 1)
         colour = mix(srgb(*self.crease_srgb), srgb(*self.skin_srgb), np.clip(0.2 + 0.8 * coarse, 0, 1))
         return Maps(
             height=self.height * height,
@@ -46,4 +46,4 @@ class Leather:
         u, v = grid(self.resolution)
         nearest, _ = cKDTree(points, boxsize=1.0).query(np.stack([u, v], -1), k=2)
         border = np.clip((nearest[..., 1] - nearest[..., 0]) * cells / crease, 0, 1)
-        return gaussian_filter(np.sqrt(1 - (1 - border) ** 2), 0.004 * self.resolution, mode="wrap")
+        return gaussian_filter(np.sqrt(1 - (1 - border) ** 2), 0.007 * self.resolution, mode="wrap")

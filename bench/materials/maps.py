@@ -44,9 +44,8 @@ class Maps:
     normal: Map | None = None
 
     def __post_init__(self) -> None:
-        shape = np.broadcast_shapes((1, 1), *(np.shape(getattr(self, n)) for n in _SCALARS))
-        if len(shape) != 2:
-            raise InputError(f"maps must be (height, width) pictures, not {shape}")
+        pictures = (np.shape(getattr(self, f.name))[:2] for f in fields(self) if _is_picture(self, f.name))
+        shape = next(pictures, (1, 1))
         for name in (f.name for f in fields(self)):
             value = getattr(self, name)
             if value is not None:
@@ -80,6 +79,10 @@ class Recipe(Protocol):
 
 
 _SCALARS = ("height", "roughness", "metalness", "specular", "anisotropy", "angle")
+
+
+def _is_picture(maps: Maps, name: str) -> bool:
+    return np.ndim(getattr(maps, name)) == (2 if name in _SCALARS else 3)
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:

@@ -12,20 +12,19 @@ from bench.materials.noise import mix, normalised, smooth, srgb
 Array = np.ndarray
 
 
-def make_periodic(picture: Array, overlap: int) -> Array:
-    """A picture (H, W) cut to (H − overlap, W − overlap), its far margins blended into its near ones: it wraps.
+def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:
+    """A picture (H, W) cut by `overlap` (rows, columns), its far margins blended into its near ones: it wraps.
 
     The blend's deviation from the mean is scaled by 1 / √(w² + (1 − w)²), which keeps the contrast of texture.
     """
     mean = picture.mean()
-    for axis in (0, 1):
+    for axis, width in enumerate(overlap):
         moved = np.moveaxis(picture - mean, axis, 0)
-        size = len(moved) - overlap
-        weight = 0.5 - 0.5 * np.cos(np.pi * (np.arange(overlap) + 0.5) / overlap)
-        weight = weight.reshape(-1, *(1,) * (moved.ndim - 1))
-        blend = weight * moved[:overlap] + (1 - weight) * moved[size:]
+        size = len(moved) - width
+        weight = (0.5 - 0.5 * np.cos(np.pi * (np.arange(width) + 0.5) / width))[:, None]
+        blend = weight * moved[:width] + (1 - weight) * moved[size:]
         blend /= np.sqrt(weight**2 + (1 - weight) ** 2)
-        picture = np.moveaxis(np.concatenate([blend, moved[overlap:size]]), 0, axis) + mean
+        picture = np.moveaxis(np.concatenate([blend, moved[width:size]]), 0, axis) + mean
     return picture
 
 
@@ -47,23 +46,26 @@ class Brick:
 
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
-        grey = resize(make_periodic(_rectified(data.brick() / 255.0), 60), (self.resolution, self.resolution))
+        grey = resize(make_periodic(_rectified(data.brick() / 255.0), (16, 24)), (self.resolution, self.resolution))
         mortar = np.clip((grey - 0.45) / 0.12, 0, 1)
         mortar = mortar * mortar * (3 - 2 * mortar)
         grain = smooth(rng, self.resolution, 0.004, 0.004)
         tone = smooth(rng, self.resolution, 0.06, 0.1)
-        face = gaussian_filter(1 - mortar, 1.2, mode="wrap") + 0.05 * grain + 0.04 * tone
+        face = gaussian_filter(1 - mortar, 1.2, mode="wrap") + 0.025 * grain + 0.04 * tone
         colour = mix(srgb(*self.clay_srgb), srgb(*self.mortar_srgb), mortar)
         colour = colour * (1 + 0.15 * tone + 0.06 * grain)[..., None]
         return Maps(self.height * normalised(face), np.clip(colour, 0, 1), self.roughness, specular=0.5)
 
 
 def _rectified(picture: Array) -> Array:
-    """The brick wall with upright joints made parallel, then turned so that its courses lie flat: (400, 400)."""
+    """The wall with its long joints made parallel and turned flat, cut in two joints eight courses apart: (324, 400).
+
+    The numbers are those that make the mean over the courses' length vary most.
+    """
     y, x = np.mgrid[0:400, 0:400] / 399.0
-    spread = 0.62 + 0.38 * y
-    column = 256 + (x - 0.5) * 420 * spread
-    return map_coordinates(picture, [60 + 450 * y, column], order=1, mode="nearest").T
+    row = 30 + 475 * y
+    column = 223.4 + (x - 0.5) * 440 * (0.706 + 0.294 * row / 511)
+    return map_coordinates(picture, [row, column], order=1, mode="nearest").T[33:357]
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,10 @@ class Gravel:
 
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
-        grey = resize(make_periodic(data.gravel()[128:, 128:] / 255.0, 64), (self.resolution, self.resolution))
-        detail = np.clip(_detail(gaussian_filter(grey, 1.5, mode="wrap"), 20), -2.5, 2.5)
+        grey = resize(
+            make_periodic(data.gravel()[200:450, 200:450] / 255.0, (40, 40)), (self.resolution, self.resolution)
+        )
+        detail = np.clip(_detail(gaussian_filter(grey, 2, mode="wrap"), 30), -2.5, 2.5)
         warm = 0.06 * smooth(rng, self.resolution, 0.02, 0.02)
         colour = srgb(*self.stone_srgb) * (0.75 + 0.2 * detail)[..., None] * (1 + warm[..., None] * [1, 0, -1])
         return Maps(self.height * normalised(detail), np.clip(colour, 0.02, 1), self.roughness, specular=0.5)
@@ -89,17 +93,19 @@ class Grass:
     """A lawn: bright blades stand over dark gaps."""
 
     resolution: int = 256
-    height: float = 0.08
+    height: float = 0.06
     roughness: float = 0.6
     blade_srgb: tuple[float, float, float] = (112, 148, 62)
     soil_srgb: tuple[float, float, float] = (58, 50, 30)
 
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
-        grey = resize(make_periodic(data.grass()[100:, 100:] / 255.0, 64), (self.resolution, self.resolution))
-        detail = np.clip(_detail(gaussian_filter(grey, 1.0, mode="wrap"), 24), -2.5, 2.5)
+        grey = resize(
+            make_periodic(data.grass()[20:276, 200:456] / 255.0, (48, 48)), (self.resolution, self.resolution)
+        )
+        detail = np.clip(_detail(gaussian_filter(grey, 1.5, mode="wrap"), 30), -2.5, 2.5)
         height = normalised(detail)
         dry = 0.12 * smooth(rng, self.resolution, 0.05, 0.05)
         colour = mix(srgb(*self.soil_srgb), srgb(*self.blade_srgb), np.clip(1.6 * height, 0, 1))
         colour = colour * (1 + dry[..., None] * [1, 0.2, -0.5])
-        return Maps(self.height * height, np.clip(colour, 0, 1), self.roughness, specular=0.7)
+        return Maps(self.height * height, np.clip(colour, 0, 1), self.roughness, specular=0.3)

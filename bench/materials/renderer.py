@@ -20,7 +20,7 @@ from bench.materials.heightfield import HeightField
 from bench.materials.maps import Maps
 
 Array = np.ndarray
-RENDERER_VERSION = 1  # raised whenever a value changes; part of the key of every cached rendering
+RENDERER_VERSION = 2  # raised whenever a value changes; part of the key of every cached rendering
 SUB_POINTS = 2  # along each side of a texel; see docs/materials.md for what it costs and what 3 would change
 
 
@@ -96,7 +96,7 @@ class Renderer:
         at = view.points
         cos_between = np.float32(view.wo @ wi)
         through, specular = brdf.reflect(at, _project(view.frame, wi), cos_between)
-        visible = light[view.cell] * np.float32(1 / 255 / self.sub_points**2)
+        visible = light.take(view.cell) * np.float32(1 / 255 / self.sub_points**2)
         through *= visible
         specular *= visible
         colour = at.diffuse * through
@@ -126,10 +126,10 @@ def _bilinear(table: Array, shape: tuple[int, ...], row: Array, col: Array) -> A
     r, c = r.astype(np.intp) % H, c.astype(np.intp) % W
     below, right = (r + 1) % H * W, (c + 1) % W
     r *= W
-    top = table[r + c]
-    top += (table[r + right] - top) * fc
-    low = table[below + c]
-    low += (table[below + right] - low) * fc
+    top = table.take(r + c, axis=0)
+    top += (table.take(r + right, axis=0) - top) * fc
+    low = table.take(below + c, axis=0)
+    low += (table.take(below + right, axis=0) - low) * fc
     top += (low - top) * fr
     return np.ascontiguousarray(np.moveaxis(top, -1, 0))
 
@@ -146,7 +146,8 @@ def render(
     """Slices (N, H, W, 3) of a surface at N pairs, linear Rec. 709: each view is traced once and each light cast once.
 
     `wo` and `wi` are (N, 3) unit vectors with z > 0; `size` is (H, W), rows at the top first. `out`, any float array of
-    that shape (a memory map, say), receives the slices; float32 is made where it is None. `progress(done, N)` is called
+    that shape (a memory map, say), receives the slices, as infinity where its type cannot hold a highlight; float32 is
+    made where it is None. `progress(done, N)` is called
     after each view. Uses one thread for each processor this process may run on; the result does not depend on how many.
     """
     wo, wi = (np.asarray(d, np.float32).reshape(-1, 3) for d in (wo, wi))
@@ -165,7 +166,9 @@ def render(
         pairs = np.flatnonzero(view_of == index)
         for pair in pairs:
             cast = shared[light_of[pair]]
-            result[pair] = renderer.slice(view, wi[pair], renderer.light(wi[pair]) if cast is None else cast)
+            picture = renderer.slice(view, wi[pair], renderer.light(wi[pair]) if cast is None else cast)
+            with np.errstate(over="ignore"):
+                result[pair] = picture
         return len(pairs)
 
     done = 0

@@ -17,7 +17,7 @@ class Satin:
     Fibres run along their thread with some twist, and highlights stretch across the fibres.
     """
 
-    resolution: int = 320  # a multiple of the threads, so that every thread is sampled alike
+    resolution: int = 256
     threads: int = 10  # warp threads and weft threads in a tile, a multiple of five
     height: float = 0.02  # how far a thread bulges above the interlacing plane
     twist_deg: float = 12.0  # of the fibres against the axis of their thread

@@ -109,7 +109,7 @@ def _read(path: Path, shape: tuple[int, ...]) -> Array | None:
         return None
     try:
         values: Array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError):
+    except (OSError, ValueError, EOFError):
         return None
     return values if values.shape == shape else None
 
@@ -130,8 +130,7 @@ def _write(
     try:
         for dtype in (np.float16, np.float32):
             values = np.lib.format.open_memmap(partial, "w+", dtype=dtype, shape=shape)
-            with np.errstate(over="ignore"):
-                render(maps, wo, wi, (shape[1], shape[2]), SUB_POINTS, values, progress)
+            render(maps, wo, wi, (shape[1], shape[2]), SUB_POINTS, values, progress)
             if all(np.isfinite(picture).all() for picture in values):
                 break
         values.flush()
