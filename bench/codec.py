@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import torch
@@ -37,6 +38,12 @@ class Fit:
     threads: int = 1
     seed: int = 0
     show: Progress = silent
+    checkpoint: Path | None = None  # where a long fit keeps its state, to go on from it when it is started again
+    history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; goes into the record
+
+    def log(self, step: int, **values: float) -> None:
+        """Add a point to the curve of this fit: `seconds`, `psnr` and what else a codec has to say at a step."""
+        self.history.append({"step": step, **values})
 
     def progress(self, items: Iterable[T], label: str = "reading", total: int | None = None) -> Iterator[T]:
         """The same items, while a progress bar follows; `total` where they have no length."""
