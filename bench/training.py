@@ -1,0 +1,276 @@
+"""How a learned codec is fitted: seeded random samples of a BTF, and one loop that every network goes through.
+
+The loop is Adam (Kingma and Ba 2015) with a linear warm-up and a cosine to 0, a budget in steps, a curve of PSNR over
+steps and seconds, a state on disk to go on from, and a guard against divergence. The same seed, machine, versions and
+threads give the same parameters, whether or not the fit was interrupted.
+"""
+
+import logging
+import math
+import os
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from bench.btf import BTF
+from bench.codec import Fit
+from bench.errors import InputError
+from bench.metrics.display import LOG_SCALE, to_display
+from bench.metrics.psnr import psnr as decibels
+from bench.scoring import exposure
+
+log = logging.getLogger(__name__)
+
+MEMORY_LIMIT = 640 << 20  # bytes of log radiance that are kept in memory; beyond, each batch is read from the BTF
+PROBE = 8_192  # samples that the curve's PSNR is measured on
+POINTS = 25  # of the curve
+KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
+SAVE_EVERY = 1_000  # steps between two states on disk, a multiple of KEEP_EVERY
+RESCUES = 3
+
+
+class DivergedError(RuntimeError):
+    """A fit whose loss stopped being finite, again after each remedy."""
+
+
+class Batch(NamedTuple):
+    """Random samples of a BTF: texel (n,) as row · W + column, pair (n,), and log radiance (n, 3)."""
+
+    texel: Tensor
+    pair: Tensor
+    target: Tensor
+
+
+class Samples:
+    """A BTF as log radiance, log1p(gain · radiance), for random reads; negative radiance counts as 0.
+
+    Within `MEMORY_LIMIT` it is read once, slice by slice, and kept as half floats, whose rounding (5e-4 of a value) is
+    far below any codec's error. `gain` is 8 × exposure: see `gain_of`.
+    """
+
+    def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
+        self.btf, self.gain, self.device = btf, gain, fit.device
+        self.shape, self.pairs = btf.shape, len(btf)
+        self.texels = btf.shape[0] * btf.shape[1]
+        self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
+        self.kept: Tensor | None = None  # (texels, pairs, 3)
+        if self.texels * self.pairs * 6 <= memory_limit:
+            kept = torch.empty(self.texels, self.pairs, 3, dtype=torch.float16)
+            for pair, picture in enumerate(fit.progress(btf, total=len(btf))):
+                kept[:, pair] = self._log(picture).reshape(-1, 3)
+            self.kept = kept.to(fit.device)
+
+    def _log(self, radiance: np.ndarray) -> Tensor:
+        return torch.from_numpy(radiance).clamp_min(0).mul_(self.gain).log1p_()
+
+    def draw(self, count: int, generator: torch.Generator) -> Batch:
+        """`count` samples, uniform over texels and pairs."""
+        flat = torch.randint(self.texels * self.pairs, (count,), generator=generator).to(self.device)
+        texel = flat.div(self.pairs, rounding_mode="floor")
+        return self.at(texel, flat - texel * self.pairs)
+
+    def at(self, texel: Tensor, pair: Tensor) -> Batch:
+        """The samples at some texels and pairs, both (n,)."""
+        if self.kept is not None:
+            return Batch(texel, pair, self.kept.view(-1, 3)[texel * self.pairs + pair].float())
+        row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
+        return Batch(texel, pair, self._log(self.btf.gather(pair.cpu().numpy(), row, col)).to(self.device))
+
+    def abrdfs(self, texel: Tensor) -> Tensor:
+        """The log ABRDFs (n, pairs, 3) of some texels (n,)."""
+        if self.kept is not None:
+            return self.kept[texel].float()
+        return self._log(self.btf.texels(*np.divmod(texel.cpu().numpy(), self.shape[1]))).to(self.device)
+
+    def centres(self, texel: Tensor) -> Tensor:
+        """uv (n, 2) of the centres of some texels (n,); see `bench.btf` for the frame."""
+        height, width = self.shape
+        row = texel.div(width, rounding_mode="floor")
+        return torch.stack([(texel - row * width + 0.5) / width, 1 - (row + 0.5) / height], 1)
+
+
+def gain_of(btf: BTF, fit: Fit) -> float:
+    """8 × the exposure of the training pairs: a codec predicts log1p(gain · radiance), and stores the gain."""
+    return LOG_SCALE * exposure(btf, fit.seed)
+
+
+class Objective(nn.Module):
+    """What is fitted: parameters, their learning rates, and the loss of one step. A codec writes one.
+
+    Everything that must survive an interruption is a parameter or a buffer.
+    """
+
+    def __init__(self, samples: Samples):
+        super().__init__()
+        self.samples = samples
+
+    def groups(self) -> list[dict[str, Any]]:
+        """Parameter groups for Adam, each with its highest learning rate, `lr`."""
+        raise NotImplementedError
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) at the texels and pairs of a batch; `progress` goes from 0 to 1."""
+        raise NotImplementedError
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss of one step, a scalar; every random number comes from the generator, which lives on the CPU."""
+        raise NotImplementedError
+
+    @torch.no_grad()
+    def psnr(self, probe: Batch, progress: float) -> float:
+        """Display-space PSNR in dB over a batch."""
+        truth, ours = (
+            to_display((x.double().expm1() / LOG_SCALE).cpu().numpy(), 1.0)
+            for x in (probe.target, self.predict(probe, progress))
+        )
+        # A constant material is met exactly; the curve then shows 120 dB, as infinity is no number in a record.
+        return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
+
+
+def rate(step: int, steps: int, warmup: int) -> float:
+    """The share of the highest learning rate at a step: a linear warm-up, then a cosine from 1 to 0."""
+    warm = min(1.0, (step + 1) / (warmup + 1))
+    return warm * (1 + math.cos(math.pi * step / steps)) / 2
+
+
+def train(objective: Objective, fit: Fit, steps: int, warmup: int = 100) -> None:
+    """Fit the parameters of an objective in place, in `steps` steps.
+
+    Where `fit.checkpoint` names a file, the state is kept there, and a fit that finds one goes on from it; it is
+    removed at the end. Where the loss or a parameter is no longer finite, the last good state is restored and the
+    learning rate halved; the fourth time, `DivergedError` is raised. `InputError` where the file on disk belongs to
+    another fit.
+    """
+    if steps < 1:
+        raise InputError(f"a fit needs at least 1 step, not {steps}")
+    loop = _Loop(objective.to(fit.device), fit, steps, min(warmup, steps // 10))
+    loop.resume()
+    while loop.step < steps:
+        loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
+    if fit.checkpoint:
+        fit.checkpoint.unlink(missing_ok=True)
+
+
+class _Loop:
+    """The state of a fit under way: parameters, Adam's moments, generator, step, halvings, and the curve."""
+
+    def __init__(self, objective: Objective, fit: Fit, steps: int, warmup: int):
+        self.objective, self.fit, self.steps, self.warmup = objective, fit, steps, warmup
+        self.generator = fit.generator()
+        groups = objective.groups()
+        fused = fit.device.type in ("cpu", "cuda")
+        self.adam = torch.optim.Adam(groups, lr=0.0, fused=fused)
+        self.highest = [group["lr"] for group in groups]
+        self.parameters = [p for group in self.adam.param_groups for p in group["params"]]
+        for p in self.parameters:
+            self.adam.state[p] = {
+                "step": torch.zeros((), device=fit.device if fused else "cpu"),
+                "exp_avg": torch.zeros_like(p),
+                "exp_avg_sq": torch.zeros_like(p),
+            }
+        self.step, self.halvings, self.curve = 0, 0, list[tuple[int, float, float]]()
+        self.probe = objective.samples.draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
+        self.started, self.label = time.perf_counter(), "fitting"
+        self.good = self._state()
+
+    def _tensors(self) -> dict[str, Tensor]:
+        """Every tensor that a step changes, by name; not copies."""
+        moments = {
+            f"adam.{i}.{name}": value
+            for i, p in enumerate(self.parameters)
+            for name, value in self.adam.state[p].items()
+        }
+        return {f"model.{k}": v for k, v in self.objective.state_dict().items()} | moments
+
+    def _state(self) -> dict[str, Tensor]:
+        progress = torch.tensor([self.step, self.halvings])
+        curve = torch.tensor(self.curve, dtype=torch.float64).reshape(-1, 3)
+        loop = {"loop.progress": progress, "loop.curve": curve, "loop.generator": self.generator.get_state()}
+        return {name: value.detach().clone() for name, value in self._tensors().items()} | loop
+
+    def _restore(self, state: dict[str, Tensor]) -> None:
+        ours = self._tensors()
+        if {k: v.shape for k, v in ours.items()} != {k: v.shape for k, v in state.items() if k[:5] != "loop."}:
+            raise InputError(f"{self.fit.checkpoint}: the state of another fit: remove it")
+        with torch.no_grad():
+            for name, value in ours.items():
+                value.copy_(state[name])
+        self.generator.set_state(state["loop.generator"].cpu())
+        self.step, self.halvings = state["loop.progress"].tolist()
+        self.curve = [(int(step), seconds, psnr) for step, seconds, psnr in state["loop.curve"].tolist()]
+
+    def resume(self) -> None:
+        """Go on from the state on disk, where there is one."""
+        path = self.fit.checkpoint
+        if path is None or not path.exists():
+            return
+        try:
+            self.good = load_file(path)
+        except Exception as error:  # safetensors raises its own kinds; whatever it is, the remedy is the same
+            raise InputError(f"{path}: not the state of a fit: remove it ({error})") from error
+        self._restore(self.good)
+        log.info("going on from step %d of %d: %s", self.step, self.steps, path)
+        for step, seconds, psnr in self.curve:
+            self.fit.log(step, seconds=seconds, psnr=psnr)
+        self.started -= self.curve[-1][1] if self.curve else 0.0
+
+    def advance(self, end: int) -> None:
+        """Steps up to `end`, then keep the state, or go back to the last good one."""
+        total = torch.zeros((), device=self.fit.device)
+        while self.step < end:
+            share = rate(self.step, self.steps, self.warmup) / 2**self.halvings
+            for group, highest in zip(self.adam.param_groups, self.highest, strict=True):
+                group["lr"] = highest * share
+            loss = self.objective.loss(self.generator, self.step / self.steps)
+            self.adam.zero_grad(set_to_none=True)
+            loss.backward()
+            self.adam.step()
+            total += loss.detach()
+            self.step += 1
+        # A gradient that is not finite leaves its parameter so, for good: looking once every so often misses nothing.
+        if not all(t.isfinite().all() for t in (total, *self.parameters)):
+            self._rescue()
+            return
+        self._report()
+        self.good = self._state()
+        if self.fit.checkpoint and self.step % SAVE_EVERY == 0:
+            _write(self.good, self.fit.checkpoint)
+
+    def _rescue(self) -> None:
+        if self.halvings == RESCUES:
+            raise DivergedError(
+                f"the fit diverged {RESCUES + 1} times, the last near step {self.step}, at a learning rate of "
+                f"{self.highest[0] / 2**self.halvings:.2g}: choose a lower one"
+            )
+        failed, halvings = self.step, self.halvings + 1
+        self._restore(self.good)
+        self.halvings = halvings
+        log.warning("the fit diverged near step %d: back to step %d with half the learning rate", failed, self.step)
+
+    def _report(self) -> None:
+        """Move the progress bar, and measure the PSNR at about `POINTS` steps of the fit and at its end."""
+        last = self.curve[-1][0] if self.curve else 0
+        if self.step == self.steps or self.step - last >= self.steps / POINTS:
+            psnr = self.objective.psnr(self.probe, self.step / self.steps)
+            seconds = time.perf_counter() - self.started
+            self.curve.append((self.step, seconds, psnr))
+            self.fit.log(self.step, seconds=seconds, psnr=psnr)
+            self.fit.show(self.label, self.steps, self.steps)
+            self.label = f"fitting, {psnr:.1f} dB"
+        self.fit.show(self.label, self.step, self.steps)
+
+
+def _write(state: dict[str, Tensor], path: Path) -> None:
+    """Replace the state on disk in one move: a kill leaves the old one or the new one."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    try:
+        save_file({name: value.cpu() for name, value in state.items()}, partial)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
