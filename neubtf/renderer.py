@@ -1,0 +1,89 @@
+"""NeuBTF's renderer: a latent vector and two directions → RGB, and the material that any NeuBTF file decodes to.
+
+The paper's network has 3,011 parameters: 18 inputs (14 latents, xy of ω_o, xy of ω_i), three hidden layers of 32, each
+linear → layer norm → sine, residuals between equal widths, and a linear layer to RGB.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from bench.codec import Parts
+from bench.decoder import Architecture, Decoder, load_vector, to_vector
+from bench.errors import InputError
+from bench.material import DecoderCost, Material, sample_texture
+from bench.quantise import Precision, WeightPrecision, pack, unpack
+
+DIRECTIONS = 4  # numbers of the two directions that the renderer sees
+
+
+@dataclass(frozen=True)
+class RendererSettings:
+    """What shapes a NeuBTF file, common to every codec that writes one."""
+
+    latents: int = 14  # channels of the neural texture
+    layers: int = 3  # hidden layers of the renderer
+    width: int = 32  # channels of each hidden layer
+    activation: Literal["sine", "relu"] = "sine"  # of the hidden layers
+    omega: float = 1.0  # frequency of the sine; without the layer norm SIREN's is 30
+    norm: bool = True  # layer norm before each activation
+    residual: bool = True  # residual connections between layers of equal width
+    precision: Precision = "int8"  # of the stored neural texture
+    weights: WeightPrecision = "half"  # of the stored renderer
+
+    def __post_init__(self) -> None:
+        if min(self.latents, self.layers, self.width) < 1 or self.omega <= 0:
+            raise InputError("NeuBTF needs latents, layers and width of at least 1 and omega > 0")
+
+    @property
+    def architecture(self) -> Architecture:
+        return Architecture(
+            inputs=self.latents + DIRECTIONS,
+            widths=(self.width,) * self.layers,
+            activation=self.activation,
+            omega=self.omega,
+            norm=self.norm,
+            residual=self.residual,
+        )
+
+
+def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+    """Log radiance (n, 3) of latents (n, D) and unit directions wo, wi (n, 3)."""
+    return renderer(torch.cat([latents, wo[:, :2], wi[:, :2]], 1))
+
+
+def store(renderer: Decoder, texture: Tensor, gain: float, settings: RendererSettings) -> Parts:
+    """A NeuBTF file: the weights as one vector, the neural texture (H, W, D), and the gain of its log radiance."""
+    return Parts(
+        decoder=pack("weights", to_vector(renderer), settings.weights),
+        texture=pack("latents", texture, settings.precision),
+        other={"gain": torch.tensor([gain])},
+    )
+
+
+def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
+    """The material of the parts that `store` gave."""
+    renderer = Decoder(settings.architecture)
+    load_vector(unpack("weights", parts.decoder), renderer)
+    return NeuBTFMaterial(renderer, unpack("latents", parts.texture), parts.other["gain"])
+
+
+class NeuBTFMaterial(Material):
+    """A neural texture (H, W, D), fetched bilinearly, and a renderer. It ignores the footprint."""
+
+    def __init__(self, renderer: Decoder, texture: Tensor, gain: Tensor):
+        height, width, channels = texture.shape
+        cost = DecoderCost(
+            parameters=renderer.architecture.parameters,
+            texture_channels=channels,
+            texture_floats=texture.numel(),
+            flops_per_sample=renderer.architecture.flops + 4 * 2 * channels,
+            bytes_per_sample=4 * channels * texture.element_size(),
+        )
+        super().__init__((height, width), cost)
+        self.renderer, self.texture, self.gain = renderer, texture, gain
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return render(self.renderer, sample_texture(self.texture, uv), wo, wi).expm1() / self.gain

@@ -1,0 +1,89 @@
+from typing import Any
+
+import pytest
+import torch
+
+from bench import container
+from bench.check import tiny_btf
+from bench.codec import Fit, Parts
+from bench.counting import parameters
+from bench.errors import InputError
+from bench.material import Material
+from neubtf.direct import NeuBTFDirect
+from neubtf.renderer import render
+
+
+def fitted(**settings: Any) -> tuple[NeuBTFDirect, Parts, Material]:
+    codec = NeuBTFDirect(**{"steps": 20, "batch": 512} | settings)
+    parts = codec.encode(tiny_btf(), Fit())
+    return codec, parts, codec.decode(parts, torch.device("cpu"))
+
+
+def test_the_decoder_is_the_papers() -> None:
+    _, parts, material = fitted()
+    assert parts.decoder["weights"].shape == (3011,)
+    assert parts.decoder["weights"].dtype == torch.float16
+    assert parts.texture["latents"].shape == (8, 8, 14)
+    assert parts.texture["latents"].dtype == torch.uint8
+    assert parameters(material) == material.cost.parameters == 3011
+    assert material.cost.texture_channels == 14
+
+
+def test_it_comes_near_the_data() -> None:
+    fit = Fit()
+    NeuBTFDirect(steps=300, batch=1024, omega=2.0, rate=1e-2).encode(tiny_btf(), fit)
+    # One colour a texel, the mean over pairs, reaches 16 dB.
+    assert fit.history[-1]["psnr"] > 25
+
+
+@pytest.mark.parametrize(
+    ("settings", "count"),
+    [
+        ({"norm": False, "omega": 30}, 3011 - 192),
+        ({"activation": "relu"}, 3011),
+        ({"residual": False}, 3011),
+        ({"layers": 1}, 18 * 32 + 32 + 64 + 99),
+        ({"width": 16, "latents": 4}, (8 * 16 + 16) + 2 * (16 * 16 + 16) + 3 * 32 + (16 * 3 + 3)),
+    ],
+)
+def test_every_ablation_fits(settings: dict[str, Any], count: int) -> None:
+    _, _, material = fitted(**settings)
+    assert parameters(material) == material.cost.parameters == count
+    assert material.slice([0, 0, 1], [0, 0.6, 0.8]).isfinite().all()
+
+
+def test_precisions_differ_by_their_rounding() -> None:
+    exact, half, int8 = (
+        fitted(precision=precision, weights=weights)[2].slice([0, 0, 1], [0, 0.6, 0.8])
+        for precision, weights in (("float32", "float32"), ("half", "half"), ("int8", "half"))
+    )
+    scale = exact.max()
+    # A half has 11 bits, a code 8: some units in the last place through three layers.
+    assert 0 < (half - exact).abs().max() < 5e-3 * scale
+    assert 0 < (int8 - exact).abs().max() < 3e-2 * scale
+
+
+def test_a_half_costs_half(tmp_path: Any) -> None:
+    sizes = {}
+    for precision in ("float32", "half", "int8"):
+        codec, parts, _ = fitted(precision=precision)
+        sizes[precision] = container.save(tmp_path / precision, codec, parts).part_bytes()["texture"]
+    floats = 8 * 8 * 14
+    assert sizes == {"float32": 4 * floats, "half": 2 * floats, "int8": floats + 2 * 4 * 14}
+
+
+def test_the_stored_texture_is_what_was_fitted() -> None:
+    """The material is R(T(u, v), ω_o, ω_i) of the stored tensors and nothing else."""
+    _, parts, material = fitted(precision="float32", weights="float32")
+    wo, wi = torch.tensor([[0.6, 0.0, 0.8]]), torch.tensor([[0.0, 0.0, 1.0]])
+    latents = parts.texture["latents"][2, 5][None]
+    with torch.no_grad():
+        expected = render(material.renderer, latents, wo, wi).expm1() / parts.other["gain"]  # type: ignore[attr-defined]
+    asked = material.query(torch.tensor([[5.5 / 8, 1 - 2.5 / 8]]), wo, wi)
+    torch.testing.assert_close(asked, expected.clamp_min(0))
+
+
+@pytest.mark.parametrize("settings", [{"latents": 0}, {"layers": 0}, {"omega": 0.0}, {"steps": 0}])
+def test_settings_without_sense_are_refused(settings: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="at least"):
+        fitted(**settings)
