@@ -51,6 +51,7 @@ class Scores:
     `raw[name][k]` is the metric's raw number of pair `pairs[k]`: the squared error for PSNR and RMSE; NaN where the
     metric does not apply. `radiance` is the mean linear radiance of each reference slice. `abrdf` is the error of
     each texel's ABRDF, (H, W): the squared error of log1p(8 · exposure · radiance), mean over channels and pairs.
+    `fixed` is what a metric fixed for the material, such as the exposures of HDR FLIP, by metric and name.
     """
 
     pairs: Array
@@ -58,6 +59,7 @@ class Scores:
     radiance: Array
     abrdf: Array
     exposure: float
+    fixed: dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True)
@@ -95,13 +97,12 @@ class Scorer:
     ):
         self.btf, self.threads, self.cache_bytes = btf, threads or _cores(), cache_bytes
         self.names = tuple(registry.default_names(btf.periodic) if names is None else names)
-        described = [registry.get(name) for name in self.names]
-        for metric in described:
-            if metric.periodic and not btf.periodic:
-                raise InputError(f"{metric.name} is for materials that repeat, and {btf.name} does not")
-        values = sample(btf, seed)
-        self.exposure = exposure_of(values) if exposure is None else exposure
-        self.metrics = {m.name: m.load().for_material(values) for m in described}
+        self.metrics = {name: _load(name, btf) for name in self.names}
+        self.exposure = exposure if exposure is not None else 1.0
+        if exposure is None or any(metric.per_material for metric in self.metrics.values()):
+            values = sample(btf, seed)
+            self.exposure = exposure_of(values) if exposure is None else exposure
+            self.metrics = {name: metric.for_material(values) for name, metric in self.metrics.items()}
         self._apply = {name: m for name, m in self.metrics.items() if min(btf.shape) >= m.smallest}
         self._kept: dict[tuple[int, ...], _Reference] = {}
         self._kept_bytes = 0
@@ -124,7 +125,8 @@ class Scorer:
             radiance[block] = block_radiance
             abrdf += error
             done = block.stop
-        return Scores(pairs, raw, radiance, abrdf / max(1, len(pairs)), self.exposure)
+        fixed = {name: metric.fixed() for name, metric in self.metrics.items() if metric.fixed()}
+        return Scores(pairs, raw, radiance, abrdf / max(1, len(pairs)), self.exposure, fixed)
 
     def _blocks(self, pairs: Array, decode_slice: Decode) -> Iterator[tuple[dict[str, Array], Array, Array]]:
         """The results of consecutive stacks of pairs, in order, with few of them under way."""
@@ -276,6 +278,13 @@ def _statistics(metric: SliceMetric, raw: Array) -> dict[str, Any]:
         "exact": int((raw == metric.perfect).sum()),
         "slices": len(raw),
     }
+
+
+def _load(name: str, btf: BTF) -> SliceMetric:
+    metric = registry.get(name)
+    if metric.periodic and not btf.periodic:
+        raise InputError(f"{name} is for materials that repeat, and {btf.name} does not")
+    return metric.load()
 
 
 def _arrays(side: Any) -> Iterator[Array]:

@@ -27,11 +27,16 @@ class SliceMetric:
 
     perfect = 0.0  # the raw number of two equal slices
     smallest = 1  # texels a side that a picture must have
+    per_material = False  # whether `for_material` has anything to fix
 
     def for_material(self, sample: Array) -> "SliceMetric":
-        """The metric with whatever it fixes once per material, given a sample (n, 3) of its linear radiance."""
+        """The metric with what it fixes once per material, given a sample (n, 3) of its linear radiance."""
         del sample
         return self
+
+    def fixed(self) -> dict[str, float]:
+        """What was fixed for the material, by name, to be recorded beside the numbers."""
+        return {}
 
     def reference_side(self, reference: Picture) -> Any:
         """Everything that depends on the reference alone: an array, or a tuple of arrays."""

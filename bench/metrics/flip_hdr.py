@@ -43,6 +43,7 @@ class HDR(SliceMetric):
     no part.
     """
 
+    per_material = True
     # (k0 x² + k1 x + k2) / (k3 x² + k4 x + k5)
     curve: tuple[float, float, float, float, float, float] = (0.36 * 2.51, 0.6 * 0.03, 0, 0.36 * 2.43, 0.6 * 0.59, 0.14)
 
@@ -61,6 +62,9 @@ class HDR(SliceMetric):
         lit = luminance[luminance > 0]
         start, stop = self.range_of(lit) if len(lit) else (0.0, 0.0)
         return type(self)(self.ppd, self.periodic, start, stop)
+
+    def fixed(self) -> dict[str, float]:
+        return self.range._asdict() if self.range else {}
 
     def range_of(self, luminance: Array) -> Range:
         """The published range for luminances of any shape; raises `InputError` where their median is 0."""

@@ -152,9 +152,17 @@ def test_a_metric_that_does_not_apply_is_none():
 def test_hdr_flip_has_one_range_for_the_material():
     btf, decoded = make(6)
     scorer = Scorer(btf, ["flip_hdr_67ppd_periodic"])
-    found = scorer.score(np.arange(6), lambda i: decoded[i]).raw["flip_hdr_67ppd_periodic"]
+    scores = scorer.score(np.arange(6), lambda i: decoded[i])
+    found = scores.raw["flip_hdr_67ppd_periodic"]
     metric = scorer.metrics["flip_hdr_67ppd_periodic"]
     assert found == pytest.approx([metric.score(metric.prepare(btf[i], 1.0), decoded[i]) for i in range(6)])
+    assert scores.fixed == {"flip_hdr_67ppd_periodic": {"start": metric.range.start, "stop": metric.range.stop}}
+
+
+def test_a_known_exposure_needs_no_sample():
+    btf, _ = make(source=Counting)
+    Scorer(btf, exposure=1.0)
+    assert btf.source.read == 0
 
 
 def test_exposure_follows_the_rule_on_all_values_of_a_small_material():
