@@ -1,0 +1,166 @@
+import numpy as np
+import pytest
+
+from bench.btf import BTF, ArraySource, Layout, Source, box_filter
+from bench.hemisphere import from_degrees, thin, ubo2003
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+
+
+class Slices(Source):
+    """A source that is cheap by slices only, and counts them."""
+
+    def __init__(self, values, name="slices"):
+        self.values, self.name, self.reads = values, name, 0
+        self.count, self.shape = len(values), values.shape[1:3]
+
+    def slice(self, pair):
+        self.reads += 1
+        return self.values[pair]
+
+    def fingerprint(self):
+        return self.name.ljust(32, "0")
+
+
+def product(views=5, lights=5, size=(4, 6), source=ArraySource, top=1.0):
+    directions = ubo2003()
+    view, light = directions[thin(directions, views)], directions[thin(directions, lights)]
+    values = np.random.default_rng(0).random((views * lights, *size, 3), np.float32) * top
+    wo, wi = np.repeat(view, lights, 0), np.tile(light, (views, 1))
+    return BTF("test", wo, wi, source(values)), values
+
+
+@pytest.mark.parametrize("source", [ArraySource, Slices])
+def test_slices_texels_and_scattered_values_are_the_same_table(source):
+    btf, values = product(source=source)
+    rows, cols, pairs = np.array([0, 3, 2]), np.array([5, 0, 1]), np.array([24, 0, 7])
+    # Half precision of the scratch file: 11 bits of significand.
+    tolerance = 0 if source is ArraySource else 2**-11
+    np.testing.assert_array_equal(np.stack(list(btf)), values)
+    np.testing.assert_allclose(btf.texels(rows, cols), values[:, rows, cols].swapaxes(0, 1), rtol=tolerance)
+    np.testing.assert_allclose(btf.gather(pairs, rows, cols), values[pairs, rows, cols], rtol=tolerance)
+
+
+def test_a_subset_reads_only_its_own_pairs():
+    btf, values = product()
+    some = btf.subset([3, 20]).subset([1])
+    assert len(some) == 1
+    np.testing.assert_array_equal(some[0], values[20])
+    np.testing.assert_array_equal(some.texels([1], [2])[0, 0], values[20, 1, 2])
+    np.testing.assert_array_equal(some.wi[0], btf.wi[20])
+
+
+def test_scattered_reads_of_slices_make_one_scratch_file(caplog):
+    btf, _ = product(source=Slices)
+    btf.gather([0], [0], [0])
+    btf.texels([0], [0])
+    assert btf.source.reads == len(btf)
+    assert caplog.text.count("scratch file") == 1
+    again, _ = product(source=Slices)
+    again.gather([0], [0], [0])
+    assert again.source.reads == 0
+
+
+def test_values_beyond_half_precision_survive_the_scratch_file():
+    btf, values = product(source=lambda v: Slices(v, "large"), top=1e6)
+    np.testing.assert_allclose(btf.gather([3], [1], [1])[0], values[3, 1, 1], rtol=1e-6)
+
+
+def test_a_scratch_file_that_fails_leaves_nothing(tmp_path):
+    class Broken(Slices):
+        def slice(self, pair):
+            if pair == 20:
+                raise OSError("gone")
+            return super().slice(pair)
+
+    btf, _ = product(source=Broken)
+    with pytest.raises(OSError, match="gone"):
+        btf.gather([0], [0], [0])
+    assert not [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
+
+
+def test_downsampling_averages_boxes_however_it_is_read():
+    btf, values = product(size=(5, 6))
+    half = btf.downsample(2)
+    assert half.shape == (2, 3)
+    expected = values[:, :4].reshape(25, 2, 2, 3, 2, 3).mean((2, 4))
+    np.testing.assert_allclose(np.stack(list(half)), expected, rtol=1e-6)
+    np.testing.assert_allclose(half.texels([1], [2])[0], expected[:, 1, 2], rtol=1e-6)
+    np.testing.assert_allclose(half.gather([7], [0], [1])[0], expected[7, 0, 1], rtol=1e-6)
+    assert half.provenance["downsampled"] == 2
+    with pytest.raises(ValueError, match="factor"):
+        btf.downsample(6)
+
+
+def test_box_filter_of_a_constant_is_that_constant():
+    np.testing.assert_array_equal(box_filter(np.full((7, 9, 3), 2.5), 4), np.full((1, 2, 3), 2.5))
+
+
+def test_layout_finds_views_lights_and_their_product():
+    btf, _ = product(5, 3)
+    layout = btf.layout
+    assert layout.views.shape == (5, 3)
+    assert layout.lights.shape == (3, 3)
+    np.testing.assert_array_equal(layout.grid, np.arange(15).reshape(5, 3))
+    np.testing.assert_array_equal(layout.views[layout.view], btf.wo)
+    assert btf.subset(np.arange(14)).layout.grid is None
+
+
+def test_a_pair_that_stands_twice_makes_no_product():
+    wo = from_degrees([0, 0, 30, 30], [0, 0, 0, 0])
+    assert Layout.of(wo, from_degrees([10, 10, 10, 20], [0] * 4)).grid is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_drawn_split_is_disjoint_complete_and_keeps_the_product(seed):
+    btf, _ = product(9, 8)
+    split = btf.split(seed)
+    parts = [split.train, *split.heldout.values()]
+    np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(len(btf)))
+    assert set(split.heldout) == {"new view", "new light", "both new"}
+    training = btf.subset(split.train).layout
+    assert training.grid is not None
+    views = {tuple(w) for w in training.views}
+    lights = {tuple(w) for w in training.lights}
+    assert not any(tuple(btf.wo[i]) in views for i in split.heldout["new view"])
+    assert not any(tuple(btf.wi[i]) in lights for i in split.heldout["new light"])
+    assert not any(tuple(btf.wo[i]) in views or tuple(btf.wi[i]) in lights for i in split.heldout["both new"])
+
+
+def test_one_view_holds_out_lights_only():
+    btf, _ = product(1, 12)
+    assert set(btf.split().heldout) == {"new light"}
+
+
+def test_a_declared_split_is_kept():
+    btf, _ = product()
+    mask = np.arange(25) >= 20
+    btf = BTF("declared", btf.wo, btf.wi, btf.source, heldout=mask)
+    split = btf.split()
+    np.testing.assert_array_equal(split.train, np.arange(20))
+    np.testing.assert_array_equal(split.heldout["heldout"], np.arange(20, 25))
+
+
+def test_the_fingerprint_follows_content_pairs_directions_and_split():
+    btf, values = product()
+    same, _ = product()
+    assert btf.fingerprint == same.fingerprint
+    changed = values.copy()
+    changed[3, 1, 1, 1] += 1e-3
+    others = [
+        BTF("test", btf.wo, btf.wi, ArraySource(changed)),
+        btf.subset(np.arange(24)),
+        BTF("test", btf.wo, btf.wi[::-1], btf.source),
+        BTF("test", btf.wo, btf.wi, btf.source, heldout=np.arange(25) > 20),
+        btf.downsample(2),
+    ]
+    assert len({btf.fingerprint, *(other.fingerprint for other in others)}) == 6
+
+
+def test_directions_must_match_the_pairs():
+    btf, _ = product()
+    with pytest.raises(ValueError, match="wo and wi must be"):
+        BTF("short", btf.wo[:-1], btf.wi[:-1], btf.source)

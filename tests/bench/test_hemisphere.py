@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+from bench.hemisphere import DIRECTION_SETS, from_degrees, thin, to_degrees, ubo2003, ubo2014, uniform
+
+
+def test_the_published_sets_have_their_sizes_and_rings():
+    theta, _ = to_degrees(ubo2003())
+    rings, counts = np.unique(theta.round(3), return_counts=True)
+    np.testing.assert_array_equal(rings, [0, 15, 30, 45, 60, 75])
+    np.testing.assert_array_equal(counts, [1, 6, 12, 18, 20, 24])
+    theta, _ = to_degrees(ubo2014())
+    rings, counts = np.unique(theta.round(3), return_counts=True)
+    np.testing.assert_array_equal(rings, [0, 11, 23.5, 30, 37.5, 45, 52.5, 60, 67.5, 75])
+    np.testing.assert_array_equal(counts, [1, 6, 12, 12, 12, 18, 18, 24, 24, 24])
+
+
+def test_the_frame_is_right_handed_with_x_right_and_y_up():
+    np.testing.assert_allclose(from_degrees(90, 0), [1, 0, 0], atol=1e-7)
+    np.testing.assert_allclose(from_degrees(90, 90), [0, 1, 0], atol=1e-7)
+    np.testing.assert_allclose(from_degrees(0, 123), [0, 0, 1], atol=1e-7)
+
+
+def test_angles_and_vectors_are_inverse():
+    rng = np.random.default_rng(0)
+    theta, phi = rng.uniform(1, 89, 100), rng.uniform(0, 360, 100)
+    # float32 vectors hold angles to about 1e-5 degrees.
+    np.testing.assert_allclose(to_degrees(from_degrees(theta, phi)), (theta, phi), atol=1e-4)
+
+
+@pytest.mark.parametrize("name", DIRECTION_SETS)
+def test_thinning_keeps_the_zenith_and_spreads_the_rest(name):
+    directions = DIRECTION_SETS[name]()
+    chosen = thin(directions, 25)
+    assert len(set(chosen.tolist())) == 25
+    assert (np.diff(chosen) > 0).all()
+    assert directions[chosen, 2].max() == 1
+    apart = np.linalg.norm(directions[chosen][:, None] - directions[chosen], axis=-1) + 9 * np.eye(25)
+    # 25 caps that share the solid angle up to 75° evenly have a radius near 0.24; the spacing is about twice that.
+    assert apart.min() > 0.24
+    np.testing.assert_array_equal(thin(directions, len(directions)), np.arange(len(directions)))
+
+
+@pytest.mark.parametrize("count", [0, 82])
+def test_thinning_to_an_impossible_count_is_refused(count):
+    with pytest.raises(ValueError, match="between 1 and 81"):
+        thin(ubo2003(), count)
+
+
+def test_uniform_directions_are_uniform_in_solid_angle():
+    directions = uniform(np.random.default_rng(0), 20000)
+    theta, phi = to_degrees(directions)
+    assert theta.max() <= 75
+    # z and φ are uniform; a mean of 20,000 draws has a standard error of range / √(12 · 20,000) = range / 490.
+    low = np.cos(np.radians(75))
+    assert abs(directions[:, 2].mean() - (1 + low) / 2) < 4 * (1 - low) / 490
+    assert abs(phi.mean() - 180) < 4 * 360 / 490

@@ -1,0 +1,114 @@
+import numpy as np
+import pytest
+import torch
+
+from bench.errors import InputError
+from bench.hemisphere import uniform
+from bench.material import CHUNK, DecoderCost, Material, sample_texture, texel_centres
+
+
+class Constant(Material):
+    """Answers a colour that may be negative, and remembers the batches it saw."""
+
+    def __init__(self, value=0.5):
+        super().__init__((4, 6), DecoderCost())
+        self.value, self.seen = torch.tensor([value, -1.0, 2.0]), []
+
+    def evaluate(self, uv, wo, wi, footprint):
+        self.seen.append((uv, wo, wi, footprint))
+        return self.value.expand(len(uv), 3)
+
+
+def queries(count, seed=0):
+    rng = np.random.default_rng(seed)
+    wo, wi = (torch.from_numpy(uniform(rng, count)) for _ in range(2))
+    return torch.from_numpy(rng.random((count, 2), np.float32)), wo, wi
+
+
+def test_answers_are_clamped_at_zero_and_float32():
+    answer = Constant().query(*queries(5))
+    assert answer.dtype == torch.float32
+    assert answer[0].tolist() == [0.5, 0.0, 2.0]
+
+
+def test_below_the_horizon_is_zero_and_the_codec_never_sees_it():
+    material, (uv, wo, wi) = Constant(), queries(4)
+    wi[1, 2], wo[2, 2] = -wi[1, 2], 0.0
+    wo[2, :2] = torch.tensor([1.0, 0.0])
+    answer = material.query(uv, wo, wi)
+    assert answer[:, 0].tolist() == [0.5, 0.0, 0.0, 0.5]
+    _, seen_wo, seen_wi, _ = material.seen[0]
+    assert (seen_wo[:, 2] > 0).all()
+    assert (seen_wi[:, 2] > 0).all()
+
+
+@pytest.mark.parametrize("name", ["uv", "wo", "wi", "footprint"])
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_a_number_that_is_not_finite_is_refused_by_row(name, bad):
+    uv, wo, wi = queries(100)
+    given = {"uv": uv, "wo": wo, "wi": wi, "footprint": torch.zeros(100)}
+    given[name].reshape(100, -1)[42, 0] = bad
+    with pytest.raises(InputError, match=f"{name} of row 42 is not finite"):
+        Constant().query(**given)
+
+
+def test_directions_must_be_of_unit_length_and_footprints_not_negative():
+    uv, wo, wi = queries(3)
+    with pytest.raises(InputError, match="wi of row 1 is not of unit length"):
+        Constant().query(uv, wo, wi * torch.tensor([[1.0], [1.1], [1.0]]))
+    with pytest.raises(InputError, match="footprint of row 2 is negative"):
+        Constant().query(uv, wo, wi, torch.tensor([0.0, 1.0, -0.1]))
+    with pytest.raises(InputError, match="uv, wo, wi must be"):
+        Constant().query(uv, wo[:2], wi)
+
+
+def test_batches_are_chunked_and_an_empty_one_is_empty():
+    material = Constant()
+    assert material.query(*queries(0)).shape == (0, 3)
+    assert material.query(*queries(CHUNK + 1)).shape == (CHUNK + 1, 3)
+    assert [len(uv) for uv, *_ in material.seen] == [CHUNK, 1]
+
+
+def test_far_uv_keeps_its_place_in_the_texture():
+    material, (_, wo, wi) = Constant(), queries(2)
+    material.query(torch.tensor([[1e6 + 0.25, -1e6 - 0.25], [-0.0, 1 - 2**-24]]), wo, wi)
+    seen = material.seen[0][0]
+    assert seen[0].tolist() == [0.25, 0.75]
+    assert seen[1, 0] == 0.0
+
+
+def test_a_slice_asks_at_texel_centres_from_the_top_row_down():
+    centres = texel_centres(2, 4).reshape(2, 4, 2)
+    assert centres[0, 0].tolist() == [0.125, 0.75]
+    assert centres[1, 3].tolist() == [0.875, 0.25]
+    material = Constant()
+    assert material.slice([0, 0, 1], [0, 0, 1]).shape == (4, 6, 3)
+    assert material.seen[0][3].unique().tolist() == [pytest.approx(1 / 6)]
+    assert material.slice([0, 0, 1], [0, 0, 1], (2, 3)).shape == (2, 3, 3)
+
+
+def test_a_texture_at_its_texel_centres_is_itself_and_linear_between():
+    texture = torch.rand(5, 7, 3, generator=torch.Generator().manual_seed(0))
+    at_centres = sample_texture(texture, texel_centres(5, 7)).reshape(5, 7, 3)
+    # uv · W rounds in float32: the weights are off by some 1e-6.
+    torch.testing.assert_close(at_centres, texture, atol=5e-6, rtol=0)
+    between = sample_texture(texture, torch.tensor([[1.0 / 7, 1 - 0.5 / 5]]))[0]
+    torch.testing.assert_close(between, (texture[0, 0] + texture[0, 1]) / 2, atol=5e-6, rtol=0)
+
+
+def test_a_texture_wraps_around_both_ways():
+    texture = torch.rand(4, 4, 2, generator=torch.Generator().manual_seed(0))
+    corner = sample_texture(texture, torch.tensor([[0.0, 0.0], [1.0, 1.0], [0.0, 1.0]]))
+    expected = (texture[0, 0] + texture[0, 3] + texture[3, 0] + texture[3, 3]) / 4
+    torch.testing.assert_close(corner, expected.expand(3, 2), atol=1e-6, rtol=0)
+
+
+def test_to_moves_tensors_and_networks_and_modules_finds_them():
+    material = Constant()
+    material.net = torch.nn.Linear(2, 3)
+    material.index = torch.arange(3)
+    assert material.modules() == [material.net]
+    material.to(dtype=torch.float64)
+    assert material.net.weight.dtype == material.value.dtype == torch.float64
+    assert material.index.dtype == torch.int64
+    assert material.query(*queries(3)).dtype == torch.float32

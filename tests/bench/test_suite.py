@@ -1,0 +1,117 @@
+import pytest
+
+from bench.errors import InputError
+from bench.suite import CodecSpec, builtin_suites, load_suite, named, parse_suite, with_changes
+
+TEXT = """
+description = "a test"
+threads = 1
+seeds = [0, 1]
+materials = ["satin", {name = "fabric", path = "ubo/fabric.btf", where = "ask for it"}]
+
+[data]
+size = 16
+
+[[codecs]]
+codec = "mean-colour"
+
+[[codecs]]
+codec = "pca"
+components = [2, 4]
+domain = ["log", "rgb"]
+"""
+
+
+def test_lists_are_sweeps_and_labels_say_what_differs_from_the_defaults():
+    suite = parse_suite("test", TEXT)
+    assert [spec.label for spec in suite.codecs] == [
+        "mean-colour",
+        "pca components=2 domain=log",
+        "pca components=2 domain=rgb",
+        "pca components=4 domain=log",
+        "pca components=4 domain=rgb",
+    ]
+    assert (suite.threads, suite.seeds, suite.data.size, suite.data.views) == (1, (0, 1), 16, 25)
+    assert [(m.name, m.path) for m in suite.materials] == [("satin", ""), ("fabric", "ubo/fabric.btf")]
+
+
+@pytest.mark.parametrize("name", builtin_suites())
+def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
+    from bench.materials import names
+    from bench.registry import load_codec
+
+    suite = load_suite(name)
+    assert suite.description
+    assert suite.materials
+    for spec in suite.codecs:
+        load_codec(spec.codec)(**spec.settings)
+    for material in suite.materials:
+        assert material.where if material.path else material.name in names()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("threads = 1", "thraeds = 1"), "unknown key 'thraeds'; did you mean 'threads'?"),
+        (("threads = 1", 'threads = "two"'), "threads must be of type int, not 'two'"),
+        (("size = 16", "sise = 16"), "unknown key 'data.sise'; did you mean 'size'?"),
+        (("seeds = [0, 1]", "seeds = [true]"), "seeds must be of type int, not True"),
+        (('codec = "mean-colour"', "half = true"), "codecs.codec must be of type str, not None"),
+        (('"satin", ', '"satin", "satin", '), "'satin' stands there twice"),
+        (("threads = 1", "threads ="), "not TOML"),
+    ],
+)
+def test_a_bad_suite_is_explained_by_file_and_key(tmp_path, change, message):
+    path = tmp_path / "bad.toml"
+    path.write_text(TEXT.replace(*change))
+    with pytest.raises(InputError) as error:
+        load_suite(str(path))
+    assert str(path) in str(error.value)
+    assert message in str(error.value)
+
+
+def test_an_unknown_suite_suggests_the_nearest_and_a_missing_file_is_named():
+    with pytest.raises(InputError, match=r"no suite named 'quik'; did you mean 'quick'"):
+        load_suite("quik")
+    with pytest.raises(InputError, match=r"absent\.toml: cannot be read"):
+        load_suite("absent.toml")
+
+
+def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
+    suite = parse_suite("test", TEXT)
+    chosen = with_changes(suite, ["brick", str(tmp_path)], ["pca", "table"], {"pca.components": "3"}, 7)
+    assert [(m.name, m.path) for m in chosen.materials] == [("brick", ""), (tmp_path.name, str(tmp_path))]
+    # The sweep over components has become one value: four jobs are two.
+    assert [spec.label for spec in chosen.codecs] == [
+        "pca components=3 domain=log",
+        "pca components=3 domain=rgb",
+        "table",
+    ]
+    assert chosen.codecs[0] == CodecSpec("pca", {"components": 3, "domain": "log"})
+    assert chosen.seeds == (7,)
+    assert with_changes(suite, [], [], {"data.size": "8"}, None).data.size == 8
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"data.sise": "8"}, "no such key; did you mean 'size'?"),
+        ({"data.size": "big"}, "must be a whole number, not 'big'"),
+        ({"flavour": "8"}, "no codec of this run has a setting 'flavour'"),
+        ({"table.components": "8"}, "no codec of this run has a setting 'components'"),
+        ({"components": "x"}, "setting components of codec pca must be a whole number"),
+    ],
+)
+def test_a_bad_setting_on_the_command_line_is_named(changes, message):
+    with pytest.raises(InputError) as error:
+        with_changes(parse_suite("test", TEXT), [], [], changes, None)
+    assert message in str(error.value)
+
+
+def test_a_path_is_looked_up_under_the_data_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_DATA", str(tmp_path))
+    (tmp_path / "rti" / "icon").mkdir(parents=True)
+    spec = named("rti/icon")
+    assert (spec.name, spec.path) == ("icon", "rti/icon")
+    assert spec.found() == tmp_path / "rti" / "icon"
+    assert named("satin").path == ""
