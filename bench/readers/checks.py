@@ -16,7 +16,7 @@ def readable(label: str, remedy: str = "the file is damaged; get it again") -> I
     """Turn whatever a decoder raises on bytes it cannot read into an `InputError` that names `label`."""
     try:
         yield
-    except InputError:
+    except (InputError, MemoryError):
         raise
     # Decoders of hostile bytes raise anything, from struct.error to tokenize.TokenError: no list of types is complete.
     except Exception as error:
@@ -26,8 +26,8 @@ def readable(label: str, remedy: str = "the file is damaged; get it again") -> I
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
     """Unit vectors (N, 3) float32 of finite vectors above the horizon, whose length is 1 within `tolerance`."""
-    vectors = np.asarray(vectors, np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
+        vectors = np.asarray(vectors, np.float64)
         length = np.linalg.norm(vectors, axis=1)
     good = np.isfinite(length) & (np.abs(length - 1) <= tolerance)
     if not good.all():
@@ -44,8 +44,8 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
 
 def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> None:
     """Raise unless every θ (radians) lies in [0°, 90°) and every φ in [−360°, 360°]."""
-    theta_deg, phi_deg = np.degrees(np.asarray(theta, np.float64)), np.degrees(np.asarray(phi, np.float64))
-    with np.errstate(invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
+        theta_deg, phi_deg = np.degrees(np.asarray(theta, np.float64)), np.degrees(np.asarray(phi, np.float64))
         steep = ~((theta_deg >= -1e-4) & (np.cos(np.radians(theta_deg)) > HORIZON) & (theta_deg < 90.0))
         wound = ~(np.abs(phi_deg) <= 360.001)
     for bad, symbol, value, bounds in ((steep, "theta", theta_deg, "[0, 90)"), (wound, "phi", phi_deg, "[-360, 360]")):

@@ -26,13 +26,19 @@ class NpzSource(ArraySource):
         self.path = path
 
     def slice(self, pair: int) -> Array:
-        return finite(super().slice(pair), f"{self.path}: radiance[{pair}]")
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = super().slice(pair)
+        return finite(values, f"{self.path}: radiance[{pair}]")
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
-        return finite(super().texels(rows, cols, pairs), f"{self.path}: radiance at texels")
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = super().texels(rows, cols, pairs)
+        return finite(values, f"{self.path}: radiance at texels")
 
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
-        return finite(super().gather(pair, row, col), f"{self.path}: radiance at samples")
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = super().gather(pair, row, col)
+        return finite(values, f"{self.path}: radiance at samples")
 
     @cached_property
     def _digest(self) -> str:

@@ -8,6 +8,7 @@ Format: https://cg.cs.uni-bonn.de/en/projects/btfdbb/download/ubo2014/ (DFMF08 a
 """
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -84,11 +85,15 @@ class Matrix:
     @cached_property
     def dense(self) -> Array:
         """The whole factor in float32."""
-        return np.ascontiguousarray(self.stored, np.float32)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.ascontiguousarray(self.stored, np.float32)
 
     def rows(self, index: Array | slice) -> Array:
         """Some rows in float32."""
-        return self.dense[index] if self.expand else np.asarray(self.stored[index], np.float32)
+        if self.expand:
+            return self.dense[index]
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(self.stored[index], np.float32)
 
     def times(self, vector: Array) -> Array:
         """The product (rows,) with a vector (K,)."""
@@ -190,7 +195,8 @@ def _directions(cursor: Cursor) -> Material:
 
 def _side(path: Path, side: str, stored: Array) -> Array:
     """θ, φ (n, 2) float64 of the views or the lights, in range and no two the same."""
-    angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
 
     def label(index: int) -> str:
         return f"{path}: {side} {index}"
@@ -290,12 +296,14 @@ class FactorSource(Source):
     def texels(self, rows: Array, cols: Array, pairs: Array, block: int = 64) -> Array:
         index = self._index(rows, cols)
         out = np.empty((len(index), len(pairs), 3), np.float32)
-        factors = [matrix.rows(pairs).T for matrix in self.material.pairs]
+        factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
+        buffers = np.empty((3, block, len(pairs)), np.float32)
         for start in range(0, len(index), block):
-            some = index[start : start + block]
+            some, part = index[start : start + block], out[start : start + block]
             with np.errstate(over="ignore", invalid="ignore"):
-                channels = [m.rows(some) @ f for m, f in zip(self.material.texels, factors, strict=True)]
-            out[start : start + block] = finite(self._decode(channels), f"{self.path}: texels from {start}")
+                for matrix, factor, buffer in zip(self.material.texels, factors, buffers, strict=True):
+                    np.matmul(matrix.rows(some), factor, out=buffer[: len(some)])
+            finite(self._decode(buffers[:, : len(some)], part), f"{self.path}: texels from {start}")
         return out
 
     def gather(self, pair: Array, row: Array, col: Array, block: int = 4096) -> Array:
@@ -313,18 +321,17 @@ class FactorSource(Source):
         """Rows of S·V of texels; the file counts from the bottom row."""
         return (self.shape[0] - 1 - np.asarray(rows)) * self.shape[1] + np.asarray(cols)
 
-    def _decode(self, channels: list[Array]) -> Array:
-        """Linear RGB (..., 3) float32 of three decorrelated channels (...)."""
-        out = np.empty((*channels[0].shape, 3), np.float32)
+    def _decode(self, channels: Sequence[Array] | Array, out: Array | None = None) -> Array:
+        """Linear RGB (..., 3) float32 of three decorrelated channels (...), which it overwrites."""
+        out = np.empty((*channels[0].shape, 3), np.float32) if out is None else out
         with np.errstate(over="ignore", invalid="ignore"):
             if self.material.model == 11:
-                y = np.exp(channels[0]) - EPSILON
-                u, v = channels[1] * y + EPSILON, channels[2] * y + EPSILON
-                for i, (_, cu, cv) in enumerate(YUV_TO_RGB):
-                    out[..., i] = y + cu * u + cv * v
+                _yuv_to_rgb(*channels, out)
                 return out
             for i, channel in enumerate(channels):
-                out[..., i] = np.exp(channel) - EPSILON if self.material.model == 12 else channel
+                out[..., i] = channel
+            if self.material.model == 12:
+                np.subtract(np.exp(out, out=out), EPSILON, out=out)
         return out
 
     @cached_property
@@ -333,3 +340,14 @@ class FactorSource(Source):
 
     def fingerprint(self) -> str:
         return self._digest
+
+
+def _yuv_to_rgb(y: Array, u: Array, v: Array, out: Array) -> None:
+    """Colour model 11: log Y, U / Y and V / Y (...) to RGB in `out` (..., 3); the channels are overwritten."""
+    np.subtract(np.exp(y, out=y), EPSILON, out=y)
+    for chroma in (u, v):
+        np.add(np.multiply(chroma, y, out=chroma), EPSILON, out=chroma)
+    (_, _, red_v), (_, green_u, green_v), (_, blue_u, _) = YUV_TO_RGB
+    out[..., 0] = y + red_v * v
+    out[..., 1] = y + green_u * u + green_v * v
+    out[..., 2] = y + blue_u * u
