@@ -32,6 +32,7 @@ from bench.hemisphere import to_degrees
 from bench.material import Material
 from bench.metrics import get as get_metric
 from bench.metrics.display import to_display
+from bench.metrics.magma import magma
 from bench.open import open_material
 from bench.provenance import provenance
 from bench.records import Record
@@ -243,16 +244,21 @@ class Job:
     def _fit(self, earlier: Record | None) -> tuple[container.Header, Record]:
         """The codec file, from an earlier run where its key is the same, else encoded now."""
         options, path = self.bench.options, self.bench.options.folder / self.file
+        if options.fresh:
+            path.with_suffix(".state").unlink(missing_ok=True)
         if path.exists() and not options.fresh:
-            known = {k: earlier[k] for k in ("fit_seconds",) if earlier and k in earlier}
+            known = {k: earlier[k] for k in ("fit_seconds", "curve") if earlier and k in earlier}
             return container.read_header(path), known | {"fit_cached": True}
         path.parent.mkdir(exist_ok=True)
-        fit = Fit(torch.device(options.device), self.bench.threads, self.seed, options.show)
+        checkpoint = path.with_suffix(".state")
+        fit = Fit(torch.device(options.device), self.bench.threads, self.seed, options.show, checkpoint)
         with timing.torch_threads(self.bench.threads):
             start = time.perf_counter()
             parts = self.codec.encode(self.bench.training, fit)
             seconds = time.perf_counter() - start
-        return container.save(path, self.codec, parts), {"fit_seconds": seconds, "fit_cached": False}
+        header = container.save(path, self.codec, parts)
+        checkpoint.unlink(missing_ok=True)
+        return header, {"fit_seconds": seconds, "fit_cached": False, "curve": fit.history}
 
     def _score_key(self, header: container.Header) -> dict[str, Any]:
         return {
@@ -300,13 +306,18 @@ class Job:
         }
 
     def _pictures(self, decode: Any) -> dict[str, np.ndarray]:
-        """The shown slices, truth and decoded, display-transformed, 8 bit, and the FLIP map of each."""
+        """The shown slices, truth and decoded, display-transformed, 8 bit, and the FLIP map of each in magma, (K, H, W, 3)."""
         bench = self.bench
         truth = np.stack([bench.btf[i] for i in bench.shown])
         decoded = np.stack([decode(i) for i in bench.shown])
         eight = [np.round(to_display(x, bench.exposure) * 255).astype(np.uint8) for x in (truth, decoded)]
         angles = [np.stack(to_degrees(w[bench.shown]), 1) for w in (bench.btf.wo, bench.btf.wi)]
-        return {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
+        pictures = {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
+        flip = next((metric for name, metric in bench.scorer.metrics.items() if name.startswith("flip_ldr")), None)
+        if flip and min(bench.btf.shape) >= flip.smallest:
+            error = flip.error_map(flip.prepare(truth, bench.exposure), np.maximum(decoded, 0))
+            pictures["flip"] = np.round(magma(error) * 255).astype(np.uint8)
+        return pictures
 
     def _keep(self, name: str, content: dict[str, Any]) -> str:
         """Store what is too much for a record beside it, as .npz or .json; returns the name."""
