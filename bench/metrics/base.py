@@ -43,7 +43,7 @@ class SliceMetric:
         raise NotImplementedError
 
     def compare(self, side: Any, test: Picture) -> Array:
-        """The map (..., H, W) of which the raw number of a slice is the mean. Leading axes broadcast."""
+        """The map (..., H, W) of which the raw number of a slice is the mean; `test` has the reference's shape."""
         raise NotImplementedError
 
     def values(self, raw: Array) -> Array:
@@ -73,9 +73,11 @@ class SliceMetric:
         where the sizes differ.
         """
         picture = Picture(test, state.exposure, "test")
-        if picture.shape[-2:] != state.shape[-2:] or state.shape[:-2] not in ((), picture.shape[:-2]):
-            raise InputError(f"test is {picture.shape}, but reference is {state.shape}")
-        return self.compare(state.side, picture)
+        if picture.shape == state.shape:
+            return self.compare(state.side, picture)
+        if picture.shape[1:] == state.shape:
+            return np.stack([self.error_map(state, one) for one in test])
+        raise InputError(f"test is {picture.shape}, but reference is {state.shape}")
 
     def score(self, state: Prepared, test: Array) -> Any:
         """The raw number, the mean of `error_map`: a float for one slice, an array for a stack."""

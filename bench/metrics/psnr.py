@@ -25,8 +25,8 @@ def psnr(mse: Array | float, peak: float) -> Array:
 
 
 def squared_error(reference: Array, test: Array) -> Array:
-    """Mean over channels of the squared difference of planar pictures (3, ..., H, W) → (..., H, W)."""
-    difference = reference.reshape(3, *(1,) * (test.ndim - reference.ndim), *reference.shape[1:]) - test
+    """Mean over channels of the squared difference of two planar pictures (3, ..., H, W) → (..., H, W)."""
+    difference = reference - test
     return np.square(difference, out=difference).mean(0)
 
 

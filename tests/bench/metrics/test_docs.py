@@ -1,0 +1,29 @@
+"""docs/metrics.md is about the metrics that exist, and its example works."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from bench.metrics import registered
+
+PAGE = (Path(__file__).parents[3] / "docs" / "metrics.md").read_text(encoding="utf-8")
+
+
+def test_every_metric_is_defined_with_its_unit_direction_space_and_version():
+    for metric in registered():
+        line = next(line for line in PAGE.splitlines() if line.startswith(f"| `{metric.name.format(ppd=67)}`"))
+        _, _, unit, direction, space, version, _, _ = (cell.strip() for cell in line.split("|"))
+        assert (unit, direction, space, int(version)) == (metric.unit, metric.direction, metric.space, metric.version)
+        assert metric.periodic == ("_periodic" in line)
+
+
+def test_the_example_of_a_new_metric_works():
+    code = re.search(r"```python\n(# bench/metrics/shadow\.py.*?)```", PAGE, re.DOTALL).group(1)
+    names: dict = {}
+    exec(code, names)
+    metric = names["Shadow"]()
+    reference, test = np.random.default_rng(0).random((2, 9, 8, 3))
+    state = metric.prepare(reference, 1.0)
+    assert metric.score(state, reference) == metric.perfect
+    assert 0 < metric.score(state, test) < 1
