@@ -15,8 +15,9 @@ from bench.readers.checks import angles_in_range, no_duplicates, view_major
 from bench.readers.files import Files, FolderFiles, ZipFiles
 from bench.readers.pictures import PictureSource
 
-SPACES = re.compile(r"(?:^|[ /])tl(\d{3}) pl(\d{3}) tv(\d{3}) pv(\d{3})\.[^/.]+$", re.ASCII)
-UNDERSCORES = re.compile(r"(?:^|[ /_])tl(\d{3})_pl(\d{3})_tv(\d{3})_pv(\d{3})\.[^/.]+$", re.ASCII)
+# Bonn puts a running number (and at times the material) before the angles and uses spaces or underscores.
+BONN = re.compile(r"(?:^|/)[^/]+[ _]tl(\d{3})[ _]pl(\d{3})[ _]tv(\d{3})[ _]pv(\d{3})\.[^/.]+$", re.ASCII)
+PRAGUE = re.compile(r"(?:^|/)tl(\d{3})_pl(\d{3})_tv(\d{3})_pv(\d{3})\.[^/.]+$", re.ASCII)
 MAX_DEPTH = 3
 
 

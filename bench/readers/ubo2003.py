@@ -4,12 +4,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bench.btf import BTF
-from bench.readers.named import SPACES, matching, open_named
+from bench.readers.named import BONN, matching, open_named
 
 
 def is_ubo2003(names: Iterable[str]) -> bool:
-    """True where names of files look like `00008 tl000 pl000 tv000 pv000.jpg`."""
-    return bool(matching(names, SPACES))
+    """True where names of files look like `00008 tl000 pl000 tv000 pv000.jpg` or `WOOL_00008_tl000_….jpg`."""
+    return bool(matching(names, BONN))
 
 
 def open_ubo2003(path: Path) -> BTF:
@@ -24,4 +24,4 @@ def open_ubo2003(path: Path) -> BTF:
         "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
         "clamp": "none here; 8-bit codes end at 1, .hdr does not",
     }
-    return open_named(path, SPACES, provenance)
+    return open_named(path, BONN, provenance)

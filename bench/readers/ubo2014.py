@@ -326,7 +326,7 @@ class FactorSource(Source):
         out = np.empty((*channels[0].shape, 3), np.float32) if out is None else out
         with np.errstate(over="ignore", invalid="ignore"):
             if self.material.model == 11:
-                _yuv_to_rgb(*channels, out)
+                _yuv_to_rgb(channels, out)
                 return out
             for i, channel in enumerate(channels):
                 out[..., i] = channel
@@ -342,8 +342,9 @@ class FactorSource(Source):
         return self._digest
 
 
-def _yuv_to_rgb(y: Array, u: Array, v: Array, out: Array) -> None:
+def _yuv_to_rgb(channels: Sequence[Array] | Array, out: Array) -> None:
     """Colour model 11: log Y, U / Y and V / Y (...) to RGB in `out` (..., 3); the channels are overwritten."""
+    y, u, v = channels
     np.subtract(np.exp(y, out=y), EPSILON, out=y)
     for chroma in (u, v):
         np.add(np.multiply(chroma, y, out=chroma), EPSILON, out=chroma)

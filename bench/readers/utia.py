@@ -7,12 +7,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bench.btf import BTF
-from bench.readers.named import UNDERSCORES, matching, open_named
+from bench.readers.named import PRAGUE, matching, open_named
 
 
 def is_utia(names: Iterable[str]) -> bool:
     """True where names of files look like `tl000_pl000_tv000_pv000.png`."""
-    return bool(matching(names, UNDERSCORES))
+    return bool(matching(names, PRAGUE))
 
 
 def open_utia(path: Path) -> BTF:
@@ -28,4 +28,4 @@ def open_utia(path: Path) -> BTF:
         "clamp": "none here; 8-bit codes end at 1, EXR does not",
         "directions": "nominal: the light of a pair with light = view was moved a little when measured",
     }
-    return open_named(path, UNDERSCORES, provenance, rgb_is_xyz=True)
+    return open_named(path, PRAGUE, provenance, rgb_is_xyz=True)

@@ -32,6 +32,12 @@ def test_an_extracted_ubo2003_folder_reads_like_its_zip(tmp_path, samples):
     assert folder.provenance["format"] == "UBO2003"
 
 
+def test_bonn_names_with_a_prefix_and_underscores(tmp_path, samples):
+    pattern = "set/WOOL_{index:05d}_tl{tl:03d}_pl{pl:03d}_tv{tv:03d}_pv{pv:03d}.jpg"
+    btf = open_btf(samples.make_named(tmp_path, pattern, True))
+    assert (len(btf), btf.provenance["format"]) == (4, "UBO2003")
+
+
 def test_atrium_hdr_keeps_highlights_and_stands_upright(tmp_path, samples):
     btf = open_btf(samples.make_named(tmp_path, samples.UBO2003 + ".hdr", True))
     for index, name in enumerate(samples.named_names(samples.UBO2003)):
