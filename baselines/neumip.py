@@ -1,0 +1,267 @@
+"""NeuMIP (Kuznetsov et al., "NeuMIP: Multi-resolution neural materials", ACM Trans. Graph. 40(4), 2021).
+
+A pyramid of latents fetched trilinearly by footprint, a small decoder, and a neural offset that moves the look-up along
+the view, as parallax does. What the paper leaves open follows the authors' published default configuration: output
+stage, losses, and a Gaussian blur of the textures that fades during the fit and is baked into what is stored.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.decoder import Architecture, Decoder, load_vector, to_vector
+from bench.errors import InputError
+from bench.material import DecoderCost, Material
+from bench.metrics.display import LOG_SCALE
+from bench.quantise import Precision, WeightPrecision, pack, unpack
+from bench.training import Batch, Objective, Samples, gain_of, train
+
+CHANNELS = 7  # of the pyramid, and of the offset texture
+WIDTHS = (25, 25, 25)
+LATENT_SPREAD = 0.1  # standard deviation of the first latents
+OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
+LOWEST_COSINE = 0.6  # of the view in the offset: nearer to the horizon it grows no further
+COARSE_SHARE = 4  # one sample in so many is of a coarser level
+# Gaussian blur, σ in texels: of the latents at first, its fading over the fit, its end; the least of the offset.
+FIRST_BLUR, FADING, LAST_BLUR, OFFSET_BLUR = 8.0, 3 * math.log(8), 0.1, 1.0
+YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
+L1_WEIGHT = {"balanced": 0.01, "highlights": 0.1}
+
+
+class NeuMIP(Codec):
+    """NeuMIP: a pyramid of latents, a parallax offset and a decoder; answers at any footprint."""
+
+    name, version = "neumip", 1
+
+    @dataclass(frozen=True)
+    class Settings:
+        steps: int = 10_000  # of the fit
+        batch: int = 4_096  # samples a step
+        rate: float = 1e-2  # highest learning rate
+        outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
+        offset: bool = True  # the neural offset; without it the decoder alone
+        blur: bool = True  # blur the textures at first, less and less: for strong relief
+        loss: Literal["balanced", "highlights"] = "balanced"  # squared log error + 0.01 or 0.1 of the absolute error
+        precision: Precision = "int8"  # of the stored textures
+        weights: WeightPrecision = "half"  # of the stored networks
+
+        def __post_init__(self) -> None:
+            if self.outputs not in (3, 6):
+                raise InputError(f"codec neumip has 3 or 6 outputs, not {self.outputs}")
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain = gain_of(btf, fit)
+        levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(level_count(btf.shape))]
+        objective = Fitting(levels, self.settings, fit.generator())
+        train(objective, fit, self.settings.steps)
+        pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=1.0))
+        assert pyramid is not None
+        texture = pack("pyramid", pyramid, self.settings.precision)
+        if offset is not None:
+            texture |= pack("offset", offset.reshape(*btf.shape, -1), self.settings.precision)
+        size = torch.tensor(btf.shape, dtype=torch.int32)
+        return Parts(
+            decoder=pack("weights", to_vector(objective.networks), self.settings.weights),
+            texture=texture,
+            other={"gain": torch.tensor([gain]), "size": size},
+        )
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        networks = Networks(self.settings)
+        load_vector(unpack("weights", parts.decoder), networks)
+        height, width = parts.other["size"].tolist()
+        offset = unpack("offset", parts.texture).flatten(0, 1) if self.settings.offset else None
+        pyramid = unpack("pyramid", parts.texture)
+        return NeuMIPMaterial((height, width), networks, pyramid, offset, parts.other["gain"]).to(device)
+
+
+def level_count(size: tuple[int, int]) -> int:
+    """Levels of the pyramid of a picture (H, W): the authors' ⌊log2 of the longer side⌋, and no side below a texel."""
+    return max(1, min(int(math.log2(max(size))), int(math.log2(min(size))) + 1))
+
+
+class Pyramid(nn.Module):
+    """Where the texels of each level are: level i is (H // 2ⁱ, W // 2ⁱ), all in one table, the finest first."""
+
+    def __init__(self, size: tuple[int, int]):
+        super().__init__()
+        self.levels = [(size[0] >> level, size[1] >> level) for level in range(level_count(size))]
+        counts = [height * width for height, width in self.levels]
+        self.counts, self.side = counts, max(size)
+        self.register_buffer("sizes", torch.tensor(self.levels), persistent=False)
+        self.register_buffer("starts", torch.tensor([sum(counts[:i]) for i in range(len(counts))]), persistent=False)
+
+    sizes: Tensor
+    starts: Tensor
+
+    def level(self, footprint: Tensor) -> Tensor:
+        """The level (n,) of footprints (n,) in texture units: log2 of texels, within the pyramid."""
+        return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
+
+    def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
+        """Values (n, C) of a table of all levels at uv (n, 2), bilinear and periodic.
+
+        A level (n,) of whole numbers is that level alone; a real one is linear between the two around it.
+        """
+        lower = level.long()
+        index, weight = self._corners(uv, lower)
+        if level.is_floating_point():
+            share = (level - lower)[:, None]
+            upper, upper_weight = self._corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
+            index = torch.cat([index, upper], 1)
+            weight = torch.cat([weight * (1 - share), upper_weight * share], 1)
+        weight = weight.to(table.dtype)
+        return functional.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
+
+    def _corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
+        """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
+        size = self.sizes[level]
+        # Half precision cannot address texels: places are found in float32 whatever the dtype.
+        place = torch.stack([1 - uv[:, 1].float(), uv[:, 0].float()], 1) * size - 0.5
+        first = place.detach().floor()
+        after = place - first
+        first = first.long()
+        (top, left), (bottom, right) = first.remainder(size).unbind(1), (first + 1).remainder(size).unbind(1)
+        (down, across), start, width = after.unbind(1), self.starts[level], size[:, 1]
+        upper, lower = start + top * width, start + bottom * width
+        index = torch.stack([upper + left, upper + right, lower + left, lower + right], 1)
+        above, before = 1 - down, 1 - across
+        return index, torch.stack([above * before, above * across, down * before, down * across], 1)
+
+
+class Networks(nn.Module):
+    """The decoder and, where the settings ask for it, the offset network."""
+
+    def __init__(self, settings: NeuMIP.Settings, generator: torch.Generator | None = None):
+        super().__init__()
+        self.decoder = Decoder(Architecture(4 + CHANNELS, WIDTHS, settings.outputs), generator)
+        self.offset = Decoder(Architecture(CHANNELS + 2, WIDTHS, 1), generator) if settings.offset else None
+        self.register_buffer("to_rgb", torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
+
+    to_rgb: Tensor
+
+    def move(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
+        """uv (n, 2) moved along the view wo (n, 3) by what the offset network makes of latents (n, 7)."""
+        assert self.offset is not None
+        xy = wo[:, :2]
+        depth = OFFSET_SCALE * self.offset(torch.cat([latents, xy], 1))
+        return uv + depth.to(uv.dtype) * xy / wo[:, 2:].clamp_min(LOWEST_COSINE)
+
+    def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+        """gain · radiance (n, 3), not clamped, of latents (n, 7): YUV → RGB → expm1, times a mask if there is one."""
+        out = self.decoder(torch.cat([wi[:, :2], wo[:, :2], latents], 1))
+        rgb = (out[:, :3] @ self.to_rgb).expm1()
+        return rgb * (0.1 + out[:, 3:].sigmoid()) if out.shape[1] > 3 else rgb
+
+
+def answer(
+    networks: Networks, pyramid: Pyramid, table: Tensor, offset: Tensor | None, queries: tuple[Tensor, ...]
+) -> Tensor:
+    """gain · radiance (n, 3) of queries (uv, wo, wi, level); `offset` (H · W, 7) is of the finest level."""
+    uv, wo, wi, level = queries
+    if offset is not None:
+        uv = networks.move(uv, pyramid.fetch(offset, uv, torch.zeros_like(level, dtype=torch.long)), wo)
+    return networks.colour(pyramid.fetch(table, uv, level), wo, wi)
+
+
+class Fitting(Objective):
+    """The textures and both networks, fitted at the finest level and, a share of each step, at a random coarser one."""
+
+    def __init__(self, levels: list[Samples], settings: NeuMIP.Settings, generator: torch.Generator):
+        super().__init__(levels[0])
+        self.levels, self.settings = levels, settings
+        self.pyramid = Pyramid(self.samples.shape)
+        self.networks = Networks(settings, generator)
+        self.table = nn.Parameter(LATENT_SPREAD * torch.randn(sum(self.pyramid.counts), CHANNELS, generator=generator))
+        self.offset = nn.Parameter(torch.zeros(self.samples.texels, CHANNELS)) if settings.offset else None
+
+    def groups(self) -> list[dict[str, Any]]:
+        return [{"params": list(self.parameters()), "lr": self.settings.rate}]
+
+    def blurred(self, progress: float) -> tuple[Tensor, Tensor | None]:
+        """The table and the offset texture as they are looked up at some progress of the fit."""
+        sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress)) if self.settings.blur else LAST_BLUR
+        table: Tensor = self.table
+        if self.settings.blur:
+            levels = zip(table.split(self.pyramid.counts), self.pyramid.levels, strict=True)
+            table = torch.cat([blur(level, size, sigma / 2**i) for i, (level, size) in enumerate(levels)])
+        offset: Tensor | None = self.offset
+        if offset is not None:
+            offset = blur(offset, self.samples.shape, max(sigma, OFFSET_BLUR))
+        return table, offset
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        queries = self._queries(self.samples, batch, 0)
+        return _log(answer(self.networks, self.pyramid, *self.blurred(progress), queries))
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        coarse = self.settings.batch // COARSE_SHARE if len(self.levels) > 1 else 0
+        batch = self.samples.draw(self.settings.batch - coarse, generator)
+        queries, target = self._queries(self.samples, batch, 0), batch.target
+        if coarse:
+            level = int(torch.randint(1, len(self.levels), (), generator=generator))
+            batch = self.levels[level].draw(coarse, generator)
+            further = self._queries(self.levels[level], batch, level)
+            queries = tuple(torch.cat(both) for both in zip(queries, further, strict=True))
+            target = torch.cat([target, batch.target])
+        ours = answer(self.networks, self.pyramid, *self.blurred(progress), queries)
+        absolute = functional.l1_loss(ours, target.expm1()) / LOG_SCALE
+        return functional.mse_loss(_log(ours), target) + L1_WEIGHT[self.settings.loss] * absolute
+
+    def _queries(self, samples: Samples, batch: Batch, level: int) -> tuple[Tensor, ...]:
+        """uv, wo, wi and level of a batch. Texels of a coarser level are boxes of the finest, which it may not fill."""
+        factor, (height, width) = 2**level, self.samples.shape
+        row = batch.texel.div(samples.shape[1], rounding_mode="floor")
+        col = batch.texel - row * samples.shape[1]
+        uv = torch.stack([(col + 0.5) * (factor / width), 1 - (row + 0.5) * (factor / height)], 1)
+        levels = torch.full_like(batch.texel, level)
+        return uv, samples.wo[batch.pair], samples.wi[batch.pair], levels
+
+
+def _log(values: Tensor) -> Tensor:
+    """The authors' log curve, log1p(max(x, −0.1)): below 0 there is still a gradient."""
+    return values.clamp_min(-0.1).log1p()
+
+
+def blur(texture: Tensor, size: tuple[int, int], sigma: float) -> Tensor:
+    """A periodic texture (H · W, C) convolved with a Gaussian of σ in texels, by its transfer exp(−2 π² σ² f²)."""
+    height, width = size
+    device = texture.device
+    square = (
+        torch.fft.fftfreq(height, device=device).square()[:, None] + torch.fft.rfftfreq(width, device=device).square()
+    )
+    transfer = (-2 * (math.pi * sigma) ** 2 * square).exp()[..., None]
+    spectrum = torch.fft.rfft2(texture.reshape(height, width, -1), dim=(0, 1))
+    return torch.fft.irfft2(spectrum * transfer, s=size, dim=(0, 1)).reshape(height * width, -1)
+
+
+class NeuMIPMaterial(Material):
+    """A table of all levels, an offset texture (H · W, 7) or None, and the networks."""
+
+    def __init__(self, size: tuple[int, int], networks: Networks, table: Tensor, offset: Tensor | None, gain: Tensor):
+        pyramid = Pyramid(size)
+        if table.shape != (sum(pyramid.counts), CHANNELS):
+            raise InputError(f"a pyramid over {size} has {sum(pyramid.counts)} rows, not {tuple(table.shape)}")
+        both = [networks.decoder, *([] if networks.offset is None else [networks.offset])]
+        reads = CHANNELS * (8 + (0 if offset is None else 4))
+        super().__init__(
+            size,
+            DecoderCost(
+                parameters=sum(network.architecture.parameters for network in both),
+                texture_channels=CHANNELS * len(both),
+                texture_floats=table.numel() + (0 if offset is None else offset.numel()),
+                flops_per_sample=sum(network.architecture.flops for network in both) + 2 * reads + 2 * 9,
+                bytes_per_sample=reads * table.element_size(),
+            ),
+        )
+        self.networks, self.pyramid, self.table, self.offset, self.gain = networks, pyramid, table, offset, gain
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        queries = (uv, wo, wi, self.pyramid.level(footprint))
+        return answer(self.networks, self.pyramid, self.table, self.offset, queries) / self.gain
