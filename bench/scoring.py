@@ -156,7 +156,8 @@ class Scorer:
 
     def _compare(self, block: tuple[int, ...], truth: Array | None, test: Array) -> tuple[Any, ...]:
         """In a worker: the raw numbers of a stack, and the reference where it was not at hand."""
-        reference = self._kept[block] if truth is None else self._prepare(Picture(truth, self.exposure, "reference"))
+        name = f"reference slices of pairs {block[0]} to {block[-1]}"
+        reference = self._kept[block] if truth is None else self._prepare(Picture(truth, self.exposure, name))
         picture = Picture(test, self.exposure, "test")
         means = {name: m.compare(reference.sides[name], picture).mean((-2, -1)) for name, m in self._apply.items()}
         abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)

@@ -134,6 +134,19 @@ def test_a_bad_slice_is_named(spoil, message):
         Scorer(btf).score(np.arange(20), lambda i: spoil(decoded[i]) if i == 7 else decoded[i])
 
 
+def test_a_bad_reference_is_named():
+    btf, decoded = make()
+    btf.source.values[5, 1, 1, 1] = np.nan
+    with pytest.raises(InputError, match="reference slices of pairs 0 to 19 must be finite"):
+        Scorer(btf, exposure=1.0).score(np.arange(20), lambda i: decoded[i])
+
+
+def test_no_pairs_give_no_numbers():
+    btf, decoded = make()
+    scores = Scorer(btf).score([], lambda i: decoded[i])
+    assert summarise(scores, btf.wo, btf.wi, {"all": np.arange(20)})["all"]["slices"] == 0
+
+
 def test_a_periodic_metric_needs_a_periodic_material():
     btf, _ = make(periodic=False)
     with pytest.raises(InputError, match="ssim_periodic is for materials that repeat"):
