@@ -63,6 +63,7 @@ def _add_run(commands: Any) -> None:
     run.add_argument("--material", action="append", default=[], help="only this material, by name or path; repeatable")
     run.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
     run.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
+    run.add_argument("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
     run.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     run.add_argument("--seed", type=int, help="run this one seed instead of the suite's")
     run.add_argument("--fresh", action="store_true", help="fit and score again what is already there")

@@ -5,7 +5,7 @@
     seeds = [0]                      # repetitions
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
 
-    [data]                           # how built-in materials are rendered
+    [data]                           # how built-in materials are rendered; of measured ones: pairs = 1000
     size = 64
     directions = "ubo2003"
     views = 25
@@ -34,13 +34,14 @@ from bench.suggest import did_you_mean
 
 @dataclass(frozen=True)
 class Data:
-    """How the built-in materials of a suite are rendered."""
+    """How the built-in materials of a suite are rendered, and how much of measured ones is used."""
 
     size: int = 64  # texels a side
     directions: str = "ubo2003"  # the published direction set that is thinned
     views: int = 25
     lights: int = 25
     heldout: int = 150  # random pairs besides, drawn uniformly in solid angle up to 75°
+    pairs: int = 0  # of measured data about so many, spread evenly over views and lights; 0: all
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,155 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from bench import cli, container
+from bench.check import tiny_btf
+from bench.readers import open_btf
+from bench.readers.folder import write_folder
+
+SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
+
+
+@pytest.fixture(autouse=True)
+def small(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A BTF on disk: a folder of EXR pictures with pairs.csv."""
+    write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
+    return tmp_path / "btf"
+
+
+def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_path, capsys):
+    words = ["run", "quick", "--out", str(tmp_path / "run"), "--material", "satin", "--codec", "mean-colour", *SMALL]
+    assert cli.main(words) == 0
+    out = capsys.readouterr().out
+    assert "mean-colour" in out
+    assert "1 jobs: 1 ok" in out
+    written = {path.suffix for path in (tmp_path / "run").rglob("*") if path.is_file()}
+    assert {".jsonl", ".nbtf", ".md", ".tex", ".csv", ".png"} <= written
+    assert cli.main(words) == 0
+    assert "1 cached whole" in capsys.readouterr().out
+    assert cli.main(["table", str(tmp_path / "run"), "--format", "csv"]) == 0
+    assert "mean-colour" in capsys.readouterr().out
+    assert cli.main(["report", str(tmp_path / "run")]) == 0
+
+
+def test_a_folder_of_pictures_runs_like_any_material(tmp_path, folder, capsys):
+    words = ["run", "quick", "--out", str(tmp_path / "run"), "--material", str(folder), "--codec", "pca"]
+    assert cli.main([*words, "--set", "components=3"]) == 0
+    assert "btf/pca components=3/0" in capsys.readouterr().out
+
+
+def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
+    file = tmp_path / "a.nbtf"
+    assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "components=3", "-o", str(file)]) == 0
+    assert cli.main(["info", str(file)]) == 0
+    out = capsys.readouterr().out
+    assert "codec pca" in out
+    assert "components = 3" in out
+    assert f"{file.stat().st_size:,} bytes" in out
+    assert cli.main(["decode", str(file), "--like", str(folder), "-o", str(tmp_path / "slices")]) == 0
+    decoded, material = open_btf(tmp_path / "slices"), container.load(file)[1]
+    wo, wi = decoded.wo[7].tolist(), decoded.wi[7].tolist()
+    # The angles went through degrees in a text file.
+    np.testing.assert_allclose(decoded[7], material.slice(wo, wi).numpy(), atol=1e-4)
+    assert cli.main(["decode", str(file), "--count", "2", "-o", str(tmp_path / "four")]) == 0
+    assert len(open_btf(tmp_path / "four")) == 4
+
+
+def test_info_of_a_btf_says_what_it_is(folder, capsys):
+    assert cli.main(["info", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "12 × 12 texels, 36 pairs" in out
+    assert "6 views" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["run", "quik"], "did you mean 'quick'?"),
+        (["run", "--set", "components"], "write KEY=VALUE"),
+        (["run", "--codec", "pcaa"], "did you mean 'pca'?"),
+        (["run", "--material", "satn", "--codec", "mean-colour", *SMALL], "did you mean 'satin'?"),
+        (["run", "--material", "/no/such/btf", "--codec", "mean-colour"], "/no/such/btf: not there"),
+        (["run", "--device", "abacus"], "no such device"),
+        (["info", "/no/such/file"], "/no/such/file"),
+        (["check", "pca", "--set", "components=few"], "must be a whole number"),
+        (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "its folder is not there"),
+        (["table", "/no/such/run"], "no run here"),
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_code_2(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_material_that_is_not_there_means_nothing_was_measured(tmp_path, capsys):
+    suite = tmp_path / "paper.toml"
+    suite.write_text('[[materials]]\nname = "f"\npath = "f.btf"\nwhere = "ask UBO"\n[[codecs]]\ncodec = "pca"\n')
+    assert cli.main(["run", str(suite), "--out", str(tmp_path / "run")]) == 4
+    assert "ask UBO" in capsys.readouterr().out
+
+
+def test_a_failed_job_is_exit_code_3(tmp_path, monkeypatch, capsys):
+    def fail(self, btf, fit):
+        raise RuntimeError("no such luck")
+
+    monkeypatch.setattr("baselines.mean_colour.MeanColour.encode", fail)
+    words = ["run", "--out", str(tmp_path / "run"), "--material", "satin", "--codec", "mean-colour", "--codec", "table"]
+    assert cli.main([*words, *SMALL]) == 3
+    assert "no such luck" in capsys.readouterr().out
+
+
+def test_check_fails_with_exit_code_1(monkeypatch, capsys):
+    monkeypatch.setattr(
+        "baselines.mean_colour.MeanColourMaterial.evaluate", lambda self, uv, *_: uv.new_zeros(len(uv), 3)
+    )
+    assert cli.main(["check", "mean-colour"]) == 1
+    assert "FAIL  it follows the data" in capsys.readouterr().out
+
+
+def test_an_interruption_is_130_and_an_internal_error_70(monkeypatch, capsys):
+    def raises(error):
+        def command(options):
+            raise error
+
+        return command
+
+    for error, code in ((KeyboardInterrupt(), 130), (ZeroDivisionError("oops"), 70)):
+        monkeypatch.setattr(cli, "_list", raises(error))
+        assert cli.main(["list"]) == code
+    assert "oops" in capsys.readouterr().err
+
+
+def test_the_cache_is_shown_and_cleared(tmp_path, capsys):
+    assert cli.main(["cache"]) == 0
+    (tmp_path / "cache" / "scratch").mkdir(parents=True)
+    (tmp_path / "cache" / "scratch" / "a").write_bytes(b"12")
+    assert cli.main(["cache", "--clear"]) == 0
+    assert "removed 1 files" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import bench",
+        "from bench import cli; cli.main(['list'])",
+        "from bench import cli\ntry: cli.main(['--help'])\nexcept SystemExit: pass",
+        "import bench.records, reports",
+    ],
+)
+def test_light_commands_import_no_torch(code):
+    probe = f"{code}\nimport json, sys; print(json.dumps([m for m in ('torch', 'skimage') if m in sys.modules]))"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout.splitlines()[-1]) == []
