@@ -20,6 +20,7 @@ from bench.hemisphere import to_degrees, ubo2014
 from bench.readers import open_btf
 from bench.readers.ubo2014_write import write_ubo2014
 
+PROCESSOR: list[float] = []
 SHAPE, SAMPLES, ABRDFS, SLICES = (400, 400), 65_536, 1_000, 30
 
 
@@ -46,9 +47,10 @@ def write_material(path: Path, rank: int, rng: np.random.Generator) -> None:
 
 
 def timed(work: Callable[[], object]) -> float:
-    """Seconds that a call takes."""
-    begin = time.perf_counter()
+    """Seconds that a call takes; its processor time goes to `PROCESSOR`, for machines that others use too."""
+    begin, processor = time.perf_counter(), time.process_time()
     work()
+    PROCESSOR.append(time.process_time() - processor)
     return time.perf_counter() - begin
 
 
@@ -67,34 +69,32 @@ def main() -> int:
 def report(path: Path, rng: np.random.Generator) -> int:
     """Measure and print; 1 where a bound is missed."""
     before = anonymous_bytes()
-    opening = timed(lambda: open_btf(path))
-    btf = open_btf(path)
-    fingerprint = timed(lambda: btf.fingerprint)
-    first = timed(lambda: btf[0])
-    slices = [timed(lambda: btf[int(rng.integers(len(btf)))]) for _ in range(SLICES)]
     rows, cols = rng.integers(SHAPE[0], size=(2, SAMPLES))
-    pair = rng.integers(len(btf), size=SAMPLES)
-    gathers = [timed(lambda: btf.gather(pair, rows, cols)) for _ in range(5)]
-    peak = anonymous_bytes() - before
-    begin = time.perf_counter()
-    block = btf.texels(rows[:ABRDFS], cols[:ABRDFS])
-    abrdfs = time.perf_counter() - begin
-    peak = max(peak, anonymous_bytes() - before)
+    held: list[np.ndarray] = []
     figures = [
-        ("open", opening, 1.0, "s"),
-        ("fingerprint", fingerprint, 1.0, "s"),
-        ("first slice", first * 1e3, None, "ms"),
-        ("random slice, median", statistics.median(slices) * 1e3, 50.0, "ms"),
-        ("random slice, worst", max(slices) * 1e3, None, "ms"),
-        (f"{ABRDFS} ABRDFs ({block.nbytes / 1e6:.0f} MB)", abrdfs, 2.0, "s"),
-        (f"{SAMPLES} scattered samples, median", statistics.median(gathers), 0.2, "s"),
-        ("anonymous memory, block included", peak / 1e9, 1.5, "GB"),
+        measured("open", 1, 1.0, lambda: open_btf(path)),
     ]
+    btf = open_btf(path)
+    pair = rng.integers(len(btf), size=SAMPLES)
+    figures += [
+        measured("fingerprint", 1, 1.0, lambda: btf.fingerprint),
+        measured("first slice", 1, 1.0, lambda: btf[0]),
+        measured("random slice, median", SLICES, 0.05, lambda: btf[int(rng.integers(len(btf)))]),
+        measured(f"{SAMPLES} scattered samples, median", 5, 0.2, lambda: btf.gather(pair, rows, cols)),
+        measured(f"{ABRDFS} ABRDFs", 1, 2.0, lambda: held.append(btf.texels(rows[:ABRDFS], cols[:ABRDFS]))),
+    ]
+    memory = anonymous_bytes() - before
+    print(f"anonymous memory {memory / 1e9:.2f} GB (bound 1.5), of which {held[0].nbytes / 1e9:.2f} GB are the ABRDFs")
     print(f"{path.stat().st_size / 1e6:.0f} MB, rank {btf.provenance['native']['rank']}, {os.cpu_count()} CPUs")
-    for name, value, bound, unit in figures:
-        limit = "" if bound is None else f"  (bound {bound:g})"
-        print(f"{name:40s} {value:9.3f} {unit}{limit}")
-    return int(any(bound is not None and value > bound for _, value, bound, _ in figures))
+    return int(not all(figures) or memory > 1.5e9)
+
+
+def measured(name: str, repeats: int, bound: float, work: Callable[[], object]) -> bool:
+    """Print the median wall and processor time of a call; True within the bound of wall time."""
+    PROCESSOR.clear()
+    wall = statistics.median(timed(work) for _ in range(repeats))
+    print(f"{name:34s} {wall:8.3f} s (bound {bound:g}), processor {statistics.median(PROCESSOR):7.3f} s")
+    return wall <= bound
 
 
 if __name__ == "__main__":
