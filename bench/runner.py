@@ -35,6 +35,7 @@ from bench.metrics.display import to_display
 from bench.metrics.magma import magma
 from bench.open import open_material
 from bench.provenance import provenance
+from bench.rates import rate_records
 from bench.records import Record
 from bench.registry import load_codec
 from bench.scoring import Scorer, polar_maps, score_footprints, summarise
@@ -115,15 +116,19 @@ def _run_material(
             yield Outcome(record)
         return
     bench = Workbench(btf, spec.name, suite.threads, options, run_id)
+    done: list[Record] = []
     decoded: dict[str, Material] = {}
     for codec_spec, codec, seed in jobs:
-        job = Job(bench, codec, codec_spec.label, seed)
+        job = Job(bench, codec, codec_spec, seed)
         outcome = job.run(earlier.get(job.name))
         yield outcome
         if outcome.record["status"] == "ok":
+            done.append(outcome.record)
             decoded[job.name] = container.load(options.folder / outcome.record["file"], options.device)[1]
     if decoded:
         _time(decoded, suite.threads, options, run_id)
+    for record in rate_records(done):
+        records.append(options.folder, record | {"material": spec.name, "run": run_id})
 
 
 def _time(decoded: dict[str, Material], threads: int, options: Options, run_id: str) -> None:
@@ -191,12 +196,12 @@ class Job:
 
     bench: Workbench
     codec: Codec
-    label: str
+    spec: CodecSpec
     repetition: int
 
     @property
     def name(self) -> str:
-        return f"{self.bench.name}/{self.label}/{self.repetition}"
+        return f"{self.bench.name}/{self.spec.label}/{self.repetition}"
 
     @property
     def seed(self) -> int:
@@ -227,7 +232,8 @@ class Job:
         if earlier and failed_before and not (options.retry_failed or options.fresh):
             return Outcome(earlier, "record")
         base: Record = {"kind": "job", "job": self.name, "run": self.bench.run_id, "material": self.bench.name}
-        base |= {"codec": self.codec.name, "label": self.label, "seed": self.repetition, "fit_key": self.fit_key}
+        base |= {"codec": self.codec.name, "label": self.spec.label, "curve": self.spec.curve}
+        base |= {"seed": self.repetition, "fit_key": self.fit_key}
         try:
             header, fitted = self._fit(earlier)
             score_key = self._score_key(header)
@@ -306,7 +312,7 @@ class Job:
         }
 
     def _pictures(self, decode: Any) -> dict[str, np.ndarray]:
-        """The shown slices, truth and decoded, display-transformed, 8 bit, and the FLIP map of each in magma, (K, H, W, 3)."""
+        """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma."""
         bench = self.bench
         truth = np.stack([bench.btf[i] for i in bench.shown])
         decoded = np.stack([decode(i) for i in bench.shown])
