@@ -15,6 +15,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture
+from bench.scoring import exposure
 
 BLOCK_BYTES = 64 << 20  # slices decomposed together: large enough for fast products, small beside the sketches
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
@@ -38,7 +39,7 @@ class PCA(Codec):
                 raise InputError("codec pca needs components ≥ 1 and passes ≥ 2")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain = LOG_GAIN * _exposure(btf, fit.seed) if self.settings.domain == "log" else 1.0
+        gain = LOG_GAIN * exposure(btf, fit.seed) if self.settings.domain == "log" else 1.0
         texels = btf.shape[0] * btf.shape[1]
 
         def read(label: str) -> Iterator[Tensor]:
@@ -51,7 +52,7 @@ class PCA(Codec):
         factors = truncated_svd(read, shape, settings.components, settings.passes, fit.generator(), fit.device)
         return Parts(
             decoder=_tables(factors, settings.precision),
-            texture=_coefficients(factors.coefficients.reshape(*btf.shape, -1).cpu(), settings.precision),
+            texture=_coefficients(factors.coefficients.T.reshape(*btf.shape, -1).cpu(), settings.precision),
             other={"gain": torch.tensor([gain]), **_pack(btf.layout)},
         )
 
@@ -83,11 +84,13 @@ class PCAMaterial(Material):
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)
-        pair, weight = self.interpolator(wo, wi)
         if self.gain is None:
+            pair, weight = self.interpolator(wo, wi)
             return self._combine(pair, weight, coefficients)
-        share = weight / weight.sum(1, keepdim=True)
-        return self._combine(pair, share, coefficients).expm1() / self.gain
+        pair, share = self.interpolator.shares(wo, wi)
+        # Logarithms interpolate better than radiance (docs/decisions/0020); the cosine is then set right in linear.
+        cosine = (share * self.interpolator.cos_i[pair]).sum(1, keepdim=True)
+        return self._combine(pair, share, coefficients).expm1() * (wi[:, 2:] / (cosine * self.gain))
 
     def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · table row · coefficients, (n, 3), without the rows (n, pairs, k, 3) ever standing in memory."""
@@ -103,15 +106,6 @@ def _blocks(pictures: Iterator[np.ndarray], count: int, texels: int) -> Iterator
         for rows, picture in zip(block, pictures, strict=False):
             rows.copy_(torch.from_numpy(picture.reshape(texels, 3)).T)
         yield block.flatten(0, 1)
-
-
-def _exposure(btf: BTF, seed: int) -> float:
-    """0.8 over the 99th percentile of a million values; where that is 0 the maximum, where that is 0, 1."""
-    rng = np.random.default_rng(seed)
-    each = max(1, 1_000_000 // len(btf))
-    sample = np.concatenate([rng.choice(picture.reshape(-1), each) for picture in btf])
-    top = float(np.quantile(sample, 0.99)) or float(sample.max())
-    return 0.8 / top if top > 0 else 1.0
 
 
 def _tables(factors: Factors, precision: str) -> dict[str, Tensor]:
