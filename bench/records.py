@@ -1,7 +1,8 @@
 """The records of a run: one JSON object a line, appended and synced the moment it is true.
 
-`RUN/records.jsonl` holds three kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
-encoded, its bytes, its errors, or why it failed) and `timing` (one codec timed beside the others of its material).
+`RUN/records.jsonl` holds four kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
+encoded, its bytes, its errors, or why it failed), `timing` (one codec timed beside the others of its material) and
+`rate` (one codec's ladder of rates against that of log PCA).
 Paths in records are relative to the run's folder. Imports neither PyTorch nor pandas.
 """
 
@@ -37,12 +38,13 @@ def _ends_in_newline(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run's folder holds: the latest record of each job and timing, in the order of their first appearance."""
+    """What a run's folder holds: the latest record of each job, timing and rate, in the order of first appearance."""
 
     folder: Path
     starts: list[Record] = field(default_factory=list)
     jobs: list[Record] = field(default_factory=list)
     timings: list[Record] = field(default_factory=list)
+    rates: list[Record] = field(default_factory=list)
     unreadable: list[int] = field(default_factory=list)  # line numbers, from 1
 
     def timing(self, job: Record) -> Record | None:
@@ -57,17 +59,18 @@ def load_run(folder: str | Path) -> Run:
     if not path.is_file():
         raise InputError(f"{folder}: no run here (no {FILE}): give the folder that `neubtf-bench run` wrote")
     run = Run(Path(folder))
-    latest: dict[str, dict[str, Record]] = {"job": {}, "timing": {}}
+    latest: dict[str, dict[object, Record]] = {"job": {}, "timing": {}, "rate": {}}
     for number, record in _lines(path):
         kind = record.get("kind") if record else None
         if kind == "run":
             run.starts.append(record)
-        elif kind in latest and "job" in record:
-            latest[kind][record["job"]] = record
+        elif kind in latest and ("job" in record or kind == "rate"):
+            latest[kind][record.get("job") or (record.get("material"), record.get("curve"))] = record
         else:
             run.unreadable.append(number)
     run.jobs.extend(latest["job"].values())
     run.timings.extend(latest["timing"].values())
+    run.rates.extend(latest["rate"].values())
     return run
 
 

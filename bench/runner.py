@@ -253,7 +253,7 @@ class Job:
         if options.fresh:
             path.with_suffix(".state").unlink(missing_ok=True)
         if path.exists() and not options.fresh:
-            known = {k: earlier[k] for k in ("fit_seconds", "curve") if earlier and k in earlier}
+            known = {k: earlier[k] for k in ("fit_seconds", "history") if earlier and k in earlier}
             return container.read_header(path), known | {"fit_cached": True}
         path.parent.mkdir(exist_ok=True)
         checkpoint = path.with_suffix(".state")
@@ -264,7 +264,7 @@ class Job:
             seconds = time.perf_counter() - start
         header = container.save(path, self.codec, parts)
         checkpoint.unlink(missing_ok=True)
-        return header, {"fit_seconds": seconds, "fit_cached": False, "curve": fit.history}
+        return header, {"fit_seconds": seconds, "fit_cached": False, "history": fit.history}
 
     def _score_key(self, header: container.Header) -> dict[str, Any]:
         return {

@@ -66,15 +66,22 @@ class CodecSpec:
 
     codec: str
     settings: dict[str, Any] = field(default_factory=dict)
+    swept: tuple[str, ...] = ()  # the settings that the suite varies in a list
 
     @property
     def label(self) -> str:
         """The row's name in tables: `pca components=16`."""
-        return " ".join([self.codec, *(f"{k}={_plain(v)}" for k, v in sorted(self.settings.items()))])
+        return _label(self.codec, self.settings)
+
+    @property
+    def curve(self) -> str:
+        """The name of the ladder of rates that this job is a step of: the label without what is swept."""
+        return _label(self.codec, {k: v for k, v in self.settings.items() if k not in self.swept})
 
 
-def _plain(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+def _label(codec: str, settings: dict[str, Any]) -> str:
+    plain = {k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in settings.items()}
+    return " ".join([codec, *(f"{k}={v}" for k, v in sorted(plain.items()))])
 
 
 @dataclass(frozen=True)
@@ -206,7 +213,8 @@ def _sweep(file: str, entry: Any) -> list[CodecSpec]:
     entry = dict(_value(file, "codecs", entry, dict))
     codec = _value(file, "codecs.codec", entry.pop("codec", None), str)
     lists = [value if isinstance(value, list) else [value] for value in entry.values()]
-    return [CodecSpec(codec, dict(zip(entry, values, strict=True))) for values in itertools.product(*lists)]
+    swept = tuple(key for key, value in entry.items() if isinstance(value, list))
+    return [CodecSpec(codec, dict(zip(entry, values, strict=True)), swept) for values in itertools.product(*lists)]
 
 
 def _typed(file: str, prefix: str, table: Any, kind: type) -> dict[str, Any]:

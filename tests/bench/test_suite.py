@@ -1,7 +1,7 @@
 import pytest
 
 from bench.errors import InputError
-from bench.suite import CodecSpec, builtin_suites, load_suite, named, parse_suite, with_changes
+from bench.suite import builtin_suites, load_suite, named, parse_suite, with_changes
 
 TEXT = """
 description = "a test"
@@ -87,7 +87,8 @@ def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
         "pca components=3 domain=rgb",
         "table",
     ]
-    assert chosen.codecs[0] == CodecSpec("pca", {"components": 3, "domain": "log"})
+    assert chosen.codecs[0].settings == {"components": 3, "domain": "log"}
+    assert chosen.codecs[0].curve == "pca"
     assert chosen.seeds == (7,)
     assert with_changes(suite, [], [], {"data.size": "8"}, None).data.size == 8
 

@@ -1,0 +1,57 @@
+"""Rate and distortion: what each codec's ladder of rates costs against the ladder of log PCA, at equal quality.
+
+A ladder is one entry of a suite whose lists make several jobs; its *curve* is its label without what the lists vary.
+Rates are the bytes of whole files, quality is the pooled held-out PSNR in display space, both means over the seeds.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator
+
+import numpy as np
+
+from bench.errors import InputError
+from bench.metrics.bd import FEWEST, bd_psnr, bd_rate
+from bench.records import Record
+
+ANCHOR = "pca"
+METRIC = "psnr_display"
+
+
+def rate_records(jobs: list[Record]) -> Iterator[Record]:
+    """For each curve of one material's jobs: BD-rate in % and BD-PSNR in dB against the anchor, or why there is none.
+
+    Nothing is yielded for curves of fewer than four rates, nor where the anchor is not there.
+    """
+    curves = _curves(jobs)
+    if ANCHOR not in curves:
+        return
+    for name, points in curves.items():
+        if name == ANCHOR or len(points) < FEWEST:
+            continue
+        record: Record = {"kind": "rate", "curve": name, "anchor": ANCHOR, "metric": METRIC, "points": points.tolist()}
+        try:
+            rate, quality = bd_rate(curves[ANCHOR], points), bd_psnr(curves[ANCHOR], points)
+        except InputError as error:
+            yield record | {"error": str(error)}
+        else:
+            yield (
+                record
+                | {"bd_rate_percent": rate.value, "bd_psnr_db": quality.value}
+                | {
+                    "quality_db": [rate.low, rate.high],
+                    "quality_overlap": rate.overlap,
+                    "bytes": [quality.low, quality.high],
+                    "bytes_overlap": quality.overlap,
+                }
+            )
+
+
+def _curves(jobs: list[Record]) -> dict[str, np.ndarray]:
+    """Points (n, 2) of bytes and quality by curve; a job without a finite quality has no point."""
+    seeds: dict[str, dict[str, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
+    for job in jobs:
+        group = job["scores"].get("heldout") or job["scores"]["all"]
+        quality = group["metrics"][METRIC]["pooled"]
+        if quality is not None:
+            seeds[job["curve"]][job["label"]].append((job["bytes"]["total"], quality))
+    return {curve: np.array([np.mean(points, 0) for points in labels.values()]) for curve, labels in seeds.items()}
