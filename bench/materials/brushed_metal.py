@@ -28,8 +28,8 @@ class BrushedMetal:
         return Maps(
             height=self.height * scratches,
             base_colour=np.clip(srgb(*self.metal_srgb) * (1 + 0.06 * shade)[..., None], 0, 1),
-            roughness=np.clip(self.roughness + 0.05 * shade, 0.15, 0.8),
+            roughness=np.clip(self.roughness + 0.08 * shade, 0.15, 0.8),
             metalness=1.0,
             anisotropy=self.anisotropy,
-            angle=np.pi / 2 + 0.05 * wander,
+            angle=np.pi / 2 + 0.15 * wander,
         )

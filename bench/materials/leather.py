@@ -17,7 +17,7 @@ class Leather:
     """Pebbles are the cells of scattered points (Worley 1996): the further from the border of two cells, the higher."""
 
     resolution: int = 256
-    height: float = 0.03
+    height: float = 0.02
     cells: int = 10  # pebbles along a side
     crease: float = 0.9  # width of a crease, as a share of a pebble
     roughness: float = 0.38

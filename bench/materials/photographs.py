@@ -39,7 +39,7 @@ class Brick:
     """Brickwork: recessed bright mortar, rough fired clay; the photograph's perspective is undone first."""
 
     resolution: int = 256
-    height: float = 0.035
+    height: float = 0.022
     roughness: float = 0.85
     clay_srgb: tuple[float, float, float] = (156, 78, 58)
     mortar_srgb: tuple[float, float, float] = (176, 168, 156)

@@ -20,7 +20,7 @@ from bench.materials.heightfield import HeightField
 from bench.materials.maps import Maps
 
 Array = np.ndarray
-RENDERER_VERSION = 2  # raised whenever a value changes; part of the key of every cached rendering
+RENDERER_VERSION = 3  # raised whenever a value changes; part of the key of every cached rendering
 SUB_POINTS = 2  # along each side of a texel; see docs/materials.md for what it costs and what 3 would change
 
 
@@ -157,6 +157,7 @@ def render(
     result = np.empty((len(wo), *size, 3), np.float32) if out is None else out
     views, view_of = np.unique(wo, axis=0, return_inverse=True)
     lights, light_of, uses = np.unique(wi, axis=0, return_inverse=True, return_counts=True)
+    view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # numpy 2.0 alone gives (N, 1)
 
     def light(index: int) -> Array | None:
         return renderer.light(lights[index]) if uses[index] > 1 else None

@@ -19,7 +19,7 @@ class Satin:
 
     resolution: int = 256
     threads: int = 10  # warp threads and weft threads in a tile, a multiple of five
-    height: float = 0.02  # how far a thread bulges above the interlacing plane
+    height: float = 0.011  # how far a thread bulges above the interlacing plane
     twist_deg: float = 12.0  # of the fibres against the axis of their thread
     roughness: float = 0.42
     anisotropy: float = 0.85
