@@ -1,0 +1,191 @@
+"""Vector quantisation: every texel points into a codebook of ABRDFs.
+
+Clustering of ABRDFs is due to Tong et al. ("Synthesis of bidirectional texture functions on arbitrary surfaces", 2002),
+further stages that code what the earlier ones leave to Havran, Filip and Myszkowski ("Bidirectional texture function
+compression based on multi-level vector quantization", Computer Graphics Forum 29(1), 2010).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from baselines.svd import truncated_svd
+from bench.btf import BTF, Layout
+from bench.codec import Codec, Fit, Parts
+from bench.directions import PairInterpolator
+from bench.errors import InputError
+from bench.material import DecoderCost, Material, texel_corners
+from bench.training import gain_of
+
+BLOCK_BYTES = 64 << 20  # slices read together
+PASSES = 4  # readings of the data that find the principal components
+CLUSTERING_BATCH = 4_096
+MOST_CODES = 65_536
+
+
+class VQ(Codec):
+    """Vector quantisation of the log ABRDFs: an index image and a codebook, found by k-means."""
+
+    name, version = "vq", 1
+
+    @dataclass(frozen=True)
+    class Settings:
+        codes: int = 32  # entries of the codebook of each stage; fewer where fewer texels differ
+        stages: int = 1  # each further one codes what those before leave
+        components: int = 16  # principal components that the clustering sees
+
+        def __post_init__(self) -> None:
+            if not 1 <= self.codes <= MOST_CODES or min(self.stages, self.components) < 1:
+                raise InputError(f"codec vq needs stages and components ≥ 1, and codes from 1 to {MOST_CODES}")
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain = gain_of(btf, fit)
+        points = _reduced(btf, gain, self.settings.components, fit)
+        labels = []
+        for stage in range(self.settings.stages):
+            fit.show("clustering", stage, self.settings.stages)
+            labels.append(_cluster(points, self.settings.codes, fit.seed + stage))
+            points = points - _means(points, labels[-1])[labels[-1]]
+        fit.show("clustering", self.settings.stages, self.settings.stages)
+        counts = [int(label.max()) + 1 for label in labels]
+        books = _codebooks(btf, gain, labels, fit)
+        return Parts(
+            decoder={"codebook": torch.cat(books).half()},
+            texture={
+                f"index{stage}": pack_index(label, count)
+                for stage, (label, count) in enumerate(zip(labels, counts, strict=True))
+            },
+            other={
+                "gain": torch.tensor([gain]),
+                "size": torch.tensor(btf.shape, dtype=torch.int32),
+                "codes": torch.tensor(counts, dtype=torch.int32),
+                "wo": torch.from_numpy(btf.wo),
+                "wi": torch.from_numpy(btf.wi),
+            },
+        )
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        height, width = parts.other["size"].tolist()
+        counts = parts.other["codes"].tolist()
+        index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
+        starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
+        rows = torch.stack(index, 1) + starts
+        layout = Layout.of(parts.other["wo"].numpy(), parts.other["wi"].numpy())
+        codebook, gain = parts.decoder["codebook"].float(), parts.other["gain"]
+        return VQMaterial((height, width), rows, codebook, PairInterpolator(layout), gain).to(device)
+
+
+class VQMaterial(Material):
+    """Rows (H · W, stages) of a codebook (codes, N, 3) of log ABRDFs: bilinear over texels, interpolated over pairs."""
+
+    def __init__(
+        self, size: tuple[int, int], rows: Tensor, codebook: Tensor, interpolator: PairInterpolator, gain: Tensor
+    ):
+        stages, values = rows.shape[1], 4 * rows.shape[1] * interpolator.reads * 3
+        cost = DecoderCost(
+            texture_channels=stages,
+            texture_floats=rows.numel(),
+            flops_per_sample=2 * values,
+            bytes_per_sample=4 * stages * rows.element_size() + values * codebook.element_size(),
+        )
+        super().__init__(size, cost)
+        self.rows, self.pairs, self.codebook = rows, codebook.shape[1], codebook.flatten(0, 1)
+        self.interpolator, self.gain = interpolator, gain
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        texel, texel_weight = texel_corners(self.size, uv)
+        pair, pair_weight = self.interpolator(wo, wi)
+        # In the log domain the weights of the directions are shares: they carry no cosine.
+        share = pair_weight / pair_weight.sum(1, keepdim=True)
+        row = self.rows[texel][..., None] * self.pairs + pair[:, None, None]
+        weight = texel_weight[:, :, None, None].to(share.dtype) * share[:, None, None]
+        weight = weight.expand(row.shape).to(self.codebook.dtype)
+        mixed = functional.embedding_bag(
+            row.flatten(1), self.codebook, per_sample_weights=weight.flatten(1), mode="sum"
+        )
+        return mixed.expm1() / self.gain
+
+
+def _slices(btf: BTF, gain: float, fit: Fit, label: str) -> Iterator[Tensor]:
+    """The log radiance of consecutive slices as blocks (slices · 3, texels), each new."""
+    texels = btf.shape[0] * btf.shape[1]
+    step = max(1, BLOCK_BYTES // (texels * 12))
+    pictures = fit.progress(btf, label, len(btf))
+    for start in range(0, len(btf), step):
+        block = torch.empty(min(step, len(btf) - start), 3, texels)
+        for rows, picture in zip(block, pictures, strict=False):
+            rows.copy_(torch.from_numpy(picture.reshape(texels, 3)).T)
+        yield block.flatten(0, 1).to(fit.device).clamp_min_(0).mul_(gain).log1p_()
+
+
+def _reduced(btf: BTF, gain: float, components: int, fit: Fit) -> np.ndarray:
+    """The texels in the space of the first principal components, (H · W, k), at true distances."""
+
+    def read(label: str) -> Iterator[Tensor]:
+        return _slices(btf, gain, fit, label)
+
+    shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
+    factors = truncated_svd(read, shape, components, PASSES, fit.generator(), fit.device)
+    lengths = torch.linalg.vector_norm(factors.basis, dim=0)
+    return (factors.coefficients.T * lengths).cpu().numpy()
+
+
+def _cluster(points: np.ndarray, codes: int, seed: int) -> np.ndarray:
+    """The cluster (n,) of each point (n, k); no number below the highest is left out."""
+    from sklearn.cluster import MiniBatchKMeans
+
+    codes = min(codes, len(np.unique(points, axis=0)))
+    if codes == 1 or points.shape[1] == 0:
+        return np.zeros(len(points), np.int64)
+    means = MiniBatchKMeans(codes, batch_size=CLUSTERING_BATCH, n_init=3, random_state=seed % 2**32)
+    return np.unique(means.fit_predict(points), return_inverse=True)[1]
+
+
+def _means(points: np.ndarray, label: np.ndarray) -> np.ndarray:
+    """The mean (codes, k) of the points (n, k) of each cluster."""
+    sums = np.zeros((label.max() + 1, points.shape[1]), points.dtype)
+    np.add.at(sums, label, points)
+    return sums / np.bincount(label)[:, None]
+
+
+def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> list[Tensor]:
+    """The codebook (codes, N, 3) of each stage: the mean of its members, less what earlier stages answer for them."""
+    counts = [torch.from_numpy(np.bincount(label)) for label in labels]
+    rows = [torch.from_numpy(label).to(fit.device) for label in labels]
+    sums = [torch.empty(len(count), 3 * len(btf)) for count in counts]
+    start = 0
+    for block in _slices(btf, gain, fit, "codebook"):
+        for row, out in zip(rows, sums, strict=True):
+            part = torch.zeros(len(out), len(block), device=fit.device).index_add_(0, row, block.T)
+            out[:, start : start + len(block)] = part.cpu()
+        start += len(block)
+    books: list[Tensor] = []
+    for stage, (out, count) in enumerate(zip(sums, counts, strict=True)):
+        book = out / count[:, None]
+        for earlier in range(stage):
+            # How the members of each cluster are spread over those of an earlier stage.
+            both = np.zeros((len(count), len(counts[earlier])), np.float32)
+            np.add.at(both, (labels[stage], labels[earlier]), 1)
+            book = book - torch.from_numpy(both) / count[:, None] @ books[earlier].flatten(1)
+        books.append(book.reshape(len(count), -1, 3))
+    return books
+
+
+def pack_index(label: np.ndarray, codes: int) -> Tensor:
+    """Labels (n,) below `codes`, each in as few bits as that takes, as bytes."""
+    bits = (codes - 1).bit_length()
+    return torch.from_numpy(np.packbits((label[:, None] >> np.arange(bits) & 1).astype(np.uint8)))
+
+
+def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
+    """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` where bytes are missing."""
+    bits = (codes - 1).bit_length()
+    flat = np.unpackbits(packed.numpy(), count=count * bits).reshape(count, bits).astype(np.int64)
+    label = (flat << np.arange(bits)).sum(1)
+    if label.max(initial=0) >= codes:
+        raise ValueError(f"an index beyond the codebook of {codes}")
+    return torch.from_numpy(label)

@@ -1,0 +1,88 @@
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.vq import VQ, pack_index, unpack_index
+from bench.btf import BTF, ArraySource
+from bench.check import tiny_btf
+from bench.codec import Fit
+from bench.errors import InputError
+from bench.material import Material
+
+
+def clustered_btf(kinds: int = 5) -> tuple[BTF, np.ndarray]:
+    """A BTF whose texels are of a few kinds only, and the kind of each texel."""
+    like = tiny_btf()
+    kind = np.random.default_rng(0).permutation(np.arange(64) % kinds).reshape(8, 8)
+    abrdf = np.random.default_rng(1).uniform(0.1, 1, (len(like), kinds, 3)).astype(np.float32)
+    return BTF("kinds", like.wo, like.wi, ArraySource(abrdf[:, kind]), periodic=True), kind
+
+
+def decoded(btf: BTF, **settings: Any) -> Material:
+    codec = VQ(**settings)
+    return codec.decode(codec.encode(btf, Fit()), torch.device("cpu"))
+
+
+def error(btf: BTF, material: Material) -> float:
+    slices = (material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()).numpy() for i in range(len(btf)))
+    return max(np.abs(ours - truth).max() for ours, truth in zip(slices, btf, strict=True))
+
+
+def test_kinds_of_texels_are_found_exactly() -> None:
+    btf, kind = clustered_btf()
+    codec = VQ(codes=5)
+    parts = codec.encode(btf, Fit())
+    label = unpack_index(parts.texture["index0"], 64, 5).numpy()
+    assert len({*zip(label, kind.reshape(-1), strict=True)}) == 5
+    # The codebook is stored in half floats: 5e-4 of a log value of up to 2, and as much again of the radiance.
+    assert error(btf, codec.decode(parts, torch.device("cpu"))) < 2e-3
+
+
+def test_codes_beyond_what_differs_are_not_stored() -> None:
+    btf, _ = clustered_btf(3)
+    parts = VQ(codes=32).encode(btf, Fit())
+    assert parts.decoder["codebook"].shape == (3, len(btf), 3)
+
+
+def test_more_codes_and_more_stages_come_nearer() -> None:
+    btf = tiny_btf()
+    errors = [error(btf, decoded(btf, **s)) for s in ({"codes": 4}, {"codes": 16}, {"codes": 16, "stages": 2})]
+    assert errors[0] > errors[1] > errors[2]
+
+
+def test_one_code_is_the_mean_in_the_log_domain() -> None:
+    btf = tiny_btf()
+    codec = VQ(codes=1)
+    parts = codec.encode(btf, Fit())
+    assert parts.texture["index0"].numel() == 0
+    logs = np.log1p(parts.other["gain"].numpy() * np.stack(list(btf)))
+    np.testing.assert_allclose(parts.decoder["codebook"][0].float(), logs.mean((1, 2)), rtol=1e-3)
+
+
+def test_a_material_of_one_colour_is_coded() -> None:
+    like = tiny_btf()
+    values = np.full((len(like), 4, 4, 3), 0.25, np.float32)
+    btf = BTF("grey", like.wo, like.wi, ArraySource(values))
+    # Half floats hold a log value of 2 to 5e-4.
+    assert error(btf, decoded(btf)) < 1e-3
+
+
+@pytest.mark.parametrize("codes", [1, 2, 3, 32, 33, 1000])
+def test_an_index_takes_the_bits_it_needs(codes: int) -> None:
+    label = np.random.default_rng(codes).integers(0, codes, 77)
+    packed = pack_index(label, codes)
+    assert packed.numel() == -(-77 * (codes - 1).bit_length() // 8)
+    assert torch.equal(unpack_index(packed, 77, codes), torch.from_numpy(label))
+
+
+def test_an_index_beyond_the_codebook_is_refused() -> None:
+    with pytest.raises(ValueError, match="beyond the codebook of 6"):
+        unpack_index(pack_index(np.array([7]), 8), 1, 6)
+
+
+@pytest.mark.parametrize("settings", [{"codes": 0}, {"stages": 0}, {"components": 0}, {"codes": 1 << 20}])
+def test_settings_without_sense_are_refused(settings: dict[str, int]) -> None:
+    with pytest.raises(InputError, match="needs"):
+        VQ(**settings)
