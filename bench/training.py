@@ -141,8 +141,8 @@ def rate(step: int, steps: int, warmup: int) -> float:
 def train(objective: Objective, fit: Fit, steps: int, warmup: int = 100) -> None:
     """Fit the parameters of an objective in place, in `steps` steps.
 
-    Where `fit.checkpoint` names a file, the state is kept there, and a fit that finds one goes on from it; it is
-    removed at the end. Where the loss or a parameter is no longer finite, the last good state is restored and the
+    Where `fit.checkpoint` names a file, the state is kept there, and a fit that finds one goes on from it; who named it
+    removes it, once what was fitted is stored. Where the loss or a parameter is no longer finite, the last good state is restored and the
     learning rate halved; the fourth time, `DivergedError` is raised. `InputError` where the file on disk belongs to
     another fit.
     """
@@ -152,8 +152,6 @@ def train(objective: Objective, fit: Fit, steps: int, warmup: int = 100) -> None
     loop.resume()
     while loop.step < steps:
         loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
-    if fit.checkpoint:
-        fit.checkpoint.unlink(missing_ok=True)
 
 
 class _Loop:
