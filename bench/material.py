@@ -135,5 +135,5 @@ def texel_corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
 def sample_texture(texture: Tensor, uv: Tensor) -> Tensor:
     """A texture (H, W, C) at uv (n, 2), bilinear and periodic: (n, C), in the texture's dtype."""
     index, weight = texel_corners((texture.shape[0], texture.shape[1]), uv)
-    corners = texture.reshape(-1, texture.shape[2])[index]
+    corners = texture.flatten(0, 1)[index]
     return torch.einsum("nk,nkc->nc", weight.to(texture.dtype), corners)
