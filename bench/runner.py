@@ -294,7 +294,9 @@ class Job:
         summary = summarise(scores, btf.wo, btf.wi, bench.groups)
         angular = {"bins": {name: group.pop("bins") for name, group in summary.items()}}
         angular["polar"] = polar_maps(scores, btf.wo, btf.wi)
-        slices = {"pairs": scores.pairs, "abrdf": scores.abrdf} | scores.raw
+        heldout = np.isin(scores.pairs, bench.groups.get("heldout", []))
+        slices = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
+        slices |= {f"{w}_deg": np.stack(to_degrees(getattr(btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
         return {
             "shape": list(btf.shape),
             "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
@@ -304,12 +306,19 @@ class Job:
             "bytes": header.part_bytes() | {"total": header.file_bytes},
             "parameters": parameters(material),
             "cost": dataclasses.asdict(material.cost),
+            "metrics": {name: self._described(name) for name in bench.scorer.names},
             "scores": summary,
             "footprints": footprints,
             "slices": self._keep(f"slices/{header.path.stem}.npz", slices),
             "angular": self._keep(f"angular/{header.path.stem}.json", angular),
             "pictures": self._keep(f"pictures/{header.path.stem}.npz", self._pictures(decode)),
         }
+
+    @staticmethod
+    def _described(name: str) -> dict[str, Any]:
+        """What a table must say of a metric beside its numbers."""
+        metric = get_metric(name)
+        return {word: getattr(metric, word) for word in ("unit", "direction", "space", "version")}
 
     def _pictures(self, decode: Any) -> dict[str, np.ndarray]:
         """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma."""
@@ -319,6 +328,7 @@ class Job:
         eight = [np.round(to_display(x, bench.exposure) * 255).astype(np.uint8) for x in (truth, decoded)]
         angles = [np.stack(to_degrees(w[bench.shown]), 1) for w in (bench.btf.wo, bench.btf.wi)]
         pictures = {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
+        pictures["pairs"] = bench.shown
         flip = next((metric for name, metric in bench.scorer.metrics.items() if name.startswith("flip_ldr")), None)
         if flip and min(bench.btf.shape) >= flip.smallest:
             error = flip.error_map(flip.prepare(truth, bench.exposure), np.maximum(decoded, 0))
