@@ -42,6 +42,7 @@ class Rainer2019(Codec):
         texels: int = 64  # ABRDFs encoded in a step
         pairs: int = 32  # pairs decoded of each of them
         rate: float = 3e-3  # highest learning rate
+        loss: Literal["l1", "l2"] = "l1"  # on log radiance
         latents: int = 8  # channels that the encoder makes
         activation: Literal["leaky-relu", "relu"] = "leaky-relu"  # of the decoder's hidden layers
         precision: Precision = "int8"  # of the stored latents, means and deviations
@@ -150,7 +151,8 @@ class Fitting(Objective):
         pair = torch.randint(self.samples.pairs, (texels * pairs,), generator=generator).to(device)
         latents = self.latents(texel).repeat_interleave(pairs, 0)
         batch = self.samples.at(texel.repeat_interleave(pairs), pair)
-        return functional.mse_loss(self._decode(latents, batch), batch.target)
+        distance = functional.l1_loss if self.settings.loss == "l1" else functional.mse_loss
+        return distance(self._decode(latents, batch), batch.target)
 
 
 def _statistics(abrdfs: Tensor) -> Tensor:

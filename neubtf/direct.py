@@ -28,9 +28,9 @@ class NeuBTFDirect(Codec):
     class Settings(RendererSettings):
         steps: int = 10_000  # of the fit
         batch: int = 4_096  # samples a step
-        rate: float = 3e-3  # highest learning rate of the renderer
-        latent_rate: float = 3e-2  # highest learning rate of the neural texture
-        loss: Literal["l1", "l2"] = "l2"  # on log radiance
+        rate: float = 1e-2  # highest learning rate of the renderer
+        latent_rate: float = 1e-2  # highest learning rate of the neural texture
+        loss: Literal["l1", "l2"] = "l1"  # on log radiance
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)

@@ -27,7 +27,7 @@ class RendererSettings:
     layers: int = 3  # hidden layers of the renderer
     width: int = 32  # channels of each hidden layer
     activation: Literal["sine", "relu"] = "sine"  # of the hidden layers
-    omega: float = 1.0  # frequency of the sine; without the layer norm SIREN's is 30
+    omega: float = 2.0  # frequency of the sine; without the layer norm SIREN's is 30
     norm: bool = True  # layer norm before each activation
     residual: bool = True  # residual connections between layers of equal width
     precision: Precision = "int8"  # of the stored neural texture

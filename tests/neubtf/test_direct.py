@@ -1,9 +1,10 @@
+from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
-from bench import container
+from bench import container, training
 from bench.check import tiny_btf
 from bench.codec import Fit, Parts
 from bench.counting import parameters
@@ -31,7 +32,7 @@ def test_the_decoder_is_the_papers() -> None:
 
 def test_it_comes_near_the_data() -> None:
     fit = Fit()
-    NeuBTFDirect(steps=300, batch=1024, omega=2.0, rate=1e-2).encode(tiny_btf(), fit)
+    NeuBTFDirect(steps=300, batch=1024).encode(tiny_btf(), fit)
     # One colour a texel, the mean over pairs, reaches 16 dB.
     assert fit.history[-1]["psnr"] > 25
 
@@ -63,7 +64,7 @@ def test_precisions_differ_by_their_rounding() -> None:
     assert 0 < (int8 - exact).abs().max() < 3e-2 * scale
 
 
-def test_a_half_costs_half(tmp_path: Any) -> None:
+def test_a_half_costs_half(tmp_path: Path) -> None:
     sizes = {}
     for precision in ("float32", "half", "int8"):
         codec, parts, _ = fitted(precision=precision)
@@ -87,3 +88,18 @@ def test_the_stored_texture_is_what_was_fitted() -> None:
 def test_settings_without_sense_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="at least"):
         fitted(**settings)
+
+
+def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "KEEP_EVERY", 10)
+    monkeypatch.setattr(training, "SAVE_EVERY", 10)
+    codec, btf = NeuBTFDirect(steps=30, batch=64), tiny_btf()
+
+    def halt(label: str, done: int, total: int) -> None:
+        if label.startswith("fitting") and done == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        codec.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
+    resumed = codec.encode(btf, Fit(checkpoint=tmp_path / "state"))
+    assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(btf, Fit()))

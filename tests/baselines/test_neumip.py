@@ -1,0 +1,149 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import gaussian_filter
+
+from baselines.neumip import CHANNELS, Fitting, Networks, NeuMIP, NeuMIPMaterial, Pyramid, blur, level_count
+from bench import container, training
+from bench.btf import BTF, ArraySource
+from bench.check import tiny_btf
+from bench.codec import Fit
+from bench.counting import parameters
+from bench.decoder import load_vector
+from bench.errors import InputError
+from bench.material import sample_texture
+from bench.training import Samples
+
+
+def fitted(btf: BTF | None = None, **settings: Any) -> NeuMIPMaterial:
+    codec = NeuMIP(**{"steps": 10, "batch": 256} | settings)
+    material = codec.decode(codec.encode(btf or tiny_btf(), Fit()), torch.device("cpu"))
+    assert isinstance(material, NeuMIPMaterial)
+    return material
+
+
+@pytest.mark.parametrize(
+    ("settings", "count", "channels"),
+    [({}, 3332, 14), ({"outputs": 3}, 3254, 14), ({"offset": False}, 1756, 7)],
+    ids=["authors' code", "authors' text", "no offset"],
+)
+def test_parameters_are_those_that_were_published(settings: dict[str, Any], count: int, channels: int) -> None:
+    material = fitted(**settings)
+    assert parameters(material) == material.cost.parameters == count
+    assert material.cost.texture_channels == channels
+
+
+def test_levels_halve_until_a_side_is_one_texel() -> None:
+    assert [level_count(size) for size in ((512, 512), (64, 64), (1, 1), (8, 64), (5, 5))] == [9, 6, 1, 4, 2]
+    assert Pyramid((10, 6)).levels == [(10, 6), (5, 3), (2, 1)]
+
+
+def test_a_level_is_fetched_as_a_texture_of_its_own() -> None:
+    pyramid = Pyramid((8, 12))
+    table = torch.randn(sum(pyramid.counts), CHANNELS)
+    uv = torch.rand(50, 2) * 4 - 2
+    for level, (texels, size) in enumerate(zip(table.split(pyramid.counts), pyramid.levels, strict=True)):
+        expected = sample_texture(texels.reshape(*size, -1), uv)
+        for kind in (torch.long, torch.float32):
+            found = pyramid.fetch(table, uv, torch.full((50,), level, dtype=kind))
+            torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_between_levels_it_is_linear() -> None:
+    pyramid = Pyramid((8, 8))
+    table, uv = torch.randn(sum(pyramid.counts), CHANNELS), torch.rand(20, 2)
+    fine, coarse, between = (pyramid.fetch(table, uv, torch.full((20,), level)) for level in (1.0, 2.0, 1.25))
+    torch.testing.assert_close(between, 0.75 * fine + 0.25 * coarse)
+
+
+def test_the_level_is_the_footprint_in_texels() -> None:
+    level = Pyramid((64, 32)).level(torch.tensor([0.0, 1 / 64, 2 / 64, 3 / 64, 8 / 64, 100.0]))
+    assert level.tolist() == pytest.approx([0, 0, 1, np.log2(3), 3, 5], abs=1e-6)
+
+
+@pytest.mark.parametrize("size", [(16, 16), (15, 8)])
+def test_the_blur_is_a_periodic_gaussian(size: tuple[int, int]) -> None:
+    texture = np.random.default_rng(0).standard_normal((*size, 3))
+    ours = blur(torch.from_numpy(texture).flatten(0, 1), size, 1.5).reshape(*size, 3)
+    theirs = gaussian_filter(texture, (1.5, 1.5, 0), mode="wrap", truncate=8)
+    # A sampled Gaussian aliases: at σ = 1.5 by about exp(−2 π² σ² / 4) = 1e-5.
+    np.testing.assert_allclose(ours, theirs, atol=1e-4)
+
+
+def test_the_output_stage_is_the_authors() -> None:
+    networks = Networks(NeuMIP().settings)
+    load_vector(torch.zeros(1756), networks.decoder)
+    y, u, v, mask = 0.3, -0.1, 0.2, torch.tensor([0.5, -1.0, 2.0])
+    with torch.no_grad():
+        networks.decoder.layers[-1].bias.copy_(torch.cat([torch.tensor([y, u, v]), mask]))  # type: ignore[operator, union-attr]
+        rgb = networks.colour(torch.zeros(1, CHANNELS), torch.ones(1, 3), torch.ones(1, 3))
+    log = torch.tensor([y + 1.13983 * v, y - 0.39465 * u - 0.58060 * v, y + 2.03211 * u])
+    torch.testing.assert_close(rgb[0], log.expm1() * (0.1 + 1 / (1 + (-mask).exp())))
+
+
+def test_the_offset_moves_along_the_view() -> None:
+    networks = Networks(NeuMIP().settings)
+    assert networks.offset is not None
+    load_vector(torch.cat([torch.zeros(1575), torch.ones(1)]), networks.offset)
+    wo = torch.tensor([[0.6, 0.0, 0.8], [0.0, -0.96, 0.28], [0.0, 0.0, 1.0]])
+    moved = networks.move(torch.zeros(3, 2), torch.zeros(3, CHANNELS), wo)
+    # Nearer to the horizon than z = 0.6 the shift grows no further.
+    expected = torch.tensor([[0.05 * 0.6 / 0.8, 0], [0, -0.05 * 0.96 / 0.6], [0, 0]])
+    torch.testing.assert_close(moved, expected)
+
+
+def test_the_stored_textures_are_those_that_were_fitted() -> None:
+    """The blur is baked: what the file answers is what the fit saw at its end."""
+    btf, fit, codec = tiny_btf(), Fit(), NeuMIP(steps=10, batch=256, precision="float32", weights="float32")
+    gain = training.gain_of(btf, fit)
+    levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(3)]
+    objective = Fitting(levels, codec.settings, fit.generator())
+    training.train(objective, fit, 10)
+    batch = levels[0].draw(100, fit.generator())
+    with torch.no_grad():
+        expected = objective.predict(batch, 1.0).expm1().clamp_min(0) / gain
+    material = codec.decode(codec.encode(btf, Fit()), torch.device("cpu"))
+    wo, wi = (torch.from_numpy(w)[batch.pair] for w in (btf.wo, btf.wi))
+    torch.testing.assert_close(material.query(levels[0].centres(batch.texel), wo, wi), expected, rtol=1e-4, atol=1e-5)
+
+
+def test_a_large_footprint_gives_the_mean_of_a_box() -> None:
+    """A checkerboard of texels is grey from afar: a codec without levels would answer black or white."""
+    like = tiny_btf()
+    checks = np.indices((8, 8)).sum(0) % 2 * like.wi[:, 2, None, None]
+    btf = BTF("checks", like.wo, like.wi, ArraySource(np.repeat(checks[..., None], 3, -1).astype(np.float32)))
+    material = fitted(btf, steps=300, batch=256, blur=False)
+    fine, coarse = (material.slice([0, 0, 1], [0, 0, 1], (n, n)) for n in (8, 4))
+    assert (fine.amax() - fine.amin()) > 0.8
+    assert (coarse - 0.5).abs().max() < 0.15
+
+
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (2, 16)])
+def test_any_size_is_fitted(size: tuple[int, int]) -> None:
+    like = tiny_btf()
+    values = np.random.default_rng(0).uniform(0, 1, (len(like), *size, 3)).astype(np.float32)
+    material = fitted(BTF("noise", like.wo, like.wi, ArraySource(values)))
+    assert material.slice([0, 0, 1], [0, 0, 1]).shape == (*size, 3)
+
+
+def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "KEEP_EVERY", 10)
+    monkeypatch.setattr(training, "SAVE_EVERY", 10)
+    codec, btf = NeuMIP(steps=30, batch=64), tiny_btf()
+
+    def halt(label: str, done: int, total: int) -> None:
+        if label.startswith("fitting") and done == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        codec.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
+    resumed = codec.encode(btf, Fit(checkpoint=tmp_path / "state"))
+    assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(btf, Fit()))
+
+
+def test_settings_without_sense_are_refused() -> None:
+    with pytest.raises(InputError, match="3 or 6 outputs"):
+        NeuMIP(outputs=4)

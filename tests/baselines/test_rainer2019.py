@@ -1,0 +1,98 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.rainer2019 import Encoder, Fitting, Rainer2019
+from bench import container, training
+from bench.btf import BTF, ArraySource
+from bench.check import tiny_btf
+from bench.codec import Fit
+from bench.counting import parameters
+from bench.errors import InputError
+from bench.training import Samples
+
+
+def codec(**settings: Any) -> Rainer2019:
+    return Rainer2019(**{"steps": 10, "texels": 8, "pairs": 8} | settings)
+
+
+def test_the_decoder_is_the_published_one() -> None:
+    ours = codec()
+    parts = ours.encode(tiny_btf(), Fit())
+    material = ours.decode(parts, torch.device("cpu"))
+    assert parts.decoder["weights"].shape == (35_725,)
+    assert parts.texture["latents"].shape == (8, 8, 8 + 6)
+    assert parameters(material) == material.cost.parameters == 35_725
+    assert material.cost.texture_channels == 14
+
+
+def test_the_further_channels_are_mean_and_deviation_of_each_texel() -> None:
+    btf = tiny_btf()
+    parts = codec(precision="float32").encode(btf, Fit())
+    logs = np.log1p(parts.other["gain"].numpy() * np.stack(list(btf)))
+    # The fit holds the data as half floats: 5e-4 of each value.
+    np.testing.assert_allclose(parts.texture["latents"][..., 8:11], logs.mean(0), rtol=1e-3)
+    np.testing.assert_allclose(parts.texture["latents"][..., 11:], logs.std(0), rtol=2e-3)
+
+
+def test_it_comes_near_the_data() -> None:
+    fit = Fit()
+    codec(steps=200, texels=8, pairs=16).encode(tiny_btf(), fit)
+    assert fit.history[-1]["psnr"] > 25
+
+
+def test_latents_are_what_the_encoder_makes_of_an_abrdf() -> None:
+    """Texels that are alike share their latents: the encoder sees the ABRDF and nothing else."""
+    like = tiny_btf()
+    values = np.stack(list(like))
+    values[:, 4:] = values[:, :4]
+    btf = BTF("twice", like.wo, like.wi, ArraySource(values))
+    latents = codec(precision="float32").encode(btf, Fit()).texture["latents"]
+    torch.testing.assert_close(latents[4:], latents[:4], rtol=1e-5, atol=1e-5)
+    assert (latents[0, 0] - latents[0, 3]).abs().max() > 1e-3
+
+
+@pytest.mark.parametrize("pairs", [1, 2, 81, 625, 1000])
+def test_the_encoder_takes_any_number_of_pairs(pairs: int) -> None:
+    assert Encoder(pairs, 8, torch.Generator())(torch.zeros(3, pairs, 3)).shape == (3, 8)
+
+
+def test_blocks_of_texels_encode_as_single_ones() -> None:
+    btf, fit = tiny_btf(20), Fit()
+    fitting = Fitting(Samples(btf, 1.0, fit), codec().settings, fit)
+    texels = torch.arange(400)
+    together = fitting.encode(texels)
+    single = torch.cat([fitting.encode(texel[None]) for texel in texels[250:260]])
+    torch.testing.assert_close(together[250:260], single, rtol=1e-5, atol=1e-5)
+
+
+def test_a_material_of_one_colour_is_coded() -> None:
+    like = tiny_btf()
+    btf = BTF("grey", like.wo, like.wi, ArraySource(np.full((len(like), 2, 2, 3), 0.25, np.float32)))
+    ours = codec()
+    material = ours.decode(ours.encode(btf, Fit()), torch.device("cpu"))
+    assert (material.slice([0, 0, 1], [0, 0, 1]) - 0.25).abs().max() < 0.01
+
+
+def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "KEEP_EVERY", 10)
+    monkeypatch.setattr(training, "SAVE_EVERY", 10)
+    ours, btf = codec(steps=30, texels=2, pairs=4), tiny_btf()
+
+    def halt(label: str, done: int, total: int) -> None:
+        if label.startswith("fitting") and done == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ours.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
+    resumed = ours.encode(btf, Fit(checkpoint=tmp_path / "state"))
+    assert container.to_bytes(ours, resumed) == container.to_bytes(ours, ours.encode(btf, Fit()))
+
+
+@pytest.mark.parametrize("setting", ["texels", "pairs", "latents"])
+def test_settings_without_sense_are_refused(setting: str) -> None:
+    with pytest.raises(InputError, match="at least 1"):
+        codec(**{setting: 0})
