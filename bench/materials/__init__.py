@@ -3,12 +3,12 @@
 Names and descriptions live here; recipes, renderer and image libraries are imported only when a material is loaded.
 """
 
-import difflib
 import importlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
+from bench.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from bench.btf import BTF
@@ -41,9 +41,7 @@ def describe() -> dict[str, str]:
 def recipe(name: str) -> "Recipe":
     """The recipe of a built-in material with its default parameters. Raises `InputError` for an unknown name."""
     if name not in _REGISTRY:
-        close = difflib.get_close_matches(name, _REGISTRY, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(_REGISTRY)}"
-        raise InputError(f"unknown material {name!r}: {hint}")
+        raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
     module, _, attribute = _REGISTRY[name][0].partition(":")
     made: Recipe = getattr(importlib.import_module(module), attribute)()
     return made

@@ -10,13 +10,13 @@ A metric's name says everything that shapes its number. Two parts of a name are 
 To add a metric, write one file with a class derived from `bench.metrics.base.SliceMetric` and add one line below.
 """
 
-import difflib
 import importlib
 import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
+from bench.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from bench.metrics.base import SliceMetric
@@ -76,9 +76,7 @@ def get(name: str) -> Metric:
         found = re.fullmatch(_pattern(metric), name)
         if found:
             return _variant(metric, name, **found.groupdict())
-    near = difflib.get_close_matches(name, _examples(), n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(_examples())}"
-    raise InputError(f"no metric is named {name!r}: {hint}")
+    raise InputError(f"no metric is named {name!r}{did_you_mean(name, _examples())}")
 
 
 def default_names(periodic: bool) -> tuple[str, ...]:

@@ -138,7 +138,7 @@ def test_highlights_beyond_half_precision_are_kept_in_single():
 def test_an_unknown_name_is_answered_with_the_nearest():
     with pytest.raises(InputError, match="did you mean 'cable-knit'"):
         materials.load("cable_knit")
-    with pytest.raises(InputError, match="there are brick"):
+    with pytest.raises(InputError, match="known: brick"):
         materials.load("???")
 
 
