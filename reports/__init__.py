@@ -1,1 +1,51 @@
-"""Records and stored artefacts → tables and figures. Computes nothing new."""
+"""Records and stored artefacts → tables and figures. Computes nothing new.
+
+`write_report` writes everything that a run's folder should hold beside its records; `table_text` gives the tables in
+one format. Both read only what `bench.records` reads, and the arrays that a record names.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a report left behind: the tables for a terminal, and the files."""
+
+    text: str
+    files: list[Path]
+
+
+def table_text(run_folder: str | Path, format: str = "text", kind: str | None = None) -> str:
+    """The tables of a run as `text`, `markdown`, `latex` or `csv`.
+
+    `kind` picks one kind of table: `main`, `angular`, `radiance`, `footprints`, `rate` or `unfinished`; by default all
+    are given, the text of them in a shorter form. A CSV has one row a job and every number of its record, whatever the
+    kind. Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
+    """
+    from bench.records import load_run
+    from reports import text
+    from reports.latex import latex
+    from reports.raw import csv_text
+    from reports.tables import KINDS, all_tables
+
+    writers: dict[str, Callable[..., str]] = {"markdown": text.markdown, "latex": latex, "text": text.plain}
+    if format not in (*writers, "csv") or kind not in (None, *KINDS):
+        raise ValueError(f"format {format!r}, kind {kind!r}: none such")
+    run = load_run(run_folder)
+    if format == "csv":
+        return csv_text(run)
+    if format == "text" and kind is None:
+        return text.terminal(run)
+    return writers[format]([table for table in all_tables(run) if kind in (None, table.kind)])
+
+
+def write_report(run_folder: str | Path) -> Written:
+    """Write `tables/`, `figures/` and `report.html` into a run's folder, each file whole or not at all.
+
+    The same records give the same files. Raises `InputError` where the folder holds no run.
+    """
+    from reports.write import write
+
+    return write(Path(run_folder))

@@ -1,0 +1,175 @@
+"""The columns of tables by material: name, unit, and the cell of a row."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from bench.records import Record
+from reports.numbers import NONE, NOT_COMPARABLE, fixed, integer, pooled, significant, spread
+from reports.rows import NEW_RUN, Row
+
+PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
+_DIGITS = {PSNR: 2, LOG_PSNR: 2, SSIM: 3, FLIP: 3}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A name, a unit with an arrow to the better end, and how a measured row fills it."""
+
+    name: str
+    unit: str
+    cell: Callable[[Row], str]
+
+
+def _pooled(row: Row, family: str, group: str = "") -> str:
+    return pooled(row.stats(group or row.gate, family), _DIGITS[family])
+
+
+def _spread(row: Row, family: str) -> str:
+    return spread(row.stats(row.gate, family), _DIGITS[family])
+
+
+def _part(row: Row, part: str) -> str:
+    return integer(row.job["bytes"].get(part))
+
+
+def _bits(row: Row) -> str:
+    height, width = row.job["shape"]
+    return significant(8 * row.job["bytes"]["total"] / (height * width), 4)
+
+
+def _other_bytes(row: Row) -> str:
+    named = {"decoder", "texture", "total"}
+    return integer(sum(size for part, size in row.job["bytes"].items() if part not in named))
+
+
+def _seconds(row: Row) -> str:
+    return significant(row.job.get("fit_seconds"), 2)
+
+
+def _nanoseconds(row: Row) -> str:
+    return _timed(row, lambda timing: significant(timing["ns_per_sample"]))
+
+
+def _interval(row: Row) -> str:
+    return _timed(row, lambda timing: " to ".join(map(significant, timing["interval95_ns"])))
+
+
+def _ratio(row: Row) -> str:
+    return _timed(row, lambda timing: significant(timing["ratio_to_floor"]))
+
+
+def _timed(row: Row, cell: Callable[[Record], str]) -> str:
+    if row.timing is None:
+        return NONE
+    if row.timing_obstacle == NEW_RUN:
+        return f"{cell(row.timing)}*"
+    return NOT_COMPARABLE if row.timing_obstacle else cell(row.timing)
+
+
+_PARAMETERS = Column("decoder", "param.", lambda row: integer(row.job["parameters"]))
+_CHANNELS = Column("tex.", "chan.", lambda row: integer(row.job["cost"]["texture_channels"]))
+_TOTAL = Column("total", "bytes ↓", partial(_part, part="total"))
+_BITS = Column("bits per", "texel ↓", _bits)
+_TRAIN = Column("PSNR train", "dB ↑", partial(_pooled, family=PSNR, group="train"))
+_HELDOUT = Column("PSNR", "dB ↑", partial(_pooled, family=PSNR))
+PER_SLICE = Column("PSNR per slice", "dB ↑", partial(_spread, family=PSNR))
+_FIT = Column("fit", "s", _seconds)
+_NS = Column("time", "ns ↓", _nanoseconds)
+_FLOOR = Column("time", "× floor", _ratio)
+
+SHORT = (
+    _PARAMETERS,
+    _CHANNELS,
+    _TOTAL,
+    _BITS,
+    Column("train", "dB ↑", _TRAIN.cell),
+    _HELDOUT,
+    Column("log", "dB ↑", partial(_pooled, family=LOG_PSNR)),
+    Column("SSIM", "↑", partial(_pooled, family=SSIM)),
+    Column("FLIP", "↓", partial(_pooled, family=FLIP)),
+    _FIT,
+    _NS,
+    _FLOOR,
+)
+MAIN = (
+    _PARAMETERS,
+    _CHANNELS,
+    Column("decoder", "bytes", partial(_part, part="decoder")),
+    Column("texture", "bytes", partial(_part, part="texture")),
+    Column("other", "bytes", _other_bytes),
+    _TOTAL,
+    _BITS,
+    _TRAIN,
+    _HELDOUT,
+    PER_SLICE,
+    Column("log PSNR", "dB ↑", partial(_pooled, family=LOG_PSNR)),
+    Column("SSIM", "↑", partial(_spread, family=SSIM)),
+    Column("FLIP", "↓", partial(_spread, family=FLIP)),
+    _FIT,
+    _NS,
+    Column("95 % interval", "ns", _interval),
+    _FLOOR,
+)
+
+
+def bands(job: Record) -> list[Column]:
+    """PSNR over each band of the pairs that decide."""
+    return [Column(name, f"dB ↑ ({count:,})", partial(_pooled, family=PSNR, group=group))
+            for name, group, count in _bands(job)]  # fmt: skip
+
+
+def radiance_bands(job: Record) -> list[Column]:
+    """The error of linear radiance over each band, absolute and relative."""
+    return [Column(name, f"radiance ↓ ({count:,})", partial(_radiance, group=group))
+            for name, group, count in _bands(job)]  # fmt: skip
+
+
+def footprints(job: Record) -> list[Column]:
+    """PSNR at each footprint."""
+    return [Column(f"{side} texel{'s' * (side != '1')}", "dB ↑", partial(_footprint, side=side))
+            for side in job["footprints"]]  # fmt: skip
+
+
+def _bands(job: Record) -> list[tuple[str, str, int]]:
+    """(name, group, slices) of the pairs that decide and their subsets, without subsets of subsets."""
+    gate = "heldout" if "heldout" in job["scores"] else "all"
+    found = [("held out" if gate == "heldout" else "all", gate)]
+    for group in job["scores"]:
+        prefix, _, band = group.partition(", ")
+        if prefix == gate and band and ", " not in band:
+            found.append((_BAND_NAMES.get(band, band), group))
+    order = list(_BAND_NAMES.values())
+    found[1:] = sorted(found[1:], key=lambda item: order.index(item[0]) if item[0] in order else len(order))
+    return [(name, group, job["scores"][group]["slices"]) for name, group in found]
+
+
+_BAND_NAMES = {
+    "grazing view": "θ_o>60°",
+    "grazing light": "θ_i>60°",
+    "inside hull": "inside hull",
+    "outside hull": "outside hull",
+    "new view": "new view",
+    "new light": "new light",
+    "both new": "both new",
+}
+
+
+def _radiance(row: Row, group: str) -> str:
+    stats = row.stats(group, RMSE)
+    if not stats or stats["pooled"] is None:
+        return NONE
+    return f"{significant(stats['pooled'])} ({_relative(row, group)} %)"
+
+
+def _relative(row: Row, group: str) -> str:
+    relative = row.stats(group, RMSE).get("relative")
+    return NONE if relative is None else fixed(100 * relative, 1)
+
+
+def _footprint(row: Row, side: str) -> str:
+    found = row.job["footprints"].get(side)
+    return pooled({"pooled": found["psnr_display"]} | found, 2) if found else NONE
+
+
+RELATIVE_ERROR = Column("RMSE", "% mean ↓", lambda row: _relative(row, row.gate))

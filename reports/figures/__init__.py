@@ -1,0 +1,20 @@
+"""Figures of a run, one kind a file. Each kind is a function from a run to `Figure`s, listed in `ALL`."""
+
+from collections.abc import Callable, Iterator
+
+from bench.records import Run
+from reports.figures.abrdf import abrdf_maps
+from reports.figures.angles import angle_curves
+from reports.figures.canvas import Figure as Figure
+from reports.figures.contact import contact_sheets
+from reports.figures.polar import polar_maps
+from reports.figures.scatter import rate_distortion, speed_accuracy
+
+ALL: tuple[Callable[[Run], Iterator[Figure]], ...] = (
+    contact_sheets,
+    rate_distortion,
+    speed_accuracy,
+    angle_curves,
+    polar_maps,
+    abrdf_maps,
+)

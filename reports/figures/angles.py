@@ -1,0 +1,47 @@
+"""Quality against the angle of view: how a codec falls off toward the horizon."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bench.records import Run
+from reports.artefacts import Arrays, arrays
+from reports.columns import PSNR
+from reports.figures.canvas import Figure, legend, look, new, png, style
+from reports.rows import Row, materials
+
+EDGES_DEG = np.arange(0.0, 91.0, 15.0)
+
+
+def angle_curves(run: Run) -> Iterator[Figure]:
+    """For each material: display PSNR, pooled over rings of 15° in θ_o and in θ_i, of the pairs that decide."""
+    for material in materials(run):
+        stored = [(row, arrays(run.folder, row.job, "slices")) for row in material.measured]
+        curves = [(row, scores) for row, scores in stored if scores and {"heldout", "wo_deg", "wi_deg"} <= set(scores)]
+        if not curves:
+            continue
+        title = f"{material.name}: quality by angle"
+        with style():
+            drawing = new(10, max(4.0, 1.6 + 0.2 * len(curves)), layout="constrained")
+            panels = drawing.subplots(1, 2, sharey=True)
+            for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θ_o", "light, θ_i"), strict=True):
+                handles = [
+                    axes.plot(*_rings(row, scores, side), **look(index), markersize=5, linewidth=1.2)[0]
+                    for index, (row, scores) in enumerate(curves)
+                ]
+                axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)
+            pairs = "held-out pairs" if curves[0][0].gate == "heldout" else "all pairs"
+            panels[0].set_ylabel(f"display PSNR, dB ({pairs}; higher is better)")
+            panels[0].set_title(f"{title}\n{material.split}", loc="left")
+            legend(panels[1], handles, [row.label for row, _ in curves])
+            yield Figure(material.name, "angles", title, png(drawing))
+
+
+def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of the rings that hold a pair, and PSNR of the mean squared error there; no point where it is 0."""
+    chosen = scores["heldout"] if row.gate == "heldout" else np.ones(len(scores["pairs"]), bool)
+    error, theta = scores[PSNR][chosen], scores[side][chosen, 0]
+    ring = np.clip(np.searchsorted(EDGES_DEG, theta + 1e-4, side="right") - 1, 0, len(EDGES_DEG) - 2)
+    means = {int(i): error[ring == i].mean() for i in np.unique(ring)}
+    centres = np.array([EDGES_DEG[i] + 7.5 for i, mean in means.items() if mean > 0])
+    return centres, -10 * np.log10([mean for mean in means.values() if mean > 0])

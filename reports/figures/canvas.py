@@ -1,0 +1,90 @@
+"""What all figures share: a file name, a style, a palette that colour-blind readers can tell apart, bytes of PNG."""
+
+import io
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Drawing
+
+DPI = 110
+# Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The
+# marker changes together with the colour, so that no two of 14 are alike even in grey.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#56B4E9", "#E69F00")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawn figure: the material it shows, its kind, its title, its PNG."""
+
+    material: str
+    kind: str
+    title: str
+    png: bytes
+
+    @property
+    def name(self) -> str:
+        """Its file's name."""
+        return f"{self.kind}-{re.sub('[^A-Za-z0-9.=_-]+', '-', self.material)}.png"
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Matplotlib as every figure here wants it: labels are words, not formulas, and any script may occur in them."""
+    settings = {
+        "font.family": "DejaVu Sans",
+        "font.size": 9,
+        "axes.titlesize": 9,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "grid.alpha": 0.25,
+        "legend.frameon": False,
+        "text.parse_math": False,
+        "axes.unicode_minus": True,
+    }
+    with matplotlib.rc_context(settings), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)
+        yield
+
+
+def new(width: float, height: float, **options: Any) -> Drawing:
+    """An empty figure of that size in inches, known to no global list of figures."""
+    drawing = Drawing(figsize=(width, height), dpi=DPI, **options)
+    FigureCanvasAgg(drawing)
+    return drawing
+
+
+def png(drawing: Drawing) -> bytes:
+    """The figure as PNG; the same drawing gives the same bytes."""
+    out = io.BytesIO()
+    drawing.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()
+
+
+def short(label: str, length: int = 34) -> str:
+    """A label that fits, and that no legend takes for a hidden one."""
+    label = label if len(label) <= length else label[: length - 1] + "…"
+    return f" {label}" if label.startswith("_") else label
+
+
+def grid_of(count: int, columns: int) -> tuple[int, int]:
+    """(rows, columns) for so many small pictures."""
+    columns = min(columns, max(1, count))
+    return -(-count // columns), columns
+
+
+def look(index: int) -> dict[str, Any]:
+    """Colour and marker of the codec of that index."""
+    return {"color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)]}
+
+
+def legend(axes: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
+    """A legend beside the axes, where it covers no data."""
+    axes.legend(handles, list(map(short, labels)), loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0)

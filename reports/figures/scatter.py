@@ -1,0 +1,87 @@
+"""Quality against bytes, and quality against time: one mark a job, one colour and line a ladder of rates."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from bench.records import Run
+from reports.columns import PSNR
+from reports.figures.canvas import Figure, legend, look, new, png, style
+from reports.rows import Material, Row, materials
+
+
+def rate_distortion(run: Run) -> Iterator[Figure]:
+    """Pooled display PSNR against the bytes of the file, for each material."""
+    for material in materials(run):
+        yield from _scatter(material, "rate", "rate and distortion", "bytes of the file (smaller is better)", _bytes)
+
+
+def speed_accuracy(run: Run) -> Iterator[Figure]:
+    """Pooled display PSNR against the time of a sample with its 95 % interval, for each material."""
+    for material in materials(run):
+        yield from _scatter(material, "speed", "speed and accuracy", "ns a sample (less is better)", _nanoseconds)
+
+
+Place = tuple[float, tuple[float, float]]  # where a job stands on the x axis, and the interval about it
+
+
+def _bytes(row: Row) -> Place | None:
+    total = row.job["bytes"]["total"]
+    return total, (total, total)
+
+
+def _nanoseconds(row: Row) -> Place | None:
+    if row.timing is None or row.timing_obstacle:
+        return None
+    low, high = row.timing["interval95_ns"]
+    return row.timing["ns_per_sample"], (low, high)
+
+
+def _scatter(
+    material: Material, kind: str, about: str, axis: str, place: Callable[[Row], Place | None]
+) -> Iterator[Figure]:
+    curves, absent = _curves(material, place)
+    if not curves:
+        return
+    title = f"{material.name}: {about}"
+    with style():
+        drawing = new(8.2, max(4.2, 1.6 + 0.2 * len(curves)), layout="constrained")
+        axes = drawing.add_subplot()
+        handles = [_draw(axes, index, points) for index, points in enumerate(curves.values())]
+        axes.set(xscale="log", xlabel=axis, ylabel=f"display PSNR, dB ({_pairs(material)}; higher is better)")
+        axes.set_title(f"{title}\n{material.split}", loc="left")
+        axes.margins(0.08)
+        if absent:
+            axes.text(
+                0, -0.2, "not drawn, without any error: " + ", ".join(absent), transform=axes.transAxes, fontsize=8
+            )
+        legend(axes, handles, list(curves))
+        yield Figure(material.name, kind, title, png(drawing))
+
+
+def _pairs(material: Material) -> str:
+    return "held-out pairs" if material.measured[0].gate == "heldout" else "all pairs"
+
+
+Point = tuple[Place, float]
+
+
+def _curves(material: Material, place: Callable[[Row], Place | None]) -> tuple[dict[str, list[Point]], list[str]]:
+    """Points by ladder, and the labels of what is exact: infinitely far up."""
+    curves: dict[str, list[Point]] = {}
+    absent = []
+    for row in material.measured:
+        quality, where = row.stats(row.gate, PSNR).get("pooled"), place(row)
+        if quality is None:
+            absent.append(row.label)
+        elif where:
+            curves.setdefault(row.job.get("curve") or row.job.get("codec") or row.label, []).append((where, quality))
+    return curves, absent
+
+
+def _draw(axes: Any, index: int, points: list[Point]) -> Any:
+    points = sorted(points)
+    x, y = [where[0] for where, _ in points], [quality for _, quality in points]
+    spans = [[where[0] - where[1][0] for where, _ in points], [where[1][1] - where[0] for where, _ in points]]
+    colours = look(index)
+    axes.errorbar(x, y, xerr=spans, fmt="none", ecolor=colours["color"], elinewidth=1, capsize=2)
+    return axes.plot(x, y, **colours, markersize=6, linewidth=1, alpha=0.9)[0]

@@ -1,0 +1,91 @@
+"""Footnotes of tables: what the numbers are, what was left out, under which conditions time was taken."""
+
+from collections.abc import Iterator
+
+from bench.records import Record, Run
+from reports.columns import FLIP, LOG_PSNR, PSNR, RMSE, SSIM
+from reports.rows import Material
+
+
+def main_notes(material: Material) -> list[str]:
+    """The footnotes of a main table."""
+    if material.first is None:
+        return []
+    return [_what(material.first), *_metrics(material), *_timing(material), *common_notes(material)]
+
+
+def common_notes(material: Material) -> list[str]:
+    """What holds for every table of a material: exact slices and rows that are not comparable."""
+    return [*_exact(material), *_not_comparable(material)]
+
+
+def run_notes(run: Run) -> list[str]:
+    """Where the numbers come from, and what of the records could not be read."""
+    notes = [_provenance(run.starts[-1])] if run.starts else []
+    if run.unreadable:
+        lines = ", ".join(map(str, run.unreadable[:10])) + (", …" if len(run.unreadable) > 10 else "")
+        notes.append(f"{len(run.unreadable)} line(s) of records.jsonl could not be read: {lines}.")
+    return notes
+
+
+def _what(job: Record) -> str:
+    pairs = "the held-out pairs" if "heldout" in job["scores"] else "all pairs, none being held out"
+    return (
+        f"Quality is of {pairs} (but “train”), decoded from the file. PSNR is of the pooled squared error, "
+        "mean ± std are over slices. Bytes are the file's; “other” includes its header."
+    )
+
+
+def _metrics(material: Material) -> Iterator[str]:
+    """Full names of the metrics behind the columns, with unit, direction, space and version."""
+    assert material.first is not None
+    known, versions = material.first.get("metrics", {}), material.first["score_key"]["metrics"]
+    names = [material.measured[0].metric(family) for family in (PSNR, LOG_PSNR, SSIM, FLIP, RMSE)]
+    words = [_metric(name, known.get(name, {}), versions.get(name)) for name in names if name]
+    if words:
+        yield "Metrics: " + "; ".join(words) + "."
+
+
+def _metric(name: str, described: Record, version: int | None) -> str:
+    words = [word for word in (described.get("unit"), described.get("space")) if word and word != "1"]
+    if "direction" in described:
+        words.append(f"{described['direction']} is better")
+    return ", ".join([f"{name} version {version}", *words])
+
+
+def _timing(material: Material) -> Iterator[str]:
+    timed = [row for row in material.measured if row.timing and not row.timing_obstacle]
+    if timed and timed[0].timing:
+        state = timed[0].timing
+        fetch = "texture fetch included" if state.get("texture_fetch") else "without the texture fetch"
+        yield (
+            f"Time a sample: median of a batch of {state.get('batch'):,}, {state.get('dtype')}, "
+            f"{state.get('threads')} threads, {state.get('device')}, {state.get('execution')}, {fetch}; "
+            "floor: one bilinear fetch of a colour, in turns with the others."
+        )
+    for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):
+        labels = ", ".join(row.label for row in material.measured if row.timing_obstacle == reason)
+        yield f"{labels}: {reason}."
+
+
+def _exact(material: Material) -> Iterator[str]:
+    for row in material.measured:
+        stats = row.stats(row.gate, PSNR)
+        if stats and stats["exact"]:
+            counted = f"{stats['exact']:,} of {stats['slices']:,} slices"
+            yield f"{row.label}: {counted} have no error in display space; mean ± std leave them out."
+
+
+def _not_comparable(material: Material) -> Iterator[str]:
+    for row in material.rows:
+        if row.obstacle:
+            yield f"n/c: {row.label} is not comparable with the other rows: {row.obstacle}."
+
+
+def _provenance(start: Record) -> str:
+    machine, packages = start.get("machine", {}), start.get("packages", {})
+    parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]
+    parts += [f"revision {start['git']}"] if start.get("git") else []
+    parts += [f"{name} {packages[name]}" for name in ("neubtf-bench", "torch", "numpy") if name in packages]
+    parts += [f"{machine.get('processor', '?')}, {machine.get('cores', '?')} cores, device {start.get('device', '?')}"]
+    return ", ".join(parts) + "."

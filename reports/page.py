@@ -1,0 +1,62 @@
+"""One self-contained HTML page: every table and every figure of a run."""
+
+import base64
+from collections.abc import Sequence
+from html import escape
+
+from tabulate import tabulate
+
+from bench.records import Run
+from reports.figures import Figure
+from reports.notes import run_notes
+from reports.rows import materials
+from reports.tables import Table, all_tables
+
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 78rem; padding: 0 1rem; color: #1a1a1a }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px }
+th, td { padding: .25rem .6rem; border-bottom: 1px solid #ddd; white-space: nowrap }
+th { vertical-align: bottom; border-bottom-color: #888 }
+th small { font-weight: normal; color: #555 }
+td:last-child.words { white-space: normal }
+.scroll { overflow-x: auto }
+.notes { color: #444; font-size: 13px; margin: .4rem 0 }
+h2 { margin-top: 2.5rem; border-bottom: 2px solid #1a1a1a }
+img { max-width: 100%; display: block; margin: 1rem 0 }
+"""
+
+
+def page(run: Run, figures: Sequence[Figure]) -> str:
+    """The page of a run. Nothing in it points outside it."""
+    suite = run.starts[-1].get("suite", "") if run.starts else ""
+    title = f"neubtf-bench {suite}".strip()
+    body = [f"<h1>{escape(title)}</h1>", *(_note(note) for note in run_notes(run))]
+    tables = all_tables(run)
+    if not any(table.kind == "main" for table in tables):
+        body.append("<p><strong>Nothing was measured in this run.</strong></p>")
+    for material in materials(run):
+        body.append(f"<h2>{escape(material.name)}</h2>")
+        body += [_table(table) for table in tables if table.material == material.name]
+        body += [_image(figure) for figure in figures if figure.material == material.name]
+    body += [_table(table) for table in tables if not table.material]
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
+        f"<style>{_STYLE}</style>\n</head>\n<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
+    )
+
+
+def _table(table: Table) -> str:
+    headers = [escape(name) + (f"<br><small>{escape(unit)}</small>" if unit else "") for name, unit in table.headers]
+    align = ["left" if i < table.words else "right" for i in range(len(headers))]
+    rows = [[escape(cell) for cell in row] for row in table.rows]
+    text = tabulate(rows, headers, "unsafehtml", colalign=align, disable_numparse=True)
+    return f'<h3>{escape(table.title)}</h3>\n<div class="scroll">{text}</div>\n' + "\n".join(map(_note, table.notes))
+
+
+def _note(note: str) -> str:
+    return f'<p class="notes">{escape(note)}</p>'
+
+
+def _image(figure: Figure) -> str:
+    data = base64.b64encode(figure.png).decode()
+    return f'<h3>{escape(figure.title)}</h3>\n<img alt="{escape(figure.title)}" src="data:image/png;base64,{data}">'

@@ -1,0 +1,118 @@
+"""The jobs of a run as the rows of tables: by material, with what keeps a row from being compared with the others."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from bench.records import Record, Run
+
+NEW_RUN = "timed in an earlier run than its neighbours"
+_CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One job of a material: its record, its timing, and why (if so) its numbers cannot stand beside the others'."""
+
+    job: Record
+    label: str
+    timing: Record | None = None
+    obstacle: str = ""
+    timing_obstacle: str = ""
+
+    @property
+    def measured(self) -> bool:
+        """Whether there are numbers that may be compared."""
+        return self.job["status"] == "ok" and not self.obstacle
+
+    @property
+    def gate(self) -> str:
+        """The group of pairs that decides: held-out ones, or all where none are held out."""
+        return "heldout" if "heldout" in self.job["scores"] else "all"
+
+    def metric(self, family: str) -> str:
+        """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`), or ""."""
+        return metric_name(self.job["scores"][self.gate]["metrics"], family)
+
+    def stats(self, group: str, family: str) -> dict[str, Any]:
+        """The statistics of a metric over a group of pairs; empty where there are none."""
+        metrics = self.job["scores"].get(group, {}).get("metrics", {})
+        found: dict[str, Any] = metrics.get(metric_name(metrics, family), {})
+        return found
+
+
+@dataclass(frozen=True)
+class Material:
+    """The rows of one material, in the order of the suite."""
+
+    name: str
+    rows: list[Row]
+
+    @property
+    def measured(self) -> list[Row]:
+        return [row for row in self.rows if row.measured]
+
+    @property
+    def first(self) -> Record | None:
+        """The record that stands for what the comparable rows share: split, shape, metrics."""
+        return next((row.job for row in self.measured), None)
+
+    @property
+    def split(self) -> str:
+        """Size and pairs in words: "64 × 64 texels, 625 training pairs, 150 held out"."""
+        if self.first is None:
+            return "nothing measured"
+        height, width = self.first["shape"]
+        pairs = self.first["pairs"]
+        heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out: scored on all"
+        return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
+
+
+def metric_name(names: Iterable[str], family: str) -> str:
+    """The first of the names that is the family's own or a variant of it, or ""."""
+    return next((name for name in names if name == family or name.startswith(f"{family}_")), "")
+
+
+def materials(run: Run) -> list[Material]:
+    """The run's jobs by material."""
+    by_name: dict[str, list[Record]] = {}
+    for job in run.jobs:
+        by_name.setdefault(job["material"], []).append(job)
+    return [Material(name, list(_rows(run, jobs))) for name, jobs in by_name.items()]
+
+
+def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
+    scored = [job for job in jobs if job["status"] == "ok"]
+    newest: Record = max(scored, key=lambda job: str(job["run"]), default={})
+    timings = {job["job"]: run.timing(job) for job in scored}
+    latest: Record = max((t for t in timings.values() if t), key=lambda timing: str(timing["run"]), default={})
+    seeds = {job.get("seed") for job in jobs}
+    for job in jobs:
+        label = job.get("label", job["job"]) + (f" seed={job['seed']}" if len(seeds) > 1 else "")
+        timing = timings.get(job["job"])
+        obstacle = _difference(job["score_key"], newest["score_key"]) if job["status"] == "ok" else ""
+        yield Row(job, label, timing, obstacle, _timing_obstacle(timing, latest) if timing else "")
+
+
+def _difference(key: Record, wanted: Record) -> str:
+    """In words, what two scores do not share and would have to."""
+    reasons = [f"another {text}" for part, text in _SHARED.items() if key.get(part) != wanted.get(part)]
+    mine, theirs = key.get("metrics", {}), wanted.get("metrics", {})
+    for name in sorted(mine.keys() | theirs.keys()):
+        if mine.get(name) != theirs.get(name):
+            reasons.append(f"{name} {_version(mine.get(name))} instead of {_version(theirs.get(name))}")
+    return ", ".join(reasons)
+
+
+_SHARED = {"btf": "BTF (its fingerprint differs)", "exposure": "exposure"}
+
+
+def _version(version: object) -> str:
+    return "not measured" if version is None else f"version {version}"
+
+
+def _timing_obstacle(timing: Record, latest: Record) -> str:
+    differ = [name for name in _CONDITIONS if timing.get(name) != latest.get(name)]
+    if differ:
+        return "timed under other conditions: " + ", ".join(f"{name} {timing.get(name)}" for name in differ)
+    return "" if timing["run"] == latest["run"] else NEW_RUN

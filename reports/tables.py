@@ -1,0 +1,134 @@
+"""The tables of a run, as text in cells: which columns, which rows, which footnotes. How they look is elsewhere."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from bench.records import Record, Run
+from reports import columns
+from reports.columns import Column
+from reports.notes import common_notes, main_notes
+from reports.numbers import NONE, NOT_COMPARABLE, fixed
+from reports.rows import Material, Row, materials
+
+KINDS = ("main", "angular", "radiance", "footprints", "rate", "unfinished")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells as text. A header is a name and, below it, a unit with an arrow to the better end; "" where none is."""
+
+    kind: str
+    title: str
+    headers: list[tuple[str, str]]
+    rows: list[list[str]]
+    notes: list[str] = field(default_factory=list)
+    words: int = 1  # how many columns, from the left, hold words
+    material: str = ""  # where the table is of one
+
+
+def all_tables(run: Run) -> list[Table]:
+    """Every table that has a row, by kind and then by material. The columns are all there are."""
+    found = materials(run)
+    tables = [table for kind in _BY_MATERIAL for table in map(kind, found) if table]
+    return tables + [table for table in (*rate_tables(run), unfinished_table(run)) if table]
+
+
+def main_table(material: Material, chosen: Sequence[Column] = columns.MAIN) -> Table | None:
+    """Cost, quality and time of each codec; None where nothing was measured."""
+    return _table("main", material, "", chosen, main_notes(material))
+
+
+def angular_table(material: Material) -> Table | None:
+    """Display PSNR by where the held-out pairs lie."""
+    chosen = columns.bands(material.first) if material.first else []
+    return _table("angular", material, "display PSNR by direction", chosen, common_notes(material))
+
+
+def radiance_table(material: Material) -> Table | None:
+    """The error of linear radiance by where the held-out pairs lie, absolute and relative to the band's mean."""
+    chosen = columns.radiance_bands(material.first) if material.first else []
+    note = "(…): relative to the mean radiance of the same pairs, because dark slices flatter an absolute error."
+    return _table("radiance", material, "error of radiance by direction", chosen, [note, *common_notes(material)])
+
+
+def footprint_table(material: Material) -> Table | None:
+    """Display PSNR of answers averaged over several texels."""
+    chosen = columns.footprints(material.first) if material.first else []
+    note = "Answers over a square of so many texels a side, against box-filtered truth."
+    return _table("footprints", material, "display PSNR by footprint", chosen, [note, *common_notes(material)])
+
+
+def rate_tables(run: Run) -> Iterator[Table]:
+    """BD-rate and BD-PSNR of each ladder of rates, where the run has any."""
+    by_material: dict[str, list[Record]] = {}
+    for rate in run.rates:
+        by_material.setdefault(rate["material"], []).append(rate)
+    for name, rates in by_material.items():
+        headers = [("ladder", ""), ("rates", ""), ("BD-rate", "% ↓"), ("BD-PSNR", "dB ↑"), ("quality", "dB")]
+        headers += [("overlap", "%"), ("size", "bytes"), ("overlap", "%")]
+        notes = [f"{rate['curve']}: {rate['error']}" for rate in rates if "error" in rate]
+        anchor = rates[0]["anchor"]
+        notes.insert(
+            0, f"Against the ladder {anchor} at equal held-out {rates[0]['metric']}; rates are bytes of files."
+        )
+        yield Table(
+            "rate", f"{name}: against {anchor}", headers, [_rate_cells(rate) for rate in rates], notes, material=name
+        )
+
+
+def _rate_cells(rate: Record) -> list[str]:
+    cells = [rate["curve"], str(len(rate["points"]))]
+    if "error" in rate:
+        return cells + [NONE] * 6
+    cells += [f"{rate['bd_rate_percent']:+.1f}", f"{rate['bd_psnr_db']:+.2f}"]
+    cells += ["{:.2f} to {:.2f}".format(*rate["quality_db"]), fixed(100 * rate["quality_overlap"], 0)]
+    return [*cells, "{:,.0f} to {:,.0f}".format(*rate["bytes"]), fixed(100 * rate["bytes_overlap"], 0)]
+
+
+def unfinished_table(run: Run) -> Table | None:
+    """Jobs without numbers, and why."""
+    words = {"failed": "failed", "unavailable": "not available"}
+    rows = [
+        [row.job["material"], row.label, words.get(row.job["status"], row.job["status"]), _one_line(row.job)]
+        for material in materials(run)
+        for row in material.rows
+        if row.job["status"] != "ok"
+    ]
+    headers = [("material", ""), ("codec", ""), ("state", ""), ("why", "")]
+    return Table("unfinished", "Jobs without a result", headers, rows, words=4) if rows else None
+
+
+def _one_line(job: Record) -> str:
+    return " ".join(str(job.get("error", "")).split())
+
+
+def _table(kind: str, material: Material, about: str, chosen: Sequence[Column], notes: list[str]) -> Table | None:
+    if not material.measured or not chosen:
+        return None
+    title = f"{material.name}" + (f": {about}" if about else "") + f" ({material.split})"
+    headers = [("codec", ""), *((column.name, column.unit) for column in chosen)]
+    return Table(
+        kind,
+        title,
+        headers,
+        [[row.label, *_cells(row, chosen)] for row in material.rows],
+        notes,
+        material=material.name,
+    )
+
+
+def _cells(row: Row, chosen: Sequence[Column]) -> list[str]:
+    if row.measured:
+        return [column.cell(row) for column in chosen]
+    if row.obstacle:
+        return [NOT_COMPARABLE] * len(chosen)
+    word = "failed" if row.job["status"] == "failed" else NONE
+    return [word] + [NONE] * (len(chosen) - 1)
+
+
+_BY_MATERIAL: tuple[Callable[[Material], Table | None], ...] = (
+    main_table,
+    angular_table,
+    radiance_table,
+    footprint_table,
+)

@@ -1,0 +1,44 @@
+"""Writes the report of a run: tables, figures, and one page that holds both."""
+
+import os
+from pathlib import Path
+
+from bench.records import Run, load_run
+from reports import Written, figures
+from reports.latex import latex
+from reports.page import page
+from reports.raw import csv_text
+from reports.tables import KINDS, all_tables
+from reports.text import markdown, terminal
+
+
+def write(folder: Path) -> Written:
+    """See `reports.write_report`."""
+    run = load_run(folder)
+    drawn = [figure for draw in figures.ALL for figure in draw(run)]
+    files = _write_tables(run, folder / "tables")
+    files += [_put(folder / "figures" / figure.name, figure.png) for figure in drawn]
+    files.append(_put(folder / "report.html", page(run, drawn).encode()))
+    return Written(terminal(run), files)
+
+
+def _write_tables(run: Run, folder: Path) -> list[Path]:
+    files = [_put(folder / "results.csv", csv_text(run).encode())]
+    tables = all_tables(run)
+    for kind in KINDS:
+        chosen = [table for table in tables if table.kind == kind]
+        for suffix, text in ((".md", markdown), (".tex", latex)):
+            if chosen:
+                files.append(_put(folder / f"{kind}{suffix}", text(chosen).encode()))
+            else:  # of an earlier report, and no longer true
+                (folder / f"{kind}{suffix}").unlink(missing_ok=True)
+    return files
+
+
+def _put(path: Path, content: bytes) -> Path:
+    """Write a file whole or not at all."""
+    path.parent.mkdir(exist_ok=True)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part.write_bytes(content)
+    os.replace(part, path)
+    return path
