@@ -18,7 +18,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 th, td { padding: .25rem .6rem; border-bottom: 1px solid #ddd; white-space: nowrap }
 th { vertical-align: bottom; border-bottom-color: #888 }
 th small { font-weight: normal; color: #555 }
-td:last-child.words { white-space: normal }
+.words td { white-space: normal }
 .scroll { overflow-x: auto }
 .notes { color: #444; font-size: 13px; margin: .4rem 0 }
 h2 { margin-top: 2.5rem; border-bottom: 2px solid #1a1a1a }
@@ -36,6 +36,8 @@ def page(run: Run, figures: Sequence[Figure]) -> str:
         body.append("<p><strong>Nothing was measured in this run.</strong></p>")
     for material in materials(run):
         body.append(f"<h2>{escape(material.name)}</h2>")
+        if material.first is None:
+            body.append("<p>Nothing was measured; the reasons are at the end.</p>")
         body += [_table(table) for table in tables if table.material == material.name]
         body += [_image(figure) for figure in figures if figure.material == material.name]
     body += [_table(table) for table in tables if not table.material]
@@ -49,8 +51,9 @@ def _table(table: Table) -> str:
     headers = [escape(name) + (f"<br><small>{escape(unit)}</small>" if unit else "") for name, unit in table.headers]
     align = ["left" if i < table.words else "right" for i in range(len(headers))]
     rows = [[escape(cell) for cell in row] for row in table.rows]
+    kind = "words" if table.words > 1 else "scroll"
     text = tabulate(rows, headers, "unsafehtml", colalign=align, disable_numparse=True)
-    return f'<h3>{escape(table.title)}</h3>\n<div class="scroll">{text}</div>\n' + "\n".join(map(_note, table.notes))
+    return f'<h3>{escape(table.title)}</h3>\n<div class="{kind}">{text}</div>\n' + "\n".join(map(_note, table.notes))
 
 
 def _note(note: str) -> str:

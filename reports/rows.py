@@ -88,7 +88,7 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
     latest: Record = max((t for t in timings.values() if t), key=lambda timing: str(timing["run"]), default={})
     seeds = {job.get("seed") for job in jobs}
     for job in jobs:
-        label = job.get("label", job["job"]) + (f" seed={job['seed']}" if len(seeds) > 1 else "")
+        label = str(job.get("label", job["job"])) + (f" seed={job['seed']}" if len(seeds) > 1 else "")
         timing = timings.get(job["job"])
         obstacle = _difference(job["score_key"], newest["score_key"]) if job["status"] == "ok" else ""
         yield Row(job, label, timing, obstacle, _timing_obstacle(timing, latest) if timing else "")

@@ -71,9 +71,8 @@ def rate_tables(run: Run) -> Iterator[Table]:
         notes.insert(
             0, f"Against the ladder {anchor} at equal held-out {rates[0]['metric']}; rates are bytes of files."
         )
-        yield Table(
-            "rate", f"{name}: against {anchor}", headers, [_rate_cells(rate) for rate in rates], notes, material=name
-        )
+        rows = [_rate_cells(rate) for rate in rates]
+        yield Table("rate", f"{name}: rate against {anchor}", headers, rows, notes, material=name)
 
 
 def _rate_cells(rate: Record) -> list[str]:
@@ -107,14 +106,8 @@ def _table(kind: str, material: Material, about: str, chosen: Sequence[Column], 
         return None
     title = f"{material.name}" + (f": {about}" if about else "") + f" ({material.split})"
     headers = [("codec", ""), *((column.name, column.unit) for column in chosen)]
-    return Table(
-        kind,
-        title,
-        headers,
-        [[row.label, *_cells(row, chosen)] for row in material.rows],
-        notes,
-        material=material.name,
-    )
+    rows = [[row.label, *_cells(row, chosen)] for row in material.rows]
+    return Table(kind, title, headers, rows, notes, material=material.name)
 
 
 def _cells(row: Row, chosen: Sequence[Column]) -> list[str]:

@@ -33,9 +33,9 @@ def _detail(material: Material) -> Table | None:
     if material.first is None:
         return None
     job = material.first
-    chosen = [*columns.bands(job)[1:], columns.RELATIVE_ERROR, *columns.footprints(job)[1:]]
+    chosen = [columns.PER_SLICE, *columns.bands(job)[1:], columns.RELATIVE_ERROR, *columns.footprints(job)[1:]]
     table = main_table(material, chosen)
-    note = "dB: display PSNR over pairs of these directions (so many slices), and at footprints of several texels."
+    note = "dB: display PSNR, by direction (so many slices) and by footprint. RMSE: of radiance, against its mean."
     return table and replace(table, kind="detail", title=f"{material.name}: where the error lies", notes=[note])
 
 
@@ -56,20 +56,19 @@ def _plain(table: Table) -> str:
 
 
 def _line(cells: Sequence[str], widths: list[int], words: int) -> str:
-    padded = [
-        cell.ljust(w) if i < words else cell.rjust(w) for i, (cell, w) in enumerate(zip(cells, widths, strict=True))
-    ]
-    return "  ".join(padded).rstrip()
+    left = [cell.ljust(width) for cell, width in zip(cells[:words], widths[:words], strict=True)]
+    right = [cell.rjust(width) for cell, width in zip(cells[words:], widths[words:], strict=True)]
+    return "  ".join([*left, *right]).rstrip()
 
 
 def _split(name: str, unit: str) -> list[str]:
     """A header on two or three lines: words first where the name is long, the unit last."""
-    return [*textwrap.wrap(name, 10), *textwrap.wrap(unit, 10)]
+    return [*textwrap.wrap(name, 9), *textwrap.wrap(unit, 8)]
 
 
 def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
     """The lines of one row: long words are folded."""
-    widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (24,)
+    widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (22,)
     folded = [textwrap.wrap(cell, width) or [""] for cell, width in zip(row, widths, strict=False)]
     cells = [*folded, *([cell] for cell in row[table.words :])]
     for i in range(max(map(len, cells))):

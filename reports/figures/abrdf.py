@@ -7,7 +7,7 @@ from matplotlib.colors import LogNorm
 
 from bench.records import Run
 from reports.artefacts import arrays
-from reports.figures.canvas import Figure, grid_of, new, png, short, style
+from reports.figures.canvas import Figure, grid_of, log_ticks, new, png, short, style
 from reports.rows import Material, materials
 
 
@@ -32,6 +32,7 @@ def _figure(material: Material, maps: list[tuple[str, np.ndarray]]) -> Figure:
             image = axes.imshow(error, cmap="cividis", norm=_scale(maps), interpolation="nearest")
             axes.set_title(short(label, 24), fontsize=8)
         bar = drawing.colorbar(image, ax=panels, shrink=0.8, pad=0.02)
+        log_ticks(bar.ax.yaxis)
         bar.set_label("mean squared error of log1p, all pairs")
         drawing.suptitle(f"{title} ({material.split})", fontsize=9)
         return Figure(material.name, "abrdf", title, png(drawing))

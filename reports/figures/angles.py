@@ -24,7 +24,7 @@ def angle_curves(run: Run) -> Iterator[Figure]:
         with style():
             drawing = new(10, max(4.0, 1.6 + 0.2 * len(curves)), layout="constrained")
             panels = drawing.subplots(1, 2, sharey=True)
-            for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θ_o", "light, θ_i"), strict=True):
+            for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θₒ", "light, θᵢ"), strict=True):
                 handles = [
                     axes.plot(*_rings(row, scores, side), **look(index), markersize=5, linewidth=1.2)[0]
                     for index, (row, scores) in enumerate(curves)

@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
 DPI = 110
 # Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The
@@ -37,7 +38,7 @@ class Figure:
 @contextmanager
 def style() -> Iterator[None]:
     """Matplotlib as every figure here wants it: labels are words, not formulas, and any script may occur in them."""
-    settings = {
+    settings: dict[Any, Any] = {
         "font.family": "DejaVu Sans",
         "font.size": 9,
         "axes.titlesize": 9,
@@ -83,6 +84,13 @@ def grid_of(count: int, columns: int) -> tuple[int, int]:
 def look(index: int) -> dict[str, Any]:
     """Colour and marker of the codec of that index."""
     return {"color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)]}
+
+
+def log_ticks(axis: Any, unit: str = "") -> None:
+    """Ticks of a logarithmic axis at 1, 2 and 5 of each decade, thinned to what fits: `20 kB`."""
+    axis.set_major_locator(LogLocator(10, (1, 2, 5), numticks=9))
+    axis.set_major_formatter(EngFormatter(unit) if unit else FuncFormatter(lambda value, _: f"{value:,g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def legend(axes: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:

@@ -38,8 +38,8 @@ def _sheet(material: Material, rows: list[tuple[Row, Arrays]], run: Run) -> Figu
         sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
         for k in range(count):
             left = _LEFT + k * pair
-            sheet.text(left, _TOP - 34, _angles("θ_o", "φ_o", first["wo_deg"][k]))
-            sheet.text(left, _TOP - 18, _angles("θ_i", "φ_i", first["wi_deg"][k]))
+            sheet.text(left, _TOP - 34, _angles("θₒ", "φₒ", first["wo_deg"][k]))
+            sheet.text(left, _TOP - 18, _angles("θᵢ", "φᵢ", first["wi_deg"][k]))
             sheet.picture(left, 0, first["truth"][k])
         sheet.label(0, "truth")
         for number, (row, pictures) in enumerate(rows, 1):

@@ -5,20 +5,26 @@ from typing import Any
 
 from bench.records import Run
 from reports.columns import PSNR
-from reports.figures.canvas import Figure, legend, look, new, png, style
+from reports.figures.canvas import Figure, legend, log_ticks, look, new, png, style
 from reports.rows import Material, Row, materials
 
 
 def rate_distortion(run: Run) -> Iterator[Figure]:
     """Pooled display PSNR against the bytes of the file, for each material."""
     for material in materials(run):
-        yield from _scatter(material, "rate", "rate and distortion", "bytes of the file (smaller is better)", _bytes)
+        yield from _scatter(material, "rate", "rate and distortion", "size of the file (smaller is better)", _bytes)
 
 
 def speed_accuracy(run: Run) -> Iterator[Figure]:
     """Pooled display PSNR against the time of a sample with its 95 % interval, for each material."""
     for material in materials(run):
-        yield from _scatter(material, "speed", "speed and accuracy", "ns a sample (less is better)", _nanoseconds)
+        yield from _scatter(
+            material,
+            "speed",
+            "speed and accuracy",
+            "ns a sample, median and 95 % interval (less is better)",
+            _nanoseconds,
+        )
 
 
 Place = tuple[float, tuple[float, float]]  # where a job stands on the x axis, and the interval about it
@@ -47,13 +53,13 @@ def _scatter(
         drawing = new(8.2, max(4.2, 1.6 + 0.2 * len(curves)), layout="constrained")
         axes = drawing.add_subplot()
         handles = [_draw(axes, index, points) for index, points in enumerate(curves.values())]
-        axes.set(xscale="log", xlabel=axis, ylabel=f"display PSNR, dB ({_pairs(material)}; higher is better)")
+        axes.set_xscale("log")
+        log_ticks(axes.xaxis, "B" if kind == "rate" else "")
+        axes.set(xlabel=axis, ylabel=f"display PSNR, dB ({_pairs(material)}; higher is better)")
         axes.set_title(f"{title}\n{material.split}", loc="left")
         axes.margins(0.08)
         if absent:
-            axes.text(
-                0, -0.2, "not drawn, without any error: " + ", ".join(absent), transform=axes.transAxes, fontsize=8
-            )
+            drawing.supxlabel("not drawn, without any error: " + ", ".join(absent), fontsize=8)
         legend(axes, handles, list(curves))
         yield Figure(material.name, kind, title, png(drawing))
 
