@@ -95,8 +95,35 @@ def _add_files(commands: Any) -> None:
     decode.add_argument("--count", type=int, default=9, help="… thinned to this many a side (default: 9)")
     decode.add_argument("--device", default="cpu")
     decode.add_argument("-o", "--out", type=Path, required=True, help="the folder to write")
+    _add_makers(commands)
     info = _add(commands, "info", _info, "what a codec file or a BTF holds")
     info.add_argument("path")
+
+
+def _add_makers(commands: Any) -> None:
+    bake = _add(
+        commands, "bake", _bake, "render a folder of PBR maps (ambientCG, Poly Haven, glTF, Substance) as a BTF"
+    )
+    bake.add_argument("folder", type=Path)
+    bake.add_argument("--size", type=int, default=64, help="texels of the longer side (default: 64)")
+    bake.add_argument("--directions", default="ubo2003", help="the published direction set (default: ubo2003) …")
+    bake.add_argument("--views", type=int, default=25, help="… thinned to this many views (default: 25)")
+    bake.add_argument("--lights", type=int, default=25, help="… and to this many lights (default: 25)")
+    bake.add_argument("--heldout", type=int, default=150, help="random pairs besides, held out (default: 150)")
+    bake.add_argument("--depth", type=float, help="white over black of the displacement, in widths of the picture")
+    bake.add_argument("--seed", type=int, default=0, help="of the held-out pairs (default: 0)")
+    bake.add_argument("-o", "--out", type=Path, required=True, help="an .npz file, or a folder of EXR pictures")
+    convert = _add(commands, "convert", _convert, "write a BTF anew, cut, shrunk or thinned, as .npz or EXR pictures")
+    convert.add_argument("btf", help="a built-in material or the path of a BTF")
+    convert.add_argument("--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, evenly in angle")
+    convert.add_argument("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
+    convert.add_argument("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
+    convert.add_argument("-o", "--out", type=Path, required=True, help="an .npz file, or a folder of EXR pictures")
+
+
+def _window(text: str) -> tuple[int, int, int, int]:
+    row, col, height, width = (int(number) for number in text.split(","))
+    return row, col, height, width
 
 
 def _add_reports(commands: Any) -> None:
@@ -270,6 +297,33 @@ def _decode(options: argparse.Namespace) -> int:
         source = DecodedSource(material, wo, wi, header.sha256)
         write_folder(BTF(options.file.stem, wo, wi, source), options.out)
     console.say(f"{len(wo)} slices of {material.size[0]} × {material.size[1]} in {options.out}")
+    return FINE
+
+
+def _bake(options: argparse.Namespace) -> int:
+    from bench.bake import bake, read_surface, recognise, table
+    from bench.console import Console
+    from bench.suite import Data
+
+    data = Data(options.size, options.directions, options.views, options.lights, options.heldout)
+    with Console() as console:
+        surface = read_surface(recognise(options.folder), data.size, options.depth)
+        console.say(f"{options.folder}:\n{table(surface)}")
+        bake(surface, data, options.out, lambda done, total: console.show("baking", done, total), options.seed)
+    pairs = data.views * data.lights + data.heldout
+    console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}")
+    return FINE
+
+
+def _convert(options: argparse.Namespace) -> int:
+    from bench.console import Console
+    from bench.convert import changed, check_place, write_btf
+
+    check_place(options.out)
+    with Console() as console:
+        btf = changed(_open(options.btf, {}, console.show), options.crop, options.downsample, options.thin)
+        write_btf(btf, options.out, lambda done, total: console.show("writing", done, total))
+    console.say(f"{len(btf)} slices of {btf.shape[0]} × {btf.shape[1]} in {options.out}")
     return FINE
 
 

@@ -1,4 +1,4 @@
-"""Opens a material of a suite, built in or measured, as a BTF."""
+"""Opens a material of a suite, built in, measured or given as PBR maps, as a BTF."""
 
 import math
 import os
@@ -26,13 +26,19 @@ def open_material(spec: MaterialSpec, data: Data, show: Progress) -> BTF:
             data.heldout,
             progress=lambda done, total: show(f"rendering {spec.name}", done, total),
         )
-    from bench.readers import open_btf
-
     path = spec.found()
     if path is None:
         under = f" or under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
         where = f"{spec.where}" if spec.where else "check the path"
         raise (MissingDataError if spec.where else InputError)(f"{spec.path}: not there{under}: {where}")
+    from bench.bake.naming import looks_like_maps
+
+    if looks_like_maps(path):
+        from bench.bake import open_svbrdf
+
+        return open_svbrdf(path, data, lambda done, total: show(f"baking {spec.name}", done, total))
+    from bench.readers import open_btf
+
     return thinned(open_btf(path), data.pairs)
 
 
