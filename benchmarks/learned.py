@@ -1,0 +1,96 @@
+"""Held-out quality of codecs over built-in materials and seeds, from the files they write.
+
+    python benchmarks/learned.py [--material satin ...] [--seeds 3] [--threads 1] CODEC[:SETTING=VALUE,...] ...
+
+For instance `python benchmarks/learned.py --material cable-knit neumip neumip:blur=false neumip:offset=false`. The data
+are 64² texels, 25 × 25 pairs to train on and 150 between them to score. Prints a Markdown table: display-space PSNR
+pooled over training pairs (75 of them) and held-out pairs, SSIM of the latter, each as mean ± standard deviation over
+the seeds, bytes of the file, and processor seconds of the fit, which a busy machine stretches less than the clock.
+"""
+
+import argparse
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from bench import container, materials
+from bench.btf import BTF
+from bench.codec import Codec, Fit
+from bench.metrics import default_names
+from bench.registry import load_codec
+from bench.scoring import Scorer, summarise
+from bench.timing import torch_threads
+
+TRAINING_PAIRS = 75  # scored of all
+
+
+def parse(text: str) -> Codec:
+    """A codec from `name` or `name:key=value,key=value`."""
+    name, _, rest = text.partition(":")
+    return load_codec(name)(**dict(pair.split("=", 1) for pair in rest.split(",") if pair))
+
+
+class Bench:
+    """One material, and what its codecs are scored on."""
+
+    def __init__(self, btf: BTF, threads: int):
+        split = btf.split()
+        self.btf, self.threads, self.training = btf, threads, btf.subset(split.train)
+        some = np.sort(np.random.default_rng(0).choice(split.train, TRAINING_PAIRS, replace=False))
+        self.groups = {"train": some, "heldout": split.heldout["heldout"]}
+        self.ssim = next(name for name in default_names(btf.periodic) if name.startswith("ssim"))
+        self.scorer = Scorer(btf, ["psnr_display", self.ssim], threads=threads)
+
+    def measure(self, codec: Codec, seed: int) -> tuple[float, float, float, int, float]:
+        """PSNR of training and held-out pairs, SSIM of the latter, bytes, processor seconds."""
+        with torch_threads(self.threads), tempfile.TemporaryDirectory() as folder:
+            start = time.process_time()
+            parts = codec.encode(self.training, Fit(threads=self.threads, seed=seed))
+            seconds = time.process_time() - start
+            header = container.save(Path(folder) / "file", codec, parts)
+            material = container.load(header.path)[1]
+            wo, wi = self.btf.wo, self.btf.wi
+            scores = self.scorer.score(
+                np.concatenate([*self.groups.values()]),
+                lambda i: material.slice(wo[i].tolist(), wi[i].tolist()).numpy(),
+            )
+        found = summarise(scores, wo, wi, self.groups)
+        train, held = (found[group]["metrics"] for group in ("train", "heldout"))
+        psnr = (train["psnr_display"]["pooled"], held["psnr_display"]["pooled"])
+        return *psnr, held[self.ssim]["mean"], header.file_bytes, seconds
+
+
+def rows(names: list[str], codecs: list[str], seeds: int, threads: int) -> Iterator[str]:
+    """The lines of the table, each as soon as its last seed is done."""
+    for name in names:
+        bench = Bench(materials.load(name), threads)
+        for text in codecs:
+            train, held, ssim, size, seconds = zip(*(bench.measure(parse(text), s) for s in range(seeds)), strict=True)
+            cells = [name, text, *(_spread(values, 2) for values in (train, held)), _spread(ssim, 3)]
+            yield "| " + " | ".join([*cells, f"{size[0]:,}", f"{statistics.mean(seconds):.0f}"]) + " |"
+
+
+def _spread(values: tuple[float, ...], digits: int) -> str:
+    deviation = f" ± {statistics.stdev(values):.{digits}f}" if len(values) > 1 else ""
+    return f"{statistics.mean(values):.{digits}f}{deviation}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("codecs", nargs="+", metavar="CODEC[:SETTING=VALUE,...]")
+    parser.add_argument("--material", nargs="+", default=["satin", "cable-knit", "brick"], choices=materials.names())
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--threads", type=int, default=1)
+    chosen = parser.parse_args()
+    heads = ["material", "codec", "train dB", "held-out dB", "SSIM", "bytes", "CPU s"]
+    print("| " + " | ".join(heads) + " |\n|" + " --- |" * len(heads))
+    for row in rows(chosen.material, chosen.codecs, chosen.seeds, chosen.threads):
+        print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()
