@@ -31,7 +31,8 @@ COARSE_SHARE = 4  # one sample in so many is of a coarser level
 # Gaussian blur, σ in texels: of the latents at first, its fading over the fit, its end; the least of the offset.
 FIRST_BLUR, FADING, LAST_BLUR, OFFSET_BLUR = 8.0, 3 * math.log(8), 0.1, 1.0
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
-L1_WEIGHT = {"balanced": 0.01, "highlights": 0.1}
+# Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
+LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0)}
 
 
 class NeuMIP(Codec):
@@ -47,7 +48,7 @@ class NeuMIP(Codec):
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = True  # blur the textures at first, less and less: for strong relief
-        loss: Literal["balanced", "highlights"] = "balanced"  # squared log error + 0.01 or 0.1 of the absolute error
+        loss: Literal["balanced", "highlights", "l1"] = "balanced"  # the authors' two, or absolute log error
         precision: Precision = "int8"  # of the stored textures
         weights: WeightPrecision = "half"  # of the stored networks
 
@@ -212,8 +213,9 @@ class Fitting(Objective):
             queries = tuple(torch.cat(both) for both in zip(queries, further, strict=True))
             target = torch.cat([target, batch.target])
         ours = answer(self.networks, self.pyramid, *self.blurred(progress), queries)
-        absolute = functional.l1_loss(ours, target.expm1()) / LOG_SCALE
-        return functional.mse_loss(_log(ours), target) + L1_WEIGHT[self.settings.loss] * absolute
+        squared, log, linear = LOSSES[self.settings.loss]
+        loss = squared * functional.mse_loss(_log(ours), target) + log * functional.l1_loss(_log(ours), target)
+        return loss + linear * functional.l1_loss(ours, target.expm1()) / LOG_SCALE
 
     def _queries(self, samples: Samples, batch: Batch, level: int) -> tuple[Tensor, ...]:
         """uv, wo, wi and level of a batch. Texels of a coarser level are boxes of the finest, which it may not fill."""
