@@ -52,7 +52,9 @@ class PCA(Codec):
         factors = truncated_svd(read, shape, settings.components, settings.passes, fit.generator(), fit.device)
         return Parts(
             decoder=_tables(factors, settings.precision),
-            texture=_coefficients(factors.coefficients.T.reshape(*btf.shape, -1).cpu(), settings.precision),
+            texture=_coefficients(
+                factors.coefficients.T.reshape(*btf.shape, len(factors.coefficients)).cpu(), settings.precision
+            ),
             other={"gain": torch.tensor([gain]), **_pack(btf.layout)},
         )
 
@@ -61,13 +63,13 @@ class PCA(Codec):
         if "scale" in parts.texture:
             texture = texture * parts.texture["scale"] + parts.texture["offset"]
         mean, basis = parts.decoder["mean"].float(), parts.decoder["basis"].float()
-        table = torch.cat([mean[:, None], basis], 1)  # (N, k + 1, 3): the mean's coefficient is 1
+        table = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1): the mean's coefficient is 1
         gain = parts.other["gain"] if self.settings.domain == "log" else None
         return PCAMaterial(texture, table, PairInterpolator(_unpack(parts.other)), gain).to(device)
 
 
 class PCAMaterial(Material):
-    """Coefficients (H, W, k) bilinear over texels, eigen-ABRDFs (N, k + 1, 3) interpolated over directions."""
+    """Coefficients (H, W, k) bilinear over texels, eigen-ABRDFs (N, 3, k + 1) interpolated over directions."""
 
     def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: Tensor | None):
         height, width, components = texture.shape
@@ -88,30 +90,42 @@ class PCAMaterial(Material):
             pair, weight = self.interpolator(wo, wi)
             return self._combine(pair, weight, coefficients)
         pair, share = self.interpolator.shares(wo, wi)
-        # Logarithms interpolate better than radiance (docs/decisions/0020); the cosine is then set right in linear.
-        cosine = (share * self.interpolator.cos_i[pair]).sum(1, keepdim=True)
-        return self._combine(pair, share, coefficients).expm1() * (wi[:, 2:] / (cosine * self.gain))
+        level = self._combine(pair, share, coefficients).clamp_min(0)
+        return level.expm1() * (wi[:, 2:] / (self._cosine(pair, share, level) * self.gain))
 
     def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
-        """Σ weight · table row · coefficients, (n, 3), without the rows (n, pairs, k, 3) ever standing in memory."""
+        """Σ weight · table row · coefficients, (n, 3), without the rows (n, pairs, 3, k) ever standing in memory."""
         rows = functional.embedding_bag(pair, self.table, per_sample_weights=weight.to(self.table.dtype), mode="sum")
-        return torch.einsum("nk,nkc->nc", coefficients, rows.reshape(len(pair), -1, 3))
+        return (rows.reshape(len(pair), 3, -1) * coefficients[:, None]).sum(-1)
+
+    def _cosine(self, pair: Tensor, share: Tensor, level: Tensor) -> Tensor:
+        """The mean cosine (n, 3) of the samples' lights that their interpolated logarithms `level` stand for.
+
+        The c for which log1p(r · c) = Σ share · log1p(r · cosine) = level, to second order in the cosines' spread: the
+        arithmetic mean where the level is low and the logarithm straight, the geometric mean where it is high.
+        """
+        cosine = self.interpolator.cos_i[pair].to(share.dtype)
+        arithmetic = (share * cosine).sum(1, keepdim=True).log()
+        geometric = (share * cosine.log()).sum(1, keepdim=True)
+        return torch.exp(arithmetic - level.neg().expm1() * (geometric - arithmetic))
 
 
 def _blocks(pictures: Iterator[np.ndarray], count: int, texels: int) -> Iterator[Tensor]:
     """The slices as rows (3 · slices, texels) float32, as many at once as fill a block; each block is new."""
     step = max(1, BLOCK_BYTES // (texels * 12))
-    for start in range(0, count, step):
-        block = torch.empty(min(step, count - start), 3, texels)
-        for rows, picture in zip(block, pictures, strict=False):
-            rows.copy_(torch.from_numpy(picture.reshape(texels, 3)).T)
-        yield block.flatten(0, 1)
+    for pair, picture in enumerate(pictures):
+        place = pair % step
+        if place == 0:
+            block = torch.empty(min(step, count - pair), 3, texels)
+        block[place] = torch.from_numpy(picture.reshape(texels, 3)).T
+        if place == len(block) - 1:
+            yield block.flatten(0, 1)
 
 
 def _tables(factors: Factors, precision: str) -> dict[str, Tensor]:
-    """mean (N, 3) and basis (N, k, 3), as half where the coefficients are coarser than float32 and half can hold it."""
+    """mean (N, 3) and basis (N, 3, k), as half where the coefficients are coarser than float32 and half can hold it."""
     mean = factors.mean.reshape(-1, 3).cpu()
-    basis = factors.basis.reshape(len(mean), 3, -1).transpose(1, 2).contiguous().cpu()
+    basis = factors.basis.reshape(len(mean), 3, factors.basis.shape[1]).cpu()
     peak = max(float(x.abs().max()) if x.numel() else 0.0 for x in (mean, basis))
     dtype = torch.float32 if precision == "float32" or peak > HALF_MAX else torch.float16
     return {"mean": mean.to(dtype), "basis": basis.to(dtype)}

@@ -1,0 +1,243 @@
+"""PCA: exact where it can be, as good as scikit-learn elsewhere, streamed, repeatable, defined on every input."""
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from sklearn import decomposition
+
+from baselines.pca import PCA
+from baselines.svd import truncated_svd
+from bench import container, hemisphere
+from bench.btf import BTF, ArraySource, Source
+from bench.codec import Fit, Parts
+from bench.errors import InputError
+from bench.material import Material
+from bench.scoring import exposure
+
+CPU = torch.device("cpu")
+
+
+def btf_of(values: np.ndarray, views: int) -> BTF:
+    """Values (views · lights, H, W, 3) as a BTF over a product of thinned directions."""
+    lights = len(values) // views
+    directions = hemisphere.ubo2003()
+    wo, wi = (directions[hemisphere.thin(directions, n)] for n in (views, lights))
+    return BTF("made", np.repeat(wo, lights, 0), np.tile(wi, (views, 1)), ArraySource(values.astype(np.float32)))
+
+
+def made(pairs: int = 25, height: int = 8, width: int = 6, views: int = 5, seed: int = 0) -> BTF:
+    """Random radiance of a falling spectrum, positive, with slices of very different brightness."""
+    rng = np.random.default_rng(seed)
+    rank = min(20, pairs)
+    mixed = np.einsum("prc,rhw->phwc", rng.random((pairs, rank, 3)), rng.random((rank, height, width)) ** 3)
+    noise = 0.05 * rng.random((pairs, height, width, 3))
+    return btf_of((mixed + noise) * rng.uniform(0.01, 2, (pairs, 1, 1, 1)), views)
+
+
+def stored(codec: PCA, btf: BTF, folder: Path, fit: Fit | None = None) -> Material:
+    path = folder / "a.nbtf"
+    container.save(path, codec, codec.encode(btf, fit or Fit()))
+    return container.load(path)[1]
+
+
+def slices(material: Material, btf: BTF) -> np.ndarray:
+    return np.stack([material.slice(wo, wi).numpy() for wo, wi in zip(btf.wo, btf.wi, strict=True)])
+
+
+def table(btf: BTF) -> np.ndarray:
+    return np.stack(list(btf))
+
+
+@pytest.mark.parametrize("shape", [(25, 8, 6), (9, 16, 12)])
+def test_all_components_reproduce_the_training_slices(tmp_path: Path, shape: tuple[int, int, int]) -> None:
+    btf = made(*shape, views=shape[0] // (5 if shape[0] == 25 else 3))
+    material = stored(PCA(components=10_000, domain="rgb", precision="float32"), btf, tmp_path)
+    for got, wanted in zip(slices(material, btf), btf, strict=True):
+        assert np.linalg.norm(got - wanted) <= 1e-5 * np.linalg.norm(wanted)
+
+
+@pytest.mark.parametrize("rank", [1, 4, 8])
+def test_at_a_rank_it_is_as_good_as_scikit_learn(tmp_path: Path, rank: int) -> None:
+    btf = made(100, 20, 20, views=10)
+    rows = table(btf).transpose(1, 2, 0, 3).reshape(400, 300).astype(np.float64)
+    reference = decomposition.PCA(rank, svd_solver="full").fit(rows)
+    best = np.linalg.norm(reference.inverse_transform(reference.transform(rows)) - rows)
+    parts = PCA(components=rank, domain="rgb", precision="float32").encode(btf, Fit())
+    basis, mean = parts.decoder["basis"], parts.decoder["mean"]
+    got = torch.einsum("hwk,pck->hwpc", parts.texture["coefficients"], basis) + mean
+    error = np.linalg.norm(got.reshape(400, 300).numpy() - rows)
+    assert best * (1 - 1e-5) <= error <= best * (1 + 1e-3)
+
+
+@pytest.mark.parametrize("decay", ["flat", "slow", "fast"])
+def test_the_streamed_decomposition_is_near_the_best(decay: str) -> None:
+    generator = torch.Generator().manual_seed(3)
+    size, rank = 400, 8
+    steps = torch.arange(size, dtype=torch.float64)
+    spectrum = {"flat": torch.ones(size), "slow": 1 / (1 + steps), "fast": 0.8**steps}[decay]
+    left, right = (torch.linalg.qr(torch.randn(n, size, generator=generator).double()).Q for n in (600, 900))
+    matrix = ((left * spectrum) @ right.T).float()
+    found = truncated_svd(lambda _: iter(matrix.clone().split(70)), (600, 900), rank, 5, generator, CPU)
+    error = (found.basis @ found.coefficients + found.mean[:, None] - matrix).norm()
+    centred = matrix.double() - matrix.double().mean(1, keepdim=True)
+    best = torch.linalg.svdvals(centred)[rank:].norm()
+    assert best * (1 - 1e-5) <= error <= best * (1 + 1e-3)
+    assert found.coefficients.amax(1).tolist() == [1.0] * rank
+
+
+@pytest.mark.parametrize(("precision", "tolerance"), [("float32", 1e-5), ("half", 2e-3), ("int8", 2e-2)])
+def test_precisions_of_the_log_domain(tmp_path: Path, precision: str, tolerance: float) -> None:
+    btf = made()
+    got = slices(stored(PCA(components=1000, precision=precision), btf, tmp_path), btf)
+    assert np.linalg.norm(got - table(btf)) <= tolerance * np.linalg.norm(table(btf))
+
+
+def test_the_parts_are_of_the_stated_sizes() -> None:
+    btf = made(100, 20, 20, views=10)
+    sizes = {p: PCA(components=6, precision=p).encode(btf, Fit()).texture for p in ("float32", "half", "int8")}
+    bytes_of = {p: t["coefficients"].numel() * t["coefficients"].element_size() for p, t in sizes.items()}
+    assert bytes_of == {"float32": 20 * 20 * 6 * 4, "half": 20 * 20 * 6 * 2, "int8": 20 * 20 * 6}
+    assert sizes["int8"]["scale"].shape == (6,)
+
+
+def test_the_exposure_of_the_training_pairs_is_stored() -> None:
+    btf = made()
+    gain = PCA().encode(btf, Fit(seed=3)).other["gain"]
+    assert float(gain) == pytest.approx(8 * exposure(btf, 3), rel=1e-6)
+
+
+def test_between_the_samples_a_diffuse_material_is_exact(tmp_path: Path) -> None:
+    """Radiance a/π · cos θ_i: interpolation is of radiance / cos θ_i, or to second order as good."""
+    albedo = np.random.default_rng(0).uniform(0.3, 0.9, (6, 6, 3))
+    btf = btf_of(np.zeros((100, 6, 6, 3)), 4)
+    btf = btf_of(btf.wi[:, None, None, 2:] * albedo / np.pi, 4)
+    wo, wi = hemisphere.from_degrees(33.0, 70.0), hemisphere.from_degrees(41.0, 200.0)
+    wanted = wi[2] * albedo / np.pi
+    exact = stored(PCA(components=3, domain="rgb", precision="float32"), btf, tmp_path).slice(wo, wi).numpy()
+    np.testing.assert_allclose(exact, wanted, rtol=1e-5)
+    close = stored(PCA(components=8), btf, tmp_path).slice(wo, wi).numpy()
+    np.testing.assert_allclose(close, wanted, rtol=0.01)
+
+
+@pytest.mark.parametrize("domain", ["log", "rgb"])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((9, 4, 4, 3)),
+        np.full((9, 4, 4, 3), 0.7),
+        np.random.default_rng(0).random((9, 1, 1, 3)),
+        np.random.default_rng(0).random((1, 5, 4, 3)),
+        np.random.default_rng(0).random((9, 1, 1, 3)) * np.random.default_rng(1).random((1, 5, 4, 1)),
+        np.random.default_rng(0).random((9, 3, 3, 3)) * 1e6,
+    ],
+    ids=["black", "constant", "one texel", "one pair", "rank one", "bright"],
+)
+def test_degenerate_data(tmp_path: Path, values: np.ndarray, domain: str) -> None:
+    btf = btf_of(values, 1 if len(values) == 1 else 3)
+    got = slices(stored(PCA(components=16, domain=domain, precision="float32"), btf, tmp_path), btf)
+    np.testing.assert_allclose(got, table(btf), rtol=2e-4, atol=1e-5 * max(1e-6, table(btf).max()))
+
+
+@pytest.mark.parametrize(("values", "rank"), [(np.full((9, 4, 4, 3), 0.7), 0), (np.arange(4.0), 1)])
+def test_components_beyond_the_rank_are_not_stored(tmp_path: Path, values: np.ndarray, rank: int) -> None:
+    if values.ndim == 1:
+        values = np.ones((9, 1, 1, 3)) * values.reshape(1, 2, 2, 1)
+    material = stored(PCA(components=16, domain="rgb"), btf_of(values, 3), tmp_path)
+    assert material.cost.texture_channels == rank
+    assert material.cost.texture_floats == rank * material.size[0] * material.size[1]
+
+
+def test_half_tables_that_would_overflow_stay_float32(tmp_path: Path) -> None:
+    btf = btf_of(np.random.default_rng(0).random((9, 3, 3, 3)) * 1e6, 3)
+    parts = PCA(domain="rgb").encode(btf, Fit())
+    assert parts.decoder["basis"].dtype == torch.float32
+    assert all(bool(t.isfinite().all()) for t in parts.decoder.values())
+
+
+def test_negative_noise_reads_as_black_in_logarithms(tmp_path: Path) -> None:
+    values = table(made())
+    values[:, 0, 0] = -0.01
+    got = slices(stored(PCA(components=1000, precision="float32"), btf_of(values, 5), tmp_path), btf_of(values, 5))
+    assert np.abs(got[:, 0, 0]).max() < 1e-5
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    btf = made(100, 20, 20, views=10)
+    codec = PCA(components=6)
+
+    def encoded(seed: int) -> bytes:
+        return container.to_bytes(codec, codec.encode(btf, Fit(seed=seed)))
+
+    assert encoded(1) == encoded(1)
+    assert encoded(1) != encoded(2)
+
+
+class Counted(Source):
+    """Slices made one by one from a seed, counting how often each is asked for; nothing else can be read."""
+
+    def __init__(self, count: int, shape: tuple[int, int]):
+        self.count, self.shape, self.asked = count, shape, np.zeros(count, int)
+
+    def slice(self, pair: int) -> np.ndarray:
+        self.asked[pair] += 1
+        return np.random.default_rng(pair).random((*self.shape, 3), np.float32)
+
+    def gather(self, pair: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
+        return np.full((len(pair), 3), 0.5, np.float32)
+
+
+def test_the_data_are_read_as_often_as_stated_and_never_held() -> None:
+    source = Counted(144, (128, 128))
+    wo, wi = (hemisphere.ubo2003()[hemisphere.thin(hemisphere.ubo2003(), 12)] for _ in range(2))
+    btf = BTF("made", np.repeat(wo, 12, 0), np.tile(wi, (12, 1)), source)
+    tracemalloc.start()
+    PCA(components=2, passes=3).encode(btf, Fit())
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (source.asked == 3).all()
+    # tracemalloc sees NumPy alone: a few slices, and what the exposure sampled.
+    assert peak < 16e6
+
+
+def test_progress_names_the_passes() -> None:
+    told: list[tuple[str, int, int]] = []
+    PCA(components=2, passes=3).encode(made(100, 20, 20, views=10), Fit(show=lambda *state: told.append(state)))
+    assert [state for state in told if state[1] == state[2]] == [(f"pass {i} of 3", 100, 100) for i in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("domain", ["log", "rgb"])
+def test_one_batch_equals_many(tmp_path: Path, domain: str) -> None:
+    material = stored(PCA(components=8, domain=domain), made(), tmp_path)
+    rng = np.random.default_rng(0)
+    uv = torch.as_tensor(rng.uniform(-3, 3, (300, 2)), dtype=torch.float32)
+    wo, wi = (torch.as_tensor(hemisphere.uniform(rng, 300, 89.0)) for _ in range(2))
+    whole = material.query(uv, wo, wi)
+    apart = torch.cat([material.query(uv[i : i + 7], wo[i : i + 7], wi[i : i + 7]) for i in range(0, 300, 7)])
+    torch.testing.assert_close(whole, apart, rtol=1e-5, atol=1e-6)
+    assert whole.isfinite().all()
+    assert (whole >= 0).all()
+
+
+def test_the_cost_counts_what_is_held(tmp_path: Path) -> None:
+    material = stored(PCA(components=8), made(), tmp_path)
+    assert material.cost.texture_channels == 8
+    assert material.cost.texture_floats == 8 * 6 * 8
+    assert material.cost.parameters == 0
+    assert material.modules() == []
+    # Nine pairs of (8 + 1) · 3 numbers and four texels of 8, in float32.
+    assert material.cost.bytes_per_sample == 4 * (9 * 27 + 4 * 8)
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    for wrong in ({"components": 0}, {"passes": 1}, {"domain": "yuv"}):
+        with pytest.raises(InputError):
+            PCA(**wrong)
+
+
+def test_directions_take_few_bytes() -> None:
+    parts: Parts = PCA().encode(made(100, 20, 20, views=10), Fit())
+    assert parts.other["pairs"].dtype == torch.uint8
+    assert sum(t.numel() * t.element_size() for t in parts.other.values()) < 100 * 24 / 4
