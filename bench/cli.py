@@ -12,6 +12,7 @@ from typing import Any
 
 from bench.errors import InputError
 
+TABLES = ("main", "angular", "radiance", "footprints", "rate", "unfinished")
 FINE, NO, USAGE, FAILED, NOTHING, INTERNAL, INTERRUPTED = 0, 1, 2, 3, 4, 70, 130
 
 
@@ -98,6 +99,7 @@ def _add_files(commands: Any) -> None:
     _add_makers(commands)
     info = _add(commands, "info", _info, "what a codec file or a BTF holds")
     info.add_argument("path")
+    info.add_argument("--picture", type=Path, metavar="OUT.png", help="draw a BTF: directions, values, contact sheet")
 
 
 def _add_makers(commands: Any) -> None:
@@ -127,8 +129,14 @@ def _window(text: str) -> tuple[int, int, int, int]:
 
 
 def _add_reports(commands: Any) -> None:
-    table = _add(commands, "table", _table, "print a run's table")
-    table.add_argument("run", type=Path, help="the folder of a run")
+    table = _add(commands, "table", _table, "print a run's tables")
+    table.add_argument(
+        "what",
+        nargs="*",
+        metavar="KIND|RUN",
+        help=f"one kind of table ({', '.join(TABLES)}; default: "
+        "all) and the folder of a run (default: the newest under runs/)",
+    )
     table.add_argument("--format", default="text", choices=["text", "markdown", "latex", "csv"])
     report = _add(commands, "report", _report, "write a run's tables and pictures again from its records")
     report.add_argument("run", type=Path, help="the folder of a run")
@@ -337,8 +345,13 @@ def _info(options: argparse.Namespace) -> int:
         print(file_lines(read_header(path)))
         return FINE
     from bench.codec import silent
+    from bench.portrait import draw, look
 
-    print(btf_lines(_open(options.path, {}, silent)))
+    seen = look(_open(options.path, {}, silent))
+    print(btf_lines(seen))
+    if options.picture:
+        draw(seen, options.picture)
+        print(f"wrote {options.picture}")
     return FINE
 
 
@@ -350,10 +363,23 @@ def _is_codec_file(path: Path) -> bool:
 
 
 def _table(options: argparse.Namespace) -> int:
+    kinds = [word for word in options.what if word in TABLES]
+    folders = [Path(word) for word in options.what if word not in TABLES]
+    if len(kinds) > 1 or len(folders) > 1:
+        raise InputError("table: give one kind of table and one folder of a run at most")
     from reports import table_text
 
-    print(table_text(options.run, options.format))
+    print(table_text(folders[0] if folders else _newest_run(), options.format, kinds[0] if kinds else None))
     return FINE
+
+
+def _newest_run() -> Path:
+    from bench.records import FILE
+
+    found = sorted(Path("runs").glob(f"*/{FILE}"), key=lambda path: path.stat().st_mtime)
+    if not found:
+        raise InputError("table: there is no run under runs/: give the folder that `neubtf-bench run` wrote")
+    return found[-1].parent
 
 
 def _report(options: argparse.Namespace) -> int:

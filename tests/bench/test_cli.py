@@ -26,7 +26,7 @@ def folder(tmp_path):
     return tmp_path / "btf"
 
 
-def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_path, capsys):
+def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_path, monkeypatch, capsys):
     words = ["run", "quick", "--out", str(tmp_path / "run"), "--material", "satin", "--codec", "mean-colour", *SMALL]
     assert cli.main(words) == 0
     out = capsys.readouterr().out
@@ -39,6 +39,17 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     assert cli.main(["table", str(tmp_path / "run"), "--format", "csv"]) == 0
     assert "mean-colour" in capsys.readouterr().out
     assert cli.main(["report", str(tmp_path / "run")]) == 0
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "run").rename(tmp_path / "runs" / "run")
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["table", "footprints"]) == 0
+    assert "mean-colour" in capsys.readouterr().out
+
+
+def test_the_tables_of_the_command_line_are_those_of_the_reports():
+    from reports.tables import KINDS
+
+    assert set(cli.TABLES) == set(KINDS)
 
 
 def test_a_folder_of_pictures_runs_like_any_material(tmp_path, folder, capsys):
@@ -84,6 +95,8 @@ def test_info_of_a_btf_says_what_it_is(folder, capsys):
         (["check", "pca", "--set", "components=few"], "must be a whole number"),
         (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "its folder is not there"),
         (["table", "/no/such/run"], "no run here"),
+        (["table", "rate"], "there is no run under runs/"),
+        (["table", "rate", "main"], "one kind of table"),
     ],
 )
 def test_bad_usage_is_one_line_and_exit_code_2(words, message, tmp_path, monkeypatch, capsys):
