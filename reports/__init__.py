@@ -38,7 +38,8 @@ def table_text(run_folder: str | Path, format: str = "text", kind: str | None = 
         return csv_text(run)
     if format == "text" and kind is None:
         return text.terminal(run)
-    return writers[format]([table for table in all_tables(run) if kind in (None, table.kind)])
+    tables = all_tables(run, narrow=format == "latex")
+    return writers[format]([table for table in tables if kind in (None, table.kind)])
 
 
 def write_report(run_folder: str | Path) -> Written:

@@ -92,7 +92,7 @@ SHORT = (
     _NS,
     _FLOOR,
 )
-MAIN = (
+SIZE = (
     _PARAMETERS,
     _CHANNELS,
     Column("decoder", "bytes", partial(_part, part="decoder")),
@@ -100,17 +100,17 @@ MAIN = (
     Column("other", "bytes", _other_bytes),
     _TOTAL,
     _BITS,
+)
+QUALITY = (
     _TRAIN,
     _HELDOUT,
     PER_SLICE,
     Column("log PSNR", "dB ↑", partial(_pooled, family=LOG_PSNR)),
     Column("SSIM", "↑", partial(_spread, family=SSIM)),
     Column("FLIP", "↓", partial(_spread, family=FLIP)),
-    _FIT,
-    _NS,
-    Column("95 % interval", "ns", _interval),
-    _FLOOR,
 )
+TIME = (_FIT, _NS, Column("95 % interval", "ns", _interval), _FLOOR)
+MAIN = (*SIZE, *QUALITY, *TIME)
 
 
 def bands(job: Record) -> list[Column]:

@@ -9,9 +9,20 @@ from reports.rows import Material
 
 def main_notes(material: Material) -> list[str]:
     """The footnotes of a main table."""
+    return list(dict.fromkeys([*quality_notes(material), *cost_notes(material)]))
+
+
+def quality_notes(material: Material) -> list[str]:
+    """What the columns of quality are."""
     if material.first is None:
         return []
-    return [_what(material.first), *_metrics(material), *_timing(material), *common_notes(material)]
+    return [_what(material.first), *_metrics(material), *common_notes(material)]
+
+
+def cost_notes(material: Material) -> list[str]:
+    """What the columns of size and time are."""
+    bytes_note = "Bytes are those of the whole file; “other” includes its header."
+    return [bytes_note, *_timing(material), *_not_comparable(material)] if material.first else []
 
 
 def common_notes(material: Material) -> list[str]:
@@ -32,7 +43,7 @@ def _what(job: Record) -> str:
     pairs = "the held-out pairs" if "heldout" in job["scores"] else "all pairs, none being held out"
     return (
         f"Quality is of {pairs} (but “train”), decoded from the file. PSNR is of the pooled squared error, "
-        "mean ± std are over slices. Bytes are the file's; “other” includes its header."
+        "mean ± std are over slices."
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from bench.records import Record, Run
 from reports import columns
 from reports.columns import Column
-from reports.notes import common_notes, main_notes
+from reports.notes import common_notes, cost_notes, main_notes, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE, fixed
 from reports.rows import Material, Row, materials
 
@@ -26,16 +26,30 @@ class Table:
     material: str = ""  # where the table is of one
 
 
-def all_tables(run: Run) -> list[Table]:
-    """Every table that has a row, by kind and then by material. The columns are all there are."""
+def all_tables(run: Run, narrow: bool = False) -> list[Table]:
+    """Every table that has a row, by kind and then by material, with every column.
+
+    `narrow` splits the main table in two, each of which fits a printed page.
+    """
+    kinds = [quality_table, cost_table] if narrow else [main_table]
     found = materials(run)
-    tables = [table for kind in _BY_MATERIAL for table in map(kind, found) if table]
-    return tables + [table for table in (*rate_tables(run), unfinished_table(run)) if table]
+    tables = [kind(material) for kind in (*kinds, *_BY_DIRECTION) for material in found]
+    return [table for table in (*tables, *rate_tables(run), unfinished_table(run)) if table]
 
 
 def main_table(material: Material, chosen: Sequence[Column] = columns.MAIN) -> Table | None:
     """Cost, quality and time of each codec; None where nothing was measured."""
     return _table("main", material, "", chosen, main_notes(material))
+
+
+def quality_table(material: Material) -> Table | None:
+    """The columns of the main table that say how good a codec is."""
+    return _table("main", material, "quality", columns.QUALITY, quality_notes(material))
+
+
+def cost_table(material: Material) -> Table | None:
+    """The columns of the main table that say what a codec costs."""
+    return _table("main", material, "size and time", (*columns.SIZE, *columns.TIME), cost_notes(material))
 
 
 def angular_table(material: Material) -> Table | None:
@@ -119,8 +133,7 @@ def _cells(row: Row, chosen: Sequence[Column]) -> list[str]:
     return [word] + [NONE] * (len(chosen) - 1)
 
 
-_BY_MATERIAL: tuple[Callable[[Material], Table | None], ...] = (
-    main_table,
+_BY_DIRECTION: tuple[Callable[[Material], Table | None], ...] = (
     angular_table,
     radiance_table,
     footprint_table,

@@ -1,5 +1,6 @@
 """Tables as plain text, GitHub Markdown and LaTeX."""
 
+import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -85,7 +86,7 @@ def markdown(tables: Sequence[Table]) -> str:
 
 
 def _markdown(table: Table) -> str:
-    headers = [_escaped(f"{name}, {unit}" if unit else name) for name, unit in table.headers]
+    headers = [_escaped(f"{name} {unit}") for name, unit in table.headers]
     rows = [[_escaped(cell) for cell in row] for row in table.rows]
     text = tabulate(rows, headers, "pipe", colalign=_alignment(table), disable_numparse=True)
     return "\n\n".join([f"### {_escaped(table.title)}", text, *map(_escaped, table.notes)])
@@ -93,9 +94,7 @@ def _markdown(table: Table) -> str:
 
 def _escaped(text: str) -> str:
     """Text that Markdown shows as it stands."""
-    for character in "\\`*_|<>[]#~":
-        text = text.replace(character, "\\" + character)
-    return " ".join(text.split())
+    return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", " ".join(text.split()))
 
 
 def _alignment(table: Table) -> list[str]:

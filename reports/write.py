@@ -24,10 +24,10 @@ def write(folder: Path) -> Written:
 
 def _write_tables(run: Run, folder: Path) -> list[Path]:
     files = [_put(folder / "results.csv", csv_text(run).encode())]
-    tables = all_tables(run)
+    writers = {".md": (markdown, all_tables(run)), ".tex": (latex, all_tables(run, narrow=True))}
     for kind in KINDS:
-        chosen = [table for table in tables if table.kind == kind]
-        for suffix, text in ((".md", markdown), (".tex", latex)):
+        for suffix, (text, tables) in writers.items():
+            chosen = [table for table in tables if table.kind == kind]
             if chosen:
                 files.append(_put(folder / f"{kind}{suffix}", text(chosen).encode()))
             else:  # of an earlier report, and no longer true

@@ -1,5 +1,6 @@
 """What all figures share: a file name, a style, a palette that colour-blind readers can tell apart, bytes of PNG."""
 
+import hashlib
 import io
 import re
 import warnings
@@ -31,8 +32,11 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """Its file's name."""
-        return f"{self.kind}-{re.sub('[^A-Za-z0-9.=_-]+', '-', self.material)}.png"
+        """Its file's name: that of the material where it is fit for one, else with a digest that tells it apart."""
+        plain = re.sub("[^A-Za-z0-9.=_-]+", "-", self.material)
+        if plain != self.material:
+            plain += f"-{hashlib.sha256(self.material.encode()).hexdigest()[:6]}"
+        return f"{self.kind}-{plain}.png"
 
 
 @contextmanager

@@ -39,7 +39,8 @@ def _nanoseconds(row: Row) -> Place | None:
     if row.timing is None or row.timing_obstacle:
         return None
     low, high = row.timing["interval95_ns"]
-    return row.timing["ns_per_sample"], (low, high)
+    median = row.timing["ns_per_sample"]
+    return median, (min(low, median), max(high, median))
 
 
 def _scatter(

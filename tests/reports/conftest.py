@@ -1,0 +1,99 @@
+"""Small runs made by hand: records and artefacts as the runner writes them, without a codec and without PyTorch."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bench.records import append
+
+METRICS = {
+    "psnr_display": {"unit": "dB", "direction": "higher", "space": "display", "version": 1},
+    "psnr_log1p": {"unit": "dB", "direction": "higher", "space": "log1p", "version": 1},
+    "rmse_linear": {"unit": "radiance", "direction": "lower", "space": "linear", "version": 1},
+    "ssim_periodic": {"unit": "1", "direction": "higher", "space": "display luma", "version": 1},
+    "flip_ldr_67ppd_periodic": {"unit": "1", "direction": "lower", "space": "display", "version": 1},
+}
+SIDE, PAIRS, SHOWN = 8, 12, (1, 6, 9)
+
+
+class RunMaker:
+    """Writes a run's folder, one record at a time."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        folder.mkdir(exist_ok=True)
+
+    def start(self, run="1"):
+        machine = {"cores": 2, "processor": "a processor"}
+        append(self.folder, {"kind": "run", "run": run, "suite": "made", "device": "cpu", "machine": machine})
+        return self
+
+    def job(self, label="pca components=8", material="satin", **changes):
+        """One finished job; `psnr=None` makes it exact, `metrics`, `btf`, `exposure` change its score key."""
+        psnr, run, seed = changes.pop("psnr", 30.0), changes.pop("run", "1"), changes.pop("seed", 0)
+        key = {"btf": changes.pop("btf", "f"), "exposure": changes.pop("exposure", 1.5), "sha256": "0"}
+        key["metrics"] = changes.pop("metrics", {name: metric["version"] for name, metric in METRICS.items()})
+        stem = f"{len(list(self.folder.rglob('*.npz')))}"
+        job = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": run, "material": material, "label": label}
+        job |= {"status": "ok", "codec": label.split()[0], "curve": label.split()[0], "seed": seed, "score_key": key}
+        job |= {"shape": [SIDE, SIDE], "pairs": {"all": PAIRS, "train": 8, "heldout": 4}, "settings": {"a": 1}}
+        job |= {"bytes": {"decoder": 1200, "texture": 34567, "other": 10, "header": 333, "total": 36110}}
+        job |= {"parameters": 3011, "cost": {"texture_channels": 14}, "metrics": METRICS, "fit_seconds": 1.25}
+        groups = ["all", "train", "heldout", "heldout, grazing view", "heldout, new view"]
+        job["scores"] = {name: self._group(psnr) for name in [*groups, "heldout, new view, grazing light"]}
+        job["footprints"] = {side: {"psnr_display": psnr, "exact": 0, "slices": 4} for side in ("1", "2", "4", "8")}
+        job |= {"slices": self._slices(stem, psnr), "pictures": self._pictures(stem), "angular": self._angular(stem)}
+        append(self.folder, job | changes)
+        return self
+
+    def unfinished(self, status, error, label="vq", material="satin"):
+        job = {"kind": "job", "job": f"{material}/{label}/0", "run": "1", "material": material, "label": label}
+        append(self.folder, job | {"status": status, "error": error, "seed": 0})
+        return self
+
+    def timing(self, label="pca components=8", material="satin", run="1", **changes):
+        timing = {"kind": "timing", "job": f"{material}/{label}/0", "run": run, "batch": 16384, "dtype": "float32"}
+        timing |= {"threads": 2, "device": "cpu", "execution": "eager", "queries": "random", "texture_fetch": True}
+        timing |= {"ns_per_sample": 123.4, "iqr_ns": 2.0, "interval95_ns": [120.5, 130.5], "ratio_to_floor": 1.75}
+        append(self.folder, timing | {"samples_ns": [1.0], "floor_ratios": [1.0]} | changes)
+        return self
+
+    def _group(self, psnr):
+        exact = 0 if psnr else 4
+        quality = {"mean": psnr, "std": psnr and 1.5, "pooled": psnr, "exact": exact, "slices": 4}
+        unit = {"mean": 0.75, "std": 0.125, "pooled": 0.75, "exact": exact, "slices": 4}
+        radiance = {"mean": 0.02, "std": 0.01, "pooled": 0.025, "exact": exact, "slices": 4, "relative": 0.333}
+        by_unit = {"dB": quality, "1": unit, "radiance": radiance}
+        return {"slices": 4, "radiance": 0.1, "metrics": {name: by_unit[m["unit"]] for name, m in METRICS.items()}}
+
+    def _slices(self, stem, psnr):
+        rng = np.random.default_rng(1)
+        raw = np.full(PAIRS, 10 ** (-psnr / 10) if psnr else 0.0)
+        angles = rng.uniform((0, 0), (75, 360), (PAIRS, 2))
+        content = {"pairs": np.arange(PAIRS), "heldout": np.arange(PAIRS) % 3 == 0, "wo_deg": angles}
+        content |= {"wi_deg": angles[::-1], "abrdf": np.full((SIDE, SIDE), raw[0])} | dict.fromkeys(METRICS, raw)
+        return self._keep(f"slices-{stem}.npz", content)
+
+    def _pictures(self, stem):
+        rng = np.random.default_rng(2)
+        shape = (len(SHOWN), SIDE, SIDE, 3)
+        names = ("truth", "decoded", "flip")
+        content = {name: rng.integers(0, 256, shape, np.uint8) for name in names} | {"pairs": np.array(SHOWN)}
+        return self._keep(f"pictures-{stem}.npz", content | dict.fromkeys(("wo_deg", "wi_deg"), np.full((3, 2), 40.0)))
+
+    def _angular(self, stem):
+        value = [[0.25] * 12 for _ in range(5)] + [[None] * 12]
+        side = {"theta_edges_deg": [0, 15, 30, 45, 60, 75, 90], "phi_centres_deg": [30 * i for i in range(12)]}
+        polar = dict.fromkeys(("view", "light"), side | {"value": value})
+        (self.folder / f"angular-{stem}.json").write_text(json.dumps({"polar": dict.fromkeys(METRICS, polar)}))
+        return f"angular-{stem}.json"
+
+    def _keep(self, name, content):
+        np.savez(self.folder / name, **content)
+        return name
+
+
+@pytest.fixture
+def made(tmp_path):
+    return RunMaker(tmp_path / "run").start()

@@ -1,0 +1,34 @@
+import re
+
+from reports import table_text
+from reports.latex import escaped
+
+
+def test_special_characters_are_escaped():
+    assert escaped("50 % of a_b & c # $ {x}") == r"50 \% of a\_b \& c \# \$ \{x\}"
+    assert escaped("a\\b~^") == r"a\textbackslash{}b\textasciitilde{}\textasciicircum{}"
+    assert (
+        escaped("1 ± 2 at θ_o>60°")
+        == r"1 \ensuremath{\pm} 2 at \ensuremath{\theta_o}\ensuremath{>}60\ensuremath{^\circ}"
+    )
+
+
+def test_every_row_has_as_many_cells_as_the_table_has_columns(made):
+    made.job("50%_a&b").unfinished("failed", "Error: {").timing("50%_a&b")
+    text = table_text(made.folder, "latex")
+    for columns, body in re.findall(r"\\begin\{tabular\}\{([^\n]*)\}\n(.*?)\\end\{tabular\}", text, re.S):
+        count = len(re.sub(r"p\{.*\}", "p", columns))
+        rows = [line for line in body.splitlines() if line.endswith(r"\\")]
+        assert rows
+        assert {len(re.split(r"(?<!\\)&", row)) for row in rows} == {count}
+
+
+def test_braces_and_environments_are_balanced(made):
+    text = table_text(made.job("a{b").folder, "latex")
+    bare = re.sub(r"\\[{}]", "", text)
+    assert bare.count("{") == bare.count("}")
+    assert text.count(r"\begin{") == text.count(r"\end{")
+
+
+def test_nothing_but_latin_letters_is_left_of_what_the_suite_writes(made):
+    assert table_text(made.job().timing().folder, "latex").isascii()

@@ -1,0 +1,145 @@
+import pytest
+
+from bench.errors import InputError
+from bench.records import load_run
+from reports import table_text
+from reports.tables import all_tables
+
+
+def tables(made, kind):
+    return [table for table in all_tables(load_run(made.folder)) if table.kind == kind]
+
+
+def cells(table, row=0):
+    """Cells by header; where two headers read alike, the unit tells them apart."""
+    return dict(zip((f"{name} {unit}".strip() for name, unit in table.headers), table.rows[row], strict=True))
+
+
+def test_the_main_table_shows_the_numbers_of_the_record(made):
+    (table,) = tables(made.job().timing(), "main")
+    shown = cells(table)
+    assert shown["codec"] == "pca components=8"
+    assert shown["total bytes ↓"] == "36,110"
+    assert (shown["decoder bytes"], shown["texture bytes"], shown["other bytes"]) == ("1,200", "34,567", "343")
+    assert shown["bits per texel ↓"] == "4,514"  # 8 · 36110 / 64
+    assert shown["decoder param."] == "3,011"
+    assert shown["PSNR dB ↑"] == "30.00"
+    assert shown["SSIM ↑"] == "0.750 ± 0.125"
+    assert (shown["time ns ↓"], shown["95 % interval ns"], shown["time × floor"]) == ("123", "120 to 130", "1.75")
+    assert table.title == "satin (8 × 8 texels, 8 training pairs, 4 held out)"
+
+
+def test_metrics_are_named_with_version_space_and_direction(made):
+    (table,) = tables(made.job(), "main")
+    assert any("flip_ldr_67ppd_periodic version 1, display, lower is better" in note for note in table.notes)
+
+
+def test_without_timing_there_is_a_dash(made):
+    (table,) = tables(made.job(), "main")
+    assert cells(table)["time ns ↓"] == "—"
+
+
+def test_exact_slices_are_counted_openly(made):
+    (table,) = tables(made.job("table", psnr=None), "main")
+    assert cells(table)["PSNR dB ↑"] == cells(table)["PSNR per slice dB ↑"] == "exact"
+    assert any(note.startswith("table: 4 of 4 slices have no error") for note in table.notes)
+
+
+def test_a_metric_that_applies_to_no_slice_is_not_applicable(made):
+    nothing = {"mean": None, "std": None, "pooled": None, "exact": 0, "slices": 0}
+    scores = {group: {"slices": 4, "metrics": {"ssim": nothing}} for group in ("train", "heldout")}
+    (table,) = tables(made.job(scores=scores), "main")
+    assert cells(table)["SSIM ↑"] == "n/a"
+    assert cells(table)["PSNR dB ↑"] == "—"
+
+
+def test_without_held_out_pairs_all_pairs_decide_and_the_table_says_so(made):
+    made.job()
+    job = load_run(made.folder).jobs[0]
+    scores = {group: job["scores"][group] for group in ("all", "train")}
+    (table,) = tables(made.job(scores=scores, pairs={"all": 8, "train": 8}), "main")
+    assert cells(table)["PSNR dB ↑"] == "30.00"
+    assert "none held out" in table.title
+    assert "all pairs, none being held out" in table.notes[0]
+
+
+def test_failed_jobs_stay_in_their_material_and_give_a_reason(made):
+    made.job().unfinished("failed", "ValueError: no\nmore")
+    (main,), (why,) = tables(made, "main"), tables(made, "unfinished")
+    assert main.rows[1][:3] == ["vq", "failed", "—"]
+    assert why.rows == [["satin", "vq", "failed", "ValueError: no more"]]
+
+
+def test_an_unavailable_material_says_where_to_get_it(made):
+    made.unfinished("unavailable", "fabric01: download it from its home", material="fabric01")
+    assert not tables(made, "main")
+    assert tables(made, "unfinished")[0].rows[0][2:] == ["not available", "fabric01: download it from its home"]
+    assert "Nothing was measured" in table_text(made.folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"metrics": {"psnr_display": 2}}, "psnr_display version 2 instead of version 1"),
+        ({"exposure": 2.0}, "another exposure"),
+        ({"btf": "g"}, "another BTF"),
+    ],
+)
+def test_rows_that_measure_something_else_are_not_compared(made, change, reason):
+    made.job("old", run="0", **change).job("new", run="1")
+    (table,) = tables(made, "main")
+    assert set(table.rows[0][1:]) == {"n/c"}
+    assert "n/c" not in table.rows[1]
+    assert any(note.startswith("n/c: old is not comparable") and reason in note for note in table.notes)
+
+
+def test_times_of_other_conditions_are_not_compared_and_those_of_other_runs_are_marked(made):
+    for label in ("a", "b", "c"):
+        made.job(label)
+    made.timing("a", run="2").timing("b", run="2", threads=1).timing("c", run="1")
+    (table,) = tables(made, "main")
+    times = [cells(table, row)["time ns ↓"] for row in range(3)]
+    assert times[0] == "123"
+    assert "n/c" in times
+    assert "123*" in times
+
+
+def test_bands_follow_the_groups_of_the_record(made):
+    made.job()
+    (angular,), (radiance,) = tables(made, "angular"), tables(made, "radiance")
+    assert [name for name, _ in angular.headers] == ["codec", "held out", "θ_o>60°", "new view"]
+    assert angular.headers[1][1] == "dB ↑ (4)"
+    assert radiance.rows[0][1] == "0.0250 (33.3 %)"
+
+
+def test_footprints_have_a_column_each(made):
+    (table,) = tables(made.job(), "footprints")
+    assert [name for name, _ in table.headers] == ["codec", "1 texel", "2 texels", "4 texels", "8 texels"]
+
+
+def test_seeds_are_told_apart(made):
+    (table,) = tables(made.job().job(seed=1), "main")
+    assert [row[0] for row in table.rows] == ["pca components=8 seed=0", "pca components=8 seed=1"]
+
+
+def test_rates_are_shown_with_their_overlap_or_the_reason_that_there_is_none(made):
+    from bench.records import append
+
+    rate = {"kind": "rate", "material": "satin", "anchor": "pca", "metric": "psnr_display", "points": [[1, 2]] * 5}
+    numbers = {"bd_rate_percent": -12.34, "bd_psnr_db": 0.5, "quality_db": [20, 30], "quality_overlap": 0.5}
+    append(made.job().folder, rate | numbers | {"curve": "vq", "bytes": [1000, 2000], "bytes_overlap": 1.0})
+    append(made.folder, rate | {"curve": "bad", "error": "the curves are disjoint"})
+    (table,) = tables(made, "rate")
+    assert table.rows[0] == ["vq", "5", "-12.3", "+0.50", "20.00 to 30.00", "50", "1,000 to 2,000", "100"]
+    assert table.rows[1] == ["bad", "5"] + ["—"] * 6
+    assert "bad: the curves are disjoint" in table.notes
+
+
+def test_a_folder_without_a_run_is_an_error_of_input(tmp_path):
+    with pytest.raises(InputError, match="no run here"):
+        table_text(tmp_path)
+
+
+def test_an_unknown_format_is_refused(made):
+    with pytest.raises(ValueError, match="'word'"):
+        table_text(made.folder, "word")

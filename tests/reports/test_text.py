@@ -1,0 +1,44 @@
+from bench.records import load_run
+from reports import table_text
+from reports.text import terminal
+
+LONG = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
+
+
+def test_the_main_table_fits_a_terminal(made):
+    for label in ("mean-colour", "pca components=32 precision=8bit", LONG):
+        made.job(label, bytes={"decoder": 1, "texture": 2, "total": 15_375_476}).timing(label, ns_per_sample=17_419.5)
+    main = terminal(load_run(made.folder)).split("where the error lies")[0]
+    assert max(map(len, main.splitlines())) <= 120
+    assert "15,375,476" in main
+
+
+def test_long_labels_are_folded_and_lose_nothing(made):
+    main = terminal(load_run(made.job(LONG).folder)).split("where the error lies")[0]
+    for word in LONG.split():
+        assert word in main
+
+
+def test_notes_that_hold_for_every_material_are_printed_once(made):
+    text = table_text(made.job().job(material="brick").folder)
+    assert text.count("Metrics: ") == 1
+
+
+def test_lines_that_could_not_be_read_are_counted(made):
+    with open(made.job().folder / "records.jsonl", "a") as file:
+        file.write("{cut\n")
+    assert "1 line(s) of records.jsonl could not be read: 3." in table_text(made.folder)
+
+
+def test_markdown_keeps_labels_as_they_are(made):
+    text = table_text(made.job("a|b *c* _d_ x_y", material="<b>").folder, "markdown", "main")
+    assert r"a\|b \*c\* \_d\_ x_y" in text
+    assert r"### \<b>" in text
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert len({line.replace(r"\|", "").count("|") for line in lines}) == 1
+
+
+def test_labels_of_any_script_pass_through(made):
+    made.job("编码 ünï", material="布 / ткань")
+    for format in ("text", "markdown", "latex", "csv"):
+        assert "ünï" in table_text(made.folder, format)

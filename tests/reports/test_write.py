@@ -1,0 +1,77 @@
+import subprocess
+import sys
+
+from PIL import Image
+
+from reports import write_report
+
+
+def contents(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_a_report_is_tables_figures_and_a_page(made):
+    written = write_report(made.job().timing().folder)
+    names = {str(path.relative_to(made.folder)) for path in written.files}
+    assert {"tables/main.md", "tables/main.tex", "tables/results.csv", "report.html"} <= names
+    kinds = ("contact", "rate", "speed", "angles", "polar", "abrdf")
+    assert {f"figures/{kind}-satin.png" for kind in kinds} == {name for name in names if name.endswith(".png")}
+    assert all(path.stat().st_size for path in written.files)
+    assert "satin" in written.text
+
+
+def test_running_twice_gives_the_same_files_and_leaves_nothing_else(made):
+    made.job().job("vq", psnr=25.0).timing()
+    before = set(contents(made.folder))
+    written = write_report(made.folder)
+    first = contents(made.folder)
+    write_report(made.folder)
+    assert contents(made.folder) == first
+    assert set(first) - before == {path.relative_to(made.folder) for path in written.files}
+
+
+def test_a_run_without_a_result_says_so(made):
+    written = write_report(made.unfinished("failed", "ValueError: no").folder)
+    assert "Nothing was measured" in written.text
+    assert "ValueError: no" in written.text
+    page = (made.folder / "report.html").read_text()
+    assert "Nothing was measured" in page
+    assert not list(made.folder.glob("figures/*"))
+
+
+def test_the_page_stands_alone_and_shows_labels_as_text(made):
+    write_report(made.job("<script>x</script>", material="a & b").folder)
+    page = (made.folder / "report.html").read_text()
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+    assert "<h2>a &amp; b</h2>" in page
+    assert "http" not in page
+    assert page.count("data:image/png;base64,") == len(list(made.folder.glob("figures/*.png")))
+
+
+def test_two_materials_never_share_a_file(made):
+    write_report(made.job(material="a b").job(material="a/b").folder)
+    assert len(list(made.folder.glob("figures/contact-*.png"))) == 2
+
+
+def test_a_table_that_lost_its_rows_goes(made):
+    write_report(made.unfinished("failed", "no", label="pca components=8").folder)
+    assert (made.folder / "tables/unfinished.md").exists()
+    write_report(made.job().folder)
+    assert not (made.folder / "tables/unfinished.md").exists()
+
+
+def test_figures_are_pictures(made):
+    for path in write_report(made.job().timing().folder).files:
+        if path.suffix == ".png":
+            with Image.open(path) as picture:
+                picture.verify()
+
+
+def test_a_table_needs_no_figures_and_no_torch(made):
+    code = (
+        "import sys, reports; reports.table_text(sys.argv[1]);"
+        "heavy = {'torch', 'matplotlib', 'pandas', 'numpy'} & set(sys.modules); sys.exit(str(heavy) if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(made.job().folder)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
