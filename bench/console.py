@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from bench.container import Header
 
 if TYPE_CHECKING:
-    from bench.btf import BTF
+    from bench.portrait import Look
 
 
 class Console:
@@ -75,12 +75,12 @@ def file_lines(header: Header) -> str:
     return "\n".join([*lines, f"sha256: {header.sha256}"])
 
 
-def btf_lines(btf: "BTF") -> str:
-    """A BTF: size, directions, split, range of values, and what its reader says of it."""
+def btf_lines(seen: "Look") -> str:
+    """A BTF: size, directions, split, range of values, what its reader says of it, and what seems wrong."""
     from bench.hemisphere import to_degrees
-    from bench.scoring import sample
 
-    layout, split, values = btf.layout, btf.split(), sample(btf)
+    btf, values = seen.btf, seen.values
+    layout, split = seen.layout, btf.split()
     theta = [to_degrees(w)[0].max() for w in (btf.wo, btf.wi)]
     low, middle, high = np.percentile(values, [0, 50, 100])
     product = "their product" if layout.grid is not None else "no product"
@@ -88,10 +88,11 @@ def btf_lines(btf: "BTF") -> str:
     lines = [
         f"{btf.name}: {btf.shape[0]} × {btf.shape[1]} texels, {len(btf):,} pairs, "
         + ("periodic" if btf.periodic else "not periodic"),
-        f"directions: {len(layout.views)} views up to {theta[0]:.1f}°, {len(layout.lights)} lights up to "
+        f"training directions: {len(layout.views)} views up to {theta[0]:.1f}°, {len(layout.lights)} lights up to "
         f"{theta[1]:.1f}° ({product})",
         f"split: {len(split.train):,} training pairs, {heldout:,} held out",
-        f"values (seeded sample): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}",
+        f"values (of some slices): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}",
         f"fingerprint: {btf.fingerprint}",
     ]
-    return "\n".join(lines + [f"  {key}: {value}" for key, value in btf.provenance.items()])
+    lines += [f"  {key}: {value}" for key, value in btf.provenance.items()]
+    return "\n".join(lines + [f"warning: {text}" for text in seen.warnings()])
