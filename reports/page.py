@@ -16,7 +16,7 @@ _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 78rem; padding: 0 1rem; color: #1a1a1a }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px }
 th, td { padding: .25rem .6rem; border-bottom: 1px solid #ddd; white-space: nowrap }
-th { vertical-align: bottom; border-bottom-color: #888 }
+th { text-align: left; vertical-align: bottom; border-bottom-color: #888 }
 th small { font-weight: normal; color: #555 }
 .words td { white-space: normal }
 .scroll { overflow-x: auto }

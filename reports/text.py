@@ -2,6 +2,7 @@
 
 import re
 import textwrap
+import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -50,16 +51,22 @@ def _plain(table: Table) -> str:
     height = max(map(len, heads))
     lines = list(zip(*(head + [""] * (height - len(head)) for head in heads), strict=True))
     body = [line for row in table.rows for line in _folded(row, table)]
-    widths = [max(map(len, column)) for column in zip(*lines, *body, strict=True)]
+    widths = [max(map(_width, column)) for column in zip(*lines, *body, strict=True)]
     rule = ["-" * width for width in widths]
     text = [_line(cells, widths, table.words) for cells in (*lines, rule, *body)]
     return "\n".join([table.title, "", *text, *map(_wrapped, table.notes)])
 
 
 def _line(cells: Sequence[str], widths: list[int], words: int) -> str:
-    left = [cell.ljust(width) for cell, width in zip(cells[:words], widths[:words], strict=True)]
-    right = [cell.rjust(width) for cell, width in zip(cells[words:], widths[words:], strict=True)]
-    return "  ".join([*left, *right]).rstrip()
+    gaps = [" " * (width - _width(cell)) for cell, width in zip(cells, widths, strict=True)]
+    padded = [cell + gap if i < words else gap + cell for i, (cell, gap) in enumerate(zip(cells, gaps, strict=True))]
+    return "  ".join(padded).rstrip()
+
+
+def _width(text: str) -> int:
+    """How many columns of a terminal a text takes: wide characters take two, accents that combine none."""
+    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
+    return len(text) + wide - sum(bool(unicodedata.combining(character)) for character in text)
 
 
 def _split(name: str, unit: str) -> list[str]:

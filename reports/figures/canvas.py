@@ -86,8 +86,13 @@ def grid_of(count: int, columns: int) -> tuple[int, int]:
 
 
 def look(index: int) -> dict[str, Any]:
-    """Colour and marker of the codec of that index."""
-    return {"color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)]}
+    """Colour and marker of the codec of that index; the markers are hollow in every second round."""
+    colour, hollow = COLOURS[index % len(COLOURS)], index // len(MARKERS) % 2
+    return {
+        "color": colour,
+        "marker": MARKERS[index % len(MARKERS)],
+        "markerfacecolor": "white" if hollow else colour,
+    }
 
 
 def log_ticks(axis: Any, unit: str = "") -> None:

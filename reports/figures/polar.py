@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from matplotlib.patches import Circle
 
 from bench.records import Run
 from reports.artefacts import angular
@@ -33,17 +34,18 @@ def _figure(material: Material, maps: list[tuple[str, dict[str, Any]]]) -> Figur
     per_line = min(6, len(maps))
     blocks = -(-len(maps) // per_line)
     with style():
-        drawing = new(1.75 * per_line + 1.4, 3.9 * blocks + 0.7, layout="constrained")
-        panels = drawing.subplots(2 * blocks, per_line, subplot_kw={"projection": "polar"}, squeeze=False)
+        drawing = new(1.65 * per_line + 1.4, 3.5 * blocks + 0.8, layout="constrained")
+        panels = drawing.subplots(2 * blocks, per_line, squeeze=False)
         for axes in panels.flat:
-            axes.set_visible(False)
+            axes.set_axis_off()
         for (side, i), value in values.items():
             axes = panels[2 * (i // per_line) + list(_SIDES).index(side)][i % per_line]
-            mesh = _disc(axes, maps[i][1][side], value, top)
-            axes.set_title((short(maps[i][0], 22) + "\n" if side == "view" else "") + _SIDES[side], fontsize=8)
-        bar = drawing.colorbar(mesh, ax=panels, shrink=0.6, pad=0.02)
-        bar.set_label("mean FLIP, all pairs (lower is better); blank: no pair")
-        drawing.suptitle(f"{title}\n{material.split}; θ from 0° (centre) to 90° (rim), φ counter-clockwise", fontsize=9)
+            image = _disc(axes, maps[i][1][side], value, top)
+            axes.set_title((short(maps[i][0], 24) + "\n" if side == "view" else "") + _SIDES[side], fontsize=8)
+        bar = drawing.colorbar(image, ax=panels, shrink=0.6 / blocks**0.5, pad=0.02)
+        bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)")
+        frame = "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right"
+        drawing.suptitle(f"{title} ({material.split})\n{frame}", fontsize=9)
         return Figure(material.name, "polar", title, png(drawing))
 
 
@@ -52,14 +54,20 @@ def _values(stored: dict[str, Any]) -> np.ndarray:
 
 
 def _disc(axes: Any, stored: dict[str, Any], value: np.ndarray, top: float) -> Any:
+    """The cells as a picture of the disc: sector 0 is centred on +x."""
+    x, y = np.meshgrid(_AXIS_DEG, _AXIS_DEG)
     sectors = len(stored["phi_centres_deg"])
-    phi = np.radians((np.arange(sectors + 1) - 0.5) * 360 / sectors)
-    axes.set_visible(True)
-    axes.grid(False)
-    mesh = axes.pcolormesh(phi, stored["theta_edges_deg"], value, cmap="cividis", vmin=0, vmax=top, shading="flat")
-    axes.set_xticks(np.radians([0, 90, 180, 270]), ["0°", "90°", "180°", "270°"], fontsize=6)
-    axes.tick_params(pad=-3)
-    axes.set_yticks([30, 60], [])
-    axes.yaxis.grid(True, color="white", linewidth=0.5, alpha=0.6)
-    axes.spines["polar"].set_linewidth(0.5)
-    return mesh
+    sector = np.round(np.degrees(np.arctan2(y, x)) * sectors / 360).astype(int) % sectors
+    ring = np.searchsorted(stored["theta_edges_deg"], np.hypot(x, y), side="right") - 1
+    inside = ring < len(value)
+    picture = np.where(inside, value[np.where(inside, ring, 0), sector], np.nan)
+    for radius in (30, 60, 90):
+        axes.add_patch(Circle((0, 0), radius, fill=False, linewidth=0.5, edgecolor="0.5"))
+    extent = (-90, 90, -90, 90)
+    axes.set(xlim=(-93, 93), ylim=(-93, 93))
+    return axes.imshow(
+        picture, cmap="cividis", vmin=0, vmax=top, origin="lower", extent=extent, interpolation="nearest"
+    )
+
+
+_AXIS_DEG = np.linspace(-90, 90, 240)
