@@ -32,7 +32,7 @@ COARSE_SHARE = 4  # one sample in so many is of a coarser level
 FIRST_BLUR, FADING, LAST_BLUR, OFFSET_BLUR = 8.0, 3 * math.log(8), 0.1, 1.0
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
 # Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
-LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0)}
+LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0), "both": (1.0, 1.0, 0.0)}
 
 
 class NeuMIP(Codec):
@@ -48,7 +48,7 @@ class NeuMIP(Codec):
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = True  # blur the textures at first, less and less: for strong relief
-        loss: Literal["balanced", "highlights", "l1"] = "balanced"  # the authors' two, or absolute log error
+        loss: Literal["balanced", "highlights", "l1", "both"] = "balanced"  # the authors' two, or log errors alone
         precision: Precision = "int8"  # of the stored textures
         weights: WeightPrecision = "half"  # of the stored networks
 

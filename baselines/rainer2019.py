@@ -21,7 +21,7 @@ from bench.directions import stereographic
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.training import Batch, Objective, Samples, gain_of, train
+from bench.training import Batch, Loss, Objective, Samples, distance, gain_of, train
 
 WIDTHS = (106, 106, 106, 106)
 CONVOLUTIONS = ((16, 7), (32, 5), (64, 5))  # channels and kernel of the encoder's layers
@@ -42,7 +42,7 @@ class Rainer2019(Codec):
         texels: int = 64  # ABRDFs encoded in a step
         pairs: int = 32  # pairs decoded of each of them
         rate: float = 3e-3  # highest learning rate
-        loss: Literal["l1", "l2"] = "l1"  # on log radiance
+        loss: Loss = "l1"  # on log radiance: absolute, squared, or their sum
         latents: int = 8  # channels that the encoder makes
         activation: Literal["leaky-relu", "relu"] = "leaky-relu"  # of the decoder's hidden layers
         precision: Precision = "int8"  # of the stored latents, means and deviations
@@ -151,8 +151,7 @@ class Fitting(Objective):
         pair = torch.randint(self.samples.pairs, (texels * pairs,), generator=generator).to(device)
         latents = self.latents(texel).repeat_interleave(pairs, 0)
         batch = self.samples.at(texel.repeat_interleave(pairs), pair)
-        distance = functional.l1_loss if self.settings.loss == "l1" else functional.mse_loss
-        return distance(self._decode(latents, batch), batch.target)
+        return distance(self._decode(latents, batch), batch.target, self.settings.loss)
 
 
 def _statistics(abrdfs: Tensor) -> Tensor:

@@ -10,12 +10,13 @@ import math
 import os
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
+from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Fit
@@ -33,9 +34,22 @@ KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
 SAVE_EVERY = 1_000  # steps between two states on disk, a multiple of KEEP_EVERY
 RESCUES = 3
 
+Loss = Literal["l1", "l2", "both"]
+
 
 class DivergedError(RuntimeError):
     """A fit whose loss stopped being finite, again after each remedy."""
+
+
+def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
+    """The mean distance of two log radiances: absolute, squared, or the sum of both."""
+    match loss:
+        case "l1":
+            return functional.l1_loss(ours, target)
+        case "l2":
+            return functional.mse_loss(ours, target)
+        case "both":
+            return functional.l1_loss(ours, target) + functional.mse_loss(ours, target)
 
 
 class Batch(NamedTuple):
@@ -142,9 +156,9 @@ def train(objective: Objective, fit: Fit, steps: int, warmup: int = 100) -> None
     """Fit the parameters of an objective in place, in `steps` steps.
 
     Where `fit.checkpoint` names a file, the state is kept there, and a fit that finds one goes on from it; who named it
-    removes it, once what was fitted is stored. Where the loss or a parameter is no longer finite, the last good state is restored and the
-    learning rate halved; the fourth time, `DivergedError` is raised. `InputError` where the file on disk belongs to
-    another fit.
+    removes it, once what was fitted is stored. Where the loss or a parameter is no longer finite, the last good state
+    is restored and the learning rate halved; the fourth time, `DivergedError` is raised. `InputError` where the file
+    on disk belongs to another fit.
     """
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")

@@ -4,7 +4,7 @@ The decoder is the paper's, and the file as well; what is lost is the guidance i
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -13,7 +13,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.decoder import Decoder
 from bench.material import Material
-from bench.training import Batch, Objective, Samples, gain_of, train
+from bench.training import Batch, Loss, Objective, Samples, distance, gain_of, train
 from neubtf.renderer import RendererSettings, load, render, store
 
 LATENT_SPREAD = 0.1  # standard deviation of the first latents
@@ -30,7 +30,7 @@ class NeuBTFDirect(Codec):
         batch: int = 4_096  # samples a step
         rate: float = 1e-2  # highest learning rate of the renderer
         latent_rate: float = 1e-2  # highest learning rate of the neural texture
-        loss: Literal["l1", "l2"] = "l1"  # on log radiance
+        loss: Loss = "l1"  # on log radiance: absolute, squared, or their sum
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
@@ -64,5 +64,4 @@ class Direct(Objective):
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         batch = self.samples.draw(self.settings.batch, generator)
-        distance = nn.functional.l1_loss if self.settings.loss == "l1" else nn.functional.mse_loss
-        return distance(self.predict(batch, progress), batch.target)
+        return distance(self.predict(batch, progress), batch.target, self.settings.loss)

@@ -154,3 +154,10 @@ def test_the_rate_warms_up_and_ends_at_nothing() -> None:
     assert rates[0] < 0.011
     assert max(rates) == pytest.approx(rates[100], rel=1e-6)
     assert rates[-1] < 1e-5
+
+
+def test_distances_of_log_radiance() -> None:
+    ours, target = torch.tensor([0.0, 1.0, 3.0]), torch.tensor([0.0, 2.0, 1.0])
+    assert training.distance(ours, target, "l1").item() == pytest.approx(1)
+    assert training.distance(ours, target, "l2").item() == pytest.approx(5 / 3)
+    assert training.distance(ours, target, "both").item() == pytest.approx(8 / 3)
