@@ -38,8 +38,8 @@ def _sheet(material: Material, rows: list[tuple[Row, Arrays]], run: Run) -> Figu
         sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
         for k in range(count):
             left = _LEFT + k * pair
-            sheet.text(left, _TOP - 34, _angles("θₒ", "φₒ", first["wo_deg"][k]))
-            sheet.text(left, _TOP - 18, _angles("θᵢ", "φᵢ", first["wi_deg"][k]))
+            sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
+            sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
             sheet.picture(left, 0, first["truth"][k])
         sheet.label(0, "truth")
         for number, (row, pictures) in enumerate(rows, 1):
@@ -54,8 +54,8 @@ def _sheet(material: Material, rows: list[tuple[Row, Arrays]], run: Run) -> Figu
         return Figure(material.name, "contact", title, png(drawing))
 
 
-def _angles(theta: str, phi: str, degrees: np.ndarray) -> str:
-    return f"{theta} {degrees[0]:.0f}°  {phi} {degrees[1]:.0f}°"
+def _angles(side: str, degrees: np.ndarray) -> str:
+    return f"{side}: θ {degrees[0]:.0f}°, φ {degrees[1]:.0f}°"
 
 
 def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
