@@ -17,7 +17,7 @@ from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture
 from bench.scoring import exposure
 
-BLOCK_BYTES = 64 << 20  # slices decomposed together: large enough for fast products, small beside the sketches
+BLOCK_BYTES = 16 << 20  # slices read together: many enough for fast products, few enough for the cache
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 HALF_MAX = 65504.0
 
@@ -32,7 +32,7 @@ class PCA(Codec):
         components: int = 16  # eigen-ABRDFs; fewer where the data have a lower rank
         domain: Literal["log", "rgb"] = "log"  # what is decomposed: log1p(8 · exposure · x) or x itself
         precision: Literal["float32", "half", "int8"] = "half"  # coefficients; the basis is half, or float32 with them
-        passes: int = 4  # times the data are read; each beyond two is one more power iteration
+        passes: int = 5  # times the data are read; each beyond two is one more power iteration
 
         def __post_init__(self) -> None:
             if self.components < 1 or self.passes < 2:
@@ -116,10 +116,10 @@ def _blocks(pictures: Iterator[np.ndarray], count: int, texels: int) -> Iterator
     for pair, picture in enumerate(pictures):
         place = pair % step
         if place == 0:
-            block = torch.empty(min(step, count - pair), 3, texels)
-        block[place] = torch.from_numpy(picture.reshape(texels, 3)).T
+            block = np.empty((min(step, count - pair), 3, texels), np.float32)
+        block[place] = picture.reshape(texels, 3).T
         if place == len(block) - 1:
-            yield block.flatten(0, 1)
+            yield torch.from_numpy(block).flatten(0, 1)
 
 
 def _tables(factors: Factors, precision: str) -> dict[str, Tensor]:

@@ -90,8 +90,8 @@ def _centred(blocks: Iterator[Tensor], mean: Tensor, first: bool) -> Iterator[tu
     for block in blocks:
         rows = slice(start, start + len(block))
         if first:
-            # In double, so that a constant row centres to exact zeros.
-            mean[rows] = block.mean(1, dtype=torch.float64).float()
+            # From the first entry on, so that a constant row centres to exact zeros.
+            mean[rows] = block[:, 0] + (block - block[:, :1]).mean(1)
         yield rows, block.sub_(mean[rows, None])
         start = rows.stop
 
