@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from bench.bake.naming import MapFiles, looks_like_maps, recognise
-from bench.bake.surface import Surface, read_surface
+from bench.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.btf import BTF, ArraySource
 from bench.cache import cache_dir
 from bench.convert import check_place, write_btf
-from bench.materials.renderer import RENDERER_VERSION, SUB_POINTS, render
+from bench.materials.renderer import RENDERER_VERSION, render
 from bench.materials.store import sample_pairs
 from bench.readers import open_btf
 from bench.readers.files import FolderFiles

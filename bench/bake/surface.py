@@ -17,7 +17,7 @@ from bench.readers.files import FolderFiles
 from bench.readers.pictures import kind_of, picture_size, read_picture
 
 Array = np.ndarray
-GRID = 4  # map texels a side kept for each texel of the bake: twice its sub-points
+SUB_POINTS = 4  # points a side that make a texel; see docs/baking.md for what 2 and 8 would change
 JUDGED = 256  # longest side at which normals and displacement are compared, whatever the bake's size
 DEFAULT_DEPTH = 0.02
 DEFAULT_ROUGHNESS = 0.5
@@ -45,6 +45,9 @@ def read_surface(found: MapFiles, size: int, depth: float | None = None) -> Surf
     roughness = reader.channel("roughness", 1, notes, DEFAULT_ROUGHNESS)
     metalness = reader.channel("metalness", 2, notes, 0.0)
     normal, height = _relief(reader, notes, depth)
+    if normal is not None:
+        length = np.linalg.norm(normal, axis=-1)
+        roughness, normal = _roughened(roughness, length), _unit(normal)
     anisotropy, angle = _anisotropy(reader)
     maps = Maps(
         0.0 if height is None else height,
@@ -69,7 +72,7 @@ class _Reader:
         self.albedo = self._albedo()
         self.full = self.albedo.shape[:2]
         self.shape = _fitted(self.full, size)
-        self.grid = self.limited(GRID * size)
+        self.grid = self.limited(SUB_POINTS * size)  # a map texel a sub-point: nothing between them is skipped
 
     def limited(self, longest: int) -> tuple[int, int]:
         """The maps' own size, shrunk where its longer side exceeds `longest`."""
@@ -120,7 +123,8 @@ def _fitted(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
 
 
 def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tuple[Array | None, Array | None]:
-    """Shading normals (H, W, 3) and displacement (H, W) in units of the width, each None where there is no map."""
+    """Mean normals (H, W, 3), the shorter the more they vary, and displacement (H, W) in units of the width; None where
+    there is no map."""
     normal_role = next((role for role in ("normal_gl", "normal_dx", "normal") if role in reader.roles), "")
     height_role = next((role for role in ("displacement", "depth") if role in reader.roles), "")
     codes = reader.codes(normal_role)
@@ -136,7 +140,7 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
         notes[normal_role] += f": green {'down (DX)' if downward else 'up (GL)'}, {found.told(normal_role)}"
         if downward:
             normal[..., 1] *= -1
-        normal = _unit(reader.shrunk(normal))
+        normal = reader.shrunk(normal)
     if height is not None:
         fitted = depth is None and found.depth is not None
         depth = depth if depth is not None else found.depth if found.depth is not None else DEFAULT_DEPTH
@@ -146,6 +150,12 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
         notes[height_role] += ", fitted to the normal map" if fitted else ""
         height = reader.shrunk(height) * np.float32(-depth if inverted else depth)
     return normal, height
+
+
+def _roughened(roughness: Array | float, length: Array) -> Array:
+    """Roughness widened by what shrinking took from the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005)."""
+    length = np.clip(length, 0.1, 1)
+    return np.minimum((roughness**4 + (1 - length) / length) ** 0.25, 1)
 
 
 def _vectors(codes: Array, label: str) -> Array:

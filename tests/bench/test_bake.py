@@ -9,6 +9,7 @@ from PIL import Image
 
 from bench import cli
 from bench.bake import bake, looks_like_maps, open_svbrdf, read_surface, recognise
+from bench.bake.surface import SUB_POINTS
 from bench.btf import box_filter
 from bench.codec import silent
 from bench.errors import InputError
@@ -203,6 +204,19 @@ def test_albedo_is_averaged_in_linear_light(tmp_path):
     np.testing.assert_allclose(surface.maps.base_colour, 0.5, atol=1e-6)
 
 
+def test_normals_that_shrinking_averages_away_make_it_rougher(tmp_path):
+    """Facets tilted by ±t have a mean normal of length cos t: α² grows by 1 / cos t − 1."""
+    tilt = 0.4 * (-1.0) ** np.arange(64)
+    facets = np.stack(np.broadcast_arrays(np.sin(tilt), 0, np.cos(tilt)), -1)
+    codes = np.broadcast_to((facets + 1) / 2, (64, 64, 3))
+    folder = save(tmp_path / "m", albedo=flat((0.5,) * 3, 64), roughness=flat(0.2, 64), normal=codes)
+    coarse, fine = (read_surface(recognise(folder), size).maps for size in (8, 64))
+    np.testing.assert_allclose(fine.roughness, 0.2, atol=1e-6)
+    np.testing.assert_allclose(coarse.normal[..., 2], 1, atol=1e-4)
+    # 8-bit codes round the tilt by up to 1 %.
+    np.testing.assert_allclose(coarse.roughness**4, 0.2**4 + 1 / np.cos(0.4) - 1, rtol=0.02)
+
+
 def test_a_baked_file_opens_again_and_equals_what_was_rendered(tmp_path):
     height, normal = hills()
     folder = save(tmp_path / "m", albedo=flat((0.5, 0.4, 0.3), 64)[:32], normal=normal[:32], height=height[:32])
@@ -215,7 +229,7 @@ def test_a_baked_file_opens_again_and_equals_what_was_rendered(tmp_path):
     assert btf.periodic
     assert len(btf.split().heldout["heldout"]) == 3
     assert btf.provenance["maps"]["albedo"] == "albedo.png"
-    expected = render(surface.maps, btf.wo, btf.wi, surface.shape)
+    expected = render(surface.maps, btf.wo, btf.wi, surface.shape, SUB_POINTS)
     np.testing.assert_array_equal(np.stack(list(btf)), expected)
     assert {path.name for path in tmp_path.iterdir()} <= {"m", "m.npz", "cache"}
 
@@ -253,7 +267,7 @@ def test_scanned_materials_bake_upright(name):
     assert surface.shape == ((8, 16) if name == "bricks" else (16, 16))
     assert not any("DX" in text or "dark is high" in text for text in surface.notes.values())
     up = np.array([[0.0, 0.0, 1.0]])
-    albedo = box_filter(surface.maps.base_colour, 4)
+    albedo = box_filter(surface.maps.base_colour, SUB_POINTS)
     matt = replace(surface.maps, specular=0.0, metalness=0.0)
     picture = render(matt, up, up, surface.shape)[0]
     assert np.corrcoef(albedo.mean(-1).ravel(), picture.mean(-1).ravel())[0, 1] > 0.7
