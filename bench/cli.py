@@ -340,6 +340,8 @@ def _info(options: argparse.Namespace) -> int:
 
     path = Path(options.path)
     if path.is_file() and _is_codec_file(path):
+        if options.picture:
+            raise InputError(f"{path}: a codec file: decode it, and draw what it decodes to")
         from bench.container import read_header
 
         print(file_lines(read_header(path)))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Layout, box_filter
+from bench.errors import InputError
 from bench.hemisphere import thin, to_degrees
 from bench.metrics.display import exposure_of, to_display
 
@@ -144,7 +145,10 @@ def _gradients(picture: Array) -> tuple[float, float, float]:
 
 
 def draw(seen: Look, out: Path) -> None:
-    """Write a PNG: the directions in polar plots, a histogram of the values, and the contact sheet with angles."""
+    """Write a PNG: the directions in polar plots, a histogram of the values, and the contact sheet with angles.
+
+    Raises `InputError` where `out` cannot be written.
+    """
     from matplotlib.figure import Figure
 
     columns = SHEET[1]
@@ -162,7 +166,10 @@ def draw(seen: Look, out: Path) -> None:
         axes.imshow(to_display(thumb, exposure))
         axes.set_title(_angles(seen.btf, pair), fontsize=7)
         axes.set_axis_off()
-    figure.savefig(out, format="png", dpi=100)
+    try:
+        figure.savefig(out, format="png", dpi=100)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place") from error
 
 
 def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> None:

@@ -100,3 +100,5 @@ def test_info_warns_and_draws(tmp_path, btf, capsys):
     assert "warning: " in out
     assert "highlights are clipped" in out
     assert (tmp_path / "a.png").stat().st_size > 10_000
+    assert cli.main(["info", str(tmp_path / "a.npz"), "--picture", str(tmp_path / "no" / "a.png")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
