@@ -47,8 +47,8 @@ class NeuMIP(Codec):
         rate: float = 1e-2  # highest learning rate
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
         offset: bool = True  # the neural offset; without it the decoder alone
-        blur: bool = True  # blur the textures at first, less and less: for strong relief
-        loss: Literal["balanced", "highlights", "l1", "both"] = "balanced"  # the authors' two, or log errors alone
+        blur: bool = False  # blur the textures at first, less and less, as the authors do
+        loss: Literal["both", "l1", "balanced", "highlights"] = "both"  # log errors; the last two are the authors'
         precision: Precision = "int8"  # of the stored textures
         weights: WeightPrecision = "half"  # of the stored networks
 

@@ -42,7 +42,7 @@ class Rainer2019(Codec):
         texels: int = 64  # ABRDFs encoded in a step
         pairs: int = 32  # pairs decoded of each of them
         rate: float = 3e-3  # highest learning rate
-        loss: Loss = "l1"  # on log radiance: absolute, squared, or their sum
+        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
         latents: int = 8  # channels that the encoder makes
         activation: Literal["leaky-relu", "relu"] = "leaky-relu"  # of the decoder's hidden layers
         precision: Precision = "int8"  # of the stored latents, means and deviations

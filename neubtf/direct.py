@@ -30,7 +30,7 @@ class NeuBTFDirect(Codec):
         batch: int = 4_096  # samples a step
         rate: float = 1e-2  # highest learning rate of the renderer
         latent_rate: float = 1e-2  # highest learning rate of the neural texture
-        loss: Loss = "l1"  # on log radiance: absolute, squared, or their sum
+        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)

@@ -97,7 +97,7 @@ def test_the_offset_moves_along_the_view() -> None:
 
 def test_the_stored_textures_are_those_that_were_fitted() -> None:
     """The blur is baked: what the file answers is what the fit saw at its end."""
-    btf, fit, codec = tiny_btf(), Fit(), NeuMIP(steps=10, batch=256, precision="float32", weights="float32")
+    btf, fit, codec = tiny_btf(), Fit(), NeuMIP(steps=10, batch=256, blur=True, precision="float32", weights="float32")
     gain = training.gain_of(btf, fit)
     levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(3)]
     objective = Fitting(levels, codec.settings, fit.generator())
@@ -115,7 +115,7 @@ def test_a_large_footprint_gives_the_mean_of_a_box() -> None:
     like = tiny_btf()
     checks = np.indices((8, 8)).sum(0) % 2 * like.wi[:, 2, None, None]
     btf = BTF("checks", like.wo, like.wi, ArraySource(np.repeat(checks[..., None], 3, -1).astype(np.float32)))
-    material = fitted(btf, steps=300, batch=256, blur=False)
+    material = fitted(btf, steps=300, batch=256)
     fine, coarse = (material.slice([0, 0, 1], [0, 0, 1], (n, n)) for n in (8, 4))
     assert (fine.amax() - fine.amin()) > 0.8
     # Black or white would be 0.5 away, a fit of a few seconds is not exact.
@@ -133,7 +133,7 @@ def test_any_size_is_fitted(size: tuple[int, int]) -> None:
 def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
     monkeypatch.setattr(training, "SAVE_EVERY", 10)
-    codec, btf = NeuMIP(steps=30, batch=64), tiny_btf()
+    codec, btf = NeuMIP(steps=30, batch=64, blur=True), tiny_btf()
 
     def halt(label: str, done: int, total: int) -> None:
         if label.startswith("fitting") and done == 20:
