@@ -51,7 +51,7 @@ def looks_like_maps(folder: Path) -> bool:
     if not folder.is_dir():
         return False
     names = os.listdir(folder)
-    if any(name == "pairs.csv" or name.endswith(".lp") for name in names):
+    if any(name == "pairs.csv" or name.lower().endswith(".lp") for name in names):
         return False
     return len(set(_roles(names).values()) - {""}) >= 2
 
