@@ -14,10 +14,10 @@ import numpy as np
 
 from bench.btf import BTF, Source
 from bench.errors import InputError
-from bench.open import thinned
 from bench.readers import open_btf
 from bench.readers.folder import write_folder
 from bench.readers.npz import write_npz
+from bench.thinning import thinned
 
 Array = np.ndarray
 

@@ -1,15 +1,12 @@
 """Opens a material of a suite, built in, measured or given as PBR maps, as a BTF."""
 
-import math
 import os
-
-import numpy as np
 
 from bench.btf import BTF
 from bench.codec import Progress
 from bench.errors import InputError, MissingDataError
-from bench.hemisphere import thin
 from bench.suite import Data, MaterialSpec
+from bench.thinning import thinned
 
 
 def open_material(spec: MaterialSpec, data: Data, show: Progress) -> BTF:
@@ -40,20 +37,3 @@ def open_material(spec: MaterialSpec, data: Data, show: Progress) -> BTF:
     from bench.readers import open_btf
 
     return thinned(open_btf(path), data.pairs)
-
-
-def thinned(btf: BTF, pairs: int) -> BTF:
-    """About `pairs` of a BTF's pairs (0: all), evenly spread, so that a product of views and lights stays one.
-
-    Pairs that form no product are thinned by a seeded draw.
-    """
-    if not 0 < pairs < len(btf):
-        return btf
-    layout = btf.layout
-    if layout.grid is None:
-        return btf.subset(np.sort(np.random.default_rng(0).choice(len(btf), pairs, replace=False)))
-    views, lights = len(layout.views), len(layout.lights)
-    few = min(views, lights, math.isqrt(pairs))  # a side of few directions keeps them all
-    count = (few, min(lights, pairs // few)) if views <= lights else (min(views, pairs // few), few)
-    chosen = (thin(side, n) for side, n in zip((layout.views, layout.lights), count, strict=True))
-    return btf.subset(layout.grid[np.ix_(*chosen)].reshape(-1))

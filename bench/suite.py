@@ -34,7 +34,7 @@ from bench.suggest import did_you_mean
 
 @dataclass(frozen=True)
 class Data:
-    """How the built-in materials of a suite are rendered, and how much of measured ones is used."""
+    """How built-in materials and folders of maps are rendered, and how much of measured ones is used."""
 
     size: int = 64  # texels a side
     directions: str = "ubo2003"  # the published direction set that is thinned

@@ -119,8 +119,11 @@ class ZipFiles:
             raise InputError(f"{label}: encrypted: extract it with its password first")
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it anew with deflate")
-        # Deflate cannot exceed 1032 : 1, so a larger claim is a lie, and one near it a bomb.
-        if entry.file_size > MAX_FILE or entry.file_size > 1032 * entry.compress_size + 64:
+        # Deflate cannot exceed 1032 : 1, so a larger claim is a lie, and one near it a bomb. What is stored as it is
+        # can be no bomb, and is mapped, not read.
+        packed = entry.compress_type != zipfile.ZIP_STORED
+        limit = min(MAX_FILE, 1032 * entry.compress_size + 64) if packed else entry.compress_size
+        if entry.file_size > limit:
             raise InputError(f"{label}: claims {entry.file_size} bytes from {entry.compress_size}: not a picture set")
         with readable(label), open(self.path, "rb") as stream:
             stream.seek(entry.header_offset)
@@ -153,6 +156,8 @@ class ZipFiles:
     def read(self, name: str) -> bytes:
         """All bytes of the entry, checked against its declared size and checksum."""
         entry = self.entries[name]
+        if entry.file_size > MAX_FILE:
+            raise InputError(f"{self.label(name)}: {entry.file_size} bytes: too large to be read whole")
         data = self._inflate(name, entry.file_size + 1, entry.compress_size)
         if len(data) != entry.file_size or zlib.crc32(data) != entry.CRC:
             raise InputError(f"{self.label(name)}: size or checksum is wrong: the archive is damaged; get it again")

@@ -1,0 +1,39 @@
+"""Fewer pairs of a BTF, evenly spread: for suites that need not read all of a measured material."""
+
+import math
+
+import numpy as np
+
+from bench.btf import BTF
+from bench.hemisphere import thin
+
+
+def thinned(btf: BTF, pairs: int) -> BTF:
+    """About `pairs` of a BTF's pairs (0: all), evenly spread, so that a product of views and lights stays one.
+
+    Where the data declare held-out pairs off that product, the two sides keep their shares, and the held-out ones
+    are drawn by seed. Pairs that form no product are drawn by seed, too.
+    """
+    if not 0 < pairs < len(btf):
+        return btf
+    if btf.layout.grid is not None or btf.heldout is None or not btf.heldout.any():
+        return btf.subset(_even(btf, pairs))
+    train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
+    share = max(1, round(pairs * len(heldout) / len(btf)))
+    kept = train[_even(btf.subset(train), max(1, pairs - share))]
+    return btf.subset(np.concatenate([kept, heldout[_drawn(len(heldout), share)]]))
+
+
+def _even(btf: BTF, pairs: int) -> np.ndarray:
+    layout = btf.layout
+    if layout.grid is None:
+        return _drawn(len(btf), pairs)
+    views, lights = len(layout.views), len(layout.lights)
+    few = min(views, lights, math.isqrt(pairs))  # a side of few directions keeps them all
+    count = (few, min(lights, pairs // few)) if views <= lights else (min(views, pairs // few), few)
+    chosen = (thin(side, n) for side, n in zip((layout.views, layout.lights), count, strict=True))
+    return layout.grid[np.ix_(*chosen)].reshape(-1)
+
+
+def _drawn(count: int, wanted: int) -> np.ndarray:
+    return np.sort(np.random.default_rng(0).choice(count, min(count, wanted), replace=False))
