@@ -16,6 +16,7 @@ from torch import Tensor
 OVERSAMPLE = 10  # rows beyond the rank: Halko et al. recommend five to ten
 EPSILON = torch.finfo(torch.float32).eps
 CHUNK = 1 << 15  # columns converted to double at once
+SPACE_BYTES = 512 << 20  # of images kept: with more texels only those of the last passes, at least two
 
 Blocks = Callable[[str], Iterator[Tensor]]
 
@@ -38,22 +39,24 @@ def truncated_svd(
     """The `rank` strongest components of a matrix of `shape` (F, T), or all that stand above rounding if fewer.
 
     `read(label)` yields the matrix in float32 blocks of rows, in order, which will be overwritten; it is called
-    `passes` ≥ 2 times. Memory, in numbers: passes · (rank + 10) · (F + T) and three blocks. Where
-    (passes − 1) · (rank + 10) reaches the smaller side, so much would hold the matrix itself: it is then read once
-    and decomposed exactly.
+    `passes` ≥ 2 times. Memory: images of (rank + 10) · T numbers, one a pass but the last, as many as `SPACE_BYTES`
+    holds and at least two; one or two of them more; and the like of F. Where all images have together as many rows
+    as the smaller side, they would hold the matrix itself: it is then read once and decomposed exactly.
     """
     features, texels = shape
     size = rank + OVERSAMPLE
     if size * (passes - 1) >= min(shape):
         return _exact(read, shape, rank, device)
     mean = torch.zeros(features, device=device)
-    space = torch.zeros(passes - 1, size, texels, device=device)
+    depth = min(passes - 1, max(2, SPACE_BYTES // (4 * size * texels)))
+    space = torch.zeros(depth, size, texels, device=device)
     image = torch.randn(size, texels, generator=generator).to(device)
     for step in range(passes - 1):
+        power = space[step % depth].zero_()
         for _, block in _centred(read(f"pass {step + 1} of {passes}"), mean, first=step == 0):
-            space[step].addmm_(image @ block.T, block)
-        image = space[step]
-        _orthonormalise(image)
+            power.addmm_(image @ block.T, block)
+        _orthonormalise(power)
+        image = power
     rows_of_space = space.flatten(0, 1)
     _orthonormalise(rows_of_space)
     projected = torch.empty(features, len(rows_of_space), device=device)
@@ -127,5 +130,8 @@ def _largest(values: Tensor, rank: int, floor: float) -> Tensor:
 
 def _balanced(mean: Tensor, basis: Tensor, coefficients: Tensor) -> Factors:
     """The same product with coefficients in [−1, 1], and a sign that does not hang on the solver's whim."""
-    scale = coefficients.gather(1, coefficients.abs().argmax(1, keepdim=True))
-    return Factors(mean, basis * scale.T, coefficients / scale)
+    if len(coefficients) == 0:
+        return Factors(mean, basis, coefficients)
+    low, high = coefficients.aminmax(dim=1, keepdim=True)
+    scale = torch.where(high + low < 0, low, high)
+    return Factors(mean, basis * scale.T, coefficients.div_(scale))
