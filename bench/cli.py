@@ -84,7 +84,7 @@ def _add_files(commands: Any) -> None:
     encode.add_argument("--codec", required=True)
     encode.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
     encode.add_argument("--seed", type=int, default=0)
-    encode.add_argument("--threads", type=int, default=2)
+    encode.add_argument("--threads", type=int, default=1)
     encode.add_argument("--device", default="cpu")
     encode.add_argument("-o", "--out", type=Path, required=True, help="the codec file to write")
     decode = _add(

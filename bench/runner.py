@@ -162,7 +162,7 @@ class Workbench:
 
     @cached_property
     def scorer(self) -> Scorer:
-        return Scorer(self.btf, threads=self.threads)
+        return Scorer(self.btf)
 
     @property
     def exposure(self) -> float:

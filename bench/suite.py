@@ -1,7 +1,7 @@
 """A suite: a TOML file of materials × codecs × settings × seeds, and the jobs it stands for.
 
     description = "what it is for"
-    threads = 2                      # CPU threads a job; part of what makes bytes the same
+    threads = 1                      # CPU threads of a fit and of timing; part of what makes bytes the same
     seeds = [0]                      # repetitions
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
 
@@ -91,7 +91,7 @@ class Suite:
     name: str
     text: str  # the TOML it was read from
     description: str = ""
-    threads: int = 2
+    threads: int = 1
     seeds: tuple[int, ...] = (0,)
     data: Data = field(default_factory=Data)
     materials: tuple[MaterialSpec, ...] = ()
@@ -138,7 +138,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         name,
         text,
         _value(file, "description", table.get("description", ""), str),
-        _value(file, "threads", table.get("threads", 2), int),
+        _value(file, "threads", table.get("threads", 1), int),
         tuple(seeds),
         data,
         tuple(materials),
