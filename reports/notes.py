@@ -71,7 +71,7 @@ def _timing(material: Material) -> Iterator[str]:
         fetch = "texture fetch included" if state.get("texture_fetch") else "without the texture fetch"
         yield (
             f"Time a sample: median of a batch of {state.get('batch'):,}, {state.get('dtype')}, "
-            f"{state.get('threads')} threads, {state.get('device')}, {state.get('execution')}, {fetch}; "
+            f"{state.get('threads')} CPU thread(s), {state.get('device')}, {state.get('execution')}, {fetch}; "
             "floor: one bilinear fetch of a colour, in turns with the others."
         )
     for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):

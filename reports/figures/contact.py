@@ -79,7 +79,7 @@ class _Sheet:
 
     def label(self, row: int, text: str) -> None:
         """The name of a row, folded into the margin."""
-        lines = _fold(text, 21)
+        lines = _fold(text, 18)
         self.text(_LEFT - 8, self._top(row) + self.cell[1] / 2, "\n".join(lines), ha="right")
 
     def picture(self, left: float, row: int, picture: np.ndarray, caption: str = "") -> None:
