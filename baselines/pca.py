@@ -10,9 +10,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from baselines.svd import Factors, truncated_svd
-from bench.btf import BTF, Layout
+from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions import PairInterpolator
+from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture
 from bench.scoring import exposure
@@ -55,7 +55,7 @@ class PCA(Codec):
             texture=_coefficients(
                 factors.coefficients.T.reshape(*btf.shape, len(factors.coefficients)).cpu(), settings.precision
             ),
-            other={"gain": torch.tensor([gain]), **_pack(btf.layout)},
+            other={"gain": torch.tensor([gain]), **pack_layout(btf.layout)},
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -65,7 +65,7 @@ class PCA(Codec):
         mean, basis = parts.decoder["mean"].float(), parts.decoder["basis"].float()
         table = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1): the mean's coefficient is 1
         gain = parts.other["gain"] if self.settings.domain == "log" else None
-        return PCAMaterial(texture, table, PairInterpolator(_unpack(parts.other)), gain).to(device)
+        return PCAMaterial(texture, table, PairInterpolator(unpack_layout(parts.other)), gain).to(device)
 
 
 class PCAMaterial(Material):
@@ -138,17 +138,3 @@ def _coefficients(texture: Tensor, precision: str) -> dict[str, Tensor]:
     low, high = texture.amin((0, 1)), texture.amax((0, 1))
     scale = (high - low).clamp_min(1e-12) / 255
     return {"coefficients": ((texture - low) / scale).round().to(torch.uint8), "scale": scale, "offset": low}
-
-
-def _pack(layout: Layout) -> dict[str, Tensor]:
-    """Distinct views and lights, and for each pair the numbers of its two (N, 2) in the smallest integers that do."""
-    pairs = torch.from_numpy(np.stack([layout.view, layout.light], 1))
-    most = max(len(layout.views), len(layout.lights))
-    dtype = torch.uint8 if most <= 256 else torch.int16 if most <= 32768 else torch.int32
-    views, lights = torch.from_numpy(layout.views), torch.from_numpy(layout.lights)
-    return {"views": views, "lights": lights, "pairs": pairs.to(dtype)}
-
-
-def _unpack(parts: dict[str, Tensor]) -> Layout:
-    pairs = parts["pairs"].long().numpy()
-    return Layout(parts["views"].numpy(), parts["lights"].numpy(), pairs[:, 0], pairs[:, 1])

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.btf import BTF, Layout
+from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions import PairInterpolator
+from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, texel_corners
 
 HALF_MAX = 65504.0
@@ -27,12 +27,11 @@ class Table(Codec):
                 values[:i] *= scale / (top / HALF_MAX)
                 scale = top / HALF_MAX
             values[i] = torch.from_numpy(picture / scale)
-        directions = {"wo": torch.from_numpy(btf.wo), "wi": torch.from_numpy(btf.wi)}
-        return Parts(texture={"values": values}, other={**directions, "scale": torch.tensor([scale])})
+        return Parts(texture={"values": values}, other={**pack_layout(btf.layout), "scale": torch.tensor([scale])})
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        layout = Layout.of(parts.other["wo"].numpy(), parts.other["wi"].numpy())
-        return TableMaterial(parts.texture["values"].to(device), PairInterpolator(layout), parts.other["scale"])
+        interpolator = PairInterpolator(unpack_layout(parts.other))
+        return TableMaterial(parts.texture["values"].to(device), interpolator, parts.other["scale"])
 
 
 class TableMaterial(Material):

@@ -14,9 +14,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from baselines.svd import truncated_svd
-from bench.btf import BTF, Layout
+from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions import PairInterpolator
+from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, texel_corners
 from bench.training import gain_of
@@ -63,8 +63,7 @@ class VQ(Codec):
                 "gain": torch.tensor([gain]),
                 "size": torch.tensor(btf.shape, dtype=torch.int32),
                 "codes": torch.tensor(counts, dtype=torch.int32),
-                "wo": torch.from_numpy(btf.wo),
-                "wi": torch.from_numpy(btf.wi),
+                **pack_layout(btf.layout),
             },
         )
 
@@ -74,9 +73,10 @@ class VQ(Codec):
         index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
         rows = torch.stack(index, 1) + starts
-        layout = Layout.of(parts.other["wo"].numpy(), parts.other["wi"].numpy())
         codebook, gain = parts.decoder["codebook"].float(), parts.other["gain"]
-        return VQMaterial((height, width), rows, codebook, PairInterpolator(layout), gain).to(device)
+        return VQMaterial((height, width), rows, codebook, PairInterpolator(unpack_layout(parts.other)), gain).to(
+            device
+        )
 
 
 class VQMaterial(Material):

@@ -193,3 +193,18 @@ class PairInterpolator(nn.Module):
             return torch.zeros(len(wo), dtype=torch.bool, device=wo.device)
         sides = [(side, q) for side, q in ((self.views, wo), (self.lights, wi)) if not side.flat]
         return torch.stack([side.outside(q) for side, q in sides]).any(0) if sides else torch.zeros(len(wo)).bool()
+
+
+def pack_layout(layout: Layout) -> dict[str, Tensor]:
+    """Distinct views and lights, and for each pair the numbers of its two (N, 2) in the smallest integers that do."""
+    pairs = torch.from_numpy(np.stack([layout.view, layout.light], 1))
+    most = max(len(layout.views), len(layout.lights))
+    dtype = torch.uint8 if most <= 256 else torch.int16 if most <= 32768 else torch.int32
+    views, lights = torch.from_numpy(layout.views), torch.from_numpy(layout.lights)
+    return {"views": views, "lights": lights, "pairs": pairs.to(dtype)}
+
+
+def unpack_layout(parts: dict[str, Tensor]) -> Layout:
+    """The layout that `pack_layout` packed; `KeyError` where a tensor of it is missing."""
+    pairs = parts["pairs"].long().numpy()
+    return Layout(parts["views"].numpy(), parts["lights"].numpy(), pairs[:, 0], pairs[:, 1])
