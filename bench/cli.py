@@ -113,7 +113,13 @@ def _add_makers(commands: Any) -> None:
     bake.add_argument("--lights", type=int, default=25, help="… and to this many lights (default: 25)")
     bake.add_argument("--heldout", type=int, default=150, help="random pairs besides, held out (default: 150)")
     bake.add_argument("--depth", type=float, help="white over black of the displacement, in widths of the picture")
-    bake.add_argument("--seed", type=int, default=0, help="of the held-out pairs (default: 0)")
+    bake.add_argument("--seed", type=int, default=0, help="of the held-out pairs, and of Mitsuba's paths (default: 0)")
+    bake.add_argument(
+        "--renderer",
+        default="builtin",
+        choices=["builtin", "mitsuba"],
+        help="builtin: direct light (default); mitsuba: path-traced with inter-reflections, resumed when killed",
+    )
     bake.add_argument("-o", "--out", type=Path, required=True, help="an .npz file, or a folder of EXR pictures")
     convert = _add(commands, "convert", _convert, "write a BTF anew, cut, shrunk or thinned, as .npz or EXR pictures")
     convert.add_argument("btf", help="a built-in material or the path of a BTF")
@@ -317,7 +323,14 @@ def _bake(options: argparse.Namespace) -> int:
     with Console() as console:
         surface = read_surface(recognise(options.folder), data.size, options.depth)
         console.say(f"{options.folder}:\n{table(surface)}")
-        bake(surface, data, options.out, lambda done, total: console.show("baking", done, total), options.seed)
+        bake(
+            surface,
+            data,
+            options.out,
+            lambda done, total: console.show("baking", done, total),
+            options.seed,
+            options.renderer,
+        )
     pairs = data.views * data.lights + data.heldout
     console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}")
     return FINE

@@ -1,0 +1,50 @@
+"""Values that take long to compute, kept on disk while they grow, so that a killed bake goes on where it was."""
+
+import hashlib
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+Array = np.ndarray
+COUNT = "finished"
+
+
+class Partial:
+    """Slices (N, H, W, 3) float32 in a hidden folder beside `out`; `done` of them are finished, the first ones.
+
+    `key` is made from all that shapes the values: what was left under another one is not taken up.
+    """
+
+    def __init__(self, out: Path, key: str, shape: tuple[int, int, int, int]):
+        self.out = out
+        self.folder = out.with_name(f".{out.name}.{hashlib.sha256(key.encode()).hexdigest()[:16]}.baking")
+        self.folder.mkdir(exist_ok=True)
+        path = self.folder / "values.npy"
+        self.done = self._count() if path.exists() else 0
+        if self.done:
+            self.values = np.lib.format.open_memmap(path, "r+")
+        else:
+            self.values = np.lib.format.open_memmap(path, "w+", dtype=np.float32, shape=shape)
+
+    def _count(self) -> int:
+        try:
+            return int((self.folder / COUNT).read_text())
+        except (OSError, ValueError):
+            return 0
+
+    def add(self, slices: Array) -> None:
+        """Keep the next slices (n, H, W, 3); they are on disk before they count."""
+        self.values[self.done : self.done + len(slices)] = slices
+        self.values.flush()
+        self.done += len(slices)
+        fresh = self.folder / f"{COUNT}.new"
+        fresh.write_text(str(self.done))
+        os.replace(fresh, self.folder / COUNT)
+
+    def remove(self) -> None:
+        """Remove it, and what other settings left for the same place."""
+        for folder in self.out.parent.iterdir():
+            if folder.name.startswith(f".{self.out.name}.") and folder.suffix == ".baking":
+                shutil.rmtree(folder, ignore_errors=True)
