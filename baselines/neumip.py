@@ -22,7 +22,6 @@ from bench.metrics.display import LOG_SCALE
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.training import Batch, Objective, Samples, gain_of, train
 
-CHANNELS = 7  # of the pyramid, and of the offset texture
 WIDTHS = (25, 25, 25)
 LATENT_SPREAD = 0.1  # standard deviation of the first latents
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
@@ -45,6 +44,7 @@ class NeuMIP(Codec):
         steps: int = 10_000  # of the fit
         batch: int = 4_096  # samples a step
         rate: float = 1e-2  # highest learning rate
+        channels: int = 7  # of the pyramid, and of the offset texture
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = False  # blur the textures at first, less and less, as the authors do
@@ -53,6 +53,8 @@ class NeuMIP(Codec):
         weights: WeightPrecision = "half"  # of the stored networks
 
         def __post_init__(self) -> None:
+            if self.channels < 1:
+                raise InputError(f"codec neumip needs at least one channel, not {self.channels}")
             if self.outputs not in (3, 6):
                 raise InputError(f"codec neumip has 3 or 6 outputs, not {self.outputs}")
 
@@ -142,8 +144,8 @@ class Networks(nn.Module):
 
     def __init__(self, settings: NeuMIP.Settings, generator: torch.Generator | None = None):
         super().__init__()
-        self.decoder = Decoder(Architecture(4 + CHANNELS, WIDTHS, settings.outputs), generator)
-        self.offset = Decoder(Architecture(CHANNELS + 2, WIDTHS, 1), generator) if settings.offset else None
+        self.decoder = Decoder(Architecture(4 + settings.channels, WIDTHS, settings.outputs), generator)
+        self.offset = Decoder(Architecture(settings.channels + 2, WIDTHS, 1), generator) if settings.offset else None
         self.register_buffer("to_rgb", torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
 
     to_rgb: Tensor
@@ -180,8 +182,9 @@ class Fitting(Objective):
         self.levels, self.settings = levels, settings
         self.pyramid = Pyramid(self.samples.shape)
         self.networks = Networks(settings, generator)
-        self.table = nn.Parameter(LATENT_SPREAD * torch.randn(sum(self.pyramid.counts), CHANNELS, generator=generator))
-        self.offset = nn.Parameter(torch.zeros(self.samples.texels, CHANNELS)) if settings.offset else None
+        latents = torch.randn(sum(self.pyramid.counts), settings.channels, generator=generator)
+        self.table = nn.Parameter(LATENT_SPREAD * latents)
+        self.offset = nn.Parameter(torch.zeros(self.samples.texels, settings.channels)) if settings.offset else None
 
     def groups(self) -> list[dict[str, Any]]:
         return [{"params": list(self.parameters()), "lr": self.settings.rate}]
@@ -249,15 +252,16 @@ class NeuMIPMaterial(Material):
 
     def __init__(self, size: tuple[int, int], networks: Networks, table: Tensor, offset: Tensor | None, gain: Tensor):
         pyramid = Pyramid(size)
-        if table.shape != (sum(pyramid.counts), CHANNELS):
+        channels = networks.decoder.architecture.inputs - 4
+        if table.shape != (sum(pyramid.counts), channels):
             raise InputError(f"a pyramid over {size} has {sum(pyramid.counts)} rows, not {tuple(table.shape)}")
         both = [networks.decoder, *([] if networks.offset is None else [networks.offset])]
-        reads = CHANNELS * (8 + (0 if offset is None else 4))
+        reads = channels * (8 + (0 if offset is None else 4))
         super().__init__(
             size,
             DecoderCost(
                 parameters=sum(network.architecture.parameters for network in both),
-                texture_channels=CHANNELS * len(both),
+                texture_channels=channels * len(both),
                 texture_floats=table.numel() + (0 if offset is None else offset.numel()),
                 flops_per_sample=sum(network.architecture.flops for network in both) + 2 * reads + 2 * 9,
                 bytes_per_sample=reads * table.element_size(),

@@ -6,7 +6,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from baselines.neumip import CHANNELS, Fitting, Networks, NeuMIP, NeuMIPMaterial, Pyramid, blur, level_count
+from baselines.neumip import Fitting, Networks, NeuMIP, NeuMIPMaterial, Pyramid, blur, level_count
 from bench import container, training
 from bench.btf import BTF, ArraySource
 from bench.check import tiny_btf
@@ -16,6 +16,9 @@ from bench.decoder import load_vector
 from bench.errors import InputError
 from bench.material import sample_texture
 from bench.training import Samples
+
+
+CHANNELS = 7  # as the authors have it
 
 
 def fitted(btf: BTF | None = None, **settings: Any) -> NeuMIPMaterial:
