@@ -17,7 +17,6 @@ from bench.errors import InputError
 from bench.material import sample_texture
 from bench.training import Samples
 
-
 CHANNELS = 7  # as the authors have it
 
 
