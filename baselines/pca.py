@@ -32,7 +32,7 @@ class PCA(Codec):
         components: int = 16  # eigen-ABRDFs; fewer where the data have a lower rank
         domain: Literal["log", "rgb"] = "log"  # what is decomposed: log1p(8 · exposure · x) or x itself
         precision: Literal["float32", "half", "int8"] = "half"  # coefficients; the basis is half, or float32 with them
-        passes: int = 5  # times the data are read; each beyond two is one more power iteration
+        passes: int = 4  # times the data are read (once where they are small); a flat spectrum wants more
 
         def __post_init__(self) -> None:
             if self.components < 1 or self.passes < 2:

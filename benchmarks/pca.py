@@ -33,29 +33,35 @@ def grid(views: int, lights: int) -> tuple[np.ndarray, np.ndarray]:
     return np.repeat(wo, lights, 0), np.tile(wi, (views, 1))
 
 
-def seconds(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
+def seconds(work: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
+    start = clock()
     work()
-    return time.perf_counter() - start
+    return clock() - start
 
 
 def measure_time(rounds: int = 5) -> None:
-    """16384 texels × 6000 numbers, 40 components: the whole encoding over torch.svd_lowrank(niter=7)."""
+    """16384 texels × 6000 numbers, 40 components: the whole encoding over torch.svd_lowrank(niter=7).
+
+    Processor time of one thread, which neighbours on a shared machine hardly change; then elapsed time of all threads.
+    """
     rng = np.random.default_rng(0)
     values = np.einsum("pk,kt->pt", rng.random((6000, 60), np.float32), rng.random((60, 16384), np.float32) ** 3)
     values = values.reshape(2000, 3, 128, 128).transpose(0, 2, 3, 1).copy()
     btf = BTF("made", *grid(40, 50), ArraySource(values))
     matrix = torch.from_numpy(values.reshape(2000, -1, 3)).permute(1, 0, 2).reshape(16384, 6000)
     centred = matrix - matrix.mean(0)
-    ratios: dict[str, list[float]] = {"rgb": [], "log": []}
-    for _ in range(rounds):
-        reference = seconds(lambda: torch.svd_lowrank(centred, q=40, niter=7))
+    threads = torch.get_num_threads()
+    for count, clock in ((1, time.process_time), (threads, time.perf_counter)):
+        torch.set_num_threads(count)
+        ratios: dict[str, list[float]] = {"rgb": [], "log": []}
+        for _ in range(rounds):
+            reference = seconds(lambda: torch.svd_lowrank(centred, q=40, niter=7), clock)
+            for domain, taken in ratios.items():
+                codec = PCA(components=40, domain=domain)
+                taken.append(seconds(lambda codec=codec: codec.encode(btf, Fit()), clock) / reference)
         for domain, taken in ratios.items():
-            codec = PCA(components=40, domain=domain)
-            taken.append(seconds(lambda codec=codec: codec.encode(btf, Fit())) / reference)
-        print(f"  svd_lowrank {reference:.2f} s", flush=True)
-    for domain, taken in ratios.items():
-        print(f"{domain}: {np.median(taken):.2f} × svd_lowrank (least {min(taken):.2f}, most {max(taken):.2f})")
+            spread = f"least {min(taken):.2f}, most {max(taken):.2f}"
+            print(f"{domain}, {clock.__name__}, {count} threads: {np.median(taken):.2f} × svd_lowrank ({spread})")
 
 
 class Generated(Source):
@@ -153,6 +159,7 @@ def measure_error() -> None:
         for rank in (4, 16, 40):
             best, row = energy[rank:].sum().sqrt(), []
             for passes in (2, 3, 4, 5, 6):
+                # Large enough not to be decomposed exactly.
                 blocks = lambda _, matrix=matrix: iter(matrix.clone().split(300))  # noqa: E731
                 generator = torch.Generator().manual_seed(0)
                 found = truncated_svd(blocks, (1500, 4096), rank, passes, generator, torch.device("cpu"))

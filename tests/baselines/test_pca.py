@@ -51,6 +51,12 @@ def table(btf: BTF) -> np.ndarray:
     return np.stack(list(btf))
 
 
+@pytest.fixture
+def streamed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small data are decomposed by reading them several times, as large data are."""
+    monkeypatch.setattr("baselines.svd.EXACT_SIDE", 0)
+
+
 @pytest.mark.parametrize("shape", [(25, 8, 6), (9, 16, 12)])
 def test_all_components_reproduce_the_training_slices(tmp_path: Path, shape: tuple[int, int, int]) -> None:
     btf = made(*shape, views=shape[0] // (5 if shape[0] == 25 else 3))
@@ -60,7 +66,9 @@ def test_all_components_reproduce_the_training_slices(tmp_path: Path, shape: tup
 
 
 @pytest.mark.parametrize("rank", [1, 4, 8])
-def test_at_a_rank_it_is_as_good_as_scikit_learn(tmp_path: Path, rank: int) -> None:
+@pytest.mark.parametrize("side", [0, 1024], ids=["streamed", "exact"])
+def test_at_a_rank_it_is_as_good_as_scikit_learn(monkeypatch: pytest.MonkeyPatch, rank: int, side: int) -> None:
+    monkeypatch.setattr("baselines.svd.EXACT_SIDE", side)
     btf = made(100, 20, 20, views=10)
     rows = table(btf).transpose(1, 2, 0, 3).reshape(400, 300).astype(np.float64)
     reference = decomposition.PCA(rank, svd_solver="full").fit(rows)
@@ -73,6 +81,7 @@ def test_at_a_rank_it_is_as_good_as_scikit_learn(tmp_path: Path, rank: int) -> N
 
 
 @pytest.mark.parametrize("decay", ["flat", "slow", "fast"])
+@pytest.mark.usefixtures("streamed")
 def test_the_streamed_decomposition_is_near_the_best(decay: str) -> None:
     generator = torch.Generator().manual_seed(3)
     size, rank = 400, 8
@@ -164,6 +173,7 @@ def test_negative_noise_reads_as_black_in_logarithms(tmp_path: Path) -> None:
     assert np.abs(got[:, 0, 0]).max() < 1e-5
 
 
+@pytest.mark.usefixtures("streamed")
 def test_the_same_seed_gives_the_same_bytes() -> None:
     btf = made(100, 20, 20, views=10)
     codec = PCA(components=6)
@@ -189,6 +199,7 @@ class Counted(Source):
         return np.full((len(pair), 3), 0.5, np.float32)
 
 
+@pytest.mark.usefixtures("streamed")
 def test_the_data_are_read_as_often_as_stated_and_never_held(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("baselines.pca.BLOCK_BYTES", 1 << 20)
     source = Counted(144, (128, 128))
@@ -203,6 +214,7 @@ def test_the_data_are_read_as_often_as_stated_and_never_held(monkeypatch: pytest
     assert peak < len(btf) * 128 * 128 * 12 * 0.6
 
 
+@pytest.mark.usefixtures("streamed")
 def test_with_little_memory_the_last_images_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("baselines.svd.SPACE_BYTES", 0)
     left, right = (torch.randn(n, generator=torch.Generator().manual_seed(4)) for n in ((300, 30), (30, 500)))
@@ -213,6 +225,7 @@ def test_with_little_memory_the_last_images_do(monkeypatch: pytest.MonkeyPatch) 
     assert error <= best * (1 + 1e-3)
 
 
+@pytest.mark.usefixtures("streamed")
 def test_progress_names_the_passes() -> None:
     told: list[tuple[str, int, int]] = []
     PCA(components=2, passes=3).encode(made(100, 20, 20, views=10), Fit(show=lambda *state: told.append(state)))
