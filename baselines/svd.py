@@ -16,7 +16,7 @@ from torch import Tensor
 OVERSAMPLE = 10  # rows beyond the rank: Halko et al. recommend five to ten
 EPSILON = torch.finfo(torch.float32).eps
 CHUNK = 1 << 15  # columns converted to double at once
-EXACT_SIDE, EXACT_BYTES = 1024, 64 << 20  # a smaller side and a matrix up to these are decomposed exactly: 0.2 s
+EXACT_SIDE, EXACT_BYTES = 1024, 64 << 20  # a smaller side and a matrix up to these are decomposed exactly: 0.4 s
 SPACE_BYTES = 512 << 20  # of images kept: with more texels only those of the last passes, at least two
 
 Blocks = Callable[[str], Iterator[Tensor]]
