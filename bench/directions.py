@@ -161,7 +161,10 @@ class PairInterpolator(nn.Module):
 
     def shares(self, wo: Tensor, wi: Tensor) -> Weights:
         """Pair indices and weights (n, k) that add up to one, for whoever accounts for the cosines otherwise."""
-        return self._tensor_product(wo, wi) if self.product else self._shepard(wo, wi)
+        search = self._tensor_product if self.product else self._shepard
+        if len(wo) > 1 and wo.stride(0) == wi.stride(0) == 0:  # a slice: one pair of directions, expanded to all texels
+            return Weights(*(found.expand(len(wo), -1) for found in search(wo[:1], wi[:1])))
+        return search(wo, wi)
 
     def _tensor_product(self, wo: Tensor, wi: Tensor) -> Weights:
         view, light = self.views(wo), self.lights(wi)

@@ -41,6 +41,7 @@ from bench.registry import load_codec
 from bench.scoring import Scorer, polar_maps, score_footprints, summarise
 from bench.suite import CodecSpec, MaterialSpec, Suite
 
+COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices themselves, which are those of one
 SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that reports show
 
 
@@ -289,9 +290,11 @@ class Job:
 
         with timing.torch_threads(bench.threads):
             scores = bench.scorer.score(bench.groups["all"], watched)
-            gate = bench.groups.get("heldout", bench.groups["all"])
-            footprints = score_footprints(btf, gate, decode, bench.exposure)
+            gate = "heldout" if "heldout" in bench.groups else "all"
+            footprints = score_footprints(btf, bench.groups[gate], decode, bench.exposure, COARSE)
         summary = summarise(scores, btf.wo, btf.wi, bench.groups)
+        finest = summary[gate]["metrics"]["psnr_display"]
+        footprints["1"] = {"psnr_display": finest["pooled"], "exact": finest["exact"], "slices": finest["slices"]}
         angular = {"bins": {name: group.pop("bins") for name, group in summary.items()}}
         angular["polar"] = polar_maps(scores, btf.wo, btf.wi)
         heldout = np.isin(scores.pairs, bench.groups.get("heldout", []))

@@ -6,6 +6,7 @@ import torch
 
 from bench import hemisphere
 from bench.btf import Layout
+from bench.check import tiny_btf
 from bench.directions import Hemisphere, PairInterpolator, stereographic
 
 SETS = {
@@ -186,3 +187,12 @@ class TestPairs:
         wo, wi = torch.cat([high, low, high, low]), torch.cat([high, high, low, low])
         assert pairs.outside(wo, wi).tolist() == [False, True, True, True]
         assert not scattered()[2].outside(wo, wi).any()
+
+
+@pytest.mark.parametrize("pairs", [81, 80])  # a product, and a scattered set
+def test_one_direction_expanded_to_many_rows_answers_as_its_copies_do(pairs):
+    btf = tiny_btf().subset(np.arange(pairs))
+    interpolator = PairInterpolator(btf.layout)
+    wo, wi = (torch.from_numpy(hemisphere.uniform(np.random.default_rng(seed), 1)).expand(5, 3) for seed in (1, 2))
+    for ours, theirs in zip(interpolator(wo, wi), interpolator(wo.clone(), wi.clone()), strict=True):
+        assert torch.equal(ours, theirs)
