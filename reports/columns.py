@@ -14,11 +14,15 @@ _DIGITS = {PSNR: 2, LOG_PSNR: 2, SSIM: 3, FLIP: 3}
 
 @dataclass(frozen=True)
 class Column:
-    """A name, a unit with an arrow to the better end, and how a measured row fills it."""
+    """A name, a unit with an arrow to the better end, and how a measured row fills it.
+
+    `native`, where there is one, fills it for the measured data's own file, from any record of the material.
+    """
 
     name: str
     unit: str
     cell: Callable[[Row], str]
+    native: Callable[[Record], str] | None = None
 
 
 def _pooled(row: Row, family: str, group: str = "") -> str:
@@ -33,9 +37,14 @@ def _part(row: Row, part: str) -> str:
     return integer(row.job["bytes"].get(part))
 
 
-def _bits(row: Row) -> str:
-    height, width = row.job["shape"]
-    return significant(8 * row.job["bytes"]["total"] / (height * width), 4)
+def _bits(job: Record, size: int) -> str:
+    height, width = job["shape"]
+    return significant(8 * size / (height * width), 4)
+
+
+def _native(job: Record) -> Record:
+    found: Record = job["provenance"]["native"]
+    return found
 
 
 def _other_bytes(row: Row) -> str:
@@ -68,11 +77,22 @@ def _timed(row: Row, cell: Callable[[Record], str]) -> str:
 
 
 _PARAMETERS = Column("decoder", "param.", lambda row: integer(row.job["parameters"]))
-_CHANNELS = Column("tex.", "chan.", lambda row: integer(row.job["cost"]["texture_channels"]))
-_TOTAL = Column("total", "bytes ↓", partial(_part, part="total"))
-_BITS = Column("bits per", "texel ↓", _bits)
+_CHANNELS = Column(
+    "tex.",
+    "chan.",
+    lambda row: integer(row.job["cost"]["texture_channels"]),
+    lambda job: integer(_native(job)["rank"]),
+)
+_TOTAL = Column("total", "bytes ↓", partial(_part, part="total"), lambda job: integer(_native(job)["bytes"]))
+_BITS = Column(
+    "bits per",
+    "texel ↓",
+    lambda row: _bits(row.job, row.job["bytes"]["total"]),
+    lambda job: _bits(job, _native(job)["bytes"]),
+)
 _TRAIN = Column("PSNR train", "dB ↑", partial(_pooled, family=PSNR, group="train"))
 _HELDOUT = Column("PSNR", "dB ↑", partial(_pooled, family=PSNR))
+RATES = (_TOTAL, _BITS, _HELDOUT)
 PER_SLICE = Column("PSNR per slice", "dB ↑", partial(_spread, family=PSNR))
 _FIT = Column("fit", "s", _seconds)
 _NS = Column("time", "ns ↓", _nanoseconds)

@@ -34,7 +34,9 @@ def all_tables(run: Run, narrow: bool = False) -> list[Table]:
     kinds = [quality_table, cost_table] if narrow else [main_table]
     found = materials(run)
     tables = [kind(material) for kind in (*kinds, *_BY_DIRECTION) for material in found]
-    return [table for table in (*tables, *rate_tables(run), unfinished_table(run)) if table]
+    with_rates = {rate["material"] for rate in run.rates}
+    points = [_table("rate", m, "rates", columns.RATES, common_notes(m)) for m in found if m.name in with_rates]
+    return [table for table in (*tables, *points, *rate_tables(run), unfinished_table(run)) if table]
 
 
 def main_table(material: Material, chosen: Sequence[Column] = columns.MAIN) -> Table | None:
@@ -121,7 +123,16 @@ def _table(kind: str, material: Material, about: str, chosen: Sequence[Column], 
     title = f"{material.name}" + (f": {about}" if about else "") + f" ({material.split})"
     headers = [("codec", ""), *((column.name, column.unit) for column in chosen)]
     rows = [[row.label, *_cells(row, chosen)] for row in material.rows]
+    rows += _native_row(material, chosen)
     return Table(kind, title, headers, rows, notes, material=material.name)
+
+
+def _native_row(material: Material, chosen: Sequence[Column]) -> list[list[str]]:
+    """The measured data's own file, where it is itself a factorisation: its bytes and rank, for reference."""
+    job = material.first
+    if job is None or "native" not in job.get("provenance", {}) or not any(column.native for column in chosen):
+        return []
+    return [["dfmf (native)", *(column.native(job) if column.native else NONE for column in chosen)]]
 
 
 def _cells(row: Row, chosen: Sequence[Column]) -> list[str]:

@@ -129,7 +129,8 @@ def test_rates_are_shown_with_their_overlap_or_the_reason_that_there_is_none(mad
     numbers = {"bd_rate_percent": -12.34, "bd_psnr_db": 0.5, "quality_db": [20, 30], "quality_overlap": 0.5}
     append(made.job().folder, rate | numbers | {"curve": "vq", "bytes": [1000, 2000], "bytes_overlap": 1.0})
     append(made.folder, rate | {"curve": "bad", "error": "the curves are disjoint"})
-    (table,) = tables(made, "rate")
+    points, table = tables(made, "rate")
+    assert [name for name, _ in points.headers] == ["codec", "total", "bits per", "PSNR"]
     assert table.rows[0] == ["vq", "5", "-12.3", "+0.50", "20.00 to 30.00", "50", "1,000 to 2,000", "100"]
     assert table.rows[1] == ["bad", "5"] + ["—"] * 6
     assert "bad: the curves are disjoint" in table.notes
@@ -143,3 +144,12 @@ def test_a_folder_without_a_run_is_an_error_of_input(tmp_path):
 def test_an_unknown_format_is_refused(made):
     with pytest.raises(ValueError, match="'word'"):
         table_text(made.folder, "word")
+
+
+def test_the_measured_file_itself_is_a_row_of_reference(made):
+    (table,) = tables(made.job(provenance={"native": {"bytes": 800, "rank": 100}}), "main")
+    shown = cells(table, -1)
+    assert shown["codec"] == "dfmf (native)"
+    assert (shown["total bytes ↓"], shown["tex. chan."]) == ("800", "100")
+    assert shown["bits per texel ↓"] == "100.0"  # 8 · 800 / 64
+    assert shown["PSNR dB ↑"] == "—"
