@@ -80,7 +80,7 @@ class Samples:
             self.kept = kept.to(fit.device)
 
     def _log(self, radiance: np.ndarray) -> Tensor:
-        return torch.from_numpy(radiance).clamp_min(0).mul_(self.gain).log1p_()
+        return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: a source may be read-only
 
     def draw(self, count: int, generator: torch.Generator) -> Batch:
         """`count` samples, uniform over texels and pairs."""
