@@ -3,9 +3,9 @@
 import os
 
 from bench.btf import BTF
-from bench.codec import Progress
+from bench.codec import Progress, silent
 from bench.errors import InputError, MissingDataError
-from bench.suite import Data, MaterialSpec
+from bench.suite import Data, MaterialSpec, Suite, named, with_changes
 from bench.thinning import thinned
 
 
@@ -37,3 +37,9 @@ def open_material(spec: MaterialSpec, data: Data, show: Progress) -> BTF:
     from bench.readers import open_btf
 
     return thinned(open_btf(path), data.pairs)
+
+
+def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:
+    """The BTF of a built-in material or a path, with `data.KEY` settings changed."""
+    data = with_changes(Suite("", ""), [], [], {k: v for k, v in changes.items() if k.startswith("data.")}, None).data
+    return open_material(named(name), data, show)

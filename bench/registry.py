@@ -40,10 +40,15 @@ def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
 def describe(entry: EntryPoint) -> str:
     """The first line of a codec's docstring, read from its source, so that listing imports no PyTorch."""
     module, _, attribute = entry.value.partition(":")
+    return first_line(module, attribute)
+
+
+def first_line(module: str, class_name: str = "") -> str:
+    """The first line of the docstring of a module, or of a class in it, read from the source."""
     spec = importlib.util.find_spec(module)
     if spec is None or spec.origin is None:
-        return f"not importable: {entry.value}"
-    for node in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.ClassDef) and node.name == attribute:
-            return (ast.get_docstring(node) or "").split("\n")[0]
-    return ""
+        return f"not importable: {module}"
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    classes = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == class_name)
+    node = next(classes, None) if class_name else tree
+    return (ast.get_docstring(node) or "").split("\n")[0] if node else ""

@@ -1,14 +1,17 @@
 import json
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
 
-from bench import cli, container
+from bench import cli, commands, container
 from bench.check import tiny_btf
+from bench.commands.table import TABLES
 from bench.readers import open_btf
 from bench.readers.folder import write_folder
+from bench.records import load_run
 
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
 
@@ -46,10 +49,43 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     assert "mean-colour" in capsys.readouterr().out
 
 
+def test_all_pairs_lifts_the_suite_s_limit(tmp_path, folder, capsys):
+    suite = tmp_path / "some.toml"
+    suite.write_text(f'materials = ["{folder}"]\n[data]\npairs = 9\n[[codecs]]\ncodec = "mean-colour"\n')
+    for words, pairs in (([], 9), (["--all-pairs"], 36)):
+        run = tmp_path / str(pairs)
+        assert cli.main(["run", str(suite), "--out", str(run), *words]) == 0
+        assert load_run(run).jobs[0]["pairs"]["all"] == pairs
+
+
+def test_a_command_of_another_package_is_found_by_its_entry_point(tmp_path, monkeypatch, capsys):
+    (tmp_path / "shout.py").write_text(
+        '''"""say a word loudly"""
+
+def arguments(parser):
+    parser.add_argument("word")
+
+def run(options):
+    print(options.word.upper())
+    return 0
+'''
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("shout", "shout", group)])
+    assert cli.main(["shout", "hello"]) == 0
+    assert "HELLO" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        cli.main(["--help"])
+    assert "say a word loudly" in capsys.readouterr().out
+    monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("run", "shout", group)])
+    assert cli.main(["list"]) == 2
+    assert "two commands are named 'run'" in capsys.readouterr().err
+
+
 def test_the_tables_of_the_command_line_are_those_of_the_reports():
     from reports.tables import KINDS
 
-    assert set(cli.TABLES) == set(KINDS)
+    assert set(TABLES) == set(KINDS)
 
 
 def test_a_folder_of_pictures_runs_like_any_material(tmp_path, folder, capsys):
@@ -140,7 +176,7 @@ def test_an_interruption_is_130_and_an_internal_error_70(monkeypatch, capsys):
         return command
 
     for error, code in ((KeyboardInterrupt(), 130), (ZeroDivisionError("oops"), 70)):
-        monkeypatch.setattr(cli, "_list", raises(error))
+        monkeypatch.setattr("bench.commands.list.run", raises(error))
         assert cli.main(["list"]) == code
     assert "oops" in capsys.readouterr().err
 

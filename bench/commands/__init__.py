@@ -1,0 +1,29 @@
+"""The commands of `neubtf-bench`, one module each; a method's own come by entry point, `neubtf_bench.commands`.
+
+A command's module has a docstring, whose first line stands in lists, `arguments(parser)`, and `run(options)`, which
+prints and returns an exit code of `bench.exits`. It imports what it needs when it runs, so that the others start fast.
+"""
+
+import importlib
+import pkgutil
+from importlib.metadata import entry_points
+from types import ModuleType
+
+from bench.errors import InputError
+
+GROUP = "neubtf_bench.commands"
+
+
+def modules() -> dict[str, str]:
+    """The module of each command by its name; importing none. Two packages that claim one name are an error."""
+    found = {info.name.replace("_", "-"): f"{__name__}.{info.name}" for info in pkgutil.iter_modules(__path__)}
+    for entry in entry_points(group=GROUP):
+        other = found.setdefault(entry.name, entry.value)
+        if other != entry.value:
+            raise InputError(f"two commands are named {entry.name!r}: {other} and {entry.value}: uninstall one")
+    return dict(sorted(found.items()))
+
+
+def load(module: str) -> ModuleType:
+    """The module of a command, imported."""
+    return importlib.import_module(module)

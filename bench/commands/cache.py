@@ -1,0 +1,21 @@
+"""show the cache of rendered materials and scratch files, or remove it"""
+
+import argparse
+
+from bench.exits import FINE
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--clear", action="store_true", help="remove every cached file")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench import cache
+
+    if options.clear:
+        count, size = cache.clear()
+        print(f"removed {count} files, {size / 1e6:.1f} MB, from {cache.cache_dir()}")
+        return FINE
+    files = [path for path in cache.cache_dir().rglob("*") if path.is_file()]
+    print(f"{cache.cache_dir()}: {len(files)} files, {sum(path.stat().st_size for path in files) / 1e6:.1f} MB")
+    return FINE

@@ -1,0 +1,23 @@
+"""the conformance test of a codec, yours or ours"""
+
+import argparse
+
+from bench.arguments import assignments
+from bench.exits import FINE, NO
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("codec")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.check import check
+    from bench.registry import load_codec
+
+    failed = 0
+    for result in check(load_codec(options.codec)(**assignments(options.set))):
+        failed += bool(result.failure)
+        print(f"{'FAIL' if result.failure else 'pass'}  {result.name}" + (f": {result.failure}" * bool(result.failure)))
+    print(f"{options.codec}: " + (f"{failed} checks failed" if failed else "every check passed"))
+    return NO if failed else FINE

@@ -1,0 +1,32 @@
+"""write a BTF anew, cut, shrunk or thinned, as .npz or EXR pictures"""
+
+import argparse
+from pathlib import Path
+
+from bench.exits import FINE
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("btf", help="a built-in material or the path of a BTF")
+    parser.add_argument("--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, evenly in angle")
+    parser.add_argument("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
+    parser.add_argument("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="an .npz file, or a folder of EXR pictures")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.console import Console
+    from bench.convert import changed, check_place, write_btf
+    from bench.open import open_named
+
+    check_place(options.out)
+    with Console() as console:
+        btf = changed(open_named(options.btf, {}, console.show), options.crop, options.downsample, options.thin)
+        write_btf(btf, options.out, lambda done, total: console.show("writing", done, total))
+    console.say(f"{len(btf)} slices of {btf.shape[0]} × {btf.shape[1]} in {options.out}")
+    return FINE
+
+
+def _window(text: str) -> tuple[int, int, int, int]:
+    row, col, height, width = (int(number) for number in text.split(","))
+    return row, col, height, width

@@ -1,0 +1,19 @@
+"""write a run's tables and pictures again from its records"""
+
+import argparse
+from pathlib import Path
+
+from bench.exits import FINE
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", type=Path, help="the folder of a run")
+
+
+def run(options: argparse.Namespace) -> int:
+    from reports import write_report
+
+    written = write_report(options.run)
+    print(written.text)
+    print("\n".join(f"wrote {path}" for path in written.files))
+    return FINE
