@@ -1,0 +1,184 @@
+"""NeuBTF's autoencoder: a guidance image → a neural texture of the same size, for pictures that are periodic.
+
+A light U-Net of ConvNeXt blocks, as in Rodriguez-Pardo et al., "NeuBTF", 2023: 5×5 depth-wise kernels, layer norm and
+GELU, residuals scaled by 1/√2 everywhere (Karras et al., "StyleGAN2", 2020), 1×1 convolutions on the skips, CBAM
+attention at the bottleneck (Woo et al., 2018), nearest-neighbour upsampling, circular padding, orthogonal weights.
+
+**Whole pictures:** `texture = autoencoder(guidance)`.
+
+**Tiles.** Everything is local but one pooling over the whole picture, which CBAM needs, so tiles take two passes:
+
+    pooled = None
+    for tile in tiles:                           # with HALO texels of the periodic picture around each
+        here = Pooled.of(autoencoder.encode(tile).deep[..., inner cells])
+        pooled = here if pooled is None else pooled.joined(here)
+    for tile in tiles:
+        texture = autoencoder.decode(autoencoder.encode(tile), pooled)[..., inner texels]
+
+Tiles begin and end at multiples of STRIDE, cells are texels / STRIDE, and the outer HALO of what comes out is void. A
+texel depends on the guidance within RADIUS texels, in rows and in columns, and on `pooled`; on nothing else.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+STRIDE = 4  # texels a cell of the bottleneck; the grid of cells begins at texel (0, 0)
+RADIUS = 36  # see `test_a_texel_depends_on_its_surroundings_only`
+HALO = -(-RADIUS // STRIDE) * STRIDE
+LEAST = 3 * STRIDE  # texels that circular padding by three cells needs
+WIDTHS = (24, 64, 96)  # channels at full, half and quarter resolution
+EXPANSIONS = (2, 4, 4)  # of the pointwise layers; full resolution is where the time goes
+REDUCTION = 8  # of the channels inside CBAM's perceptron
+SCALE = 1 / math.sqrt(2)  # keeps the variance of a sum of two
+
+
+class Features(NamedTuple):
+    """What the encoder finds: the skips at full and half resolution, and the cells of the bottleneck (B, C, h, w)."""
+
+    full: Tensor
+    half: Tensor
+    deep: Tensor
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Sum and maximum over the bottleneck's cells, both (B, C), and how many cells there were."""
+
+    total: Tensor
+    peak: Tensor
+    cells: int
+
+    @classmethod
+    def of(cls, deep: Tensor) -> "Pooled":
+        """The statistics of some cells (B, C, h, w)."""
+        return cls(deep.sum((2, 3)), deep.amax((2, 3)), deep.shape[2] * deep.shape[3])
+
+    def joined(self, other: "Pooled") -> "Pooled":
+        """The statistics of these cells and others."""
+        return Pooled(self.total + other.total, torch.maximum(self.peak, other.peak), self.cells + other.cells)
+
+
+class Autoencoder(nn.Module):
+    """Guidance (B, 3, H, W) → neural texture (B, D, H, W), any H and W, both periodic. About 200,000 parameters.
+
+    Shifting the guidance by multiples of STRIDE, around its borders, shifts the texture. A side that is no multiple of
+    STRIDE is padded circularly, so that its far border still sees the near one; the cells then do not fit the period.
+    """
+
+    def __init__(self, channels: int, generator: torch.Generator | None = None):
+        super().__init__()
+        full, half, deep = WIDTHS
+        self.stem = Circular(3, full, 3)
+        self.encoders = nn.ModuleList(Block(*each) for each in zip(WIDTHS, EXPANSIONS, strict=True))
+        self.downs = nn.ModuleList([nn.Conv2d(full, half, 2, 2), nn.Conv2d(half, deep, 2, 2)])
+        self.attention = Attention(deep)
+        self.ups = nn.ModuleList([nn.Conv2d(half, full, 1), nn.Conv2d(deep, half, 1)])
+        self.skips = nn.ModuleList([nn.Conv2d(full, full, 1), nn.Conv2d(half, half, 1)])
+        self.decoders = nn.ModuleList(Block(*each) for each in zip(WIDTHS[:2], EXPANSIONS[:2], strict=True))
+        self.norm = ChannelNorm(full)
+        self.head = nn.Conv2d(full, channels, 1)
+        _orthogonal(self, generator)
+
+    def forward(self, guidance: Tensor) -> Tensor:
+        height, width = guidance.shape[2:]
+        if height % STRIDE == 0 and width % STRIDE == 0:
+            # A period that is repeated has the same texture, and one that is too short for the kernels needs it.
+            tile = guidance.repeat(1, 1, -(-LEAST // height), -(-LEAST // width))
+            features = self.encode(tile)
+            return self.decode(features, Pooled.of(features.deep))[..., :height, :width]
+        features = self.encode(surrounded(guidance, (0, 0), (_up(height), _up(width))))
+        halo = HALO // STRIDE
+        pooled = Pooled.of(features.deep[..., halo:-halo, halo:-halo])
+        return self.decode(features, pooled)[..., HALO : HALO + height, HALO : HALO + width]
+
+    def encode(self, guidance: Tensor) -> Features:
+        """The features of a picture, or of a tile with its halo, (B, 3, H, W), whose sides are multiples of STRIDE."""
+        full = self.encoders[0](self.stem(guidance))
+        half = self.encoders[1](self.downs[0](full))
+        return Features(full, half, self.encoders[2](self.downs[1](half)))
+
+    def decode(self, features: Features, pooled: Pooled) -> Tensor:
+        """The texture (B, D, H, W) of features, given the statistics of the whole picture that they belong to."""
+        x = self.attention(features.deep, pooled)
+        x = self.decoders[1](SCALE * (_doubled(self.ups[1](x)) + self.skips[1](features.half)))
+        x = self.decoders[0](SCALE * (_doubled(self.ups[0](x)) + self.skips[0](features.full)))
+        return self.head(self.norm(x))
+
+
+def surrounded(picture: Tensor, corner: tuple[int, int], size: tuple[int, int]) -> Tensor:
+    """A window of a periodic picture (B, C, H, W), from `corner` on (row, column), with HALO texels on each side."""
+    for dim, first, count in zip((2, 3), corner, size, strict=True):
+        there = torch.arange(first - HALO, first + count + HALO, device=picture.device) % picture.shape[dim]
+        picture = picture.index_select(dim, there)
+    return picture
+
+
+def _up(side: int) -> int:
+    return -(-side // STRIDE) * STRIDE
+
+
+def _doubled(x: Tensor) -> Tensor:
+    return functional.interpolate(x, scale_factor=2, mode="nearest")
+
+
+class Circular(nn.Module):
+    """A convolution of an odd kernel over a periodic picture; `groups` as in PyTorch."""
+
+    def __init__(self, inputs: int, outputs: int, kernel: int, groups: int = 1):
+        super().__init__()
+        self.conv, self.pad = nn.Conv2d(inputs, outputs, kernel, groups=groups), kernel // 2
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.conv(functional.pad(x, (self.pad,) * 4, mode="circular"))
+
+
+class ChannelNorm(nn.LayerNorm):
+    """Layer norm over the channels of each texel (B, C, H, W), so that a tile does not depend on its neighbours."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return super().forward(x.movedim(1, -1)).movedim(-1, 1)
+
+
+class Block(nn.Module):
+    """A ConvNeXt block (Liu et al. 2022): depth-wise 5×5 → layer norm → wider → GELU → back, and its input again."""
+
+    def __init__(self, channels: int, expansion: int):
+        super().__init__()
+        self.spatial = Circular(channels, channels, 5, groups=channels)
+        self.norm = nn.LayerNorm(channels)
+        self.wider = nn.Linear(channels, expansion * channels)
+        self.back = nn.Linear(expansion * channels, channels)
+
+    def forward(self, x: Tensor) -> Tensor:
+        hidden = self.norm(self.spatial(x).movedim(1, -1))
+        return SCALE * (x + self.back(functional.gelu(self.wider(hidden))).movedim(-1, 1))
+
+
+class Attention(nn.Module):
+    """CBAM: a gain for each channel, from the whole picture's mean and maximum, then one for each cell."""
+
+    def __init__(self, channels: int):
+        super().__init__()
+        few = channels // REDUCTION
+        self.perceptron = nn.Sequential(nn.Linear(channels, few), nn.GELU(), nn.Linear(few, channels))
+        self.spatial = Circular(2, 1, 7)
+
+    def forward(self, x: Tensor, pooled: Pooled) -> Tensor:
+        gain = self.perceptron(pooled.total / pooled.cells) + self.perceptron(pooled.peak)
+        y = x * gain.sigmoid()[..., None, None]
+        where = torch.cat([y.mean(1, keepdim=True), y.amax(1, keepdim=True)], 1)
+        return SCALE * (x + y * self.spatial(where).sigmoid())
+
+
+def _orthogonal(network: nn.Module, generator: torch.Generator | None) -> None:
+    """Orthogonal weights (Saxe et al. 2014), biases 0."""
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d | nn.Linear):
+            nn.init.orthogonal_(module.weight, generator=generator)
+            assert module.bias is not None
+            nn.init.zeros_(module.bias)
