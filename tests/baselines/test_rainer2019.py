@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.rainer2019 import Encoder, Fitting, Rainer2019
+from baselines.rainer import Encoder
+from baselines.rainer2019 import Fitting, Rainer2019
 from bench import container, training
 from bench.btf import BTF, ArraySource
 from bench.check import tiny_btf

@@ -1,0 +1,153 @@
+"""What Rainer's two codecs share: the encoder of ABRDFs, the decoder's inputs and output, the fit, the material.
+
+A texel has latents, which an encoder makes of its ABRDF, and six further channels, taken as the mean and the deviation
+of its log radiance in each colour. The decoder answers for latents and two directions; its answer is scaled by the
+deviation and moved by the mean.
+"""
+
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.codec import Fit
+from bench.decoder import LEAK, Architecture, Decoder
+from bench.directions import stereographic
+from bench.material import DecoderCost, Material, sample_texture
+from bench.training import Batch, Loss, Objective, Samples, distance
+
+WIDTHS = (106, 106, 106, 106)
+CONVOLUTIONS = ((16, 7), (32, 5), (64, 5))  # channels and kernel of the encoder's layers
+STRIDE = 4
+STATISTICS = 6  # channels of mean and deviation
+LEAST_DEVIATION = 1e-3  # of log radiance: a constant ABRDF is not blown up
+BLOCK = 256  # texels encoded at once
+
+Activation = Literal["leaky-relu", "relu"]
+
+
+def architecture(latents: int, activation: Activation) -> Architecture:
+    """The decoder of so many latents: with two directions in two coordinates each, to four layers, to a colour."""
+    return Architecture(latents + 4, WIDTHS, activation=activation)
+
+
+class Encoder(nn.Module):
+    """Normalised ABRDFs (n, pairs, 3) → latents (n, latents): 1-D convolutions along the pairs, then linear."""
+
+    def __init__(self, pairs: int, latents: int, generator: torch.Generator | None = None):
+        super().__init__()
+        self.convolutions = nn.ModuleList()
+        channels = 3
+        for out, kernel in CONVOLUTIONS:
+            self.convolutions.append(nn.Conv1d(channels, out, kernel, STRIDE, padding=kernel // 2))
+            channels, pairs = out, (pairs - 1) // STRIDE + 1
+        self.linear = nn.Linear(channels * pairs, latents)
+        with torch.no_grad():
+            for layer in (*self.convolutions, self.linear):
+                fan = layer.weight[0].numel()
+                layer.weight.normal_(0, (2 / fan) ** 0.5, generator=generator)
+                layer.bias.zero_()
+
+    def forward(self, abrdfs: Tensor) -> Tensor:
+        x = abrdfs.transpose(1, 2)
+        for convolution in self.convolutions:
+            x = functional.leaky_relu(convolution(x), LEAK)
+        return self.linear(x.flatten(1))
+
+
+def statistics(abrdfs: Tensor) -> Tensor:
+    """The mean and the deviation (n, 2, 3) of log ABRDFs (n, pairs, 3) over their pairs."""
+    return torch.stack([abrdfs.mean(1), abrdfs.std(1, correction=0).clamp_min(LEAST_DEVIATION)], 1)
+
+
+def encoded(encoder: nn.Module, abrdfs: Tensor, found: Tensor) -> Tensor:
+    """The latents (n, D) of log ABRDFs (n, pairs, 3) with their statistics (n, 2, 3)."""
+    mean, deviation = found.unbind(1)
+    return encoder((abrdfs - mean[:, None]) / deviation[:, None])
+
+
+def directions(wo: Tensor, wi: Tensor) -> Tensor:
+    """The decoder's coordinates (n, 4) of two unit directions: light, then view, each in the stereographic plane."""
+    return torch.cat([stereographic(wi), stereographic(wo)], 1)
+
+
+def radiance(decoder: Decoder, latents: Tensor, found: Tensor, where: Tensor) -> Tensor:
+    """Log radiance (n, 3) of latents (n, D), statistics (n, 6), and coordinates of directions (n, 4)."""
+    mean, deviation = found.chunk(2, 1)
+    return mean + deviation * decoder(torch.cat([latents, where], 1))
+
+
+class Autoencoder(Objective):
+    """Encoder and decoder, fitted on a few texels and a few pairs of each a step."""
+
+    statistics: Tensor  # (texels, 2, 3): mean and deviation of each texel's log ABRDF
+
+    def __init__(
+        self,
+        samples: Samples,
+        encoder: nn.Module,
+        decoder: Decoder,
+        step: tuple[int, int],
+        rate: float,
+        loss: Loss,
+        fit: Fit,
+    ):
+        super().__init__(samples)
+        self.encoder, self.decoder = encoder, decoder
+        self.step, self.rate, self.distance = step, rate, loss
+        blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
+        found = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
+        self.register_buffer("statistics", torch.cat(found), persistent=False)
+
+    def where(self, batch: Batch) -> Tensor:
+        """The decoder's coordinates (n, 4) of the pairs of a batch."""
+        raise NotImplementedError
+
+    def groups(self) -> list[dict[str, Any]]:
+        return [{"params": list(self.parameters()), "lr": self.rate}]
+
+    def latents(self, texel: Tensor) -> Tensor:
+        """The latents (n, D) that the encoder makes of some texels' ABRDFs."""
+        return encoded(self.encoder, self.samples.abrdfs(texel), self.statistics[texel])
+
+    @torch.no_grad()
+    def encode(self, texel: Tensor) -> Tensor:
+        """The latents (n, D) of any number of texels, in blocks."""
+        return torch.cat([self.latents(block) for block in texel.split(BLOCK)])
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        texel, place = batch.texel.unique(return_inverse=True)
+        return self._decode(self.encode(texel)[place], batch)
+
+    def _decode(self, latents: Tensor, batch: Batch) -> Tensor:
+        return radiance(self.decoder, latents, self.statistics[batch.texel].flatten(1), self.where(batch))
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        texels, pairs = self.step
+        device = self.samples.device
+        texel = torch.randint(self.samples.texels, (texels,), generator=generator).to(device)
+        pair = torch.randint(self.samples.pairs, (texels * pairs,), generator=generator).to(device)
+        latents = self.latents(texel).repeat_interleave(pairs, 0)
+        batch = self.samples.at(texel.repeat_interleave(pairs), pair)
+        return distance(self._decode(latents, batch), batch.target, self.distance)
+
+
+class RainerMaterial(Material):
+    """A texture (H, W, D + 6) of latents, means and deviations, fetched bilinearly, and the decoder."""
+
+    def __init__(self, decoder: Decoder, texture: Tensor, gain: Tensor):
+        height, width, channels = texture.shape
+        cost = DecoderCost(
+            parameters=decoder.architecture.parameters,
+            texture_channels=channels,
+            texture_floats=texture.numel(),
+            flops_per_sample=decoder.architecture.flops + 4 * 2 * channels + 6,
+            bytes_per_sample=4 * channels * texture.element_size(),
+        )
+        super().__init__((height, width), cost)
+        self.decoder, self.texture, self.gain = decoder, texture, gain
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        latents, found = sample_texture(self.texture, uv).tensor_split([-STATISTICS], dim=1)
+        return radiance(self.decoder, latents, found, directions(wo, wi)).expm1() / self.gain
