@@ -1,0 +1,106 @@
+"""What happens to the pictures of a step."""
+
+import colorsys
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import gaussian_filter
+from torch import Tensor
+
+from neubtf.augmentation import Disturbance, Window, blurred, turned
+from neubtf.autoencoder import STRIDE
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def picture(height: int = 24, width: int = 32) -> Tensor:
+    return torch.rand(1, 3, height, width, generator=generator(7))
+
+
+def windows(shape: tuple[int, int], largest: int, periodic: bool) -> list[Window]:
+    random = generator()
+    return [Window.drawn(shape, largest, 0.5, periodic, random) for _ in range(200)]
+
+
+def test_a_window_is_the_same_for_input_and_target() -> None:
+    found = windows((64, 48), 32, True)
+    whole = torch.cat([picture(64, 48), 2 * picture(64, 48)])
+    for window in found[:20]:
+        ours = window.of(whole)
+        torch.testing.assert_close(ours[1], 2 * ours[0])
+
+
+def test_windows_rescale_half_of_the_time_within_the_range() -> None:
+    scales = np.array([window.scaled[0] / 64 for window in windows((64, 48), 32, True)])
+    assert 0.4 < (scales == 1).mean() < 0.6
+    assert 0.5 <= scales.min() < 0.55
+    assert 0.9 < scales[scales < 1].max() < 1
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+def test_windows_fit_the_strides_and_cover_the_picture(periodic: bool) -> None:
+    found = windows((64, 48), 32, periodic)
+    for window in found:
+        assert all(side % STRIDE == 0 and STRIDE <= side <= 32 for side in window.size)
+    ends = [window.corner[0] + window.size[0] - window.scaled[0] for window in found]
+    assert (max(ends) > 0) == periodic
+    assert {0, 1, 2, 3} == {window.corner[0] % STRIDE for window in found}
+
+
+def test_a_window_of_a_tiny_picture_is_all_of_it() -> None:
+    assert all(min(window.size) >= 1 and max(window.size) <= 3 for window in windows((3, 2), 32, False))
+
+
+def test_a_window_beyond_the_border_goes_on_at_the_other() -> None:
+    whole = picture()
+    seen = Window((24, 32), (20, 30), (8, 4), True).of(whole)
+    torch.testing.assert_close(seen, whole.roll((-20, -30), (2, 3))[..., :8, :4])
+
+
+def test_half_the_scale_averages() -> None:
+    seen = Window((12, 16), (0, 0), (12, 16), True).of(torch.full((1, 3, 24, 32), 0.3))
+    torch.testing.assert_close(seen, torch.full((1, 3, 12, 16), 0.3))
+    whole = picture()
+    assert Window((12, 16), (0, 0), (12, 16), True).of(whole).std() < 0.6 * whole.std()
+
+
+@pytest.mark.parametrize("turn", [0.0, 1 / 3, 0.25, 0.9])
+def test_hue_turns_by_its_share_of_the_wheel(turn: float) -> None:
+    start = torch.tensor([0.6, 0.4, 0.4]).reshape(1, 3, 1, 1)
+    red, green, blue = turned(start, turn).flatten().tolist()
+    # The hue of an orthonormal wheel and that of HSV agree at each sixth of a turn, and to 0.02 between.
+    assert colorsys.rgb_to_hsv(red, green, blue)[0] == pytest.approx(turn, abs=0.02)
+    assert red + green + blue == pytest.approx(1.4)
+
+
+def test_a_third_of_a_turn_makes_red_green() -> None:
+    red = torch.tensor([1.0, 0.0, 0.0]).reshape(1, 3, 1, 1)
+    torch.testing.assert_close(turned(red, 1 / 3).flatten(), torch.tensor([0.0, 1.0, 0.0]), atol=1e-6, rtol=0)
+    torch.testing.assert_close(turned(picture(), 1.0), picture())
+
+
+@pytest.mark.parametrize("sigma", [0.4, 1.0, 2.5])
+def test_blur_is_a_gaussian(sigma: float) -> None:
+    ours = blurred(picture().double(), sigma)[0].numpy()
+    radius = int(np.ceil(3 * sigma))
+    for channel, before in zip(ours, picture().double()[0].numpy(), strict=True):
+        np.testing.assert_allclose(channel, gaussian_filter(before, sigma, mode="wrap", radius=radius), rtol=1e-10)
+
+
+def test_a_disturbance_is_seeded_and_stays_in_range() -> None:
+    one = Disturbance().of(picture(), generator(1))
+    assert one.equal(Disturbance().of(picture(), generator(1)))
+    assert not one.equal(Disturbance().of(picture(), generator(2)))
+    assert one.min() >= 0
+    assert one.max() <= 1
+    assert Disturbance(0, 0, 0).of(picture(), generator(1)).allclose(picture())
+
+
+def test_noise_has_up_to_its_deviation() -> None:
+    grey = torch.full((1, 3, 64, 64), 0.5)
+    found = [Disturbance(0, 0, 0.05).of(grey, generator(seed)).std().item() for seed in range(40)]
+    assert 0.04 < max(found) < 0.052
+    assert min(found) < 0.01
