@@ -54,11 +54,14 @@ class Run:
 
 
 def load_run(folder: str | Path) -> Run:
-    """Read the records of a run. `InputError` where there are none; a line that is no record is counted, not read."""
-    path = Path(folder) / FILE
+    """Read the records of a run, given its folder or a file of records, `.jsonl`.
+
+    `InputError` where there are none; a line that is no record is counted, not read.
+    """
+    path = Path(folder) if str(folder).endswith(".jsonl") else Path(folder) / FILE
     if not path.is_file():
         raise InputError(f"{folder}: no run here (no {FILE}): give the folder that `neubtf-bench run` wrote")
-    run = Run(Path(folder))
+    run = Run(path.parent)
     latest: dict[str, dict[object, Record]] = {"job": {}, "timing": {}, "rate": {}}
     for number, record in _lines(path):
         kind = record.get("kind") if record else None

@@ -18,6 +18,14 @@ def test_records_come_back_the_latest_of_each_job(tmp_path):
     assert run.unreadable == []
 
 
+def test_a_file_of_records_is_read_by_its_own_name(tmp_path):
+    append(tmp_path, {"kind": "job", "job": "x", "status": "ok"})
+    (tmp_path / FILE).rename(tmp_path / "reference.jsonl")
+    assert [job["job"] for job in load_run(tmp_path / "reference.jsonl").jobs] == ["x"]
+    with pytest.raises(InputError, match=r"gone\.jsonl: no run here"):
+        load_run(tmp_path / "gone.jsonl")
+
+
 def test_a_line_cut_by_a_kill_is_counted_and_costs_only_itself(tmp_path):
     append(tmp_path, {"kind": "job", "job": "x", "status": "ok"})
     with open(tmp_path / FILE, "ab") as file:
