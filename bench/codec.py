@@ -60,6 +60,7 @@ class Parts:
 
     decoder: dict[str, Tensor] = field(default_factory=dict)  # what every query needs: the network
     texture: dict[str, Tensor] = field(default_factory=dict)  # what varies over the texels
+    encoder: dict[str, Tensor] = field(default_factory=dict)  # what makes new textures; no query needs it
     other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, what else decoding needs
 
 

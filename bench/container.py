@@ -27,6 +27,7 @@ KEY = "neubtf"
 SUFFIX = ".nbtf"
 ZEROS = b"0" * 64
 HEADER_LIMIT = 1 << 24
+PARTS = ("decoder", "texture", "encoder", "other")
 # Bytes a number of the dtypes that safetensors names and a codec may write.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
 
@@ -44,10 +45,14 @@ class Header:
     file_bytes: int
 
     def part_bytes(self) -> dict[str, int]:
-        """Bytes of the tensors by part, and `header`: what the file needs besides. They add up to the file."""
+        """Bytes of the tensors by part, and `header`: what the file needs besides. They add up to the file.
+
+        `encoder` stands there only where the file has one.
+        """
         sums = {"decoder": 0, "texture": 0, "other": 0}
         for name, (_, _, size) in self.tensors.items():
-            sums[name.split("/")[0]] += size
+            part = name.split("/")[0]
+            sums[part] = sums.get(part, 0) + size
         return sums | {"header": self.file_bytes - sum(sums.values())}
 
 
@@ -73,7 +78,7 @@ def to_bytes(codec: "Codec", parts: "Parts") -> bytes:
 
     tensors = {
         f"{part}/{name}": tensor.detach().cpu().contiguous()
-        for part in ("decoder", "texture", "other")
+        for part in PARTS
         for name, tensor in getattr(parts, part).items()
     }
     for name, tensor in tensors.items():
@@ -95,27 +100,34 @@ def read_header(path: Path) -> Header:
     return _parse(Path(path), _read(path))
 
 
-def load(path: Path, device: "torch.device | str" = "cpu") -> "tuple[Header, Material]":
-    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong."""
-    import torch
+def read_parts(path: Path) -> "tuple[Header, Parts]":
+    """Check a codec file against its own hash and read its tensors. `ContainerError` says what is wrong."""
     from safetensors.torch import load as deserialise
 
     from bench.codec import Parts
+
+    data = _read(Path(path))
+    header, parts = _parse(Path(path), data), Parts()
+    for full, tensor in deserialise(data).items():
+        part, name = full.split("/", 1)
+        getattr(parts, part)[name] = tensor
+    return header, parts
+
+
+def load(path: Path, device: "torch.device | str" = "cpu") -> "tuple[Header, Material]":
+    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong."""
+    import torch
+
     from bench.registry import load_codec
 
     path = Path(path)
-    data = _read(path)
-    header = _parse(path, data)
+    header, parts = read_parts(path)
     codec_class = load_codec(header.codec, wanted_by=str(path))
     if header.version != codec_class.version:
         raise ContainerError(
             f"{path}: written by version {header.version} of codec {header.codec}, this is version "
             f"{codec_class.version}: encode it again, or install the version that wrote it"
         )
-    parts = Parts()
-    for full, tensor in deserialise(data).items():
-        part, name = full.split("/", 1)
-        getattr(parts, part)[name] = tensor
     try:
         return header, codec_class(**header.settings).decode(parts, torch.device(device))
     except (KeyError, ValueError, RuntimeError, IndexError, TypeError) as error:
@@ -185,7 +197,7 @@ def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[in
     try:
         begin, end = entry["data_offsets"]
         shape = tuple(int(n) for n in entry["shape"])
-        sound = name.split("/")[0] in ("decoder", "texture", "other") and "/" in name
+        sound = name.split("/")[0] in PARTS and "/" in name
         if not sound or end - begin != ITEM_BYTES[entry["dtype"]] * math.prod(shape):
             raise ValueError
     except (KeyError, ValueError, TypeError) as error:

@@ -29,6 +29,8 @@ class Style(nn.Module):
     mean product of each two features over all texels: where things are does not matter.
     """
 
+    bank: Tensor  # (SCALES, FILTERS, 3, KERNEL, KERNEL)
+
     def __init__(self) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(BANK_SEED)

@@ -26,6 +26,21 @@ def test_the_header_says_what_was_written_and_parts_add_up_to_the_file(encoded):
     assert sum(header.part_bytes().values()) == header.file_bytes == len(data) == header.path.stat().st_size
 
 
+def test_an_encoder_is_a_part_of_its_own(encoded, tmp_path):
+    header, _ = encoded
+    assert "encoder" not in header.part_bytes()
+    parts = Parts(texture={"t": torch.ones(5)}, encoder={"weights": torch.arange(7.0)})
+    header = container.save(tmp_path / "file", load_codec("pca")(), parts)
+    assert header.part_bytes() == {
+        "decoder": 0,
+        "texture": 20,
+        "other": 0,
+        "encoder": 28,
+        "header": header.file_bytes - 48,
+    }
+    assert container.read_parts(header.path)[1].encoder["weights"].equal(torch.arange(7.0))
+
+
 def test_the_same_parts_give_the_same_bytes(encoded):
     _, data = encoded
     codec = load_codec("pca")(components=4)
