@@ -15,12 +15,11 @@ from neubtf.autoencoder import STRIDE
 
 @dataclass(frozen=True)
 class Window:
-    """A rescale and a crop that every picture of one step shares."""
+    """A crop and a rescale that every picture of one step shares: `source` texels from `corner` on, become `size`."""
 
-    scaled: tuple[int, int]  # H, W of the rescaled picture
-    corner: tuple[int, int]  # row, column of the crop in it
-    size: tuple[int, int]  # of the crop
-    periodic: bool
+    corner: tuple[int, int]  # row, column
+    source: tuple[int, int]  # rows, columns of the picture; those beyond its border are those of the other one
+    size: tuple[int, int]
 
     @classmethod
     def drawn(
@@ -28,30 +27,42 @@ class Window:
     ) -> "Window":
         """A random window of pictures of a shape (H, W).
 
-        Half of all windows keep the scale, the others draw it between `smallest` and 1, uniformly. A crop has at most
-        `largest` texels a side, in multiples of the autoencoder's stride where the picture has as many; a periodic
-        picture is cut anywhere.
+        Half of all windows keep the scale, the others draw it uniformly between `smallest` and 1. At most `largest`
+        texels a side come out, in multiples of the autoencoder's stride where there are as many. Only of a periodic
+        picture does a window reach over the border.
         """
-        keep, share = _uniform(2, generator)
+        keep, share, *places = torch.rand(4, generator=generator, dtype=torch.float64).tolist()
         scale = 1.0 if keep < 0.5 else smallest + (1 - smallest) * share
-        scaled = tuple(max(1, round(side * scale)) for side in shape)
-        size = tuple(_fitting(min(side, largest)) for side in scaled)
-        ends = [side if periodic else side - cut + 1 for side, cut in zip(scaled, size, strict=True)]
-        corner = tuple(int(share * end) for share, end in zip(_uniform(2, generator), ends, strict=True))
-        return cls((scaled[0], scaled[1]), (corner[0], corner[1]), (size[0], size[1]), periodic)
+        size = tuple(_fitting(min(round(side * scale), largest)) for side in shape)
+        source = tuple(min(round(cut / scale), side) for cut, side in zip(size, shape, strict=True))
+        ends = [side if periodic else side - cut + 1 for cut, side in zip(source, shape, strict=True)]
+        corner = tuple(int(place * end) for place, end in zip(places, ends, strict=True))
+        return cls((corner[0], corner[1]), (source[0], source[1]), (size[0], size[1]))
 
-    def of(self, pictures: Tensor) -> Tensor:
-        """What is seen of some pictures: a down-scaled texel is a weighted mean of those that it covers."""
-        if tuple(pictures.shape[2:]) != self.scaled:
-            pictures = functional.interpolate(pictures, self.scaled, mode="bilinear", antialias=True)
-        for dim, first, count in zip((2, 3), self.corner, self.size, strict=True):
-            there = torch.arange(first, first + count, device=pictures.device) % pictures.shape[dim]
-            pictures = pictures.index_select(dim, there)
-        return pictures
+    def texels(self, shape: tuple[int, int]) -> Tensor:
+        """The source's texels (n,) in a picture of a shape (H, W), as row · W + column, row by row."""
+        row, col = (
+            torch.arange(first, first + count) % side
+            for first, count, side in zip(self.corner, self.source, shape, strict=True)
+        )
+        return (row[:, None] * shape[1] + col).flatten()
+
+    @property
+    def keeps_scale(self) -> bool:
+        return self.source == self.size
+
+    def rescaled(self, pictures: Tensor) -> Tensor:
+        """The source's pictures (B, C, *source) at the window's size: a texel is a weighted mean of those it covers."""
+        return (
+            pictures
+            if self.keeps_scale
+            else functional.interpolate(pictures, self.size, mode="bilinear", antialias=True)
+        )
 
 
 def _fitting(side: int) -> int:
-    return max(side // STRIDE * STRIDE, min(side, STRIDE))
+    """The largest multiple of the stride within a side, or the side where it is shorter than that."""
+    return side // STRIDE * STRIDE or max(side, 1)
 
 
 @dataclass(frozen=True)
@@ -64,7 +75,7 @@ class Disturbance:
 
     def of(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], disturbed at random, within [0, 1]."""
-        hue, blur, noise = _uniform(3, generator)
+        hue, blur, noise = torch.rand(3, generator=generator, dtype=torch.float64).tolist()
         pictures = turned(pictures, self.hue * hue)
         pictures = blurred(pictures, self.blur * blur)
         grain = torch.randn(pictures.shape, generator=generator).to(pictures.device)
@@ -98,7 +109,3 @@ def blurred(pictures: Tensor, sigma: float) -> Tensor:
         shifted = (pictures.roll(offset, dim) * weight for offset, weight in zip(offsets, weights, strict=True))
         pictures = sum(shifted, torch.zeros_like(pictures)) / sum(weights)
     return pictures
-
-
-def _uniform(count: int, generator: torch.Generator) -> list[float]:
-    return torch.rand(count, generator=generator, dtype=torch.float64).tolist()
