@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from bench import periodic
 from bench.btf import BTF, Layout, box_filter
 from bench.errors import InputError
 from bench.hemisphere import thin, to_degrees
@@ -94,7 +95,7 @@ def look(btf: BTF) -> Look:
         texels = picture.reshape(-1, 3)
         values.append(texels[rng.integers(0, len(texels), TEXELS)] if len(texels) > TEXELS else texels)
         medians[pair] = float(np.median(texels.mean(1)))
-        seams.append([_gradients(picture), _gradients(picture.swapaxes(0, 1))])
+        seams.append(periodic.seams(picture))
         if pair in sheet:
             thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
     power = _power(btf.wi[row, 2], np.array([medians[pair] for pair in row]))
@@ -134,14 +135,6 @@ def _power(cos: Array, median: Array) -> float | None:
     if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:
         return None
     return float(np.polyfit(np.log(cos[lit]), np.log(median[lit]), 1)[0])
-
-
-def _gradients(picture: Array) -> tuple[float, float, float]:
-    """Mean |difference| across the border between the last and the first column; the mean and the largest inside."""
-    if picture.shape[1] < 4:
-        return 0.0, 1.0, 1.0
-    steps = np.abs(np.diff(picture, axis=1)).mean((0, 2))
-    return float(np.abs(picture[:, 0] - picture[:, -1]).mean()), float(steps.mean()), float(steps.max())
 
 
 def draw(seen: Look, out: Path) -> None:

@@ -8,24 +8,9 @@ from skimage import data
 
 from bench.materials.maps import Maps, resize
 from bench.materials.noise import mix, normalised, smooth, srgb
+from bench.periodic import make_periodic
 
 Array = np.ndarray
-
-
-def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:
-    """A picture (H, W) cut by `overlap` (rows, columns), its far margins blended into its near ones: it wraps.
-
-    The blend's deviation from the mean is scaled by 1 / √(w² + (1 − w)²), which keeps the contrast of texture.
-    """
-    mean = picture.mean()
-    for axis, width in enumerate(overlap):
-        moved = np.moveaxis(picture - mean, axis, 0)
-        size = len(moved) - width
-        weight = (0.5 - 0.5 * np.cos(np.pi * (np.arange(width) + 0.5) / width))[:, None]
-        blend = weight * moved[:width] + (1 - weight) * moved[size:]
-        blend /= np.sqrt(weight**2 + (1 - weight) ** 2)
-        picture = np.moveaxis(np.concatenate([blend, moved[width:size]]), 0, axis) + mean
-    return picture
 
 
 def _detail(picture: Array, sigma: float) -> Array:

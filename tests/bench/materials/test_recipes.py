@@ -5,7 +5,6 @@ import pytest
 
 from bench import materials
 from bench.hemisphere import from_degrees, uniform
-from bench.materials.photographs import make_periodic
 from bench.materials.renderer import Renderer, render
 
 ALL = materials.names()
@@ -89,21 +88,6 @@ def test_cable_knit_shifts_by_many_texels_and_hides_much_of_itself():
     tilted, upright = (len(np.unique(renderer.view(from_degrees(t, 0)).cell)) for t in (75, 0))
     assert tilted < 0.85 * upright
     assert np.ptp(maps.height) * np.tan(np.radians(75)) > 0.5
-
-
-def test_blending_makes_a_photograph_periodic():
-    """A ramp is the worst case: its ends differ most. Across the cut it steps no further than inside the blend."""
-    ramp = np.repeat(np.linspace(0, 1, 80)[:, None], 60, 1)
-    blended = make_periodic(ramp, (20, 10))
-    assert blended.shape == (60, 50)
-    steps = np.abs(np.diff(blended, axis=0, append=blended[:1]))
-    assert steps[-1].max() <= steps[:-1].max()
-
-
-def test_blending_keeps_the_contrast_of_texture():
-    noise = np.random.default_rng(0).normal(size=(400, 400))
-    blended = make_periodic(noise, (100, 100))
-    assert blended[:100].std() == pytest.approx(1, abs=0.03)
 
 
 GOLDEN = {
