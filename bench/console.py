@@ -70,6 +70,7 @@ def file_lines(header: Header) -> str:
         f"decoder: {parameters(material):,} parameters, {material.cost.texture_channels} texture channels, "
         f"{material.cost.flops_per_sample:,} FLOP and {material.cost.bytes_per_sample:,} bytes read a sample",
     ]
+    lines += [f"provenance: {key} = {value}" for key, value in header.provenance.items()]
     for name, (dtype, shape, size) in sorted(header.tensors.items()):
         lines.append(f"  {name}  {dtype} {' × '.join(map(str, shape)) or 'scalar'}  {size:,} bytes")
     return "\n".join([*lines, f"sha256: {header.sha256}"])

@@ -1,7 +1,8 @@
 """The codec file: safetensors, tensors named `part/name`, one metadata key of canonical JSON, one hash over all.
 
-The JSON holds {format, codec, version, settings, sha256}. The hash is that of the whole file with its own 64 digits
-replaced by zeros, so that no byte of the file can change unseen. Nothing is ever unpickled.
+The JSON holds {format, codec, version, settings, sha256}, and provenance where a file was made from others. The hash
+is that of the whole file with its own 64 digits replaced by zeros, so that no byte of the file can change unseen.
+Nothing is ever unpickled.
 """
 
 import dataclasses
@@ -10,7 +11,7 @@ import json
 import math
 import os
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,7 @@ class Header:
     sha256: str
     tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, bytes
     file_bytes: int
+    provenance: dict[str, Any] = field(default_factory=dict)  # what else than a BTF the file was made from
 
     def part_bytes(self) -> dict[str, int]:
         """Bytes of the tensors by part, and `header`: what the file needs besides. They add up to the file.
@@ -56,10 +58,10 @@ class Header:
         return sums | {"header": self.file_bytes - sum(sums.values())}
 
 
-def save(path: Path, codec: "Codec", parts: "Parts") -> Header:
+def save(path: Path, codec: "Codec", parts: "Parts", provenance: dict[str, Any] | None = None) -> Header:
     """Write a codec file whole or not at all (a temporary name, then a rename), and read its header back."""
     path = Path(path)
-    data = to_bytes(codec, parts)
+    data = to_bytes(codec, parts, provenance)
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
         with open(partial, "wb") as file:
@@ -72,7 +74,7 @@ def save(path: Path, codec: "Codec", parts: "Parts") -> Header:
     return read_header(path)
 
 
-def to_bytes(codec: "Codec", parts: "Parts") -> bytes:
+def to_bytes(codec: "Codec", parts: "Parts", provenance: dict[str, Any] | None = None) -> bytes:
     """The bytes of a codec file. The same parts give the same bytes."""
     from safetensors.torch import save as serialise
 
@@ -90,7 +92,7 @@ def to_bytes(codec: "Codec", parts: "Parts") -> bytes:
         "version": codec.version,
         "settings": dataclasses.asdict(codec.settings),
         "sha256": ZEROS.decode(),
-    }
+    } | ({"provenance": provenance} if provenance else {})
     data = serialise(tensors, {KEY: json.dumps(says, sort_keys=True, separators=(",", ":"))})
     return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
 
@@ -156,6 +158,7 @@ def _parse(path: Path, data: bytes) -> Header:
         says["sha256"],
         {name: _tensor(path, name, entry) for name, entry in header.items()},
         len(data),
+        provenance=says.get("provenance", {}),
     )
 
 
@@ -184,6 +187,7 @@ def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         says = json.loads(header.pop("__metadata__")[KEY])
         newer = int(says["format"]) > FORMAT
         whole = {"format", "codec", "version", "settings", "sha256"} <= says.keys() and len(says["sha256"]) == 64
+        whole = whole and isinstance(says.get("provenance", {}), dict)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:

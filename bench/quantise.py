@@ -21,7 +21,7 @@ def pack(name: str, values: Tensor, precision: Precision) -> dict[str, Tensor]:
     low, high = flat.amin(0), flat.amax(0)
     # A constant channel needs some scale that is not 0.
     scale = ((high - low) / 255).clamp_min(1e-12)
-    codes = ((values - low) / scale).round().clamp_(0, 255).to(torch.uint8)
+    codes = (values - low).div_(scale).round_().clamp_(0, 255).to(torch.uint8)
     return {name: codes, f"{name}.scale": scale, f"{name}.offset": low}
 
 

@@ -8,6 +8,7 @@ import torch
 from bench import container
 from bench.check import tiny_btf
 from bench.codec import Codec, Fit, Parts
+from bench.console import file_lines
 from bench.errors import ContainerError, InputError
 from bench.registry import load_codec
 
@@ -39,6 +40,16 @@ def test_an_encoder_is_a_part_of_its_own(encoded, tmp_path):
         "header": header.file_bytes - 48,
     }
     assert container.read_parts(header.path)[1].encoder["weights"].equal(torch.arange(7.0))
+
+
+def test_a_file_may_say_what_it_was_made_from(encoded, tmp_path):
+    header, _ = encoded
+    assert header.provenance == {}
+    codec, parts = container.read_parts(header.path)
+    made = {"file": header.sha256, "scale": 0.5}
+    again = container.save(tmp_path / "made", load_codec("pca")(**codec.settings), parts, made)
+    assert again.provenance == container.read_header(again.path).provenance == made
+    assert f"provenance: file = {header.sha256}" in file_lines(again)
 
 
 def test_the_same_parts_give_the_same_bytes(encoded):
