@@ -1,10 +1,10 @@
 """What a codec must do: turn a BTF into named tensors, and named tensors into a material."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import torch
 from torch import Tensor
@@ -13,6 +13,9 @@ from bench.btf import BTF
 from bench.errors import InputError
 from bench.material import Material
 from bench.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from bench.shared import Shared
 
 T = TypeVar("T")
 Progress = Callable[[str, int, int], None]  # label, done, total
@@ -40,6 +43,13 @@ class Fit:
     show: Progress = silent
     checkpoint: Path | None = None  # where a long fit keeps its state, to go on from it when it is started again
     history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; goes into the record
+    network: Path | None = None  # the file of the network that the codec shares; by default where `pretrain` puts it
+
+    def shared(self, name: str) -> "Shared":
+        """The network that codec `name` shares over materials. `MissingDataError` says how to get it."""
+        from bench import shared
+
+        return shared.find(name, self.network)
 
     def log(self, step: int, **values: float) -> None:
         """Add a point to the curve of this fit: `seconds`, `psnr` and what else a codec has to say at a step."""
@@ -62,10 +72,11 @@ class Parts:
     texture: dict[str, Tensor] = field(default_factory=dict)  # what varies over the texels
     encoder: dict[str, Tensor] = field(default_factory=dict)  # what makes new textures; no query needs it
     other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, what else decoding needs
+    shared: "Shared | None" = None  # the network that was used, of those trained once: the file names it by its hash
 
 
-class Codec:
-    """A codec: `name`, `version`, `Settings`, `encode`, `decode`. Its docstring's first line describes it in lists.
+class Configured:
+    """What has a `name`, a `version` and `Settings`.
 
     `Settings` is a frozen dataclass of int, float, bool, str and `Literal` fields, each with a default and a comment
     of one line.
@@ -79,8 +90,26 @@ class Codec:
         pass
 
     def __init__(self, **settings: Any):
-        """A codec with its default settings but for those named; strings are converted (`components="16"`)."""
+        """With the default settings but for those named; strings are converted (`components="16"`)."""
         self.settings: Any = parse_settings(self.name, self.Settings, settings)
+
+
+class SharedNetwork(Configured):
+    """A network that a codec trains once for all materials: see `bench.shared`. `name`, `version` are the codec's."""
+
+    def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
+        """Fit some BTFs, training pairs and held-out ones; the tensors that the shared file will hold."""
+        raise NotImplementedError
+
+    def brief(self) -> "SharedNetwork":
+        """The same with so short a training that `neubtf-bench check` takes seconds."""
+        raise NotImplementedError
+
+
+class Codec(Configured):
+    """A codec: `name`, `version`, `Settings`, `encode`, `decode`. Its docstring's first line describes it in lists."""
+
+    network: ClassVar[type[SharedNetwork] | None] = None  # where it trains one for all materials
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit a BTF, training pairs only; the tensors that the file will hold."""
@@ -126,6 +155,6 @@ def _convert(codec: str, name: str, kind: type, value: Any) -> Any:
         raise InputError(f"setting {name} of codec {codec} must be {wanted}, not {value!r}") from None
 
 
-def settings_dict(codec: Codec) -> dict[str, Any]:
+def settings_dict(codec: Configured) -> dict[str, Any]:
     """The settings of a codec as plain values, for files and records."""
     return dataclasses.asdict(codec.settings)

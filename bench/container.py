@@ -1,7 +1,8 @@
 """The codec file: safetensors, tensors named `part/name`, one metadata key of canonical JSON, one hash over all.
 
-The JSON holds {format, codec, version, settings, sha256}, and provenance where a file was made from others. The hash
-is that of the whole file with its own 64 digits replaced by zeros, so that no byte of the file can change unseen.
+The JSON holds {format, codec, version, settings, sha256}, and `provenance` where a file was made from others. Where a
+codec shares a network over materials, `shared` is the hash of its file, and that file's own `kind` is "shared". The
+hash is that of the whole file with its own 64 digits replaced by zeros, so that no byte of the file can change unseen.
 Nothing is ever unpickled.
 """
 
@@ -20,12 +21,13 @@ from bench.errors import ContainerError
 if TYPE_CHECKING:
     import torch
 
-    from bench.codec import Codec, Parts
+    from bench.codec import Codec, Parts, SharedNetwork
     from bench.material import Material
 
 FORMAT = 1
 KEY = "neubtf"
 SUFFIX = ".nbtf"
+MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or the network that a codec shares over them
 ZEROS = b"0" * 64
 HEADER_LIMIT = 1 << 24
 PARTS = ("decoder", "texture", "encoder", "other")
@@ -44,6 +46,8 @@ class Header:
     sha256: str
     tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, bytes
     file_bytes: int
+    kind: str = MATERIAL
+    shared: str = ""  # the hash of the shared network's file, where one is needed to decode
     provenance: dict[str, Any] = field(default_factory=dict)  # what else than a BTF the file was made from
 
     def part_bytes(self) -> dict[str, int]:
@@ -58,7 +62,9 @@ class Header:
         return sums | {"header": self.file_bytes - sum(sums.values())}
 
 
-def save(path: Path, codec: "Codec", parts: "Parts", provenance: dict[str, Any] | None = None) -> Header:
+def save(
+    path: Path, codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[str, Any] | None = None
+) -> Header:
     """Write a codec file whole or not at all (a temporary name, then a rename), and read its header back."""
     path = Path(path)
     data = to_bytes(codec, parts, provenance)
@@ -74,9 +80,11 @@ def save(path: Path, codec: "Codec", parts: "Parts", provenance: dict[str, Any] 
     return read_header(path)
 
 
-def to_bytes(codec: "Codec", parts: "Parts", provenance: dict[str, Any] | None = None) -> bytes:
+def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[str, Any] | None = None) -> bytes:
     """The bytes of a codec file. The same parts give the same bytes."""
     from safetensors.torch import save as serialise
+
+    from bench.codec import SharedNetwork
 
     tensors = {
         f"{part}/{name}": tensor.detach().cpu().contiguous()
@@ -92,7 +100,10 @@ def to_bytes(codec: "Codec", parts: "Parts", provenance: dict[str, Any] | None =
         "version": codec.version,
         "settings": dataclasses.asdict(codec.settings),
         "sha256": ZEROS.decode(),
-    } | ({"provenance": provenance} if provenance else {})
+    }
+    says |= {"provenance": provenance} if provenance else {}
+    says |= {"kind": SHARED} if isinstance(codec, SharedNetwork) else {}
+    says |= {"shared": parts.shared.header.sha256} if parts.shared else {}
     data = serialise(tensors, {KEY: json.dumps(says, sort_keys=True, separators=(",", ":"))})
     return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
 
@@ -117,19 +128,27 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
 
 
 def load(path: Path, device: "torch.device | str" = "cpu") -> "tuple[Header, Material]":
-    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong."""
+    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong.
+
+    The shared network that a file names is looked for beside it and where `bench.shared` keeps such files.
+    """
     import torch
 
+    from bench import shared
     from bench.registry import load_codec
 
     path = Path(path)
     header, parts = read_parts(path)
+    if header.kind == SHARED:
+        raise ContainerError(f"{path}: no material, but the network that codec {header.codec} shares over materials")
     codec_class = load_codec(header.codec, wanted_by=str(path))
     if header.version != codec_class.version:
         raise ContainerError(
             f"{path}: written by version {header.version} of codec {header.codec}, this is version "
             f"{codec_class.version}: encode it again, or install the version that wrote it"
         )
+    if header.shared:
+        parts = dataclasses.replace(parts, shared=shared.named_by(header))
     try:
         return header, codec_class(**header.settings).decode(parts, torch.device(device))
     except (KeyError, ValueError, RuntimeError, IndexError, TypeError) as error:
@@ -158,7 +177,9 @@ def _parse(path: Path, data: bytes) -> Header:
         says["sha256"],
         {name: _tensor(path, name, entry) for name, entry in header.items()},
         len(data),
-        provenance=says.get("provenance", {}),
+        says.get("kind", MATERIAL),
+        says.get("shared", ""),
+        says.get("provenance", {}),
     )
 
 
@@ -187,7 +208,8 @@ def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         says = json.loads(header.pop("__metadata__")[KEY])
         newer = int(says["format"]) > FORMAT
         whole = {"format", "codec", "version", "settings", "sha256"} <= says.keys() and len(says["sha256"]) == 64
-        whole = whole and isinstance(says.get("provenance", {}), dict)
+        whole &= isinstance(says.get("provenance", {}), dict) and says.get("kind", MATERIAL) in (MATERIAL, SHARED)
+        whole &= len(says.get("shared", "")) in (0, 64)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:

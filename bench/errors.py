@@ -10,4 +10,4 @@ class ContainerError(InputError):
 
 
 class MissingDataError(InputError):
-    """A material that is known but not on this machine; the message says where to get it."""
+    """A material or a shared network that is known but not on this machine; the message says how to get it."""
