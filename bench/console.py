@@ -57,23 +57,47 @@ def job_line(record: dict[str, Any], cached: str) -> str:
 
 def file_lines(header: Header) -> str:
     """A codec file: codec, settings, parts with bytes, tensors, and what its decoder costs."""
-    from bench.container import load
-    from bench.counting import parameters
+    from bench.container import SHARED
 
-    material = load(header.path)[1]
     parts = header.part_bytes()
     lines = [
         f"{header.path}: codec {header.codec}, version {header.version}, {header.file_bytes:,} bytes",
         "settings: " + (", ".join(f"{k} = {v}" for k, v in header.settings.items()) or "none"),
         "bytes: " + ", ".join(f"{part} {size:,}" for part, size in parts.items()),
-        f"resolution: {material.size[0]} × {material.size[1]} texels",
-        f"decoder: {parameters(material):,} parameters, {material.cost.texture_channels} texture channels, "
-        f"{material.cost.flops_per_sample:,} FLOP and {material.cost.bytes_per_sample:,} bytes read a sample",
+        *(_network_lines(header) if header.kind == SHARED else _material_lines(header)),
     ]
     lines += [f"provenance: {key} = {value}" for key, value in header.provenance.items()]
     for name, (dtype, shape, size) in sorted(header.tensors.items()):
         lines.append(f"  {name}  {dtype} {' × '.join(map(str, shape)) or 'scalar'}  {size:,} bytes")
     return "\n".join([*lines, f"sha256: {header.sha256}"])
+
+
+def _material_lines(header: Header) -> list[str]:
+    """What a codec file decodes to."""
+    from bench import shared
+    from bench.container import load
+    from bench.counting import parameters
+
+    material = load(header.path)[1]
+    lines = [
+        f"resolution: {material.size[0]} × {material.size[1]} texels",
+        f"decoder: {parameters(material):,} parameters, {material.cost.texture_channels} texture channels, "
+        f"{material.cost.flops_per_sample:,} FLOP and {material.cost.bytes_per_sample:,} bytes read a sample",
+    ]
+    if header.shared:
+        network = shared.named_by(header).header
+        lines.append(f"shared network: {network.path}, {network.file_bytes:,} bytes, sha256 {network.sha256}")
+    return lines
+
+
+def _network_lines(header: Header) -> list[str]:
+    """What a shared network's file holds."""
+    from bench.shared import read
+
+    return [
+        "no material, but the network that the codec shares over materials",
+        f"trained on: {len(read(header.path).origins)} materials",
+    ]
 
 
 def btf_lines(seen: "Look") -> str:

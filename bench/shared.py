@@ -5,6 +5,7 @@ of each BTF it was trained on, the `fingerprint` and the `origin`. It lies as `C
 `shared/` under the cache folder; one that another takes the place of stays beside it under a name with its hash.
 """
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -101,17 +102,30 @@ def named_by(header: container.Header) -> Shared:
 
 
 def make(network: "SharedNetwork", btfs: Sequence["BTF"], fit: "Fit", path: Path) -> container.Header:
-    """Train a network on some BTFs and write its file; another one that lies there keeps a name with its hash."""
-    parts = network.train(btfs, fit)
-    parts.other["fingerprints"] = _digests([btf.fingerprint for btf in btfs])
-    parts.other["origins"] = _digests([origin(btf) for btf in btfs])
+    """Train a network on some BTFs and write its file; another one that lies there keeps a name with its hash.
+
+    A training that was killed goes on from its state, which lies beside the file as long as it is not finished.
+    """
+    before = container.read_header(path) if path.exists() else None  # what cannot be read stops here, not at the end
     path.parent.mkdir(parents=True, exist_ok=True)
-    if path.exists():
-        shutil.copyfile(path, path.with_name(hashed_name(container.read_header(path))))
+    fingerprints, origins = [btf.fingerprint for btf in btfs], [origin(btf) for btf in btfs]
+    state = path.with_name(f"{path.stem}-{_key(network, fit, fingerprints)[:12]}.state")
+    parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
+    parts.other.update(fingerprints=_digests(fingerprints), origins=_digests(origins))
+    if before:
+        shutil.copyfile(path, path.with_name(hashed_name(before)))
     header = container.save(path, network, parts)
-    if fit.checkpoint:
-        fit.checkpoint.unlink(missing_ok=True)
+    state.unlink(missing_ok=True)
     return header
+
+
+def _key(network: "SharedNetwork", fit: "Fit", fingerprints: list[str]) -> str:
+    """All that shapes a shared file."""
+    import torch
+
+    known = [network.name, network.version, dataclasses.asdict(network.settings), fit.seed, fit.device.type]
+    known += [fit.threads, torch.__version__, fingerprints]
+    return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
 
 
 def _digests(digests: list[str]) -> "Tensor":
