@@ -4,6 +4,7 @@ import os
 import platform
 import subprocess
 import sys
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ def provenance() -> dict[str, Any]:
         "git": _revision(Path(__file__).parent),
         "packages": {name: version(name) for name in PACKAGES},
         "python": sys.version.split()[0],
-        "machine": {"system": platform.platform(), "processor": _processor(), "cores": os.cpu_count()},
+        "machine": {"system": platform.platform(), "processor": processor(), "cores": os.cpu_count()},
     }
 
 
@@ -29,7 +30,9 @@ def _revision(folder: Path) -> str | None:
         return None
 
 
-def _processor() -> str:
+@cache
+def processor() -> str:
+    """The name of the CPU type, on which bytes depend."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

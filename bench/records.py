@@ -4,30 +4,61 @@
 encoded, its bytes, its errors, or why it failed), `timing` (one codec timed beside the others of its material) and
 `rate` (one codec's ladder of rates against that of log PCA).
 Paths in records are relative to the run's folder. Imports neither PyTorch nor pandas.
+
+A line begins with a checksum of what follows it, its kind, and, of jobs and timings, the job's name: so a line that
+was cut or altered is found, and a large run opened, without reading what is in the lines; each is parsed when it is
+asked for. A line without a checksum, written by hand, is a record too.
 """
 
 import json
 import os
-from collections.abc import Iterator
+import re
+import zlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from bench.errors import InputError
 
 FILE = "records.jsonl"
 Record = dict[str, Any]
 
+_SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
+_NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": ("(?:[^"\\]|\\.)*"), ')
+
 
 def append(folder: Path, record: Record) -> None:
-    """Add one record to a run and sync it to the disk."""
-    line = json.dumps(record, sort_keys=True, allow_nan=False) + "\n"
-    with open(folder / FILE, "ab") as file:
-        if file.tell() and not _ends_in_newline(folder / FILE):
-            line = "\n" + line  # the process that wrote before was killed in the middle of its line
-        file.write(line.encode())
-        file.flush()
-        os.fsync(file.fileno())
+    """Add one record to a run and sync it to the disk. `InputError` where the disk does not take it."""
+    line = _line(record)
+    try:
+        with open(folder / FILE, "ab", buffering=0) as file:
+            start = file.tell()
+            if start and not _ends_in_newline(folder / FILE):
+                line = b"\n" + line  # the process that wrote before was killed in the middle of its line
+            try:
+                _write(file.fileno(), line)
+            except OSError:
+                os.truncate(file.fileno(), start)
+                raise
+    except OSError as error:
+        raise InputError(
+            f"{folder / FILE}: cannot be written ({error.strerror}): make room, then give the same command again: "
+            "what is finished is kept"
+        ) from error
+
+
+def _write(file: int, data: bytes) -> None:
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(file, rest) :]
+    os.fsync(file)
+
+
+def _line(record: Record) -> bytes:
+    head = {key: record[key] for key in ("kind", "job") if key in record}
+    text = json.dumps(head | dict(sorted(record.items())), allow_nan=False)[1:].encode()
+    return b'{"crc32": "%08x", %b\n' % (zlib.crc32(text), text)
 
 
 def _ends_in_newline(path: Path) -> bool:
@@ -36,21 +67,56 @@ def _ends_in_newline(path: Path) -> bool:
         return file.read(1) == b"\n"
 
 
+class Records(Sequence[Record]):
+    """Records of one kind: the latest of each name, in the order in which the names appeared first."""
+
+    def __init__(self) -> None:
+        self._found: dict[object, Record | bytes] = {}
+
+    def put(self, name: object, record: Record | bytes) -> None:
+        """Add a record, or its line, which is parsed when it is asked for."""
+        self._found[name] = record
+
+    def named(self, name: object) -> Record | None:
+        """The latest record of a name, or None."""
+        found = self._found.get(name)
+        if isinstance(found, bytes):
+            found = self._found[name] = _parsed(found)
+        return found
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def __iter__(self) -> Iterator[Record]:
+        return (self.named(name) or {} for name in self._found)
+
+    @overload
+    def __getitem__(self, index: int) -> Record: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Record]: ...
+    def __getitem__(self, index: int | slice) -> Record | list[Record]:
+        names = list(self._found)[index]
+        return [self.named(name) or {} for name in names] if isinstance(names, list) else self.named(names) or {}
+
+
 @dataclass(frozen=True)
 class Run:
     """What a run's folder holds: the latest record of each job, timing and rate, in the order of first appearance."""
 
     folder: Path
     starts: list[Record] = field(default_factory=list)
-    jobs: list[Record] = field(default_factory=list)
-    timings: list[Record] = field(default_factory=list)
-    rates: list[Record] = field(default_factory=list)
+    jobs: Records = field(default_factory=Records)
+    timings: Records = field(default_factory=Records)
+    rates: Records = field(default_factory=Records)
     unreadable: list[int] = field(default_factory=list)  # line numbers, from 1
+
+    def job(self, name: str) -> Record | None:
+        """The latest record of the job of that name."""
+        return self.jobs.named(name)
 
     def timing(self, job: Record) -> Record | None:
         """The timing of a job's decoder, where it was timed."""
-        found = (t for t in self.timings if t["job"] == job["job"])
-        return next(found, None)
+        return self.timings.named(job["job"])
 
 
 def load_run(folder: str | Path) -> Run:
@@ -62,27 +128,47 @@ def load_run(folder: str | Path) -> Run:
     if not path.is_file():
         raise InputError(f"{folder}: no run here (no {FILE}): give the folder that `neubtf-bench run` wrote")
     run = Run(path.parent)
-    latest: dict[str, dict[object, Record]] = {"job": {}, "timing": {}, "rate": {}}
-    for number, record in _lines(path):
-        kind = record.get("kind") if record else None
-        if kind == "run":
-            run.starts.append(record)
-        elif kind in latest and ("job" in record or kind == "rate"):
-            latest[kind][record.get("job") or (record.get("material"), record.get("curve"))] = record
-        else:
-            run.unreadable.append(number)
-    run.jobs.extend(latest["job"].values())
-    run.timings.extend(latest["timing"].values())
-    run.rates.extend(latest["rate"].values())
+    with open(path, "rb") as file:
+        for number, line in enumerate(file, 1):
+            if line.strip() and not _take(run, line):
+                run.unreadable.append(number)
     return run
 
 
-def _lines(path: Path) -> Iterator[tuple[int, Record]]:
-    with open(path, "rb") as file:
-        for number, line in enumerate(file, 1):
-            try:
-                record = json.loads(line)
-            except ValueError:
-                record = {}
-            if line.strip():
-                yield number, record if isinstance(record, dict) else {}
+def _take(run: Run, line: bytes) -> bool:
+    """Add a line to what was found; False where it is no record."""
+    sealed = _SEALED.match(line)
+    if sealed and int(sealed[1], 16) != zlib.crc32(line[sealed.end() :].rstrip(b"\n")):
+        return False
+    if sealed and (named := _NAMED.match(line)):
+        kind = run.jobs if named[1] == b"job" else run.timings
+        kind.put(json.loads(named[2]), line)
+        return True
+    return _sort(run, _parsed(line))
+
+
+def _sort(run: Run, record: Record) -> bool:
+    match record:
+        case {"kind": "run"}:
+            run.starts.append(record)
+        case {"kind": "job", "job": name}:
+            run.jobs.put(name, record)
+        case {"kind": "timing", "job": name}:
+            run.timings.put(name, record)
+        case {"kind": "rate"}:
+            run.rates.put((record.get("material"), record.get("curve")), record)
+        case _:
+            return False
+    return True
+
+
+def _parsed(line: bytes) -> Record:
+    """The record of a line, without its checksum; empty where the line is none."""
+    try:
+        record = json.loads(line)
+    except ValueError:
+        return {}
+    if not isinstance(record, dict):
+        return {}
+    record.pop("crc32", None)
+    return record

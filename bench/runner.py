@@ -1,59 +1,49 @@
-"""Runs a suite: encode → file → decode → score → record, for every job, and times the decoders of each material.
+"""Runs a suite: hands its jobs to workers, records what they answer, then times the decoders when nothing else runs.
 
-Everything is scored from the decoded file. A job has two keys. The *fit key* names what shapes the file (codec,
-settings, training pairs, seed, threads, device class, PyTorch): where a file of that key is there, nothing is fitted
-again. The *score key* names what shapes the numbers (the file's hash, the pairs, metric versions, exposure): where a
-record of that key is there, nothing is scored again. Timing is measured anew in every run.
+This process alone writes records, under the lock of the run's folder. What a job is, and when it is done already, says
+`bench.job`; where it runs, `bench.executors`. Timing is measured anew in every run.
 """
 
 import dataclasses
-import hashlib
-import json
-import re
-import time
-import traceback
-from collections.abc import Iterator
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import torch
 
-from bench import container, records, timing
-from bench.btf import BTF, Split
-from bench.codec import Codec, Fit, Progress, settings_dict, silent
-from bench.counting import parameters
-from bench.directions import PairInterpolator
-from bench.errors import InputError, MissingDataError
-from bench.hemisphere import to_degrees
-from bench.material import Material
-from bench.metrics import get as get_metric
-from bench.metrics.display import to_display
-from bench.metrics.magma import magma
-from bench.open import open_material
+from bench import atomic, container, records, timing
+from bench.codec import Progress, silent
+from bench.errors import InputError
+from bench.executors import Workers, in_process
+from bench.job import FRESH_STATE, STATE, Result, Task, work
+from bench.lock import locked
 from bench.provenance import provenance
 from bench.rates import rate_records
-from bench.records import Record
+from bench.records import Record, Run
 from bench.registry import load_codec
-from bench.scoring import Scorer, polar_maps, score_footprints, summarise
-from bench.suite import CodecSpec, MaterialSpec, Suite
+from bench.suite import MaterialSpec, Suite
 
-COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices themselves, which are those of one
-SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that reports show
+log = logging.getLogger(__name__)
+
+MOST_LOSSES = 3  # worker processes that a job may lose
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to run, besides what: the run's folder, the device, and what to do with what is already there."""
+    """How to run, besides what: the run's folder, the device, where jobs run, what to do with what is there."""
 
     folder: Path
     device: str = "cpu"
     fresh: bool = False  # fit and score everything again
     retry_failed: bool = False
     show: Progress = silent
+    workers: Callable[[], AbstractContextManager[Workers]] = in_process
 
 
 @dataclass(frozen=True)
@@ -64,286 +54,172 @@ class Outcome:
     cached: str = ""
 
 
-def seed_of(*parts: object) -> int:
-    """A seed that depends on the named parts alone, 63 bits of their sha256."""
-    return int.from_bytes(hashlib.sha256("\n".join(map(str, parts)).encode()).digest()[:8], "big") >> 1
-
-
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     """Run every job of a suite, yielding each as it ends. Records are on the disk before they are yielded."""
-    codecs = [(spec, load_codec(spec.codec)(**spec.settings)) for spec in suite.codecs]  # bad settings stop here
-    try:
-        options.folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{options.folder}: cannot be made ({error.strerror}): choose another --out") from error
-    earlier = {}
-    if (options.folder / records.FILE).exists():
-        earlier = {job["job"]: job for job in records.load_run(options.folder).jobs}
-    start: Record = {
-        "kind": "run",
-        "run": f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}",
-        "suite": suite.name,
-        "text": suite.text,
-    }
-    start |= {"device": options.device, "threads": suite.threads, "seeds": list(suite.seeds)} | provenance()
-    records.append(options.folder, start)
-    for spec in suite.materials:
-        yield from _run_material(suite, spec, codecs, options, start["run"], earlier)
+    for spec in suite.codecs:
+        load_codec(spec.codec)(**spec.settings)  # bad settings stop here
+    run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
+    with locked(options.folder, run_id):
+        _tidy(options.folder)
+        session = _Session(suite, options, run_id)
+        session.record(session.start())
+        try:
+            with options.workers() as workers:
+                yield from session.jobs(workers)
+        finally:
+            _tidy(options.folder)
+        session.compare()
 
 
-def _run_material(
-    suite: Suite,
-    spec: MaterialSpec,
-    codecs: list[tuple[CodecSpec, Codec]],
-    options: Options,
-    run_id: str,
-    earlier: dict[str, Record],
-) -> Iterator[Outcome]:
-    jobs = [(codec_spec, codec, seed) for codec_spec, codec in codecs for seed in suite.seeds]
-    try:
-        btf = open_material(spec, suite.data, options.show)
-    except MissingDataError as error:
-        for codec_spec, _, seed in jobs:
-            name = f"{spec.name}/{codec_spec.label}/{seed}"
-            record: Record = {
-                "kind": "job",
-                "job": name,
-                "run": run_id,
-                "material": spec.name,
-                "label": codec_spec.label,
-            }
-            record |= {"status": "unavailable", "seed": seed, "error": str(error)}
-            records.append(options.folder, record)
-            yield Outcome(record)
-        return
-    bench = Workbench(btf, spec.name, suite.threads, options, run_id)
-    done: list[Record] = []
-    decoded: dict[str, Material] = {}
-    for codec_spec, codec, seed in jobs:
-        job = Job(bench, codec, codec_spec, seed)
-        outcome = job.run(earlier.get(job.name))
-        yield outcome
-        if outcome.record["status"] == "ok":
-            done.append(outcome.record)
-            decoded[job.name] = container.load(options.folder / outcome.record["file"], options.device)[1]
-    if decoded:
-        _time(decoded, suite.threads, options, run_id)
-    for record in rate_records(done):
-        records.append(options.folder, record | {"material": spec.name, "run": run_id})
-
-
-def _time(decoded: dict[str, Material], threads: int, options: Options, run_id: str) -> None:
-    conditions = timing.conditions(threads, options.device)
-    for name, measured in timing.compare(decoded, threads).items():
-        if name != timing.FLOOR:
-            samples = {"samples_ns": measured.samples.tolist(), "floor_ratios": measured.ratios.tolist()}
-            record = {"kind": "timing", "job": name, "run": run_id} | conditions | measured.summary() | samples
-            records.append(options.folder, record)
+def _tidy(folder: Path) -> None:
+    """Remove what a killed process left half done and nobody goes on from."""
+    for left in (*folder.glob(f"*/*{atomic.SUFFIX}"), *folder.glob(f"files/*{FRESH_STATE}")):
+        left.unlink(missing_ok=True)
+    for state in folder.glob(f"files/*{STATE}"):
+        if state.with_suffix(container.SUFFIX).exists():
+            state.unlink(missing_ok=True)
 
 
 @dataclass
-class Workbench:
-    """One material of a run, and what its jobs share: split, exposure, scorer."""
+class _Session:
+    """A run under way: its jobs, what was recorded before, and what was done."""
 
-    btf: BTF
-    name: str
-    threads: int
+    suite: Suite
     options: Options
     run_id: str
-    split: Split = field(init=False)
+    before: Run = field(init=False)
+    done: dict[str, list[Record]] = field(default_factory=dict)  # by material, in the order of the suite
 
     def __post_init__(self) -> None:
-        self.split = self.btf.split()
-        if not len(self.split.train):
-            raise InputError(f"{self.name}: no pair is left to train on")
+        folder = self.options.folder
+        self.before = records.load_run(folder) if (folder / records.FILE).exists() else Run(folder)
+        if bad := self.before.unreadable:
+            lines = ", ".join(map(str, bad[:10])) + (", …" if len(bad) > 10 else "")
+            log.warning("%s: %d line(s) are no records and are skipped: %s", folder / records.FILE, len(bad), lines)
 
-    @cached_property
-    def training(self) -> BTF:
-        return self.btf.subset(self.split.train)
+    def record(self, record: Record) -> None:
+        records.append(self.options.folder, record)
 
-    @cached_property
-    def scorer(self) -> Scorer:
-        return Scorer(self.btf)
+    def start(self) -> Record:
+        suite = self.suite
+        says: Record = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
+        says |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
+        return says | provenance()
 
-    @property
-    def exposure(self) -> float:
-        return self.scorer.exposure
+    def jobs(self, workers: Workers) -> Iterator[Outcome]:
+        """Each job's outcome as it ends, recorded."""
+        tasks = list(self._tasks(None if workers.here else self.suite.threads))
+        self.done = {spec.name: [] for spec in self.suite.materials}
+        results = _results(tasks, workers, partial(work, show=self.options.show) if workers.here else work)
+        for count, (task, result) in enumerate(results, 1):
+            outcome = self._outcome(task, result)
+            self.options.show("jobs", count, len(tasks))
+            if outcome.record["status"] == "ok":
+                self.done[task.material.name].append(outcome.record)
+            yield outcome
 
-    @cached_property
-    def groups(self) -> dict[str, np.ndarray]:
-        """Pair indices by the name under which reports show them."""
-        heldout = np.sort(np.concatenate([np.empty(0, int), *self.split.heldout.values()])).astype(int)
-        groups = {"all": np.arange(len(self.btf)), "train": self.split.train, "heldout": heldout}
-        if len(self.split.heldout) > 1:
-            groups |= {f"heldout, {name}": pairs for name, pairs in self.split.heldout.items()}
-        if len(heldout):
-            directions = (torch.from_numpy(w[heldout]) for w in (self.btf.wo, self.btf.wi))
-            outside = PairInterpolator(self.training.layout).outside(*directions).numpy()
-            groups |= {"heldout, inside hull": heldout[~outside], "heldout, outside hull": heldout[outside]}
-        return {name: pairs for name, pairs in groups.items() if len(pairs)}
+    def _tasks(self, scorers: int | None) -> Iterator[Task]:
+        suite, options = self.suite, self.options
+        folder = options.folder.absolute()
+        for material in map(_anywhere, suite.materials):
+            for codec in suite.codecs:
+                for seed in suite.seeds:
+                    task = Task(self.run_id, folder, material, suite.data, codec, seed, suite.threads, options.device)
+                    yield dataclasses.replace(
+                        task, scorers=scorers, fresh=options.fresh, earlier=self._earlier(task.name)
+                    )
 
-    @cached_property
-    def shown(self) -> np.ndarray:
-        """The few pairs that reports show, held-out ones where there are any."""
-        pairs = self.groups.get("heldout", self.groups["all"])
-        theta = np.stack([to_degrees(self.btf.wo[pairs])[0], to_degrees(self.btf.wi[pairs])[0]], 1)
-        nearest = [int(np.linalg.norm(theta - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
-        return pairs[np.unique(nearest)]
+    def _earlier(self, name: str) -> Record | None:
+        """What a worker needs of a job's latest record to see whether it stands; None where it does not."""
+        found = self.before.job(name)
+        if found is None or self.options.fresh:
+            return None
+        if found["status"] == "failed" and self.options.retry_failed:
+            return None
+        if found["status"] == "ok" and not (self.options.folder / found["file"]).exists():
+            return None
+        return {key: found[key] for key in ("status", "fit_key", "score_key", "file") if key in found}
+
+    def _outcome(self, task: Task, result: Result) -> Outcome:
+        """Store what a worker sent, files first, and record it."""
+        if result.record is None:
+            known = self.before.job(task.name)
+            assert known is not None, "a worker takes as recorded only what it was told of"
+            return Outcome(known, result.cached)
+        for name, content in result.files.items():
+            atomic.write(self.options.folder / name, content)
+        self.record(result.record)
+        return Outcome(result.record, result.cached)
+
+    def compare(self) -> None:
+        """Time the decoders of each material in turns, and set its ladders of rates against each other."""
+        timed = self._can_time()
+        for material, jobs in self.done.items():
+            if jobs and timed:
+                self._time(jobs)
+            for record in rate_records(jobs):
+                self.record(record | {"material": material, "run": self.run_id})
+
+    def _can_time(self) -> bool:
+        if torch.device(self.options.device).type != "cuda" or torch.cuda.is_available():
+            return True
+        log.warning("no decoder is timed, as there is no GPU here: give the same command on a machine that has one")
+        return False
+
+    def _time(self, jobs: list[Record]) -> None:
+        folder, device, threads = self.options.folder, self.options.device, self.suite.threads
+        decoded = {job["job"]: container.load(folder / job["file"], device)[1] for job in jobs}
+        conditions = timing.conditions(threads, device)
+        for name, measured in timing.compare(decoded, threads).items():
+            if name != timing.FLOOR:
+                samples = {"samples_ns": measured.samples.tolist(), "floor_ratios": measured.ratios.tolist()}
+                head = {"kind": "timing", "job": name, "run": self.run_id}
+                self.record(head | conditions | measured.summary() | samples)
 
 
-@dataclass
-class Job:
-    """One cell of a suite: a material, a codec with its settings, a seed."""
+def _anywhere(material: MaterialSpec) -> MaterialSpec:
+    """The material by a path that does not depend on where a process was started."""
+    here = Path(material.path)
+    return dataclasses.replace(material, path=str(here.absolute())) if material.path and here.exists() else material
 
-    bench: Workbench
-    codec: Codec
-    spec: CodecSpec
-    repetition: int
 
-    @property
-    def name(self) -> str:
-        return f"{self.bench.name}/{self.spec.label}/{self.repetition}"
+def _results(tasks: list[Task], workers: Workers, call: Callable[[Task], Result]) -> Iterator[tuple[Task, Result]]:
+    """Each task with its result as it ends; a task that lost its worker is started again, some times."""
+    waiting: dict[Future[Result], Task] = {}
+    todo = deque(tasks)
+    try:
+        while todo or waiting:
+            while todo and len(waiting) < workers.at_once:
+                task = todo.popleft()
+                waiting[workers.executor.submit(call, task)] = task
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                task = waiting.pop(future)
+                answer = _answer(task, future)
+                if isinstance(answer, Task):
+                    todo.appendleft(answer)
+                else:
+                    yield task, answer
+    finally:
+        for future in waiting:
+            future.cancel()
 
-    @property
-    def seed(self) -> int:
-        return seed_of(self.bench.name, self.codec.name, self.repetition)
 
-    @cached_property
-    def fit_key(self) -> dict[str, Any]:
-        return {
-            "codec": self.codec.name,
-            "version": self.codec.version,
-            "settings": settings_dict(self.codec),
-            "training": self.bench.training.fingerprint,
-            "seed": self.seed,
-            "device": torch.device(self.bench.options.device).type,
-            "threads": self.bench.threads,
-            "torch": torch.__version__,
-        }
-
-    @property
-    def file(self) -> str:
-        digest = hashlib.sha256(json.dumps(self.fit_key, sort_keys=True).encode()).hexdigest()
-        return f"files/{re.sub('[^A-Za-z0-9.=_-]+', '-', self.name)}-{digest[:12]}{container.SUFFIX}"
-
-    def run(self, earlier: Record | None) -> Outcome:
-        """Encode, decode, score and record; or find that it is done. A failure is a record with its error."""
-        options = self.bench.options
-        failed_before = earlier and earlier["status"] == "failed" and earlier.get("fit_key") == self.fit_key
-        if earlier and failed_before and not (options.retry_failed or options.fresh):
-            return Outcome(earlier, "record")
-        base: Record = {"kind": "job", "job": self.name, "run": self.bench.run_id, "material": self.bench.name}
-        base |= {"codec": self.codec.name, "label": self.spec.label, "curve": self.spec.curve}
-        base |= {"seed": self.repetition, "fit_key": self.fit_key}
-        try:
-            header, fitted = self._fit(earlier)
-            score_key = self._score_key(header)
-            if earlier and earlier.get("score_key") == score_key and not options.fresh:
-                return Outcome(earlier, "record")
-            record = base | fitted | {"status": "ok", "score_key": score_key} | self._score(header)
-        except (Exception, MemoryError) as error:  # an error is data: it is recorded, shown, and decides the exit code
-            record = base | {"status": "failed", "error": f"{type(error).__name__}: {error}"}
-            record["traceback"] = traceback.format_exc()
-            fitted = {}
-        records.append(options.folder, record)
-        return Outcome(record, "file" if fitted.get("fit_cached") else "")
-
-    def _fit(self, earlier: Record | None) -> tuple[container.Header, Record]:
-        """The codec file, from an earlier run where its key is the same, else encoded now."""
-        options, path = self.bench.options, self.bench.options.folder / self.file
-        if options.fresh:
-            path.with_suffix(".state").unlink(missing_ok=True)
-        if path.exists() and not options.fresh:
-            known = {k: earlier[k] for k in ("fit_seconds", "history") if earlier and k in earlier}
-            return container.read_header(path), known | {"fit_cached": True}
-        path.parent.mkdir(exist_ok=True)
-        checkpoint = path.with_suffix(".state")
-        fit = Fit(torch.device(options.device), self.bench.threads, self.seed, options.show, checkpoint)
-        with timing.torch_threads(self.bench.threads):
-            start = time.perf_counter()
-            parts = self.codec.encode(self.bench.training, fit)
-            seconds = time.perf_counter() - start
-        header = container.save(path, self.codec, parts)
-        checkpoint.unlink(missing_ok=True)
-        return header, {"fit_seconds": seconds, "fit_cached": False, "history": fit.history}
-
-    def _score_key(self, header: container.Header) -> dict[str, Any]:
-        return {
-            "sha256": header.sha256,
-            "btf": self.bench.btf.fingerprint,
-            "exposure": self.bench.exposure,
-            "metrics": {name: get_metric(name).version for name in self.bench.scorer.names},
-        }
-
-    def _score(self, header: container.Header) -> Record:
-        bench, folder = self.bench, self.bench.options.folder
-        _, material = container.load(header.path, bench.options.device)
-        btf = bench.btf
-
-        def decode(pair: int, factor: int = 1) -> np.ndarray:
-            size = (btf.shape[0] // factor, btf.shape[1] // factor)
-            return material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), size).numpy()
-
-        def watched(pair: int) -> np.ndarray:
-            bench.options.show(f"scoring {self.name}", pair + 1, len(btf))
-            return decode(pair)
-
-        with timing.torch_threads(bench.threads):
-            scores = bench.scorer.score(bench.groups["all"], watched)
-            gate = "heldout" if "heldout" in bench.groups else "all"
-            footprints = score_footprints(btf, bench.groups[gate], decode, bench.exposure, COARSE)
-        summary = summarise(scores, btf.wo, btf.wi, bench.groups)
-        finest = summary[gate]["metrics"]["psnr_display"]
-        footprints["1"] = {"psnr_display": finest["pooled"], "exact": finest["exact"], "slices": finest["slices"]}
-        angular = {"bins": {name: group.pop("bins") for name, group in summary.items()}}
-        angular["polar"] = polar_maps(scores, btf.wo, btf.wi)
-        heldout = np.isin(scores.pairs, bench.groups.get("heldout", []))
-        slices = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
-        slices |= {f"{w}_deg": np.stack(to_degrees(getattr(btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
-        return {
-            "shape": list(btf.shape),
-            "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
-            "provenance": btf.provenance,
-            "settings": header.settings,
-            "file": str(header.path.relative_to(folder)),
-            "bytes": header.part_bytes() | {"total": header.file_bytes},
-            "parameters": parameters(material),
-            "cost": dataclasses.asdict(material.cost),
-            "metrics": {name: self._described(name) for name in bench.scorer.names},
-            "scores": summary,
-            "footprints": footprints,
-            "slices": self._keep(f"slices/{header.path.stem}.npz", slices),
-            "angular": self._keep(f"angular/{header.path.stem}.json", angular),
-            "pictures": self._keep(f"pictures/{header.path.stem}.npz", self._pictures(decode)),
-        }
-
-    @staticmethod
-    def _described(name: str) -> dict[str, Any]:
-        """What a table must say of a metric beside its numbers."""
-        metric = get_metric(name)
-        return {word: getattr(metric, word) for word in ("unit", "direction", "space", "version")}
-
-    def _pictures(self, decode: Any) -> dict[str, np.ndarray]:
-        """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma."""
-        bench = self.bench
-        truth = np.stack([bench.btf[i] for i in bench.shown])
-        decoded = np.stack([decode(i) for i in bench.shown])
-        eight = [np.round(to_display(x, bench.exposure) * 255).astype(np.uint8) for x in (truth, decoded)]
-        angles = [np.stack(to_degrees(w[bench.shown]), 1) for w in (bench.btf.wo, bench.btf.wi)]
-        pictures = {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
-        pictures["pairs"] = bench.shown
-        flip = next((metric for name, metric in bench.scorer.metrics.items() if name.startswith("flip_ldr")), None)
-        if flip and min(bench.btf.shape) >= flip.smallest:
-            error = flip.error_map(flip.prepare(truth, bench.exposure), np.maximum(decoded, 0))
-            pictures["flip"] = np.round(magma(error) * 255).astype(np.uint8)
-        return pictures
-
-    def _keep(self, name: str, content: dict[str, Any]) -> str:
-        """Store what is too much for a record beside it, as .npz or .json; returns the name."""
-        path = self.bench.options.folder / name
-        path.parent.mkdir(exist_ok=True)
-        if path.suffix == ".json":
-            path.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
-        else:
-            np.savez_compressed(path, **content)
-        return name
+def _answer(task: Task, future: Future[Result]) -> Result | Task:
+    """What a worker answered, or the task to be started again. `InputError` where going on is no use."""
+    try:
+        result = future.result()
+    except BrokenExecutor:
+        if task.losses + 1 < MOST_LOSSES:
+            log.warning("%s: its worker died; it is started again", task.name)
+            return dataclasses.replace(task, losses=task.losses + 1)
+        why = f"{MOST_LOSSES} workers died of it, one after the other: killed, or out of memory?"
+        return Result(task.base | {"status": "failed", "error": why})
+    except InputError:
+        raise
+    except CancelledError:
+        raise InputError("the scheduler is gone: start it again, then give the same command") from None
+    except Exception as error:  # the executor's own: what a codec raises is in its record
+        return Result(task.base | {"status": "failed", "error": f"{type(error).__name__}: {error}"})
+    if result.wants_file and task.earlier:
+        return dataclasses.replace(task, sent=(task.folder / task.earlier["file"]).read_bytes())
+    return result

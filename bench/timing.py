@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from bench.hemisphere import uniform
@@ -56,11 +57,12 @@ class _Floor(Material):
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """PyTorch limited to `count` CPU threads inside."""
+    """PyTorch, and the libraries under NumPy and scikit-learn, limited to `count` CPU threads inside."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
-        yield
+        with threadpool_limits(count):
+            yield
     finally:
         torch.set_num_threads(before)
 

@@ -7,17 +7,17 @@ threads give the same parameters, whether or not the fit was interrupted.
 
 import logging
 import math
-import os
 import time
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
+from safetensors.torch import save as serialise
 from torch import Tensor, nn
 from torch.nn import functional
 
+from bench import atomic
 from bench.btf import BTF
 from bench.codec import Fit
 from bench.errors import InputError
@@ -31,7 +31,7 @@ MEMORY_LIMIT = 640 << 20  # bytes of log radiance that are kept in memory; beyon
 PROBE = 8_192  # samples that the curve's PSNR is measured on
 POINTS = 25  # of the curve
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
-SAVE_EVERY = 1_000  # steps between two states on disk, a multiple of KEEP_EVERY
+SAVE_SECONDS = 5.0  # at least, between two states on disk: what a killed fit loses, beside KEEP_EVERY steps
 RESCUES = 3
 
 Loss = Literal["l1", "l2", "both"]
@@ -187,7 +187,8 @@ class _Loop:
             }
         self.step, self.halvings, self.curve = 0, 0, list[tuple[int, float, float]]()
         self.probe = objective.samples.draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
-        self.started, self.label = time.perf_counter(), "fitting"
+        self.started = self.saved = time.perf_counter()
+        self.label = "fitting"
         self.good = self._state()
 
     def _tensors(self) -> dict[str, Tensor]:
@@ -250,8 +251,10 @@ class _Loop:
             return
         self._report()
         self.good = self._state()
-        if self.fit.checkpoint and self.step % SAVE_EVERY == 0:
-            _write(self.good, self.fit.checkpoint)
+        if self.fit.checkpoint and time.perf_counter() - self.saved >= SAVE_SECONDS:
+            state = {name: value.cpu() for name, value in self.good.items()}
+            atomic.write(self.fit.checkpoint, serialise(state))  # a kill leaves the old state or the new one
+            self.saved = time.perf_counter()
 
     def _rescue(self) -> None:
         if self.halvings == RESCUES:
@@ -275,14 +278,3 @@ class _Loop:
             self.fit.show(self.label, self.steps, self.steps)
             self.label = f"fitting, {psnr:.1f} dB"
         self.fit.show(self.label, self.step, self.steps)
-
-
-def _write(state: dict[str, Tensor], path: Path) -> None:
-    """Replace the state on disk in one move: a kill leaves the old one or the new one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    try:
-        save_file({name: value.cpu() for name, value in state.items()}, partial)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -134,7 +134,7 @@ def test_any_size_is_fitted(size: tuple[int, int]) -> None:
 
 def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
-    monkeypatch.setattr(training, "SAVE_EVERY", 10)
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
     codec, btf = NeuMIP(steps=30, batch=64, blur=True), tiny_btf()
 
     def halt(label: str, done: int, total: int) -> None:

@@ -80,7 +80,7 @@ def test_a_material_of_one_colour_is_coded() -> None:
 
 def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
-    monkeypatch.setattr(training, "SAVE_EVERY", 10)
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
     ours, btf = codec(steps=30, texels=2, pairs=4), tiny_btf()
 
     def halt(label: str, done: int, total: int) -> None:

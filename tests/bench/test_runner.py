@@ -9,8 +9,9 @@ from baselines.mean_colour import MeanColour
 from bench import container
 from bench.check import tiny_btf
 from bench.errors import InputError, MissingDataError
+from bench.job import seed_of
 from bench.records import FILE, load_run
-from bench.runner import Options, run, seed_of
+from bench.runner import Options, run
 from bench.suite import CodecSpec, MaterialSpec, Suite
 
 SUITE = Suite(
@@ -25,7 +26,7 @@ SUITE = Suite(
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch):
     """Every material of these suites is the tiny one, larger than SSIM's window."""
-    monkeypatch.setattr("bench.runner.open_material", lambda spec, data, show: tiny_btf(12, 6, 6))
+    monkeypatch.setattr("bench.workbench.open_material", lambda spec, data, show: tiny_btf(12, 6, 6))
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
 
 
@@ -36,7 +37,7 @@ def outcomes(folder, suite=SUITE, **options):
 def test_a_run_leaves_records_files_and_what_reports_need(tmp_path):
     done = outcomes(tmp_path)
     stored = load_run(tmp_path)
-    assert [o.record for o in done] == stored.jobs
+    assert [o.record for o in done] == list(stored.jobs)
     for job in stored.jobs:
         path = tmp_path / job["file"]
         assert job["bytes"]["total"] == path.stat().st_size == sum(v for k, v in job["bytes"].items() if k != "total")
@@ -85,7 +86,7 @@ def test_a_changed_metric_scores_again_and_fits_nothing(tmp_path, monkeypatch):
     from bench.metrics import get
 
     newer = {"ssim_periodic": 99}
-    monkeypatch.setattr("bench.runner.get_metric", lambda name: replace(get(name), version=newer.get(name, 1)))
+    monkeypatch.setattr("bench.evaluation.get_metric", lambda name: replace(get(name), version=newer.get(name, 1)))
     again = outcomes(tmp_path)
     assert [o.cached for o in again] == ["file", "file"]
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "files").iterdir()} == files
@@ -115,14 +116,14 @@ class Failing(MeanColour):
 
 
 def test_a_failure_is_a_record_and_is_retried_only_when_asked(tmp_path, monkeypatch):
-    monkeypatch.setattr("bench.runner.load_codec", lambda name: Failing if name == "mean-colour" else MeanColour)
+    monkeypatch.setattr("bench.job.load_codec", lambda name: Failing)
     only = Suite("test", "", threads=1, materials=SUITE.materials, codecs=(CodecSpec("mean-colour"),))
     monkeypatch.setattr(Failing, "broken", True)
     failed = outcomes(tmp_path, only)[0]
     assert failed.record["status"] == "failed"
     assert failed.record["error"] == "RuntimeError: no such luck"
     assert "encode" in failed.record["traceback"]
-    assert not list((tmp_path / "files").iterdir())
+    assert not list(tmp_path.rglob("files/*"))
     monkeypatch.setattr(Failing, "broken", False)
     assert outcomes(tmp_path, only)[0].record["status"] == "failed"
     assert outcomes(tmp_path, only, retry_failed=True)[0].record["status"] == "ok"
@@ -132,7 +133,7 @@ def test_material_that_is_not_there_is_a_row_that_says_where_to_get_it(tmp_path,
     def missing(spec, data, show):
         raise MissingDataError("not there: ask the library")
 
-    monkeypatch.setattr("bench.runner.open_material", missing)
+    monkeypatch.setattr("bench.workbench.open_material", missing)
     done = outcomes(tmp_path)
     assert [o.record["status"] for o in done] == ["unavailable", "unavailable"]
     assert done[0].record["error"] == "not there: ask the library"
@@ -172,6 +173,6 @@ def test_seeds_follow_their_named_parts_alone():
 
 def test_a_failed_write_of_records_is_not_hidden(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be made"):
+    with pytest.raises(InputError, match="cannot be written"):
         outcomes(tmp_path / "file" / "run")
     assert not (tmp_path / FILE).exists()

@@ -96,7 +96,7 @@ def test_a_fit_finds_the_mean_and_says_how(btf: BTF) -> None:
 def test_a_killed_fit_goes_on_to_the_same_result(
     btf: BTF, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed: int
 ) -> None:
-    monkeypatch.setattr(training, "SAVE_EVERY", 100)
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
     whole = objective(btf)
     train(whole, Fit(), 400)
 
@@ -114,7 +114,7 @@ def test_a_killed_fit_goes_on_to_the_same_result(
 
 
 def test_the_state_of_another_fit_is_refused(btf: BTF, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "SAVE_EVERY", 100)
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
     state = tmp_path / "state"
     halted = objective(btf)
     halted.stop_at = 150

@@ -92,7 +92,7 @@ def test_settings_without_sense_are_refused(settings: dict[str, Any]) -> None:
 
 def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
-    monkeypatch.setattr(training, "SAVE_EVERY", 10)
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
     codec, btf = NeuBTFDirect(steps=30, batch=64), tiny_btf()
 
     def halt(label: str, done: int, total: int) -> None:

@@ -1,0 +1,170 @@
+"""Where jobs run: in this process, in worker processes of this machine, or on the workers of a Dask cluster.
+
+All three are `concurrent.futures.Executor`, and any other will do. What goes to workers and comes back are plain data
+that this suite's own processes pickle for each other; nothing is ever unpickled from a file.
+"""
+
+import multiprocessing
+import os
+import queue
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+from bench.errors import InputError
+
+T = TypeVar("T")
+THREAD_COUNTS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Workers:
+    """An executor, and how many jobs it is given at once: more would wait in it."""
+
+    executor: Executor
+    at_once: int
+    here: bool = False  # jobs run in the calling thread, and can show how far they are
+
+
+@contextmanager
+def in_process() -> Iterator[Workers]:
+    """One job after another, in the calling thread."""
+    yield Workers(InProcess(), 1, here=True)
+
+
+@contextmanager
+def processes(count: int, threads: int, device: str = "cpu") -> Iterator[Workers]:
+    """`count` processes of this machine, each of so many threads; on a GPU each has one of its own."""
+    if count < 1:
+        raise InputError(f"--jobs {count}: must be at least 1")
+    if device.startswith("cuda:"):
+        raise InputError(f"--device {device}: with --jobs each job has a GPU of its own: give --device cuda")
+    pool = Processes(count, threads, _dealt(count) if device == "cuda" else [])
+    try:
+        yield Workers(pool, count)
+    finally:
+        pool.shutdown()
+
+
+@contextmanager
+def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
+    """The workers of a Dask scheduler, by its address or the file it wrote; a job takes `resources` of its worker."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--scheduler needs Dask: pip install 'neubtf-bench[dask]'") from None
+    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    try:
+        client = Client(**where, timeout="10s", set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
+    executor = client.get_executor(pure=False, resources=resources or None)
+    try:
+        yield Workers(executor, 1000)  # enough for a cluster that grows with what waits
+    finally:
+        executor.shutdown(wait=False)
+        client.close()
+
+
+class InProcess(Executor):
+    """Runs what is submitted, then and there."""
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Processes(Executor):
+    """Worker processes, each a pool of its own: one that dies takes only its own job along, and is replaced.
+
+    `submit` waits until a worker is free. A worker ends when this process does, however that ends.
+    """
+
+    def __init__(self, count: int, threads: int, gpus: Sequence[str] = ()):
+        self.threads, self.gpus = threads, gpus
+        self.pools: dict[int, tuple[ProcessPoolExecutor, Connection]] = {}
+        self.free: queue.SimpleQueue[int] = queue.SimpleQueue()
+        for seat in range(count):
+            self.free.put(seat)
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        seat = self.free.get()
+        if seat not in self.pools:
+            self.pools[seat] = self._pool(self.gpus[seat] if self.gpus else None)
+        with _deaf_to_interrupts():
+            future = self.pools[seat][0].submit(fn, *args, **kwargs)
+        future.add_done_callback(lambda ended: self._leave(seat, ended))
+        return future
+
+    def _pool(self, gpu: str | None) -> tuple[ProcessPoolExecutor, Connection]:
+        context = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks, and no CUDA
+        theirs, ours = context.Pipe(duplex=False)
+        return ProcessPoolExecutor(1, context, _prepare, (self.threads, gpu, theirs)), ours
+
+    def _leave(self, seat: int, ended: Future[Any]) -> None:
+        if not ended.cancelled() and ended.exception() is not None:
+            self._end(seat, wait=False)  # it may have died
+        self.free.put(seat)
+
+    def _end(self, seat: int, wait: bool) -> None:
+        if kept := self.pools.pop(seat, None):
+            pool, leash = kept
+            leash.close()
+            pool.shutdown(wait, cancel_futures=True)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End every worker, whatever it is doing."""
+        for seat in list(self.pools):
+            self._end(seat, wait)
+
+
+def _prepare(threads: int, gpu: str | None, leash: Connection) -> None:
+    """The first thing in a worker, before NumPy and PyTorch are imported and read these variables."""
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)))
+    if gpu is not None:
+        os.environ["CUDA_VISIBLE_DEVICES"] = gpu
+    threading.Thread(target=_follow, args=(leash,), daemon=True).start()
+
+
+def _follow(leash: Connection) -> None:
+    """End this process when the other end of the leash is let go of: closed, or its process dead."""
+    try:
+        leash.poll(None)
+    finally:
+        os._exit(1)
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """A process started inside inherits that Ctrl-C is not for it: who started it ends it, and speaks for it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _dealt(count: int) -> list[str]:
+    """The names of `count` GPUs that this process may use, one for each job."""
+    chosen = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if chosen is None:
+        import torch
+
+        names = [str(index) for index in range(torch.cuda.device_count())]
+    else:
+        names = [name.strip() for name in chosen.split(",") if name.strip()]
+    if len(names) < count:
+        raise InputError(f"--jobs {count}: each job has a GPU of its own, and there are {len(names)}")
+    return names[:count]

@@ -1,0 +1,251 @@
+"""One job, wherever it runs: told as plain data, it opens its material, fits, writes, scores, and answers a record.
+
+A job has two keys. The *fit key* names what shapes the file (codec, settings, training pairs, seed, threads, device
+class, PyTorch): where a file of that key is there, nothing is fitted again. The *score key* names what shapes the
+numbers (the file's hash, the pairs, metric versions, exposure): where a record of that key is there, nothing is scored
+again. Files appear whole or not at all, and hold nothing of when and where: a job may be done twice, even at once.
+"""
+
+import errno
+import hashlib
+import json
+import platform
+import re
+import threading
+import time
+import traceback
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from bench import atomic, container, lock, timing
+from bench.cache import cache_dir
+from bench.codec import Codec, Fit, Progress, settings_dict, silent
+from bench.errors import InputError, MissingDataError
+from bench.evaluation import evaluate, score_key, write_content
+from bench.provenance import processor
+from bench.records import Record
+from bench.registry import load_codec
+from bench.suite import CodecSpec, Data, MaterialSpec
+from bench.workbench import Workbench, workbench
+
+STATE, FRESH_STATE = ".state", ".fresh"  # of a fit under way, to go on from; the latter within one run alone
+NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
+
+
+@dataclass(frozen=True)
+class Task:
+    """All that a worker is told of one cell of a suite."""
+
+    run: str
+    folder: Path  # of the run
+    material: MaterialSpec
+    data: Data
+    codec: CodecSpec
+    repetition: int
+    threads: int
+    device: str = "cpu"
+    scorers: int | None = None  # threads that score; None: one a core
+    fresh: bool = False
+    earlier: Record | None = None  # status and keys of the job's latest record
+    sent: bytes | None = None  # the codec file of that record, where the worker asked for it
+    losses: int = 0  # workers that died of this job
+
+    @property
+    def name(self) -> str:
+        return f"{self.material.name}/{self.codec.label}/{self.repetition}"
+
+    @property
+    def base(self) -> Record:
+        """How each record of this job begins."""
+        return {
+            "kind": "job",
+            "job": self.name,
+            "run": self.run,
+            "material": self.material.name,
+            "codec": self.codec.codec,
+            "label": self.codec.label,
+            "curve": self.codec.curve,
+            "seed": self.repetition,
+        }
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a job answers."""
+
+    record: Record | None = None  # None: the record of before stands, or the file of before is wanted
+    cached: str = ""  # how much was there already: "", "file" or "record"
+    wants_file: bool = False  # send the codec file of the earlier record, and ask again
+    files: dict[str, bytes] = field(default_factory=dict)  # for the run's folder, where the worker cannot write there
+
+
+def seed_of(*parts: object) -> int:
+    """A seed that depends on the named parts alone, 63 bits of their sha256."""
+    return int.from_bytes(hashlib.sha256("\n".join(map(str, parts)).encode()).digest()[:8], "big") >> 1
+
+
+_ONE_AT_A_TIME = threading.Lock()  # threads of one process would share PyTorch's thread count and the open material
+
+
+def work(task: Task, show: Progress = silent) -> Result:
+    """Do one job. A failure is a record with its error; what no job can help (a full disk) is `InputError`."""
+    with _ONE_AT_A_TIME:
+        try:
+            bench = workbench(task.run, task.material, task.data, task.scorers, show)
+        except MissingDataError as error:
+            return Result(task.base | {"status": "unavailable", "error": str(error)})
+        return Job(task, bench, show).run()
+
+
+class _WantedError(Exception):
+    """The codec file of the earlier record is needed here, and is elsewhere."""
+
+
+@dataclass
+class Job:
+    """A task with its material opened."""
+
+    task: Task
+    bench: Workbench
+    show: Progress
+
+    @cached_property
+    def codec(self) -> Codec:
+        return load_codec(self.task.codec.codec)(**self.task.codec.settings)
+
+    @property
+    def seed(self) -> int:
+        return seed_of(self.bench.name, self.codec.name, self.task.repetition)
+
+    @cached_property
+    def fit_key(self) -> dict[str, Any]:
+        return {
+            "codec": self.codec.name,
+            "version": self.codec.version,
+            "settings": settings_dict(self.codec),
+            "training": self.bench.training.fingerprint,
+            "seed": self.seed,
+            "device": torch.device(self.task.device).type,
+            "threads": self.task.threads,
+            "torch": torch.__version__,
+        }
+
+    @property
+    def file(self) -> str:
+        digest = hashlib.sha256(json.dumps(self.fit_key, sort_keys=True).encode()).hexdigest()
+        return f"files/{re.sub('[^A-Za-z0-9.=_-]+', '-', self.task.name)}-{digest[:12]}{container.SUFFIX}"
+
+    @cached_property
+    def place(self) -> "Place":
+        return Place.of(self.task)
+
+    @property
+    def checkpoint(self) -> Path:
+        return (self.place.folder / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
+
+    def run(self) -> Result:
+        """Encode, decode, score and record; or find that it is done."""
+        earlier, fitted = self.task.earlier or {}, Record()
+        if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
+            return Result(cached="record")
+        base = self.task.base | {"fit_key": self.fit_key, "machine": machine()}
+        try:
+            header, fitted = self._file()
+            key = score_key(self.bench, header)
+            if earlier.get("score_key") == key:
+                return Result(cached="record")
+            record = base | fitted | {"status": "ok", "score_key": key, "file": self.file} | self._scored(header)
+        except _WantedError:
+            return Result(wants_file=True)
+        except (Exception, MemoryError) as error:  # an error is data: it is recorded, shown, and decides the exit code
+            _raise_where_no_job_can_help(error)
+            self.checkpoint.unlink(missing_ok=True)  # who tries again may have mended the code that made it
+            record = base | {"status": "failed", "error": f"{type(error).__name__}: {error}"}
+            record["traceback"] = traceback.format_exc()
+        return Result(record, "file" if fitted.get("fit_cached") else "", files=self.place.parcel())
+
+    def _scored(self, header: container.Header) -> Record:
+        return evaluate(self.bench, header, self.task.device, self.task.threads, self.place.keep, self.show)
+
+    def _file(self) -> tuple[container.Header, Record]:
+        """The codec file, from an earlier run where its key is the same, else encoded now; and facts of its fit."""
+        path = self.place.folder / self.file
+        facts = path.with_suffix(".fit.json")
+        if not self.task.fresh:
+            self._fetch(path)
+            if path.exists():
+                known = json.loads(facts.read_text(encoding="utf-8")) if facts.exists() else {}
+                return container.read_header(path), known | {"fit_cached": True}
+        fit = Fit(torch.device(self.task.device), self.task.threads, self.seed, self.show, self.checkpoint)
+        with timing.torch_threads(self.task.threads):
+            start = time.perf_counter()
+            parts = self.codec.encode(self.bench.training, fit)
+            seconds = time.perf_counter() - start
+        if fit.history:  # its clock goes on where an interrupted fit is taken up again
+            seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
+        known = {"fit_seconds": seconds, "history": fit.history}
+        # Facts first: a file without them would be taken for finished, and they would be lost.
+        self.place.keep(str(facts.relative_to(self.place.folder)), known)
+        header = container.save(path, self.codec, parts)
+        self.place.names.append(self.file)
+        self.checkpoint.unlink(missing_ok=True)
+        return header, known | {"fit_cached": False}
+
+    def _fetch(self, path: Path) -> None:
+        """Where the run's folder is out of reach: put the file of the earlier record, asked for, at `path`."""
+        same = self.task.earlier and self.task.earlier.get("fit_key") == self.fit_key
+        if self.place.shared or path.exists() or not same:
+            return
+        if self.task.sent is None:
+            raise _WantedError
+        atomic.write(path, self.task.sent)
+
+
+@dataclass
+class Place:
+    """The folder that a job writes to: the run's own, or one of this machine where the run's is out of reach."""
+
+    folder: Path
+    shared: bool
+    names: list[str] = field(default_factory=list)  # what was written there
+
+    @classmethod
+    def of(cls, task: Task) -> "Place":
+        """The run's folder is that with the run's lock in it; another machine may have a folder of the same name."""
+        if lock.reaches(task.folder, task.run):
+            return cls(task.folder, True)
+        digest = hashlib.sha256(f"{task.folder} {task.run if task.fresh else ''}".encode()).hexdigest()
+        return cls(cache_dir() / "runs" / digest[:24], False)
+
+    def keep(self, name: str, content: dict[str, Any]) -> str:
+        """Store what is too much for a record beside it, as .npz or .json; returns the name."""
+        write_content(self.folder / name, content)
+        self.names.append(name)
+        return name
+
+    def parcel(self) -> dict[str, bytes]:
+        """The files for who can write in the run's folder; here they are removed."""
+        if self.shared:
+            return {}
+        files = {name: (self.folder / name).read_bytes() for name in self.names}
+        for name in files:
+            (self.folder / name).unlink(missing_ok=True)
+        return files
+
+
+def machine() -> dict[str, str]:
+    """Where a job was done: the workers of a cluster differ."""
+    return {"host": platform.node(), "processor": processor()}
+
+
+def _raise_where_no_job_can_help(error: BaseException) -> None:
+    if isinstance(error, OSError) and error.errno in NO_PLACE:
+        place = f"{error.filename}: " if error.filename else ""
+        raise InputError(
+            f"{place}cannot be written on {platform.node()} ({error.strerror}): make room, then give the same command "
+            "again: what is finished is kept"
+        ) from error

@@ -1,0 +1,153 @@
+"""One run at a time in a folder, by a lock that a dead process cannot keep.
+
+The holder keeps `RUN/lock` open under `flock`, which the kernel releases with the process, however that ends; the file
+says who holds it. Where a file system does not carry `flock` to other hosts, the file's time does: the holder renews
+it every 10 seconds, and the lock of another host is stale when it was not renewed for a minute.
+"""
+
+import fcntl
+import json
+import logging
+import os
+import platform
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from bench.errors import InputError
+
+log = logging.getLogger(__name__)
+
+FILE = "lock"
+RENEWED_EVERY = 10.0  # seconds
+STALE_AFTER = 60.0
+
+
+@contextmanager
+def locked(folder: Path, run: str) -> Iterator[None]:
+    """Hold the lock of a run's folder, which is made where it is missing.
+
+    `InputError` names who holds it, or why the folder cannot be written. A lock that a dead process left is taken over,
+    with a warning.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = _acquire(folder)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another --out") from error
+    done = threading.Event()
+    renewal = threading.Thread(target=_renew, args=(folder / FILE, done), daemon=True)
+    try:
+        _sign(file, run)
+        renewal.start()
+        yield
+    finally:
+        done.set()
+        (folder / FILE).unlink(missing_ok=True)
+        os.close(file)
+
+
+def reaches(folder: Path, run: str) -> bool:
+    """Whether this process can write in the very folder that a run has locked, as one on another machine may not."""
+    return _holder(folder / FILE).get("run") == run and os.access(folder, os.W_OK)
+
+
+def _acquire(folder: Path) -> int:
+    """The lock's file, open and locked."""
+    while True:
+        file = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            kept_by_kernel = _flock(file)
+            if _is_still(file, folder / FILE):
+                _check(folder, kept_by_kernel)
+                return file
+        except BlockingIOError:
+            os.close(file)
+            raise InputError(_busy(folder, _holder(folder / FILE))) from None
+        except BaseException:
+            os.close(file)
+            raise
+        os.close(file)  # it was removed by its holder between our opening and our locking it
+
+
+def _flock(file: int) -> bool:
+    """Lock the file; False where its file system cannot. `BlockingIOError` where another process holds it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        return False
+    return True
+
+
+def _is_still(file: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _check(folder: Path, kept_by_kernel: bool) -> None:
+    """Whether the process that signed the lock before us is gone. `InputError` where it may be at work."""
+    holder = _holder(folder / FILE)
+    if not holder:
+        return
+    if holder.get("host") == platform.node():
+        alive = not kept_by_kernel and _runs(int(holder["process"]))
+    else:
+        alive = _age(folder) < STALE_AFTER
+    if alive:
+        raise InputError(_busy(folder, holder))
+    log.warning("%s: the lock of %s is taken over: it is gone", folder, _named(holder))
+
+
+def _holder(path: Path) -> dict[str, Any]:
+    """What the lock says of its holder; empty where nobody signed."""
+    try:
+        said = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return said if isinstance(said, dict) and {"process", "host", "run"} <= said.keys() else {}
+
+
+def _sign(file: int, run: str) -> None:
+    says = {"process": os.getpid(), "host": platform.node(), "since": f"{datetime.now(UTC):%F %T} UTC", "run": run}
+    os.truncate(file, 0)
+    os.pwrite(file, json.dumps(says).encode(), 0)
+    os.fsync(file)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+def _age(folder: Path) -> float:
+    """Seconds since the lock was renewed, by the clock of the file system: those of two hosts differ."""
+    with tempfile.TemporaryFile(dir=folder) as now:
+        return os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime
+
+
+def _renew(path: Path, done: threading.Event) -> None:
+    while not done.wait(RENEWED_EVERY):
+        with suppress(OSError):  # a file system that is away for a moment stops no run
+            os.utime(path)
+
+
+def _named(holder: dict[str, Any]) -> str:
+    return f"process {holder['process']} on {holder['host']}, since {holder.get('since')}"
+
+
+def _busy(folder: Path, holder: dict[str, Any]) -> str:
+    who = _named(holder) if holder else "another process"
+    return f"{folder}: a run is at work here ({who}): wait for its end, stop it, or choose another --out"

@@ -1,0 +1,78 @@
+"""One material of a run, opened once a process, and what the jobs on it share: split, exposure, scorer."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from bench.btf import BTF, Split
+from bench.codec import Progress
+from bench.directions import PairInterpolator
+from bench.errors import InputError
+from bench.hemisphere import to_degrees
+from bench.open import open_material
+from bench.scoring import Scorer
+from bench.suite import Data, MaterialSpec
+
+SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that reports show
+
+
+@dataclass
+class Workbench:
+    """See the module. `scorers` is the number of threads that score, by default one a core."""
+
+    btf: BTF
+    name: str
+    scorers: int | None = None
+    split: Split = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.split = self.btf.split()
+        if not len(self.split.train):
+            raise InputError(f"{self.name}: no pair is left to train on")
+
+    @cached_property
+    def training(self) -> BTF:
+        return self.btf.subset(self.split.train)
+
+    @cached_property
+    def scorer(self) -> Scorer:
+        return Scorer(self.btf, threads=self.scorers)
+
+    @property
+    def exposure(self) -> float:
+        return self.scorer.exposure
+
+    @cached_property
+    def groups(self) -> dict[str, np.ndarray]:
+        """Pair indices by the name under which reports show them."""
+        heldout = np.sort(np.concatenate([np.empty(0, int), *self.split.heldout.values()])).astype(int)
+        groups = {"all": np.arange(len(self.btf)), "train": self.split.train, "heldout": heldout}
+        if len(self.split.heldout) > 1:
+            groups |= {f"heldout, {name}": pairs for name, pairs in self.split.heldout.items()}
+        if len(heldout):
+            directions = (torch.from_numpy(w[heldout]) for w in (self.btf.wo, self.btf.wi))
+            outside = PairInterpolator(self.training.layout).outside(*directions).numpy()
+            groups |= {"heldout, inside hull": heldout[~outside], "heldout, outside hull": heldout[outside]}
+        return {name: pairs for name, pairs in groups.items() if len(pairs)}
+
+    @cached_property
+    def shown(self) -> np.ndarray:
+        """The few pairs that reports show, held-out ones where there are any."""
+        pairs = self.groups.get("heldout", self.groups["all"])
+        theta = np.stack([to_degrees(self.btf.wo[pairs])[0], to_degrees(self.btf.wi[pairs])[0]], 1)
+        nearest = [int(np.linalg.norm(theta - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
+        return pairs[np.unique(nearest)]
+
+
+_latest: dict[object, Workbench] = {}  # one: a scorer keeps hundreds of megabytes
+
+
+def workbench(run: str, spec: MaterialSpec, data: Data, scorers: int | None, show: Progress) -> Workbench:
+    """The workbench of a material, which the jobs of one run share as long as they follow each other."""
+    key = (run, spec, data, scorers)
+    if key not in _latest:
+        _latest.clear()
+        _latest[key] = Workbench(open_material(spec, data, show), spec.name, scorers)
+    return _latest[key]
