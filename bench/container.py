@@ -10,12 +10,12 @@ import dataclasses
 import hashlib
 import json
 import math
-import os
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench import atomic
 from bench.errors import ContainerError
 
 if TYPE_CHECKING:
@@ -66,17 +66,7 @@ def save(
     path: Path, codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[str, Any] | None = None
 ) -> Header:
     """Write a codec file whole or not at all (a temporary name, then a rename), and read its header back."""
-    path = Path(path)
-    data = to_bytes(codec, parts, provenance)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    try:
-        with open(partial, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    atomic.write(Path(path), to_bytes(codec, parts, provenance))
     return read_header(path)
 
 
