@@ -1,0 +1,59 @@
+"""compare two runs, or a run with a reference: what got worse by more than chance
+
+Parameters and bytes must be the same, PSNR and FLIP of held-out pairs within a margin that the table shows; everything
+else is shown, and times advise. Exit codes: 0 nothing got worse, 1 a regression or a job that vanished, 3 a job failed,
+4 nothing can be compared.
+"""
+
+import argparse
+from pathlib import Path
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("base", metavar="BASE", help="the folder of a run, or a file of records such as a reference")
+    parser.add_argument("new", metavar="NEW", help="the same, of what is to be judged")
+    parser.add_argument("--material", action="append", default=[], help="only this material; repeatable")
+    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write it as GitHub Markdown")
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="write it as JUnit XML")
+    parser.add_argument("--tracker", type=Path, metavar="FOLDER", help="write NEW for github-action-benchmark")
+    parser.add_argument("--annotations", action="store_true", help="print GitHub annotations too")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.compare import compare
+    from bench.compare.terminal import terminal
+    from bench.records import load_run
+
+    new = load_run(options.new)
+    found = compare(load_run(options.base), new, options.material, options.codec)
+    print(terminal(found))
+    if options.annotations:
+        from bench.compare.annotations import annotations
+
+        print(annotations(found))
+    if options.markdown:
+        from bench.compare.markdown import markdown
+
+        _write(options.markdown, markdown(found))
+    if options.junit:
+        from bench.compare.junit import junit
+
+        _write(options.junit, junit(found))
+    if options.tracker:
+        from bench.compare.tracker import tracker
+
+        for name, text in tracker(new).items():
+            _write(options.tracker / name, text)
+    return found.exit_code
+
+
+def _write(path: Path, text: str) -> None:
+    from bench.atomic import write
+    from bench.errors import InputError
+
+    try:
+        write(path, text.encode())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+    print(f"wrote {path}")

@@ -1,0 +1,99 @@
+"""collect the records of many runs: one table, CSV or Parquet
+
+Prints how each codec did from run to run. With `--out` every number of every job goes into a file: FILE.csv, or
+FILE.parquet where pyarrow is installed. In a notebook, `bench.load_runs(paths)` gives the same as a pandas frame.
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.exits import FINE, NOTHING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs, or files of records (.jsonl)")
+    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="write everything as FILE.csv or FILE.parquet")
+
+
+def run(options: argparse.Namespace) -> int:
+    import sys
+    import warnings
+
+    from bench.errors import InputError
+    from bench.history import load_runs
+
+    if options.out and options.out.suffix not in (".csv", ".parquet"):
+        raise InputError(f"--out {options.out}: the name must end in .csv or .parquet")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        frame = load_runs(options.runs)
+    for warning in caught:
+        print(f"neubtf-bench: {warning.message}", file=sys.stderr)
+    if frame.empty:
+        print("no job is recorded there")
+        return NOTHING
+    if options.out:
+        _write(frame, options.out)
+        print(f"wrote {options.out}: {len(frame):,} jobs, {len(frame.columns):,} columns")
+    else:
+        print(_table(frame))
+    return FINE
+
+
+def _write(frame: "pd.DataFrame", path: Path) -> None:
+    from bench.atomic import replacing
+    from bench.errors import InputError
+
+    try:
+        with replacing(path) as partial:
+            if path.suffix == ".csv":
+                frame.to_csv(partial, index=False)
+            else:
+                frame.to_parquet(partial, engine="pyarrow", index=False)
+    except ImportError:
+        raise InputError(
+            f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}): choose another --out") from error
+
+
+def _table(frame: "pd.DataFrame") -> str:
+    """Means over seeds: a line for each start of a run in which a codec was measured."""
+    from tabulate import tabulate
+
+    keys = ["material", "label", "folder", "started", "git"]
+    frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
+    metrics = {name: _heldout(frame, family) for name, family in _FAMILIES.items()}
+    frame = frame[[*keys, "status", *(name for name in _SIZES if name in frame)]].assign(**metrics)
+    numbers = {"parameters": ",.0f", "bytes/total": ",.0f", "PSNR": ".2f", "SSIM": ".3f", "FLIP": ".4f"}
+    rows = []
+    for values, jobs in frame.groupby(keys, sort=False, dropna=False):
+        material, label, folder, started, git = values
+        when = f"{started:%Y-%m-%d %H:%M}" if started == started else "—"
+        cells = [material, label, folder, when, git if isinstance(git, str) else "—"]
+        cells.append(f"{(jobs['status'] == 'ok').sum()} of {len(jobs)}")
+        rows.append(cells + [_mean(jobs, column, form) for column, form in numbers.items()])
+    headers = ["material", "codec", "run", "started", "revision", "jobs", "parameters", "bytes", *_FAMILIES]
+    aligned = ["left"] * 6 + ["right"] * len(numbers)
+    return tabulate(rows, headers, "simple", colalign=aligned, disable_numparse=True)
+
+
+_SIZES = ("parameters", "bytes/total")
+_FAMILIES = {"PSNR": "psnr_display", "SSIM": "ssim", "FLIP": "flip_ldr"}
+
+
+def _heldout(frame: "pd.DataFrame", family: str) -> "pd.Series[float]":
+    """The number of a family of metrics on held-out pairs, whichever variant of it was measured."""
+    names = map(str, frame.columns)
+    columns = [c for c in names if c.startswith(f"scores/heldout/metrics/{family}") and c.endswith("/pooled")]
+    return frame[columns].bfill(axis=1).iloc[:, 0] if columns else frame["seed"] * float("nan")
+
+
+def _mean(jobs: "pd.DataFrame", column: str, form: str) -> str:
+    mean = jobs[column].mean() if column in jobs else float("nan")
+    return "—" if mean != mean else f"{mean:{form}}"

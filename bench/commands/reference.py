@@ -1,0 +1,63 @@
+"""make the reference that `compare` judges by, from a run
+
+`reference update RUN` writes the committed reference of the suite that was run, or FILE, and prints what changed. To
+know how far the seeds of a codec scatter, a reference should have more of them than a run: add seeds to the run's
+folder first, with `neubtf-bench run SUITE --seed N --out RUN`.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.exits import FINE
+from bench.records import Run
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(required=True, metavar="ACTION")
+    update = actions.add_parser("update", help="write the reference anew, and print what changed")
+    update.add_argument("run", metavar="RUN", help="the folder of a run")
+    update.add_argument("-o", "--out", type=Path, metavar="FILE", help="a .jsonl file (default: this package's)")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.atomic import write
+    from bench.compare.reference import few_seeds, reference
+    from bench.errors import InputError
+    from bench.records import load_run
+
+    measured = load_run(options.run)
+    text = reference(measured)
+    path = options.out or _committed(options.run, measured.starts)
+    if path.suffix != ".jsonl":
+        raise InputError(f"{path}: the name of a reference ends in .jsonl")
+    before = load_run(path) if path.is_file() else None
+    try:
+        write(path, text.encode())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}): give --out FILE") from error
+    after = load_run(path)
+    print(_changes(before or after, after))
+    print(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
+    if few := few_seeds(after):
+        print(f"few seeds to tell a spread by; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
+    return FINE
+
+
+def _committed(folder: str, starts: Sequence[dict[str, Any]]) -> Path:
+    from bench.compare.reference import committed
+    from bench.errors import InputError
+    from bench.suite import builtin_suites
+
+    suite = starts[-1]["suite"] if starts else ""
+    if suite not in builtin_suites():
+        raise InputError(f"{folder}: not a run of a built-in suite: give --out FILE")
+    return committed(suite)
+
+
+def _changes(before: Run, after: Run) -> str:
+    from bench.compare import compare
+    from bench.compare.terminal import terminal
+
+    return terminal(compare(before, after))

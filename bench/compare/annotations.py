@@ -1,0 +1,35 @@
+"""A comparison as workflow commands of GitHub Actions: printed in a job, they become annotations of its run.
+
+GitHub shows ten errors and ten warnings of a step: each row is one line, and the last counts what is too much.
+"""
+
+from bench.compare import REGRESSIONS, Comparison
+from bench.compare.terminal import advised
+from bench.compare.verdicts import Verdict
+
+SHOWN = 10  # of a kind and step
+
+
+def annotations(comparison: Comparison) -> str:
+    """One command a line: an error for each regression, a warning for what is not comparable or decodes otherwise."""
+    errors = [(row.name, "; ".join(row.reasons())) for row in comparison.having(*REGRESSIONS)]
+    warnings = [(row.name, "; ".join(row.reasons())) for row in comparison.having(Verdict.UNLIKE)]
+    warnings += [(row.name, advised(row)) for row in comparison.rows if advised(row)]
+    lines = [command("error", *finding) for finding in _few(errors)]
+    return "\n".join(lines + [command("warning", *finding) for finding in _few(warnings)])
+
+
+def command(kind: str, title: str, message: str) -> str:
+    """`::KIND title=TITLE::MESSAGE`, escaped as the runner of GitHub Actions takes it apart."""
+    return f"::{kind} title={_data(title).replace(':', '%3A').replace(',', '%2C')}::{_data(message)}"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    if len(findings) <= SHOWN:
+        return findings
+    rest = findings[SHOWN - 1 :]
+    return [*findings[: SHOWN - 1], (f"{len(rest)} more", ", ".join(name for name, _ in rest))]

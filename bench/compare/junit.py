@@ -1,0 +1,56 @@
+"""A comparison as JUnit XML: a suite a material, a case for each thing that decides, named material/codec/quantity."""
+
+import re
+from collections.abc import Iterator
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from bench.compare import REGRESSIONS, Comparison, Row, sentence
+from bench.compare.verdicts import Verdict
+
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def junit(comparison: Comparison) -> str:
+    """The document. A regression is a failure, what is not comparable or new is skipped."""
+    root = Element("testsuites", name="neubtf-bench compare")
+    for material in dict.fromkeys(row.material for row in comparison.rows):
+        suite = SubElement(root, "testsuite", name=_legal(material))
+        for row in comparison.rows:
+            if row.material == material:
+                suite.extend(_cases(row))
+        _count(suite, list(suite))
+    _count(root, list(root.iter("testcase")))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _cases(row: Row) -> Iterator[Element]:
+    if row.why or not row.deciding:
+        yield _case(row, "result", row.verdict, row.why)
+    for change in row.deciding:
+        yield _case(row, change.quantity.name, change.verdict, sentence(change))
+
+
+def _case(row: Row, what: str, verdict: Verdict, text: str) -> Element:
+    name = _legal(f"{row.name}/{what}")
+    case = Element("testcase", classname=_legal(row.name), name=name, time="0")
+    if verdict in REGRESSIONS:
+        SubElement(case, "failure", type=verdict.lower(), message=_legal(text)).text = _legal(f"{row.name}: {text}")
+    elif verdict in (Verdict.UNLIKE, Verdict.NEW):
+        SubElement(case, "skipped", message=_legal(text or verdict))
+    return case
+
+
+def _count(element: Element, cases: list[Element]) -> None:
+    element.set("tests", str(len(cases)))
+    element.set("failures", str(sum(case.find("failure") is not None for case in cases)))
+    element.set("errors", "0")
+    if element.tag == "testsuite":
+        element.set("skipped", str(sum(case.find("skipped") is not None for case in cases)))
+    element.set("time", "0")
+
+
+def _legal(text: str) -> str:
+    """Without the characters that XML 1.0 cannot hold, such as the colours of an error message."""
+    return _NOT_XML.sub("", text)

@@ -1,0 +1,110 @@
+"""What two runs are compared in: how each number is found in a record, written, and which way is better."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bench.records import Record
+
+PSNR, FLIP = "psnr_display", "flip_ldr"
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What a loss must exceed to matter, in the quantity's unit or, for `relative`, as a share of it."""
+
+    certain: float = 0.0  # where the seeds of the base agree within it: the codec does not draw
+    drawn: float = 0.0  # where they differ
+    alone: float = 0.0  # where the base has one seed, so that nobody knows
+    relative: bool = False
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of a record: `value` finds it (None: not measured); a `tolerance` makes it decide."""
+
+    name: str
+    unit: str
+    better: str  # "higher" or "lower"
+    digits: int
+    value: Callable[[Record], float | None]
+    tolerance: Tolerance | None = None
+    metric: str = ""  # the full name of the metric whose version must agree
+
+    def written(self, value: float | None) -> str:
+        """A value as tables show it."""
+        if value is None:
+            return "—"
+        return "exact" if math.isinf(value) else f"{value:,.{self.digits}f}"
+
+    def difference(self, change: float) -> str:
+        """A change with its sign; "=" where there is none."""
+        if not change:
+            return "="
+        return f"{change:+,.{self.digits}f}".replace("-", "−") if math.isfinite(change) else "not exact"
+
+
+def gate(job: Record) -> str:
+    """The group of pairs that decides: held-out ones, or all where none are held out."""
+    return "heldout" if "heldout" in job["scores"] else "all"
+
+
+def deciding(job: Record) -> list[Quantity]:
+    """What a verdict is made of: parameters, bytes, PSNR and FLIP of held-out pairs."""
+    found = [
+        Quantity("parameters", "", "lower", 0, lambda job: job["parameters"], Tolerance()),
+        Quantity("bytes", "", "lower", 0, lambda job: job["bytes"]["total"], Tolerance(drawn=0.01, relative=True)),
+    ]
+    psnr, flip = _named(job, PSNR), _named(job, FLIP)
+    if psnr:
+        found.append(_metric(job, psnr, gate(job), "PSNR", 2, Tolerance(certain=0.02, drawn=0.25, alone=0.25)))
+    if flip:
+        found.append(_metric(job, flip, gate(job), "FLIP", 4, Tolerance(certain=0.0005, drawn=0.005, alone=0.005)))
+    return found
+
+
+def shown(job: Record) -> list[Quantity]:
+    """Everything else that a record holds of quality and size."""
+    group = gate(job)
+    found = [_metric(job, _named(job, PSNR), "train", "train PSNR", 2)] if "train" in job["scores"] else []
+    for name in job["scores"][group]["metrics"]:
+        if not name.startswith((PSNR, FLIP)):
+            found.append(_metric(job, name, group, name.removesuffix("_periodic"), 4 if name != "psnr_log1p" else 2))
+    found += [_footprint(side) for side in job.get("footprints", {}) if side != "1"]
+    return found + [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
+
+
+def _named(job: Record, family: str) -> str:
+    names = job["scores"][gate(job)]["metrics"]
+    return next((name for name in names if name == family or name.startswith(f"{family}_")), "")
+
+
+def _metric(
+    job: Record, metric: str, group: str, name: str, digits: int, tolerance: Tolerance | None = None
+) -> Quantity:
+    described = job["metrics"][metric]
+
+    def value(job: Record) -> float | None:
+        stats = job["scores"].get(group, {}).get("metrics", {}).get(metric)
+        return _number(stats, stats["pooled"], described["unit"]) if stats else None
+
+    unit = "" if described["unit"] == "1" else described["unit"]
+    return Quantity(name, unit, described["direction"], digits, value, tolerance, metric)
+
+
+def _footprint(side: str) -> Quantity:
+    def value(job: Record) -> float | None:
+        stats = job.get("footprints", {}).get(side)
+        return _number(stats, stats["psnr_display"], "dB") if stats else None
+
+    return Quantity(f"{side} texels", "dB", "higher", 2, value)
+
+
+def _part(part: str) -> Quantity:
+    return Quantity(f"{part} bytes", "", "lower", 0, lambda job: job["bytes"].get(part))
+
+
+def _number(stats: Record, pooled: float | None, unit: str) -> float | None:
+    """The pooled number; infinite dB where no slice has an error; None where nothing was measured."""
+    exact = pooled is None and unit == "dB" and stats["slices"] and stats["exact"] == stats["slices"]
+    return math.inf if exact else pooled

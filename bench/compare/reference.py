@@ -1,0 +1,110 @@
+"""A reference: the records of a run, reduced to what a comparison needs, in a file small enough to commit.
+
+The same records give the same bytes. Nothing in it names a folder, a host or a time; the processor and the versions of
+packages stay, because a comparison says where they differ.
+"""
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import bench
+from bench.compare.quantities import PSNR, gate
+from bench.compare.timings import CONDITIONS
+from bench.errors import InputError
+from bench.records import Record, Run
+
+FEW_SEEDS = 6  # fewer tell little of a spread: of three, the deviation is wrong by a factor of two one time in five
+_DIGITS = 7
+_PACKAGES = ("neubtf-bench", "torch", "numpy")
+_FIT = ("version", "settings", "training")
+_SCORE = ("btf", "exposure")
+_DESCRIBED = ("unit", "direction", "version")
+
+
+def committed(suite: str) -> Path:
+    """Where the reference of a suite stands in this package."""
+    return Path(bench.__path__[0]) / "reference" / f"{suite}.jsonl"
+
+
+def reference(run: Run) -> str:
+    """The text of a run's reference. `InputError` where the run is empty or has jobs without a result."""
+    jobs = _in_order(run.jobs)
+    if not jobs:
+        raise InputError(f"{run.folder}: nothing was measured there: a reference needs a whole run")
+    if unfinished := [job for job in jobs if job["status"] != "ok"]:
+        job = unfinished[0]
+        raise InputError(
+            f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
+            "a reference needs a whole run"
+        )
+    return "".join(_text(line) + "\n" for line in _lines(run, jobs))
+
+
+def few_seeds(run: Run) -> list[str]:
+    """Rows whose seeds differ, and are too few to tell by how much, by name."""
+    rows: dict[str, list[object]] = {}
+    for job in run.jobs:
+        score = job["scores"][gate(job)]["metrics"][PSNR]["pooled"]
+        rows.setdefault(f"{job['material']}/{job['label']}", []).append(score)
+    return [name for name, values in rows.items() if len(values) < FEW_SEEDS and len(set(values)) != 1]
+
+
+def _text(line: Record) -> str:
+    return json.dumps(line, sort_keys=True, allow_nan=False, separators=(",", ":"))
+
+
+def _lines(run: Run, jobs: list[Record]) -> Iterator[Record]:
+    names = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
+    if run.starts:
+        start = run.starts[-1]
+        line = {key: start.get(key) for key in ("kind", "suite", "device", "threads")}
+        line["seeds"] = sorted({job["seed"] for job in jobs})
+        line["packages"] = {name: start["packages"][name] for name in _PACKAGES if name in start.get("packages", {})}
+        yield line | {"machine": {"processor": start.get("machine", {}).get("processor")}}
+    yield from map(_job, jobs)
+    timed = {timing["job"]: timing for timing in run.timings}
+    kept = ("kind", "job", "ns_per_sample", "interval95_ns", *CONDITIONS)
+    for job in jobs:
+        if timing := timed.get(job["job"]):
+            line = _rounded({key: timing[key] for key in kept if key in timing})
+            yield line | {"run": names.get(timing["run"], timing["run"])}
+
+
+def _in_order(found: Iterable[Record]) -> list[Record]:
+    """By material and label, both in the order of first appearance, then by seed."""
+    jobs = list(found)
+    materials = list(dict.fromkeys(job["material"] for job in jobs))
+    labels = list(dict.fromkeys(job["label"] for job in jobs))
+    return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))
+
+
+def _job(job: Record) -> Record:
+    line = {key: job[key] for key in ("kind", "job", "material", "label", "seed", "status", "bytes", "parameters")}
+    line["fit_key"] = {key: job["fit_key"][key] for key in _FIT}
+    line["score_key"] = {key: job["score_key"][key] for key in _SCORE}
+    line["metrics"] = {name: {key: m[key] for key in _DESCRIBED} for name, m in job["metrics"].items()}
+    groups = {gate(job): "", "train": PSNR}
+    line["scores"] = {name: _pooled(job["scores"][name], of) for name, of in groups.items() if name in job["scores"]}
+    line["footprints"] = {side: _short(stats, PSNR) for side, stats in job["footprints"].items() if side != "1"}
+    return _rounded(line)
+
+
+def _pooled(group: Record, family: str) -> Record:
+    found = {name: stats for name, stats in group["metrics"].items() if name.startswith(family)}
+    return {"metrics": {name: _short(stats, "pooled") for name, stats in found.items()}}
+
+
+def _short(stats: Record, number: str) -> Record:
+    """The number alone where there is one; else what says whether it is exact or was never measured."""
+    return {key: stats[key] for key in ((number,) if stats[number] is not None else (number, "exact", "slices"))}
+
+
+def _rounded(value: Any) -> Any:
+    """Numbers to seven digits: more than any tolerance asks for."""
+    if isinstance(value, float):
+        return float(f"{value:.{_DIGITS}g}")
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    return [_rounded(item) for item in value] if isinstance(value, list) else value

@@ -1,0 +1,75 @@
+"""Times of decoders, as multiples of `mean-colour` timed in the same run. They advise and decide nothing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bench.records import Record
+
+FLOOR = "mean-colour"
+FACTOR = 1.25  # what a ratio must change by to be mentioned
+CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Decoding time over that of `mean-colour`, with the 95 % interval that holds those of every seed."""
+
+    base: float
+    new: float
+    base_interval: tuple[float, float]
+    new_interval: tuple[float, float]
+
+    @property
+    def factor(self) -> float:
+        return self.new / self.base
+
+    @property
+    def words(self) -> str:
+        """ "slower" or "faster" where the intervals lie apart and the factor is large enough to matter."""
+        if self.factor > FACTOR and self.new_interval[0] > self.base_interval[1]:
+            return "slower"
+        if 1 / self.factor > FACTOR and self.new_interval[1] < self.base_interval[0]:
+            return "faster"
+        return ""
+
+
+@dataclass(frozen=True)
+class Multiple:
+    """Mean time over that of `mean-colour`, the interval that holds those of every seed, and the conditions."""
+
+    mean: float
+    interval: tuple[float, float]
+    conditions: list[object]
+
+
+def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
+    """The times of one row in two runs; None where one lacks them or timed under other conditions."""
+    if not base or not new or base.conditions != new.conditions:
+        return None
+    return Advice(base.mean, new.mean, base.interval, new.interval)
+
+
+def multiples(jobs: Sequence[Record], timings: Sequence[Record]) -> dict[tuple[str, str], Multiple]:
+    """Times by row, (material, label). A time is divided by those of `mean-colour` taken in the same start of the run,
+    because between two starts the machine may have changed its pace; rows without such a neighbour are left out.
+    """
+    by_job = {timing["job"]: timing for timing in timings}
+    rows: dict[tuple[str, str], list[Record]] = {}
+    for job in jobs:
+        if job["job"] in by_job:
+            rows.setdefault((job["material"], job["label"]), []).append(by_job[job["job"]])
+    found = {row: _multiple(ours, rows.get((row[0], FLOOR), [])) for row, ours in rows.items()}
+    return {row: multiple for row, multiple in found.items() if multiple}
+
+
+def _multiple(ours: list[Record], floors: list[Record]) -> Multiple | None:
+    by_start: dict[str, list[float]] = {}
+    for timing in floors:
+        by_start.setdefault(timing["run"], []).append(timing["ns_per_sample"])
+    floor = {start: sum(times) / len(times) for start, times in by_start.items()}
+    ours = [timing for timing in ours if timing["run"] in floor]
+    if not ours:
+        return None
+    bounds = [bound / floor[timing["run"]] for timing in ours for bound in timing["interval95_ns"]]
+    mean = sum(timing["ns_per_sample"] / floor[timing["run"]] for timing in ours) / len(ours)
+    return Multiple(mean, (min(bounds), max(bounds)), [ours[0].get(name) for name in CONDITIONS])

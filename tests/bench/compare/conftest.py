@@ -1,0 +1,73 @@
+"""Runs made by hand: the records that a comparison reads, without a codec and without PyTorch."""
+
+import pytest
+
+from bench.records import append, load_run
+
+PSNR, FLIP, SSIM = "psnr_display", "flip_ldr_67ppd_periodic", "ssim_periodic"
+METRICS = {
+    PSNR: {"unit": "dB", "direction": "higher", "space": "display", "version": 1},
+    FLIP: {"unit": "1", "direction": "lower", "space": "display", "version": 1},
+    SSIM: {"unit": "1", "direction": "higher", "space": "display luma", "version": 1},
+}
+
+
+class Maker:
+    """Makes records, and runs of them."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def job(self, label="pca", material="satin", seed=0, psnr=30.0, flip=0.1, **changes):
+        """One finished job; `psnr=None` makes it exact. `version`, `training`, `btf`, `exposure`, `size` and
+        `settings` change what their names say, `versions` those of metrics (0: not measured).
+        """
+        get = changes.pop
+        record = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": get("run", "1"), "material": material}
+        record |= {"label": label, "codec": label.split()[0], "seed": seed, "status": "ok", "parameters": 3011}
+        settings = get("settings", {"components": 8})
+        record["fit_key"] = {"version": get("version", 1), "settings": settings, "training": get("training", "t")}
+        record["score_key"] = {"btf": get("btf", "b"), "exposure": get("exposure", 1.5), "sha256": "0"}
+        versions = dict.fromkeys(METRICS, 1) | get("versions", {})
+        record["metrics"] = {
+            name: METRICS[name] | {"version": version} for name, version in versions.items() if version
+        }
+        numbers = {PSNR: psnr, FLIP: flip, SSIM: get("ssim", 0.9)}
+        stats = {name: self._stats(numbers[name]) for name in record["metrics"]}
+        record["scores"] = {name: {"slices": 4, "metrics": stats} for name in ("all", "train", "heldout")}
+        record["footprints"] = {side: {"psnr_display": psnr, "exact": 0, "slices": 4} for side in ("1", "2")}
+        size = get("size", 64_000)
+        record["bytes"] = {"decoder": 6_000, "texture": size - 6_500, "other": 0, "header": 500, "total": size}
+        return record | changes
+
+    def seeds(self, psnrs, label="vq", **changes):
+        """One job a number, of seeds 0, 1, 2 …"""
+        return [self.job(label, seed=seed, psnr=psnr, **changes) for seed, psnr in enumerate(psnrs)]
+
+    def unfinished(self, status, label="pca", material="satin", seed=0, error="RuntimeError: no luck"):
+        record = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": "1", "material": material}
+        return record | {"label": label, "seed": seed, "status": status, "error": error}
+
+    def timing(self, label="pca", material="satin", seed=0, ns=500.0, spread=5.0, run="1", **changes):
+        record = {"kind": "timing", "job": f"{material}/{label}/{seed}", "run": run, "ns_per_sample": ns}
+        record |= {"interval95_ns": [ns - spread, ns + spread], "batch": 16384, "dtype": "float32", "threads": 1}
+        return record | {"device": "cpu", "execution": "eager", "samples_ns": [ns], "floor_ratios": [2.0]} | changes
+
+    def run(self, name, *records, seeds=(0, 1, 2), **start):
+        """Records as the folder of a run, read again."""
+        (self.folder / name).mkdir()
+        first = {"kind": "run", "run": "1", "suite": "made", "device": "cpu", "threads": 1, "seeds": list(seeds)}
+        first |= {"packages": {"torch": "2.13.0"}, "machine": {"processor": "P", "system": "Linux-host"}}
+        append(self.folder / name, first | start)
+        for record in records:
+            append(self.folder / name, record)
+        return load_run(self.folder / name)
+
+    @staticmethod
+    def _stats(number):
+        return {"mean": number, "std": 0.5, "pooled": number, "exact": 4 * (number is None), "slices": 4}
+
+
+@pytest.fixture
+def make(tmp_path):
+    return Maker(tmp_path)

@@ -1,0 +1,240 @@
+import math
+import statistics
+
+import pytest
+
+from bench.compare import compare
+from bench.errors import InputError
+from bench.records import load_run
+
+PSNR, FLIP = "psnr_display", "flip_ldr_67ppd_periodic"
+
+
+def change(found, name, row=0):
+    return next(change for change in found.rows[row].deciding if change.quantity.name == name)
+
+
+@pytest.fixture
+def judged(make):
+    """The verdict on one quantity of a codec of three seeds that do not differ, changed in the new run."""
+
+    def judge(name, **changes):
+        base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
+        new = make.run("new", *(make.job(seed=seed, **changes) for seed in range(3)))
+        found = compare(base, new)
+        return change(found, name).verdict, found.exit_code
+
+    return judge
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "verdict", "code"),
+    [
+        ("PSNR", {}, "same", 0),
+        ("PSNR", {"psnr": 29.985}, "same", 0),
+        ("PSNR", {"psnr": 29.975}, "WORSE", 1),
+        ("PSNR", {"psnr": 30.025}, "better", 0),
+        ("PSNR", {"psnr": None}, "better", 0),
+        ("FLIP", {"flip": 0.1004}, "same", 0),
+        ("FLIP", {"flip": 0.1006}, "WORSE", 1),
+        ("FLIP", {"flip": 0.0994}, "better", 0),
+        ("bytes", {"size": 64_001}, "WORSE", 1),
+        ("bytes", {"size": 63_999}, "better", 0),
+        ("parameters", {"parameters": 3012}, "WORSE", 1),
+        ("parameters", {"parameters": 3010}, "better", 0),
+    ],
+)
+def test_a_codec_whose_seeds_agree_is_held_to_a_small_tolerance(judged, name, changes, verdict, code):
+    assert judged(name, **changes) == (verdict, code)
+
+
+def test_what_was_exact_must_stay_so(make):
+    base = make.run("base", *make.seeds([None, None, None]))
+    assert change(compare(base, base), "PSNR").verdict == "same"
+    new = make.run("new", *make.seeds([None, 130.0, None]))
+    found = compare(base, new)
+    assert change(found, "PSNR").verdict == "WORSE"
+    assert found.exit_code == 1
+
+
+SPREAD = [30.0, 30.3, 29.8, 30.1, 29.7, 30.2, 29.9, 30.4, 29.6]
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.99, "same"), (1.01, "WORSE"), (-0.99, "same"), (-1.01, "better")])
+def test_the_margin_of_a_codec_that_draws_is_three_deviations_of_the_difference(make, share, verdict):
+    base = make.run("base", *make.seeds(SPREAD))
+    limit = 3 * statistics.stdev(SPREAD) * math.sqrt(2 / 3)
+    new = make.run("new", *make.seeds([psnr - share * limit for psnr in SPREAD[:3]]))
+    found = change(compare(base, new), "PSNR")
+    assert found.margin == pytest.approx(limit)
+    assert found.verdict == verdict
+    # Paired: the means are of the three seeds that both have, the spread of all nine.
+    assert found.base == pytest.approx(statistics.fmean(SPREAD[:3]))
+
+
+def test_a_small_spread_does_not_make_a_trifle_a_regression(make):
+    base = make.run("base", *make.seeds([30.00, 30.03, 30.06]))
+    assert change(compare(base, make.run("same", *make.seeds([29.8] * 3))), "PSNR").verdict == "same"
+    assert change(compare(base, make.run("new", *make.seeds([29.7] * 3))), "PSNR").verdict == "WORSE"
+
+
+def test_with_one_seed_the_margin_is_a_guess_and_says_so(make):
+    base, worse = make.run("base", make.job(), seeds=[0]), make.run("new", make.job(psnr=29.7), seeds=[0])
+    found = compare(base, worse)
+    assert change(found, "PSNR").verdict == "WORSE"
+    assert any("one seed in BASE" in note and "satin/pca" in note for note in found.notes)
+    assert change(compare(base, make.run("bytes", make.job(size=64_001), seeds=[0])), "bytes").verdict == "WORSE"
+
+
+def test_fewer_seeds_in_the_new_run_widen_the_margin(make):
+    base, new = make.run("base", *make.seeds(SPREAD)), make.run("new", *make.seeds(SPREAD[:1]), seeds=[0])
+    found = compare(base, new)
+    assert change(found, "PSNR").margin == pytest.approx(3 * statistics.stdev(SPREAD) * math.sqrt(2))
+    assert found.exit_code == 0
+
+
+def test_other_seeds_are_compared_by_the_means_of_all(make):
+    base = make.run("base", *make.seeds([30.0, 31.0, 32.0]))
+    new = make.run("new", *(make.job("vq", seed=seed, psnr=31.0) for seed in (7, 8, 9)), seeds=[7, 8, 9])
+    found = change(compare(base, new), "PSNR")
+    assert (found.base, found.new, found.verdict) == (31.0, 31.0, "same")
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(64_400, "same"), (65_900, "WORSE"), (62_000, "better")])
+def test_sizes_that_differ_by_seed_are_of_compressed_payloads_and_have_one_per_cent(make, size, verdict):
+    base = make.run("base", *(make.job(seed=seed, size=64_000 + seed) for seed in range(3)))
+    new = make.run("new", *(make.job(seed=seed, size=size + seed) for seed in range(3)))
+    assert change(compare(base, new), "bytes").verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"version": 2}, "codec version 2 instead of 1"),
+        ({"training": "other"}, "other training data"),
+        ({"btf": "other"}, "other data"),
+        ({"exposure": 1.6}, "another exposure"),
+    ],
+)
+def test_another_codec_version_or_other_data_cannot_be_compared(make, changes, reason):
+    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
+    new = make.run("new", *(make.job(seed=seed, psnr=10.0, **changes) for seed in range(3)))
+    found = compare(base, new)
+    assert (found.rows[0].verdict, found.exit_code) == ("not comparable", 4)
+    assert reason in found.rows[0].why
+
+
+def test_an_exposure_that_differs_in_its_last_digits_is_the_same(make):
+    base, new = make.run("base", make.job(exposure=1.5)), make.run("new", make.job(exposure=1.5000001))
+    assert compare(base, new).rows[0].deciding
+
+
+def test_another_metric_version_spares_the_other_numbers(make):
+    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
+    new = make.run("new", *(make.job(seed=seed, flip=0.9, versions={FLIP: 2}) for seed in range(3)))
+    found = compare(base, new)
+    assert change(found, "FLIP").verdict == "not comparable"
+    assert "version 2 instead of 1" in change(found, "FLIP").why
+    assert (change(found, "PSNR").verdict, found.rows[0].verdict, found.exit_code) == ("same", "not comparable", 0)
+
+
+def test_a_metric_that_is_not_measured_any_more_is_not_comparable(make):
+    base, new = make.run("base", make.job()), make.run("new", make.job(versions={FLIP: 0}))
+    assert "not measured any more" in change(compare(base, new), "FLIP").why
+
+
+def test_jobs_that_vanished_are_regressions(make):
+    base = make.run("base", *(make.job(label, seed=seed) for label in ("pca", "vq") for seed in range(3)))
+    row = make.run("row", *(make.job("pca", seed=seed) for seed in range(3)))
+    seed = make.run("seed", *list(base.jobs)[:-1])
+    away = make.run("away", *(make.job(seed=s) for s in range(3)), make.unfinished("unavailable", "vq"))
+    for new, why in ((row, "no job of this name"), (seed, "no result of seed 2"), (away, "not available: Runtime")):
+        found = compare(base, new)
+        assert [row.verdict for row in found.rows] == ["same", "GONE"]
+        assert why in found.rows[1].why
+        assert found.exit_code == 1
+
+
+def test_a_run_of_one_seed_by_choice_has_lost_nothing(make):
+    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
+    assert compare(base, make.run("new", make.job(seed=1), seeds=[1])).exit_code == 0
+
+
+def test_a_new_codec_is_shown_and_judged_by_nothing(make):
+    base, new = make.run("base", make.job()), make.run("new", make.job(), make.job("vq"))
+    found = compare(base, new)
+    assert [row.verdict for row in found.rows] == ["same", "new"]
+    assert found.exit_code == 0
+
+
+def test_an_empty_run_is_4_and_an_all_failed_one_3(make):
+    base = make.run("base", make.job(), make.job("vq"))
+    assert compare(base, make.run("empty")).exit_code == 4
+    failed = make.run("failed", make.unfinished("failed"), make.unfinished("failed", "vq"))
+    assert compare(base, failed).exit_code == 3
+    assert compare(base, make.run("other", make.job(material="brick"))).exit_code == 4
+
+
+def test_a_failure_outweighs_a_regression(make):
+    base = make.run("base", make.job(), make.job("vq"))
+    found = compare(base, make.run("new", make.job(psnr=20.0), make.unfinished("failed", "vq")))
+    assert [row.verdict for row in found.rows] == ["WORSE", "FAILED"]
+    assert found.rows[1].why == "the job failed: RuntimeError: no luck"
+    assert found.exit_code == 3
+
+
+def test_changed_settings_are_compared_and_said(make):
+    base, new = make.run("base", make.job()), make.run("new", make.job(settings={"components": 6}, size=50_000))
+    (row,) = compare(base, new).rows
+    assert row.verdict == "better"
+    assert row.notes == ["settings: components 8 → 6"]
+
+
+def test_rows_can_be_chosen(make):
+    base = make.run(
+        "base", *(make.job(label, material) for label in ("pca", "vq a=1") for material in ("satin", "knit"))
+    )
+    new = make.run("new", make.job("vq a=1"))
+    assert [row.name for row in compare(base, new, ["satin"], ["vq"]).rows] == ["satin/vq a=1"]
+    assert compare(base, new, ["satin"], ["vq"]).exit_code == 0
+
+
+def test_seeds_of_an_older_version_in_the_base_tell_nothing_of_the_spread(make):
+    old = [make.job("vq", seed=seed, psnr=20.0 + seed, version=0) for seed in (3, 4)]
+    base = make.run("base", *make.seeds([30.0, 30.1, 29.9]), *old)
+    new = make.run("new", *make.seeds([30.0, 30.1, 29.9]))
+    assert change(compare(base, new), "PSNR").spread == pytest.approx(0.1)
+
+
+def test_times_advise_as_multiples_of_mean_colour_in_the_same_start(make):
+    jobs = [make.job(), make.job("mean-colour")]
+    base = make.run("base", *jobs, make.timing(ns=500), make.timing("mean-colour", ns=100))
+
+    def advice(name, *timings):
+        found = compare(base, make.run(name, *jobs, *timings))
+        assert found.exit_code == 0
+        return found.rows[0].timing
+
+    slow_machine = advice("a", make.timing(ns=1500), make.timing("mean-colour", ns=300))
+    assert (slow_machine.new, slow_machine.words) == (pytest.approx(5), "")
+    assert advice("b", make.timing(ns=700), make.timing("mean-colour", ns=100)).words == "slower"
+    assert advice("c", make.timing(ns=300), make.timing("mean-colour", ns=100)).words == "faster"
+    assert advice("d", make.timing(ns=700, spread=300), make.timing("mean-colour", ns=100)).words == ""
+    assert advice("e", make.timing(ns=700), make.timing("mean-colour", ns=100, run="2")) is None
+    assert advice("f", make.timing(ns=700, batch=1), make.timing("mean-colour", ns=100, batch=1)) is None
+
+
+def test_what_the_runs_do_not_share_is_said(make):
+    base, new = make.run("base", make.job()), make.run("new", make.job(), packages={"torch": "3.0"}, threads=2)
+    with open(new.folder / "records.jsonl", "a") as file:
+        file.write('{"kind": "jo')
+    notes = compare(base, load_run(new.folder)).notes
+    assert any("torch 2.13.0 → 3.0; threads 1 → 2" in note for note in notes)
+    assert any("1 line(s) of NEW" in note for note in notes)
+
+
+def test_a_record_of_another_layout_is_an_error_that_names_it(make):
+    job = make.job()
+    del job["fit_key"]
+    with pytest.raises(InputError, match=r"satin/pca/0 has no 'fit_key'.*run it again"):
+        compare(make.run("base", job), make.run("new", make.job()))
