@@ -1,0 +1,93 @@
+"""Collects the demand of a scene, whoever casts its rays, within a limit of queries."""
+
+import math
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from bench.codec import Progress, silent
+from bench.demand.demand import Demand
+from bench.demand.points import Light, Points, asked
+from bench.errors import InputError
+
+PREVIEW = 96  # cells along the longer side of the picture, for a first look at how much of it shows the material
+MOST = 1_000_000  # queries of a demand
+SPARE = 0.97  # of the limit, as the first look is coarse
+
+
+def checked(limit: int, out: Path) -> None:
+    """Refuse, before any work, a limit of queries or a place for the demand that will not do."""
+    if not 1 <= limit <= MOST:
+        raise InputError(f"--queries {limit}: must be between 1 and {MOST}")
+    if out.suffix != ".npz":
+        raise InputError(f"{out}: a demand is an .npz file: give it that ending")
+    if not out.parent.is_dir():
+        raise InputError(f"{out}: its folder is not there: make it first")
+
+
+class Caster(Protocol):
+    """A scene that can be asked what its camera sees and what lights it."""
+
+    name: str
+    frames: int
+    picture: tuple[int, int]  # height and width in pixels
+    samples: int  # of the lights, at each point
+
+    def cast(self, frame: int, col: np.ndarray, row: np.ndarray) -> Points: ...  # at points (n,), in pixels
+
+    def lights(self, points: Points, rng: np.random.Generator) -> list[Light]: ...
+
+
+def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -> Demand:
+    """The queries of every frame of a scene, `limit` of them at most.
+
+    Where every pixel would ask for more, fewer rays are cast, one through a random point of each of the larger cells
+    that the picture is then divided into: the frames are smaller than the picture, but footprints stay those of its
+    pixels. `InputError` where no ray finds the material, or no light reaches what is seen.
+    """
+    size = _size(scene, limit)
+    cells = size[0] * size[1]
+    rng = np.random.default_rng(seed)
+    parts = []
+    for frame in range(scene.frames):
+        show("casting rays", frame, scene.frames)
+        points = scene.cast(frame, *_places(scene.picture, size, rng))
+        if len(points):
+            queries = asked(points, scene.lights(points, rng))
+            queries["pixel"] += frame * cells
+            parts.append(queries)
+    show("casting rays", scene.frames, scene.frames)
+    columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    if not len(columns["pixel"]):
+        raise InputError(f"{scene.name}: the camera sees the material, but no light reaches it on that side")
+    says = {"scene": scene.name, "picture": list(scene.picture), "limit": limit, "seed": seed}
+    demand = Demand(**columns, frames=(scene.frames, *size), provenance=says)
+    return demand if len(demand) <= limit else demand.thinned(limit, rng)
+
+
+def _size(scene: Caster, limit: int) -> tuple[int, int]:
+    """Height and width of the frames that ask for about `limit` queries, none above the picture's own."""
+    height, width = scene.picture
+    shrink = min(1.0, PREVIEW / max(height, width))
+    preview = max(1, round(height * shrink)), max(1, round(width * shrink))
+    rng = np.random.default_rng(0)
+    shown = [len(scene.cast(frame, *_places(scene.picture, preview, rng))) for frame in range(scene.frames)]
+    if not any(shown):
+        raise InputError(
+            f"{scene.name}: no ray of the camera finds the material: it is behind the camera, out of the picture, or "
+            "hidden: move the camera or the material"
+        )
+    wanted = sum(shown) / (preview[0] * preview[1]) * height * width * scene.samples
+    scale = min(1.0, math.sqrt(SPARE * limit / wanted))
+    return max(1, int(height * scale)), max(1, int(width * scale))
+
+
+def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Column and row (H · W,) in pixels of a point in each of (H, W) cells: the middle of a pixel, else a random one.
+
+    Regular places would meet a regular texture at the same texels over and over.
+    """
+    within = 0.5 if size == picture else rng.random((2, *size))
+    row, col = (np.mgrid[: size[0], : size[1]] + within) * (np.array(picture) / np.array(size))[:, None, None]
+    return col.ravel(), row.ravel()

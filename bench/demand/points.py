@@ -1,0 +1,99 @@
+"""What camera rays find of a surface, whoever cast them, and the queries that each light makes of it there.
+
+A point's frame follows its texture: x along +u, y toward +v, z the normal, so that a material lies as its picture does.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.demand.demand import unit
+
+FARTHEST = 64.0  # texture units that a footprint is cut at: a pixel at the horizon sees no finite piece
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Points:
+    """Visible points of the surface, float64; `ahead_x`, `ahead_y` point from the camera through the next pixels."""
+
+    pixel: Array  # (n,) of the frames, row by row
+    uv: Array  # (n, 2)
+    position: Array  # (n, 3)
+    normal: Array  # (n, 3) unit
+    dp_du: Array  # (n, 3) how the position moves with u …
+    dp_dv: Array  # (n, 3) … and with v
+    eye: Array  # (n, 3) where the camera is
+    ahead_x: Array  # (n, 3) of the pixel to the right
+    ahead_y: Array  # (n, 3) of the pixel below
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def take(self, which: Array) -> "Points":
+        """Some of the points, by index or mask."""
+        return Points(*(value[which] for value in vars(self).values()))
+
+    def local(self, directions: Array) -> Array:
+        """Directions (n, 3) of the scene in the frame of each point."""
+        x = unit(self.dp_du - self.normal * _dot(self.normal, self.dp_du))
+        y = np.cross(self.normal, x)
+        y *= np.where(_dot(y, self.dp_dv) < 0, -1.0, 1.0)  # a mirrored texture
+        return np.stack([(directions * axis).sum(-1) for axis in (x, y, self.normal)], -1)
+
+    @property
+    def wo(self) -> Array:
+        """(n, 3) the direction to the camera, in the frame of each point."""
+        return self.local(unit(self.eye - self.position))
+
+    @property
+    def footprint(self) -> Array:
+        """(n,) the longer side of a pixel on the surface, in texture units: what isotropic filtering averages over."""
+        sides = [np.linalg.norm(self._uv_of(self._moved(ahead)), axis=1) for ahead in (self.ahead_x, self.ahead_y)]
+        return np.minimum(np.maximum(*sides), FARTHEST)
+
+    def _moved(self, ahead: Array) -> Array:
+        """How far the plane that touches the surface is from each point along the ray of a neighbouring pixel."""
+        along = _dot(ahead, self.normal)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moved = self.eye + ahead * (_dot(self.position - self.eye, self.normal) / along) - self.position
+        beyond = ~(np.isfinite(moved).all(-1)) | (((moved + self.position - self.eye) * ahead).sum(-1) <= 0)
+        return np.where(beyond[:, None], self.dp_du * FARTHEST, moved)
+
+    def _uv_of(self, moved: Array) -> Array:
+        """The change of uv (n, 2) of a step (n, 3) within the surface, by least squares."""
+        a, b = self.dp_du, self.dp_dv
+        uu, uv, vv, u, v = (_dot(*pair)[:, 0] for pair in ((a, a), (a, b), (b, b), (moved, a), (moved, b)))
+        return np.stack([u * vv - v * uv, v * uu - u * uv], -1) / (uu * vv - uv * uv)[:, None]
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return (a * b).sum(-1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class Light:
+    """What reaches some points from one light, or one sample of it: toward the light, and RGB irradiance facing it."""
+
+    toward: Array  # (n, 3) unit
+    irradiance: Array  # (n, 3)
+
+
+def asked(points: Points, lights: list[Light]) -> dict[str, Array]:
+    """The queries of some points under some lights, by the names of `Demand`, but for its frames.
+
+    What is at or behind a horizon, or unlit, is left out.
+    """
+    wo, footprint = points.wo, points.footprint
+    parts = []
+    for light in lights:
+        wi = points.local(light.toward)
+        seen = (wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
+        some = np.flatnonzero(seen)
+        uv = np.mod(points.uv[some], 1.0)
+        parts.append((uv, footprint[some], wo[some], wi[some], light.irradiance[some], points.pixel[some]))
+    names = ("uv", "footprint", "wo", "wi", "weight", "pixel")
+    kinds = (np.float32,) * 5 + (np.int32,)
+    columns = zip(*parts, strict=True)
+    return {n: np.concatenate(c).astype(k) for n, c, k in zip(names, columns, kinds, strict=True)}

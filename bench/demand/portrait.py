@@ -1,0 +1,131 @@
+"""What a demand asks for, in numbers and drawn as one PNG."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bench.atomic import replacing
+from bench.demand.demand import Demand
+from bench.hemisphere import to_degrees
+from bench.metrics.display import exposure_of, to_display
+
+COVERAGE = 64  # cells a side of the map of what is seen of the texture
+PERCENTILES = (1, 50, 99)
+ALBEDO = 0.5  # of the white stand-in that frames are shown with
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A demand in a few numbers, each weighted by what it contributes to the pictures."""
+
+    queries: int
+    frames: tuple[int, int, int]
+    theta_o_deg: tuple[float, ...]  # at `PERCENTILES`
+    theta_i_deg: tuple[float, ...]
+    footprint: tuple[float, ...]  # in texture units
+    finest: float  # the smallest footprint of all
+    coverage: float  # share of the texture that is seen at all
+
+    def text(self) -> str:
+        """The lines that a reader wants."""
+        low, middle, high = PERCENTILES
+        count, height, width = self.frames
+
+        def spread(values: tuple[float, ...], unit: str) -> str:
+            return " · ".join(f"{value:.3g}{unit}" for value in values)
+
+        return "\n".join(
+            [
+                f"{self.queries:,} queries of {count} frame{'s' * (count > 1)} of {width} × {height}",
+                f"percentiles {low} · {middle} · {high}, weighted by what a white diffuser would send to the camera:",
+                f"  view from the normal:   {spread(self.theta_o_deg, '°')}",
+                f"  light from the normal:  {spread(self.theta_i_deg, '°')}",
+                f"  footprint:              {spread(self.footprint, '')} of the texture's side",
+                f"finest footprint: {self.finest:.3g}: a texture of more than {texels(self.finest):,} texels a side "
+                "shows nothing more",
+                f"seen of the texture: {self.coverage:.0%}",
+            ]
+        )
+
+
+def texels(footprint: float) -> int:
+    """The texels a side of a texture of which one is as large as a footprint."""
+    return max(1, round(1 / footprint))
+
+
+def summarise(demand: Demand) -> Summary:
+    """The numbers of a demand."""
+    share = demand.importance
+    theta = [to_degrees(w)[0] for w in (demand.wo, demand.wi)]
+    view, light, footprint = (_percentiles(values, share) for values in (*theta, demand.footprint))
+    seen = float((_coverage(demand) > 0).mean())
+    return Summary(len(demand), demand.frames, view, light, footprint, float(demand.footprint.min()), seen)
+
+
+def _percentiles(values: Array, share: Array) -> tuple[float, ...]:
+    order = np.argsort(values)
+    places = np.searchsorted(np.cumsum(share[order]), np.array(PERCENTILES) / 100)
+    return tuple(float(values[order][min(place, len(values) - 1)]) for place in places)
+
+
+def _coverage(demand: Demand) -> Array:
+    """The share of the demand in each cell of the texture, row 0 on top; a footprint counts where its middle lies."""
+    col, row = demand.uv[:, 0], 1 - demand.uv[:, 1]
+    return np.histogram2d(row, col, COVERAGE, [[0, 1], [0, 1]], weights=demand.importance)[0]
+
+
+def draw(demand: Demand, path: Path) -> None:
+    """A PNG: a frame on a white diffuser, where views and lights lie, what is seen of the texture, and sizes."""
+    figure = Figure(figsize=(14, 7), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.subplot_mosaic([["frame", "frame", "wo", "wi"], ["frame", "frame", "uv", "footprint"]])
+    grid["frame"].imshow(_stand_in(demand))
+    grid["frame"].set_title(f"{demand.provenance.get('scene', '')}: the first frame, on a white diffuser")
+    grid["frame"].axis("off")
+    for name, title in (("wo", "views"), ("wi", "lights")):
+        _polar(grid[name], getattr(demand, name), demand.importance, title)
+    grid["uv"].imshow(_coverage(demand), extent=(0, 1, 0, 1), cmap="magma")
+    grid["uv"].set(title="seen of the texture", xlabel="u", ylabel="v")
+    _footprints(grid["footprint"], demand)
+    with replacing(path) as partial:
+        figure.savefig(partial, format="png", dpi=80)
+
+
+def _stand_in(demand: Demand) -> Array:
+    picture = demand.pictures(np.repeat(demand.wi[:, 2:] * ALBEDO / np.pi, 3, 1))[0]
+    return to_display(picture, exposure_of(picture))
+
+
+def _polar(axes, directions: Array, share: Array, title: str) -> None:  # type: ignore[no-untyped-def]
+    """The density of directions in the plane of θ (radius, degrees) and φ, each cell over its solid angle."""
+    theta, phi = to_degrees(directions)
+    x, y = theta * np.cos(np.radians(phi)), theta * np.sin(np.radians(phi))
+    edges = np.linspace(-90, 90, 46)
+    density = np.histogram2d(y, x, [edges, edges], weights=share)[0]
+    middle = (edges[1:] + edges[:-1]) / 2
+    radius = np.hypot(*np.meshgrid(middle, middle))
+    density /= np.sin(np.radians(np.clip(radius, 2, 90))) / np.clip(radius, 2, None)
+    density[radius > 90] = np.nan
+    axes.imshow(np.sqrt(density), extent=(-90, 90, -90, 90), origin="lower", cmap="magma")
+    for ring in (30, 60, 90):
+        axes.add_patch(_circle(ring))
+        axes.text(0, ring, f"{ring}°", color="grey", fontsize=7, ha="center")
+    axes.set_title(f"{title} (root of density)")
+    axes.axis("off")
+
+
+def _circle(radius: float):  # type: ignore[no-untyped-def]
+    from matplotlib.patches import Circle
+
+    return Circle((0, 0), radius, fill=False, color="grey", linewidth=0.5)
+
+
+def _footprints(axes, demand: Demand) -> None:  # type: ignore[no-untyped-def]
+    level = np.log2(demand.footprint)
+    axes.hist(level, bins=40, weights=demand.importance, color="tab:blue")
+    axes.set(title="footprints", xlabel="log2 of the texture's side", ylabel="share of the demand")

@@ -1,0 +1,187 @@
+import json
+
+import numpy as np
+import pytest
+
+from bench import cli
+from bench.demand import demand as demands
+from bench.demand.collect import collect
+from bench.demand.portrait import summarise
+from bench.demand.scene import named_scene, parse_scene, shipped
+from bench.demand.text_scene import TextScene
+from bench.errors import InputError
+
+ABOVE = """
+[camera]
+width = 40
+height = 20
+fov_deg = 40
+position = [0, 0, 2]
+target = [0, 0, 0]
+up = [0, 1, 0]
+[surface]
+size = [4, 4]
+repeat = [2, 2]
+"""
+SUN = '[[lights]]\nkind = "directional"\ntoward = [0.6, 0, 0.8]\nirradiance = [1, 2, 3]\n'
+LAMP = '[[lights]]\nkind = "point"\nposition = [1, 0, 3]\nintensity = [9, 9, 9]\n'
+SKY = '[[lights]]\nkind = "environment"\nradiance = [1, 1, 1]\nsamples = 4\n'
+BALL = ABOVE[: ABOVE.index("[surface]")] + '[surface]\nshape = "sphere"\nradius = 0.5\nrepeat = [4, 2]\n'
+
+
+def of(text, limit=10**6):
+    return collect(TextScene(parse_scene("test", text)), limit)
+
+
+def test_a_plane_seen_from_above_has_the_picture_s_own_frame():
+    demand = of(ABOVE + SUN)
+    assert demand.frames == (1, 20, 40)
+    assert len(demand) == 800
+    pixel = 2 * np.tan(np.radians(20)) / 40 * 2  # scene units, at distance 2; the texture's period is 2
+    x, y = (demand.pixel % 40 - 19.5) * pixel, -(demand.pixel // 40 - 9.5) * pixel
+    np.testing.assert_allclose(demand.uv, np.stack([(x / 4 + 0.5) * 2 % 1, (y / 4 + 0.5) * 2 % 1], 1), atol=1e-5)
+    np.testing.assert_allclose(
+        demand.wo * np.sqrt(x**2 + y**2 + 4)[:, None], np.stack([-x, -y, 0 * x + 2], 1), atol=1e-5
+    )
+    np.testing.assert_allclose(demand.wi, np.broadcast_to([0.6, 0, 0.8], (800, 3)), atol=1e-6)
+    np.testing.assert_allclose(demand.footprint, pixel / 2, rtol=1e-5)
+
+
+@pytest.mark.parametrize("text", [ABOVE, BALL])
+def test_frames_follow_the_surface_and_a_footprint_is_the_step_to_the_next_pixel(text):
+    tilted = text.replace("position = [0, 0, 2]", "position = [0.3, -1.5, 0.9]").replace(
+        "up = [0, 1, 0]", "up = [0, 0, 1]"
+    )
+    fine = tilted.replace("width = 40", "width = 1200").replace("height = 20", "height = 600")
+    col, row = np.meshgrid(np.arange(1200) + 0.5, np.arange(600) + 0.5)
+    points = TextScene(parse_scene("test", fine + SUN)).cast(0, col.ravel(), row.ravel())
+    view = points.eye - points.position
+    np.testing.assert_allclose(points.wo[:, 2], (view * points.normal).sum(1) / np.linalg.norm(view, axis=1), atol=1e-9)
+    uv = np.full((600 * 1200, 2), np.nan)
+    uv[points.pixel] = points.uv
+    uv = uv.reshape(600, 1200, 2)
+    steps = [np.linalg.norm(uv[1:, :-1] - uv[:-1, :-1], axis=-1), np.linalg.norm(uv[:-1, 1:] - uv[:-1, :-1], axis=-1)]
+    expected = np.maximum(*steps).ravel()
+    found = np.full((600, 1200), np.nan)
+    found.ravel()[points.pixel] = points.footprint
+    found = found[:-1, :-1].ravel()
+    # Where the surface curves away, or wraps, the next pixel is not on the plane that touches it here.
+    straight = np.isfinite(expected) & np.isfinite(found) & (found < 0.02)
+    assert straight.sum() > 10_000
+    assert np.median(np.abs(found[straight] / expected[straight] - 1)) < 0.01
+
+
+@pytest.mark.parametrize("light", [SUN, LAMP])
+def test_the_sum_over_the_demand_is_the_picture_of_a_diffuser(light):
+    demand = of(ABOVE + light)
+    picture = demand.pictures(np.repeat(demand.wi[:, 2:] / np.pi, 3, 1))[0]
+    pixel = 2 * np.tan(np.radians(20)) / 40 * 2
+    x = (np.arange(40) - 19.5) * pixel
+    y = -(np.arange(20)[:, None] - 9.5) * pixel
+    if light == SUN:
+        expected = np.broadcast_to(0.8 * np.array([1, 2, 3]) / np.pi, (20, 40, 3))
+    else:
+        expected = np.repeat((9 * 3 / ((x - 1) ** 2 + y**2 + 9) ** 1.5 / np.pi)[..., None], 3, 2)
+    np.testing.assert_allclose(picture, expected, rtol=1e-5)
+
+
+def test_an_environment_lights_a_diffuser_evenly():
+    demand = of(ABOVE + SKY.replace("samples = 4", "samples = 64"))
+    picture = demand.pictures(np.repeat(demand.wi[:, 2:] / np.pi, 3, 1))
+    # A white diffuser under radiance 1 from all around sends back 1.
+    assert picture.mean() == pytest.approx(1, abs=0.02)
+
+
+def test_a_lamp_of_an_environment_sends_what_its_disc_does():
+    lamp = "lamps = [{toward = [0, 0, 1], cone_deg = 5, radiance = [50, 50, 50]}]\n"
+    demand = of(ABOVE + SKY.replace("radiance = [1, 1, 1]\n", lamp))
+    irradiance = 50 * np.pi * np.sin(np.radians(5)) ** 2
+    picture = demand.pictures(np.repeat(demand.wi[:, 2:] / np.pi, 3, 1))
+    assert picture.mean() * np.pi == pytest.approx(irradiance, rel=1e-2)
+    assert (demand.wi[:, 2] >= np.cos(np.radians(5)) - 1e-6).all()
+
+
+def test_a_limit_of_queries_casts_fewer_rays_with_the_picture_s_footprints():
+    whole, part = of(ABOVE + SUN), of(ABOVE + SUN, limit=200)
+    assert len(part) <= 200
+    assert part.frames[1] < 20
+    assert np.median(part.footprint) == pytest.approx(np.median(whole.footprint), rel=1e-3)
+
+
+def test_thinning_keeps_the_sum_of_the_weights():
+    demand = of(ABOVE + SUN)
+    thin = demand.thinned(300, np.random.default_rng(0))
+    assert len(thin) == 300
+    assert thin.weight.sum() == pytest.approx(demand.weight.sum(), rel=1e-5)
+
+
+def test_a_demand_is_read_as_it_was_written(tmp_path):
+    demand = of(ABOVE + LAMP + SUN)
+    demand.save(tmp_path / "a.npz")
+    read = demands.load(tmp_path / "a.npz")
+    for name in ("uv", "footprint", "weight", "pixel"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(demand, name))
+    for name in ("wo", "wi"):
+        np.testing.assert_allclose(getattr(read, name), getattr(demand, name), atol=2e-5)
+    assert (read.frames, read.provenance) == (demand.frames, demand.provenance)
+    (tmp_path / "b.npz").write_bytes(b"PK")
+    with pytest.raises(InputError, match=r"b\.npz: not a demand"):
+        demands.load(tmp_path / "b.npz")
+    with pytest.raises(InputError, match="cannot be read"):
+        demands.load(tmp_path / "none.npz")
+
+
+def test_a_newer_demand_is_refused(tmp_path):
+    of(ABOVE + SUN).save(tmp_path / "a.npz")
+    arrays = dict(np.load(tmp_path / "a.npz"))
+    says = json.loads(arrays["about"].tobytes()) | {"format": 99}
+    np.savez(tmp_path / "a.npz", **arrays | {"about": np.frombuffer(json.dumps(says).encode(), np.uint8)})
+    with pytest.raises(InputError, match="format 99 is newer"):
+        demands.load(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (ABOVE, "lights is missing"),
+        (SUN, "camera is missing"),
+        (ABOVE.replace("fov_deg", "fov") + SUN, "no key 'fov'; did you mean 'fov_deg'"),
+        (ABOVE.replace("40\nheight", "-1\nheight") + SUN, "width and height be at least 1"),
+        (ABOVE.replace("position = [0, 0, 2]", "position = [0, 2]") + SUN, "position must be 3 numbers"),
+        (ABOVE.replace("up = [0, 1, 0]", "up = [0, 0, 1]") + SUN, "must not be parallel"),
+        (ABOVE.replace("target = [0, 0, 0]", "") + SUN, "target"),
+        (ABOVE + SUN.replace("directional", "direct"), "no kind 'direct'; did you mean 'directional'"),
+        (ABOVE + '[[lights]]\nkind = "point"\nposition = [0, 0, 1]', "a point light needs intensity"),
+        (ABOVE + "[[lights", "not TOML"),
+        (ABOVE.replace("position = [0, 0, 2]", "position = [0, 0, 2]\npath = []") + SUN, "path names no frame"),
+        (ABOVE.replace("target = [0, 0, 0]", "target = [0, 0, 4]") + SUN, "no ray of the camera finds the material"),
+        (ABOVE + SUN.replace("0.8", "-0.8"), "no light reaches it"),
+    ],
+)
+def test_a_scene_that_will_not_do_says_why(text, message):
+    with pytest.raises(InputError, match=message):
+        of(text)
+
+
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_every_scene_that_ships_sees_its_material(name):
+    demand = collect(TextScene(named_scene(name)), 5_000)
+    assert 500 < len(demand) <= 5_000
+    for values in (demand.uv, demand.wo, demand.wi, demand.weight, demand.footprint):
+        assert np.isfinite(values).all()
+    assert summarise(demand).coverage > 0.1
+
+
+def test_the_command_writes_a_demand_and_draws_it(tmp_path, capsys):
+    out = tmp_path / "wall.npz"
+    assert cli.main(["demand", "wall", "--queries", "2000", "-o", str(out)]) == 0
+    assert "light from the normal:" in capsys.readouterr().out
+    assert out.with_suffix(".png").stat().st_size > 10_000
+    for words, message in (
+        (["wal", "-o", str(out)], "did you mean 'wall'"),
+        (["wall", "-o", str(tmp_path / "a.txt")], "give it that ending"),
+        (["wall", "-o", str(tmp_path / "no" / "a.npz")], "make it first"),
+        (["wall", "--queries", "0", "-o", str(out)], "must be between 1 and"),
+    ):
+        assert cli.main(["demand", *words]) == 2
+        assert message in capsys.readouterr().err
