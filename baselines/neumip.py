@@ -17,7 +17,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.errors import InputError
-from bench.material import DecoderCost, Material
+from bench.material import DecoderCost, Material, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.training import Batch, Objective, Samples, gain_of, train
@@ -81,7 +81,7 @@ class NeuMIP(Codec):
         height, width = parts.other["size"].tolist()
         offset = unpack("offset", parts.texture).flatten(0, 1) if self.settings.offset else None
         pyramid = unpack("pyramid", parts.texture)
-        return NeuMIPMaterial((height, width), networks, pyramid, offset, parts.other["gain"]).to(device)
+        return NeuMIPMaterial((height, width), networks, pyramid, offset, float(parts.other["gain"])).to(device)
 
 
 def level_count(size: tuple[int, int]) -> int:
@@ -160,7 +160,7 @@ class Networks(nn.Module):
     def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """gain · radiance (n, 3), not clamped, of latents (n, 7): YUV → RGB → expm1, times a mask if there is one."""
         out = self.decoder(torch.cat([wi[:, :2], wo[:, :2], latents], 1))
-        rgb = (out[:, :3] @ self.to_rgb).expm1()
+        rgb = to_radiance(out[:, :3] @ self.to_rgb.to(out.dtype), 1.0)
         return rgb * (0.1 + out[:, 3:].sigmoid()) if out.shape[1] > 3 else rgb
 
 
@@ -250,7 +250,7 @@ def blur(texture: Tensor, size: tuple[int, int], sigma: float) -> Tensor:
 class NeuMIPMaterial(Material):
     """A table of all levels, an offset texture (H · W, 7) or None, and the networks."""
 
-    def __init__(self, size: tuple[int, int], networks: Networks, table: Tensor, offset: Tensor | None, gain: Tensor):
+    def __init__(self, size: tuple[int, int], networks: Networks, table: Tensor, offset: Tensor | None, gain: float):
         pyramid = Pyramid(size)
         channels = networks.decoder.architecture.inputs - 4
         if table.shape != (sum(pyramid.counts), channels):

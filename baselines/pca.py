@@ -14,7 +14,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.errors import InputError
-from bench.material import DecoderCost, Material, sample_texture
+from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.scoring import exposure
 
 BLOCK_BYTES = 16 << 20  # slices read together: many enough for fast products, few enough for the cache
@@ -64,14 +64,14 @@ class PCA(Codec):
             texture = texture * parts.texture["scale"] + parts.texture["offset"]
         mean, basis = parts.decoder["mean"].float(), parts.decoder["basis"].float()
         table = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1): the mean's coefficient is 1
-        gain = parts.other["gain"] if self.settings.domain == "log" else None
+        gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
         return PCAMaterial(texture, table, PairInterpolator(unpack_layout(parts.other)), gain).to(device)
 
 
 class PCAMaterial(Material):
     """Coefficients (H, W, k) bilinear over texels, eigen-ABRDFs (N, 3, k + 1) interpolated over directions."""
 
-    def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: Tensor | None):
+    def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float | None):
         height, width, components = texture.shape
         row = table[0].numel()
         cost = DecoderCost(
@@ -91,7 +91,7 @@ class PCAMaterial(Material):
             return self._combine(pair, weight, coefficients)
         pair, share = self.interpolator.shares(wo, wi)
         level = self._combine(pair, share, coefficients).clamp_min(0)
-        return level.expm1() * (wi[:, 2:] / (self._cosine(pair, share, level) * self.gain))
+        return to_radiance(level, self.gain) * (wi[:, 2:] / self._cosine(pair, share, level))
 
     def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · table row · coefficients, (n, 3), without the rows (n, pairs, 3, k) ever standing in memory."""

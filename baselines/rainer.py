@@ -14,7 +14,7 @@ from torch.nn import functional
 from bench.codec import Fit
 from bench.decoder import LEAK, Architecture, Decoder
 from bench.directions import stereographic
-from bench.material import DecoderCost, Material, sample_texture
+from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import Batch, Loss, Objective, Samples, distance
 
 WIDTHS = (106, 106, 106, 106)
@@ -136,7 +136,7 @@ class Autoencoder(Objective):
 class RainerMaterial(Material):
     """A texture (H, W, D + 6) of latents, means and deviations, fetched bilinearly, and the decoder."""
 
-    def __init__(self, decoder: Decoder, texture: Tensor, gain: Tensor):
+    def __init__(self, decoder: Decoder, texture: Tensor, gain: float):
         height, width, channels = texture.shape
         cost = DecoderCost(
             parameters=decoder.architecture.parameters,
@@ -150,4 +150,4 @@ class RainerMaterial(Material):
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         latents, found = sample_texture(self.texture, uv).tensor_split([-STATISTICS], dim=1)
-        return radiance(self.decoder, latents, found, directions(wo, wi)).expm1() / self.gain
+        return to_radiance(radiance(self.decoder, latents, found, directions(wo, wi)), self.gain)

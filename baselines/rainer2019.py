@@ -57,7 +57,7 @@ class Rainer2019(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         decoder = Decoder(architecture(self.settings.latents, self.settings.activation))
         load_vector(unpack("weights", parts.decoder), decoder)
-        return RainerMaterial(decoder, unpack("latents", parts.texture), parts.other["gain"]).to(device)
+        return RainerMaterial(decoder, unpack("latents", parts.texture), float(parts.other["gain"])).to(device)
 
 
 class Fitting(Autoencoder):

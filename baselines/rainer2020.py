@@ -36,7 +36,7 @@ from bench.shared import Shared
 from bench.training import Batch, Loss, Samples, gain_of, train
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
-TARGETS = 375  # pairs of each training material that the decoder is asked for: held out, between those encoded
+TARGETS = 375  # pairs of each training material that the decoder is asked for
 
 
 class Rainer2020Network(SharedNetwork):
@@ -71,7 +71,7 @@ class Rainer2020Network(SharedNetwork):
         )
 
     def brief(self) -> "Rainer2020Network":
-        return Rainer2020Network(**(vars(self.settings) | {"steps": 150, "texels": 16}))
+        return Rainer2020Network(**(vars(self.settings) | {"steps": 300, "texels": 8, "rate": 1e-2}))
 
 
 class Rainer2020(Codec):
@@ -105,7 +105,7 @@ class Rainer2020(Codec):
         if parts.shared is None:
             raise ValueError("the file names no shared network")
         decoder = decoder_of(parts.shared)
-        return RainerMaterial(decoder, unpack("latents", parts.texture), parts.other["gain"]).to(device)
+        return RainerMaterial(decoder, unpack("latents", parts.texture), float(parts.other["gain"])).to(device)
 
 
 def canonical_pairs() -> Layout:
@@ -158,46 +158,42 @@ class Resampler(torch.nn.Module):
 
 
 class Pool(Samples):
-    """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at held-out pairs to answer for.
+    """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at other pairs to answer for.
 
-    Texel t is of BTF `material[t]`; pair p of that BTF has the coordinates `coordinates[material[t], p]`. A BTF with
-    fewer held-out pairs than others has some twice.
+    Texel t is of BTF `material[t]`; pair p of that BTF has the decoder's coordinates `coordinates[material[t], p]`.
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
-        generator = fit.generator()
-        seen, asked, coordinates, sizes = [], [], [], []
-        for btf in fit.progress(btfs, "materials"):
-            split = btf.split()
-            train = btf.subset(split.train)
-            gain = gain_of(train, fit)
-            texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
-            resampled = Resampler(train.layout, canonical).to(fit.device)
-            samples = Samples(train, gain, fit)
-            seen.append(torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(BLOCK)]))
-            between = btf.subset(
-                _drawn(np.concatenate([np.empty(0, int), *split.heldout.values()]), split.train, generator)
-            )
-            asked.append(Samples(between, gain, fit).abrdfs(texel).half())
-            coordinates.append(directions(*(torch.from_numpy(w).to(fit.device) for w in (between.wo, between.wi))))
-            sizes.append(len(texel))
-        self.device = fit.device
-        self.seen, self.kept = torch.cat(seen), torch.cat(asked)
+        generator, device = fit.generator(), fit.device
+        drawn = [_drawn(btf, canonical, most, generator, fit) for btf in fit.progress(btfs, "materials")]
+        seen, asked, coordinates = zip(*drawn, strict=True)
+        self.device, self.seen, self.kept = device, torch.cat(seen), torch.cat(asked)
         self.texels, self.pairs = len(self.seen), TARGETS
         self.coordinates = torch.stack(coordinates)
-        self.material = torch.arange(len(sizes), device=fit.device).repeat_interleave(
-            torch.tensor(sizes, device=fit.device)
-        )
+        counts = torch.tensor([len(texels) for texels in seen], device=device)
+        self.material = torch.arange(len(drawn), device=device).repeat_interleave(counts)
 
     def abrdfs(self, texel: Tensor) -> Tensor:
         return self.seen[texel].float()
 
 
-def _drawn(heldout: np.ndarray, train: np.ndarray, generator: torch.Generator) -> np.ndarray:
-    """`TARGETS` of the held-out pairs, or of all where none are held out; in turn again where they are fewer."""
-    pairs = heldout if len(heldout) else train
-    order = torch.randperm(len(pairs), generator=generator).numpy()
-    return pairs[np.resize(order, TARGETS)]
+def _drawn(
+    btf: BTF, canonical: Layout, most: int, generator: torch.Generator, fit: Fit
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Of some texels of a BTF what is encoded (n, C, 3), what is asked (n, TARGETS, 3), and where (TARGETS, 4)."""
+    texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
+    encoded, asked = btf.subset(btf.split().train), btf.subset(_asked(btf, generator))
+    gain = gain_of(encoded, fit)
+    resampled, samples = Resampler(encoded.layout, canonical).to(fit.device), Samples(encoded, gain, fit)
+    seen = torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(BLOCK)])
+    targets = Samples(asked, gain, fit)
+    return seen, targets.abrdfs(texel).half(), directions(targets.wo, targets.wi)
+
+
+def _asked(btf: BTF, generator: torch.Generator) -> np.ndarray:
+    """`TARGETS` pairs: held-out ones where the BTF declares them, else any; in turn again where there are fewer."""
+    pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(btf.heldout)
+    return pairs[np.resize(torch.randperm(len(pairs), generator=generator).numpy(), TARGETS)]
 
 
 class Fitting(Autoencoder):

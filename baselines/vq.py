@@ -18,7 +18,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.errors import InputError
-from bench.material import DecoderCost, Material, texel_corners
+from bench.material import DecoderCost, Material, texel_corners, to_radiance
 from bench.training import gain_of
 
 BLOCK_BYTES = 64 << 20  # slices read together
@@ -73,7 +73,7 @@ class VQ(Codec):
         index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
         rows = torch.stack(index, 1) + starts
-        codebook, gain = parts.decoder["codebook"].float(), parts.other["gain"]
+        codebook, gain = parts.decoder["codebook"].float(), float(parts.other["gain"])
         return VQMaterial((height, width), rows, codebook, PairInterpolator(unpack_layout(parts.other)), gain).to(
             device
         )
@@ -83,7 +83,7 @@ class VQMaterial(Material):
     """Rows (H · W, stages) of a codebook (codes, N, 3) of log ABRDFs: bilinear over texels, interpolated over pairs."""
 
     def __init__(
-        self, size: tuple[int, int], rows: Tensor, codebook: Tensor, interpolator: PairInterpolator, gain: Tensor
+        self, size: tuple[int, int], rows: Tensor, codebook: Tensor, interpolator: PairInterpolator, gain: float
     ):
         stages, values = rows.shape[1], 4 * rows.shape[1] * interpolator.reads * 3
         cost = DecoderCost(
@@ -107,7 +107,7 @@ class VQMaterial(Material):
         mixed = functional.embedding_bag(
             row.flatten(1), self.codebook, per_sample_weights=weight.flatten(1), mode="sum"
         )
-        return mixed.expm1() / self.gain
+        return to_radiance(mixed, self.gain)
 
 
 def _slices(btf: BTF, gain: float, fit: Fit, label: str) -> Iterator[Tensor]:

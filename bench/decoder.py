@@ -15,6 +15,7 @@ from torch.nn import functional
 Activation = Literal["relu", "leaky-relu", "sine"]
 
 LEAK = 0.01  # slope of the leaky ReLU below 0
+HALF_MAX = 65504.0
 
 
 @dataclass(frozen=True)
@@ -72,23 +73,30 @@ class Decoder(nn.Module):
             for depth, layer in enumerate(self.layers):
                 _initialise(layer, architecture, depth, generator)
 
-    def forward(self, x: Tensor) -> Tensor:
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Outputs (n, outputs) of inputs (n, inputs), in their dtype; between them all is in that of the weights."""
+        x = inputs.to(next(self.parameters()).dtype)
         for depth, layer in enumerate(self.layers[:-1]):
-            hidden = layer(x)
+            hidden = _saturated(layer(x))
             if self.norms is not None:
-                hidden = self.norms[depth](hidden)
+                hidden = _saturated(self.norms[depth](hidden))
             hidden = self._activate(hidden)
-            x = x + hidden if self.architecture.residual and x.shape == hidden.shape else hidden
-        return self.layers[-1](x)
+            x = _saturated(x + hidden) if self.architecture.residual and x.shape == hidden.shape else hidden
+        return _saturated(self.layers[-1](x)).to(inputs.dtype)
 
     def _activate(self, x: Tensor) -> Tensor:
         match self.architecture.activation:
             case "sine":
-                return torch.sin(x if self.architecture.omega == 1 else x * self.architecture.omega)
+                return torch.sin(x if self.architecture.omega == 1 else _saturated(x * self.architecture.omega))
             case "leaky-relu":
                 return functional.leaky_relu(x, LEAK)
             case "relu":
                 return functional.relu(x)
+
+
+def _saturated(x: Tensor) -> Tensor:
+    """The same numbers; of halves, which end at 65,504, the infinite ones replaced by the largest finite ones."""
+    return x.clamp(-HALF_MAX, HALF_MAX) if x.dtype == torch.float16 else x
 
 
 def _initialise(layer: nn.Module, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:

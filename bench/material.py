@@ -13,6 +13,7 @@ from bench.errors import InputError
 
 CHUNK = 16_384  # queries evaluated at once: intermediates stay in cache, and memory does not grow with the batch
 UNIT_TOLERANCE = 1e-3
+HIGHEST_LEVEL = 60.0  # of log radiance: 1e26 times the brightest percent, and still far from the end of float32
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,10 @@ class Material:
         self.device, self.dtype = torch.device("cpu"), torch.float32
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """RGB (n, 3) of valid queries above the horizon: uv (n, 2), wo and wi (n, 3), footprint (n,). Pure."""
+        """RGB (n, 3) of valid queries above the horizon: uv (n, 2), wo and wi (n, 3), footprint (n,). Pure.
+
+        Queries are float32 where the material is half or bfloat16, because neither can address texels or the zenith.
+        """
         raise NotImplementedError
 
     def modules(self) -> Sequence[nn.Module]:
@@ -47,10 +51,14 @@ class Material:
         return [network for network in networks if next(network.parameters(), None) is not None]
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Material":
-        """Move every tensor and network to a device, floating-point ones to a dtype, in place; returns itself."""
+        """Move every tensor and network to a device, floating-point ones to a dtype, in place; returns itself.
+
+        Modules without parameters hold geometry, such as sampled directions, and stay at least float32.
+        """
         for name, value in vars(self).items():
             if isinstance(value, nn.Module):
-                value.to(device=device, dtype=dtype)
+                learned = next(value.parameters(), None) is not None
+                value.to(device=device, dtype=dtype if dtype is None or learned else at_least_float32(dtype))
             elif isinstance(value, Tensor):
                 setattr(self, name, value.to(device=device, dtype=dtype if value.is_floating_point() else None))
         self.device = self.device if device is None else torch.device(device)
@@ -75,12 +83,13 @@ class Material:
     def _answer(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """One chunk: below the horizon 0; `evaluate` sees the zenith there, never a direction it cannot handle."""
         below = (wo[:, 2] <= 0) | (wi[:, 2] <= 0)
-        # Wrapping in double keeps the place of uv = ±1e6 in the texture; the codec's dtype may be half.
-        uv = (uv.double() - uv.double().floor()).to(self.device, self.dtype)
+        # Wrapping in double keeps the place of uv = ±1e6 in the texture.
+        uv = uv.double() - uv.double().floor()
         if below.any():
             zenith = wo.new_tensor([0.0, 0.0, 1.0])
             wo, wi = torch.where(below[:, None], zenith, wo), torch.where(below[:, None], zenith, wi)
-        rgb = self.evaluate(uv, *(x.to(self.device, self.dtype) for x in (wo, wi, footprint)))
+        dtype = at_least_float32(self.dtype)
+        rgb = self.evaluate(*(x.to(self.device, dtype) for x in (uv, wo, wi, footprint)))
         return rgb.float().clamp_min(0).masked_fill(below[:, None].to(rgb.device), 0).cpu()
 
     def slice(self, wo: Sequence[float], wi: Sequence[float], size: tuple[int, int] | None = None) -> Tensor:
@@ -108,6 +117,19 @@ def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
             raise InputError(f"query: {name} of row {row} is not of unit length: {values[row].tolist()}; normalise it")
     if n and footprint.min() < 0:
         raise InputError(f"query: footprint of row {int(footprint.argmin())} is negative")
+
+
+def at_least_float32(dtype: torch.dtype) -> torch.dtype:
+    """The dtype, or float32 where it is shorter."""
+    return torch.promote_types(dtype, torch.float32)
+
+
+def to_radiance(level: Tensor, gain: float) -> Tensor:
+    """Radiance, at least in float32, of level = log1p(gain · radiance): a half would end at 65,504 / gain.
+
+    A network can answer any level; beyond `HIGHEST_LEVEL` all are one, so that the answer is always a number.
+    """
+    return level.to(at_least_float32(level.dtype)).clamp(max=HIGHEST_LEVEL).expm1() / gain
 
 
 def texel_centres(height: int, width: int) -> Tensor:

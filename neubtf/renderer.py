@@ -13,7 +13,7 @@ from torch import Tensor
 from bench.codec import Parts
 from bench.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.errors import InputError
-from bench.material import DecoderCost, Material, sample_texture
+from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 
 DIRECTIONS = 4  # numbers of the two directions that the renderer sees
@@ -67,13 +67,13 @@ def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
     """The material of the parts that `store` gave."""
     renderer = Decoder(settings.architecture)
     load_vector(unpack("weights", parts.decoder), renderer)
-    return NeuBTFMaterial(renderer, unpack("latents", parts.texture), parts.other["gain"])
+    return NeuBTFMaterial(renderer, unpack("latents", parts.texture), float(parts.other["gain"]))
 
 
 class NeuBTFMaterial(Material):
     """A neural texture (H, W, D), fetched bilinearly, and a renderer. It ignores the footprint."""
 
-    def __init__(self, renderer: Decoder, texture: Tensor, gain: Tensor):
+    def __init__(self, renderer: Decoder, texture: Tensor, gain: float):
         height, width, channels = texture.shape
         cost = DecoderCost(
             parameters=renderer.architecture.parameters,
@@ -86,4 +86,4 @@ class NeuBTFMaterial(Material):
         self.renderer, self.texture, self.gain = renderer, texture, gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return render(self.renderer, sample_texture(self.texture, uv), wo, wi).expm1() / self.gain
+        return to_radiance(render(self.renderer, sample_texture(self.texture, uv), wo, wi), self.gain)

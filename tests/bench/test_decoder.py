@@ -69,3 +69,23 @@ def test_weights_go_through_one_vector() -> None:
     assert all(torch.equal(a, b) for a, b in zip(ours.parameters(), theirs.parameters(), strict=True))
     with pytest.raises(ValueError, match="3011 parameters"):
         load_vector(torch.zeros(3010), ours)
+
+
+@pytest.mark.parametrize("activation", ["relu", "leaky-relu", "sine"])
+@pytest.mark.parametrize("norm", [True, False])
+def test_a_half_saturates_instead_of_overflowing(activation: str, norm: bool) -> None:
+    architecture = Architecture(6, (6, 6), 3, activation=activation, omega=30.0, norm=norm, residual=True)  # type: ignore[arg-type]
+    network = Decoder(architecture, torch.Generator().manual_seed(0)).half()
+    with torch.no_grad():
+        for p in network.parameters():
+            p.copy_(p.sign() * 65504)
+    assert network(torch.full((4, 6), 1e3)).isfinite().all()
+
+
+def test_outputs_have_the_dtype_of_the_inputs() -> None:
+    network = Decoder(NEUBTF, torch.Generator().manual_seed(0))
+    x = torch.randn(5, 18, generator=torch.Generator().manual_seed(1))
+    exact, short = network(x), network.bfloat16()(x)
+    assert short.dtype == torch.float32
+    # Eight bits a number through four layers.
+    torch.testing.assert_close(short, exact, rtol=0, atol=0.1)

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 import torch
 
+from bench.directions import Hemisphere
 from bench.errors import InputError
-from bench.hemisphere import uniform
-from bench.material import CHUNK, DecoderCost, Material, sample_texture, texel_centres
+from bench.hemisphere import ubo2003, uniform
+from bench.material import CHUNK, DecoderCost, Material, sample_texture, texel_centres, to_radiance
 
 
 class Constant(Material):
@@ -112,3 +113,25 @@ def test_to_moves_tensors_and_networks_and_modules_finds_them():
     assert material.net.weight.dtype == material.value.dtype == torch.float64
     assert material.index.dtype == torch.int64
     assert material.query(*queries(3)).dtype == torch.float32
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_a_short_material_is_asked_in_float32_and_keeps_its_geometry(dtype):
+    material, (uv, wo, wi) = Constant(), queries(3)
+    material.net, material.side = torch.nn.Linear(2, 3), Hemisphere(ubo2003())
+    material.to(dtype=dtype)
+    assert material.net.weight.dtype == material.value.dtype == dtype
+    assert material.side.points.dtype == torch.float32
+    material.query(uv, wo, wi)
+    assert {asked.dtype for asked in material.seen[0]} == {torch.float32}
+    assert torch.equal(material.seen[0][1], wo)
+
+
+def test_radiance_is_finite_whatever_the_level():
+    level = torch.tensor([0.0, 0.5, 100.0, 65504.0], dtype=torch.float16)
+    radiance = to_radiance(level, 1e-6)
+    assert radiance.dtype == torch.float32
+    assert radiance.isfinite().all()
+    assert radiance[:2].tolist() == pytest.approx([0.0, 1e6 * np.expm1(0.5)])
+    # 1e9 is a gain of data of 1e-8: as a half it would be infinite.
+    assert to_radiance(torch.ones(1), 1e9).item() == pytest.approx(np.expm1(1) * 1e-9)
