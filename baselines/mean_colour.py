@@ -8,6 +8,7 @@ from torch import Tensor
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import DecoderCost, Material, sample_texture
+from bench.quantise import pack, unpack
 
 
 class MeanColour(Codec):
@@ -23,10 +24,10 @@ class MeanColour(Codec):
         mean = torch.zeros(*btf.shape, 3, dtype=torch.float64)
         for picture in fit.progress(btf, total=len(btf)):
             mean += torch.from_numpy(picture) / len(btf)
-        return Parts(texture={"mean": mean.half() if self.settings.half else mean.float()})
+        return Parts(texture=pack("mean", mean, "half" if self.settings.half else "float32"))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        return MeanColourMaterial(parts.texture["mean"].float().to(device))
+        return MeanColourMaterial(unpack("mean", parts.texture)).to(device)
 
 
 class MeanColourMaterial(Material):

@@ -15,11 +15,11 @@ from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
+from bench.quantise import half_scale
 from bench.scoring import exposure
 
 BLOCK_BYTES = 16 << 20  # slices read together: many enough for fast products, few enough for the cache
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
-HALF_MAX = 65504.0
 
 
 class PCA(Codec):
@@ -127,7 +127,7 @@ def _tables(factors: Factors, precision: str) -> dict[str, Tensor]:
     mean = factors.mean.reshape(-1, 3).cpu()
     basis = factors.basis.reshape(len(mean), 3, factors.basis.shape[1]).cpu()
     peak = max(float(x.abs().max()) if x.numel() else 0.0 for x in (mean, basis))
-    dtype = torch.float32 if precision == "float32" or peak > HALF_MAX else torch.float16
+    dtype = torch.float32 if precision == "float32" or half_scale(peak) != 1 else torch.float16
     return {"mean": mean.to(dtype), "basis": basis.to(dtype)}
 
 

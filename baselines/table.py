@@ -8,8 +8,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, texel_corners
-
-HALF_MAX = 65504.0
+from bench.quantise import half_scale
 
 
 class Table(Codec):
@@ -18,24 +17,20 @@ class Table(Codec):
     name, version = "table", 1
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        peak = max(float(np.abs(picture).max()) for picture in fit.progress(btf, "finding the range", len(btf)))
+        scale = half_scale(peak)
         values = torch.empty(len(btf), *btf.shape, 3, dtype=torch.float16)
-        scale = 1.0
         for i, picture in enumerate(fit.progress(btf, total=len(btf))):
-            top = float(np.abs(picture).max(initial=0))
-            if top / scale > HALF_MAX:
-                # Half precision ends at 65,504: the whole table is stored smaller, and the file says by how much.
-                values[:i] *= scale / (top / HALF_MAX)
-                scale = top / HALF_MAX
             values[i] = torch.from_numpy(picture / scale)
         return Parts(texture={"values": values}, other={**pack_layout(btf.layout), "scale": torch.tensor([scale])})
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         interpolator = PairInterpolator(unpack_layout(parts.other))
-        return TableMaterial(parts.texture["values"].to(device), interpolator, parts.other["scale"])
+        return TableMaterial(parts.texture["values"].to(device), interpolator, float(parts.other["scale"]))
 
 
 class TableMaterial(Material):
-    def __init__(self, values: Tensor, interpolator: PairInterpolator, scale: Tensor):
+    def __init__(self, values: Tensor, interpolator: PairInterpolator, scale: float):
         pairs, height, width, channels = values.shape
         reads = 4 * interpolator.reads * channels
         cost = DecoderCost(
@@ -56,4 +51,4 @@ class TableMaterial(Material):
         pair, pair_weight = self.interpolator(wo, wi)
         corners = self.values[pair[:, :, None], texel[:, None, :]].to(wo.dtype)
         rgb = torch.einsum("np,nt,nptc->nc", pair_weight, texel_weight.to(wo.dtype), corners)
-        return rgb * self.scale.to(wo.dtype)
+        return rgb * self.scale
