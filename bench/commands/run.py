@@ -1,11 +1,21 @@
-"""run a suite: encode, write, decode, score, time, record, report"""
+"""run a suite: encode, write, decode, score, time, record, report
+
+A run that was stopped, by Ctrl-C, a kill or a full disk, goes on when the same command is given again.
+"""
 
 import argparse
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.arguments import assignments, usable_device
-from bench.exits import FAILED, FINE, NOTHING
+from bench.errors import InputError
+from bench.exits import FAILED, FINE, INTERRUPTED, NOTHING
+
+if TYPE_CHECKING:
+    from bench.executors import Workers
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +31,25 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, help="run this one seed instead of the suite's")
     parser.add_argument("--fresh", action="store_true", help="fit and score again what is already there")
     parser.add_argument("--retry-failed", action="store_true", help="try jobs again that failed before")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        metavar="N",
+        help="this many jobs at once, each in a process of its own, and on a GPU of its own",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="jobs on the workers of a Dask scheduler, by its address or the .json file it wrote",
+    )
+    parser.add_argument(
+        "--resource",
+        action="append",
+        default=[],
+        metavar="NAME=COUNT",
+        help="what a job takes of a Dask worker, as GPU=1; repeatable",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -31,13 +60,19 @@ def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
     folder = options.out or Path("runs") / suite.name
-    device = usable_device(options.device)
-    outcomes = []
+    device = options.device if options.scheduler else usable_device(options.device)
+    workers = _workers(options, suite.threads)
+    outcomes: list[runner.Outcome] = []
     with Console() as console:
-        settings = runner.Options(folder, device, options.fresh, options.retry_failed, console.show)
-        for outcome in runner.run(suite, settings):
-            outcomes.append(outcome)
-            console.say(job_line(outcome.record, outcome.cached))
+        settings = runner.Options(folder, device, options.fresh, options.retry_failed, console.show, workers)
+        try:
+            for outcome in runner.run(suite, settings):
+                outcomes.append(outcome)
+                console.say(job_line(outcome.record, outcome.cached))
+        except KeyboardInterrupt:
+            console.say(_summary(outcomes))
+            console.say(f"interrupted: what is finished is recorded in {folder}; the same command goes on from there")
+            return INTERRUPTED
     from reports import write_report
 
     written = write_report(folder)
@@ -45,6 +80,28 @@ def run(options: argparse.Namespace) -> int:
     console.say(_summary(outcomes))
     console.say(f"records, files, tables and pictures: {folder}")
     return _verdict([outcome.record["status"] for outcome in outcomes])
+
+
+def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]]":
+    """Where jobs run."""
+    from bench import executors
+
+    if options.resource and not options.scheduler:
+        raise InputError("--resource: for the workers of a Dask --scheduler only")
+    if options.scheduler:
+        if options.jobs != 1:
+            raise InputError("--jobs, --scheduler: give one of them; the scheduler knows how many workers it has")
+        return partial(executors.dask, options.scheduler, _resources(options.resource))
+    if options.jobs == 1:
+        return executors.in_process
+    return partial(executors.processes, options.jobs, threads, options.device)
+
+
+def _resources(words: list[str]) -> dict[str, float]:
+    try:
+        return {name: float(count) for name, count in (word.split("=") for word in words)}
+    except ValueError:
+        raise InputError(f"--resource {' '.join(words)}: write NAME=COUNT, as GPU=1") from None
 
 
 def _summary(outcomes: list[Any]) -> str:
