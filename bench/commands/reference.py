@@ -28,11 +28,11 @@ def run(options: argparse.Namespace) -> int:
     from bench.records import load_run
 
     measured = load_run(options.run)
-    text = reference(measured)
     path = options.out or _committed(options.run, measured.starts)
     if path.suffix != ".jsonl":
         raise InputError(f"{path}: the name of a reference ends in .jsonl")
     before = load_run(path) if path.is_file() else None
+    text = reference(measured, before)
     try:
         write(path, text.encode())
     except OSError as error:

@@ -148,16 +148,21 @@ def _paired(base: list[Record], new: list[Record]) -> tuple[list[Record], list[R
 def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> tuple[Verdict | None, str]:
     """The verdict on a row whose jobs failed or vanished, and why."""
     if failed := [job for job in after if job["status"] == "failed"]:
-        return Verdict.FAILED, f"{_count(failed)} failed: {failed[0]['error']}"
+        return Verdict.FAILED, f"{_count(failed)} failed: {_plain(failed[0]['error'])}"
     if not base:
         return None, ""
     if missing := [job for job in after if job["status"] == "unavailable"]:
-        return Verdict.GONE, f"not available: {missing[0]['error']}"
+        return Verdict.GONE, f"not available: {_plain(missing[0]['error'])}"
     expected = {job["seed"] for job in base} & declared
     gone = sorted(expected - {job["seed"] for job in after})
     if gone or not after:
         return Verdict.GONE, f"no result of seed {', '.join(map(str, gone))}" if after else "no job of this name"
     return None, ""
+
+
+def _plain(error: str) -> str:
+    """An error on one line, without the colours and other codes that some print."""
+    return " ".join("".join(c if c.isprintable() else " " for c in error).split())
 
 
 def _count(jobs: list[Record]) -> str:

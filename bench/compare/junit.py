@@ -22,7 +22,7 @@ def junit(comparison: Comparison) -> str:
         _count(suite, list(suite))
     _count(root, list(root.iter("testcase")))
     ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).decode() + "\n"
 
 
 def _cases(row: Row) -> Iterator[Element]:

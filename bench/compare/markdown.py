@@ -1,7 +1,7 @@
 """A comparison as GitHub Markdown: for the summary of a job, or a comment on a pull request."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from bench.compare import Comparison, Row
 from bench.compare.terminal import advised, summary
@@ -33,13 +33,14 @@ def markdown(comparison: Comparison) -> str:
 def _findings(comparison: Comparison) -> Iterator[str]:
     for row in comparison.rows:
         texts = row.reasons() if row.verdict not in (Verdict.SAME, Verdict.NEW) else []
-        texts = [*texts, *row.notes, *([advised(row)] if advised(row) else [])]
-        yield from (f"- {_MARKS[row.verdict]}: **{_escaped(row.name)}**: {_escaped(text)}" for text in texts)
+        findings = [(_MARKS[row.verdict], text) for text in texts] + [("ℹ️ note", text) for text in row.notes]
+        findings += [("⏱️ advice", advised(row))] if advised(row) else []
+        yield from (f"- {mark}: **{_escaped(row.name)}**: {_escaped(text)}" for mark, text in findings)
 
 
 def _table(comparison: Comparison) -> Iterator[str]:
-    names = list(dict.fromkeys(change.quantity.name for row in comparison.rows for change in row.deciding))
-    yield from _head(["material", "codec", *names, "verdict"], 2)
+    names = _headers(change for row in comparison.rows for change in row.deciding)
+    yield from _head(["material", "codec", *names.values(), "verdict"], 2)
     for row in comparison.rows:
         cells = [_cell(_named(row.deciding, name)) for name in names]
         yield _line([row.material, row.label, *cells, _MARKS[row.verdict]])
@@ -47,10 +48,16 @@ def _table(comparison: Comparison) -> Iterator[str]:
 
 def _others(comparison: Comparison) -> Iterator[str]:
     rows = [row for row in comparison.rows if row.shown]
-    names = list(dict.fromkeys(change.quantity.name for row in rows for change in row.shown))
-    yield from _head(["material", "codec", *names, "time, × mean-colour"], 2)
+    names = _headers(change for row in rows for change in row.shown)
+    yield from _head(["material", "codec", *names.values(), "time, × mean-colour"], 2)
     for row in rows:
         yield _line([row.material, row.label, *(_cell(_named(row.shown, name)) for name in names), _time(row)])
+
+
+def _headers(changes: Iterable[Change]) -> dict[str, str]:
+    """Headers with unit and an arrow to the better end, by the name of the quantity."""
+    found = {change.quantity.name: change.quantity for change in changes}
+    return {n: f"{n.replace('_', ' ')}{', ' if q.unit else ' '}{q.scale}" for n, q in found.items()}
 
 
 def _named(changes: list[Change], name: str) -> Change | None:

@@ -31,6 +31,11 @@ class Quantity:
     tolerance: Tolerance | None = None
     metric: str = ""  # the full name of the metric whose version must agree
 
+    @property
+    def scale(self) -> str:
+        """The unit with an arrow to the better end."""
+        return f"{self.unit} {'↑' if self.better == 'higher' else '↓'}".strip()
+
     def written(self, value: float | None) -> str:
         """A value as tables show it."""
         if value is None:

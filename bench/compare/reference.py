@@ -15,7 +15,7 @@ from bench.compare.timings import CONDITIONS
 from bench.errors import InputError
 from bench.records import Record, Run
 
-FEW_SEEDS = 6  # fewer tell little of a spread: of three, the deviation is wrong by a factor of two one time in five
+FEW_SEEDS = 6  # of three, one deviation in five (1 − e^−¼) is less than half the true one; of six, one in sixteen
 _DIGITS = 7
 _PACKAGES = ("neubtf-bench", "torch", "numpy")
 _FIT = ("version", "settings", "training")
@@ -28,8 +28,12 @@ def committed(suite: str) -> Path:
     return Path(bench.__path__[0]) / "reference" / f"{suite}.jsonl"
 
 
-def reference(run: Run) -> str:
-    """The text of a run's reference. `InputError` where the run is empty or has jobs without a result."""
+def reference(run: Run, before: Run | None = None) -> str:
+    """The text of a run's reference. `InputError` where the run is empty or has jobs without a result.
+
+    Of the reference that was there `before`, seeds that the run lacks are kept for each row whose other seeds gave the
+    same record again: its codec has not changed, so they still tell how far it scatters.
+    """
     jobs = _in_order(run.jobs)
     if not jobs:
         raise InputError(f"{run.folder}: nothing was measured there: a reference needs a whole run")
@@ -39,7 +43,10 @@ def reference(run: Run) -> str:
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
             "a reference needs a whole run"
         )
-    return "".join(_text(line) + "\n" for line in _lines(run, jobs))
+    reduced = [_job(job) for job in jobs]
+    kept = _still_true(reduced, list(before.jobs) if before else [])
+    timings = _timings(run, jobs)
+    return "".join(_text(line) + "\n" for line in [*_start(run), *_in_order([*reduced, *kept]), *timings])
 
 
 def few_seeds(run: Run) -> list[str]:
@@ -55,21 +62,31 @@ def _text(line: Record) -> str:
     return json.dumps(line, sort_keys=True, allow_nan=False, separators=(",", ":"))
 
 
-def _lines(run: Run, jobs: list[Record]) -> Iterator[Record]:
-    names = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
+def _start(run: Run) -> Iterator[Record]:
     if run.starts:
         start = run.starts[-1]
         line = {key: start.get(key) for key in ("kind", "suite", "device", "threads")}
-        line["seeds"] = sorted({job["seed"] for job in jobs})
         line["packages"] = {name: start["packages"][name] for name in _PACKAGES if name in start.get("packages", {})}
         yield line | {"machine": {"processor": start.get("machine", {}).get("processor")}}
-    yield from map(_job, jobs)
+
+
+def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
+    starts = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
     timed = {timing["job"]: timing for timing in run.timings}
     kept = ("kind", "job", "ns_per_sample", "interval95_ns", *CONDITIONS)
-    for job in jobs:
-        if timing := timed.get(job["job"]):
-            line = _rounded({key: timing[key] for key in kept if key in timing})
-            yield line | {"run": names.get(timing["run"], timing["run"])}
+    for timing in [timed[job["job"]] for job in jobs if job["job"] in timed]:
+        line = _rounded({key: timing[key] for key in kept if key in timing})
+        yield line | {"run": starts.get(timing["run"], timing["run"])}
+
+
+def _still_true(jobs: list[Record], before: list[Record]) -> Iterator[Record]:
+    """The jobs of before that are not there now, of rows whose others are the same to the last digit."""
+    now = {job["job"]: job for job in jobs}
+    rows = {(job["material"], job["label"]) for job in before if job["job"] in now}
+    changed = {(job["material"], job["label"]) for job in before if now.get(job["job"], job) != job}
+    for job in before:
+        if job["job"] not in now and (job["material"], job["label"]) in rows - changed:
+            yield job
 
 
 def _in_order(found: Iterable[Record]) -> list[Record]:

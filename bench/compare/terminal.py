@@ -51,7 +51,7 @@ def _deciding(rows: Sequence[Row]) -> tuple[list[tuple[str, ...]], list[list[str
     quantities = _all(rows, "deciding")
     headers: list[tuple[str, ...]] = [("codec", "")]
     for quantity in quantities:
-        headers.append((quantity.name, _arrow(quantity)))
+        headers.append((quantity.name, quantity.scale))
         if quantity.metric:
             headers += [("change", ""), ("margin", "±")]
     cells = []
@@ -79,7 +79,7 @@ def _others(rows: Sequence[Row]) -> tuple[list[tuple[str, ...]], list[list[str]]
     """Headers and cells of what is only shown: changes, new − base, and times."""
     rows = [row for row in rows if row.shown]
     quantities = [quantity for quantity in _all(rows, "shown") if any(_changed(row, quantity) for row in rows)]
-    headers = [("change of", ""), *((*_split(quantity.name), _arrow(quantity)) for quantity in quantities)]
+    headers = [("change of", ""), *((*_split(quantity.name), quantity.scale) for quantity in quantities)]
     cells = []
     for row in rows:
         found = [_find(row.shown, quantity) for quantity in quantities]
@@ -135,10 +135,6 @@ def _all(rows: Sequence[Row], which: str) -> list[Quantity]:
 
 def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:
     return next((change for change in changes if change.quantity.name == quantity.name), None)
-
-
-def _arrow(quantity: Quantity) -> str:
-    return f"{quantity.unit} {'↑' if quantity.better == 'higher' else '↓'}".strip()
 
 
 def _split(name: str) -> tuple[str, ...]:
