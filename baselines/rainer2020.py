@@ -182,9 +182,9 @@ def _drawn(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Of some texels of a BTF what is encoded (n, C, 3), what is asked (n, TARGETS, 3), and where (TARGETS, 4)."""
     texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
-    encoded, asked = btf.subset(btf.split().train), btf.subset(_asked(btf, generator))
-    gain = gain_of(encoded, fit)
-    resampled, samples = Resampler(encoded.layout, canonical).to(fit.device), Samples(encoded, gain, fit)
+    given, asked = btf.subset(btf.split().train), btf.subset(_asked(btf, generator))
+    gain = gain_of(given, fit)
+    resampled, samples = Resampler(given.layout, canonical).to(fit.device), Samples(given, gain, fit)
     seen = torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(BLOCK)])
     targets = Samples(asked, gain, fit)
     return seen, targets.abrdfs(texel).half(), directions(targets.wo, targets.wi)

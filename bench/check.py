@@ -4,6 +4,7 @@ It encodes a small rendered-like BTF, writes the file, decodes it, here and in a
 renderer relies on. Each check is a function that raises `CheckError` with the figure that is wrong.
 """
 
+import itertools
 import subprocess
 import sys
 import tempfile
@@ -16,9 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench import container
+from bench import container, shared
 from bench.btf import BTF, ArraySource
-from bench.codec import Codec, Fit
+from bench.codec import Codec, Fit, SharedNetwork
 from bench.counting import parameters
 from bench.errors import InputError
 from bench.hemisphere import from_degrees, thin, ubo2003, uniform
@@ -56,20 +57,37 @@ def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
     return BTF("check", wo, wi, ArraySource(values), periodic=True)
 
 
+def others(btf: BTF) -> list[BTF]:
+    """Five materials beside a BTF: its colours in every other order."""
+    values = np.stack(list(btf))
+    orders = list(itertools.permutations(range(3)))[1:]
+    return [BTF(f"colours {order}", btf.wo, btf.wi, ArraySource(values[..., order]), periodic=True) for order in orders]
+
+
 @dataclass
 class Bench:
     """One codec under test, encoded once."""
 
     codec: Codec
     folder: Path
+    shared: SharedNetwork | None = None  # the network that the codec shares over materials, to be trained
 
     @cached_property
     def btf(self) -> BTF:
         return tiny_btf()
 
+    @cached_property
+    def network(self) -> Path | None:
+        """The file of the shared network, trained on other materials; None where the codec shares none."""
+        if self.shared is None:
+            return None
+        with torch_threads(1):
+            return shared.make(self.shared, others(self.btf), Fit(seed=1), self.folder / f"{self.codec.name}.nbtf").path
+
     def encode(self, name: str) -> container.Header:
         with torch_threads(1):
-            return container.save(self.folder / name, self.codec, self.codec.encode(self.btf, Fit(seed=1)))
+            parts = self.codec.encode(self.btf, Fit(seed=1, network=self.network))
+            return container.save(self.folder / name, self.codec, parts)
 
     @cached_property
     def header(self) -> container.Header:
@@ -231,10 +249,15 @@ CHECKS: tuple[Callable[[Bench], None], ...] = (
 )
 
 
-def check(codec: Codec) -> Iterator[Result]:
-    """Run every check against a codec, yielding each result; what a codec itself raises is a failed check."""
+def check(codec: Codec, network: SharedNetwork | None = None) -> Iterator[Result]:
+    """Run every check against a codec, yielding each result; what a codec itself raises is a failed check.
+
+    A codec that shares a network over materials is tried with a small one of its own, or that of `network`.
+    """
+    if network is None and codec.network is not None:
+        network = codec.network().brief()
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(codec, Path(folder))
+        bench = Bench(codec, Path(folder), network)
         for one in CHECKS:
             try:
                 one(bench)
