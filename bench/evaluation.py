@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench import atomic, container, timing
+from bench import atomic, container, shared, timing
 from bench.codec import Progress
 from bench.counting import parameters
 from bench.hemisphere import to_degrees
@@ -59,7 +59,7 @@ def evaluate(
         "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
         "provenance": bench.btf.provenance,
         "settings": header.settings,
-        "bytes": header.part_bytes() | {"total": header.file_bytes},
+        "bytes": _bytes(header),
         "parameters": parameters(material),
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: _described(name) for name in bench.scorer.names},
@@ -99,6 +99,12 @@ def write_content(path: Path, content: dict[str, Any]) -> None:
         else:
             with open(partial, "wb") as file:
                 np.savez_compressed(file, **content)
+
+
+def _bytes(header: container.Header) -> dict[str, int]:
+    """Of the file by part and in all, and of the shared network's file where it needs one."""
+    found = header.part_bytes() | {"total": header.file_bytes}
+    return found | ({"shared": shared.named_by(header).header.file_bytes} if header.shared else {})
 
 
 def _described(name: str) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from typing import Any
 
 import torch
 
-from bench import atomic, container, lock, timing
+from bench import atomic, container, lock, shared, timing
 from bench.cache import cache_dir
 from bench.codec import Codec, Fit, Progress, settings_dict, silent
 from bench.errors import InputError, MissingDataError
@@ -52,6 +52,7 @@ class Task:
     fresh: bool = False
     earlier: Record | None = None  # status and keys of the job's latest record
     sent: bytes | None = None  # the codec file of that record, where the worker asked for it
+    network: tuple[str, bytes] | None = None  # the file that the codec shares over materials, and its name in files/
     losses: int = 0  # workers that died of this job
 
     @property
@@ -96,9 +97,9 @@ def work(task: Task, show: Progress = silent) -> Result:
     with _ONE_AT_A_TIME:
         try:
             bench = workbench(task.run, task.material, task.data, task.scorers, show)
+            return Job(task, bench, show).run()
         except MissingDataError as error:
             return Result(task.base | {"status": "unavailable", "error": str(error)})
-        return Job(task, bench, show).run()
 
 
 class _WantedError(Exception):
@@ -122,6 +123,19 @@ class Job:
         return seed_of(self.bench.name, self.codec.name, self.task.repetition)
 
     @cached_property
+    def network(self) -> shared.Shared | None:
+        """The network that the codec shares over materials, its file beside those that name it."""
+        if self.codec.network is None:
+            return None
+        if self.task.network is None:
+            raise shared.missing(self.codec.name)
+        name, content = self.task.network
+        path = self.place.folder / "files" / name
+        if not path.exists():
+            atomic.write(path, content)
+        return shared.find(self.codec.name, path)
+
+    @cached_property
     def fit_key(self) -> dict[str, Any]:
         return {
             "codec": self.codec.name,
@@ -132,7 +146,7 @@ class Job:
             "device": torch.device(self.task.device).type,
             "threads": self.task.threads,
             "torch": torch.__version__,
-        }
+        } | ({"shared": self.network.header.sha256} if self.network else {})
 
     @property
     def file(self) -> str:
@@ -161,6 +175,8 @@ class Job:
             record = base | fitted | {"status": "ok", "score_key": key, "file": self.file} | self._scored(header)
         except _WantedError:
             return Result(wants_file=True)
+        except MissingDataError:
+            raise
         except (Exception, MemoryError) as error:  # an error is data: it is recorded, shown, and decides the exit code
             _raise_where_no_job_can_help(error)
             self.checkpoint.unlink(missing_ok=True)  # who tries again may have mended the code that made it
@@ -180,7 +196,16 @@ class Job:
             if path.exists():
                 known = json.loads(facts.read_text(encoding="utf-8")) if facts.exists() else {}
                 return container.read_header(path), known | {"fit_cached": True}
-        fit = Fit(torch.device(self.task.device), self.task.threads, self.seed, self.show, self.checkpoint)
+        if self.network:
+            self.network.refuse(self.bench.btf)
+        fit = Fit(
+            torch.device(self.task.device),
+            self.task.threads,
+            self.seed,
+            self.show,
+            self.checkpoint,
+            network=self.network and self.network.header.path,
+        )
         with timing.torch_threads(self.task.threads):
             start = time.perf_counter()
             parts = self.codec.encode(self.bench.training, fit)

@@ -77,14 +77,19 @@ def find(codec: str, path: Path | None = None) -> Shared:
     """The network that a codec shares, at `path` or at its place. `MissingDataError` says how to get it."""
     path = path or place(codec)
     if not path.exists():
-        raise MissingDataError(
-            f"{path}: not there: codec {codec} needs the network that it shares over materials: make it with "
-            f"`neubtf-bench pretrain {codec}`"
-        )
+        raise missing(codec, path)
     found = read(path)
     if found.header.codec != codec:
         raise ContainerError(f"{path}: the network of codec {found.header.codec}, not of {codec}")
     return found
+
+
+def missing(codec: str, path: Path | None = None) -> MissingDataError:
+    """What to say where the network of a codec is not at `path`, or not at its place."""
+    return MissingDataError(
+        f"{path or place(codec)}: not there: codec {codec} needs the network that it shares over materials: make it "
+        f"with `neubtf-bench pretrain {codec}`"
+    )
 
 
 def named_by(header: container.Header) -> Shared:

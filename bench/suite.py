@@ -1,6 +1,7 @@
 """A suite: a TOML file of materials × codecs × settings × seeds, and the jobs it stands for.
 
     description = "what it is for"
+    pretrain = ["rainer2020"]        # codecs whose shared network is trained first, where it is not there
     threads = 1                      # CPU threads of a fit and of timing; part of what makes bytes the same
     seeds = [0]                      # repetitions
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
@@ -96,6 +97,7 @@ class Suite:
     data: Data = field(default_factory=Data)
     materials: tuple[MaterialSpec, ...] = ()
     codecs: tuple[CodecSpec, ...] = ()
+    pretrain: tuple[str, ...] = ()
 
 
 def builtin_suites() -> dict[str, str]:
@@ -125,15 +127,15 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{file}: not TOML: {error}") from error
-    _only(file, "", table, {"description", "threads", "seeds", "data", "materials", "codecs"})
+    _only(file, "", table, {"description", "pretrain", "threads", "seeds", "data", "materials", "codecs"})
     data = Data(**_typed(file, "data.", table.get("data", {}), Data))
-    seeds = _value(file, "seeds", table.get("seeds", [0]), list)
-    for number in seeds:
-        _value(file, "seeds", number, int)
+    seeds, pretrain = _list(file, "seeds", table, int, [0]), _list(file, "pretrain", table, str, [])
     materials = [_material(file, entry) for entry in _value(file, "materials", table.get("materials", []), list)]
     codecs = [spec for entry in _value(file, "codecs", table.get("codecs", []), list) for spec in _sweep(file, entry)]
     if twice := _repeated([spec.label for spec in codecs]) or _repeated([spec.name for spec in materials]):
         raise InputError(f"{file}: {twice!r} stands there twice")
+    if absent := set(pretrain) - {spec.codec for spec in codecs}:
+        raise InputError(f"{file}: pretrain names {min(absent)!r}, which is no codec of this suite")
     return Suite(
         name,
         text,
@@ -143,6 +145,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         data,
         tuple(materials),
         tuple(codecs),
+        tuple(pretrain),
     )
 
 
@@ -233,6 +236,10 @@ def _value(file: str, key: str, value: Any, kind: Any) -> Any:
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         raise InputError(f"{file}: {key} must be of type {kind.__name__}, not {value!r}")
     return value
+
+
+def _list(file: str, key: str, table: dict[str, Any], kind: Any, default: list[Any]) -> list[Any]:
+    return [_value(file, key, entry, kind) for entry in _value(file, key, table.get(key, default), list)]
 
 
 def _repeated(names: list[str]) -> str | None:
