@@ -204,7 +204,7 @@ class Job:
             self.seed,
             self.show,
             self.checkpoint,
-            network=self.network and self.network.header.path,
+            network=self.network.header.path if self.network else None,
         )
         with timing.torch_threads(self.task.threads):
             start = time.perf_counter()
