@@ -14,7 +14,7 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, overload
@@ -68,7 +68,7 @@ def _ends_in_newline(path: Path) -> bool:
 
 
 class Records(Sequence[Record]):
-    """Records of one kind: the latest of each name, in the order in which the names appeared first."""
+    """Records of one kind: the latest of each name, in the order in which the names were planned or appeared."""
 
     def __init__(self) -> None:
         self._found: dict[object, Record | bytes] = {}
@@ -76,6 +76,11 @@ class Records(Sequence[Record]):
     def put(self, name: object, record: Record | bytes) -> None:
         """Add a record, or its line, which is parsed when it is asked for."""
         self._found[name] = record
+
+    def arrange(self, names: Iterable[object]) -> None:
+        """Put them into this order, and what it does not name after it."""
+        ordered = {name: self._found[name] for name in names if name in self._found}
+        self._found = ordered | {name: record for name, record in self._found.items() if name not in ordered}
 
     def named(self, name: object) -> Record | None:
         """The latest record of a name, or None."""
@@ -101,7 +106,7 @@ class Records(Sequence[Record]):
 
 @dataclass(frozen=True)
 class Run:
-    """What a run's folder holds: the latest record of each job, timing and rate, in the order of first appearance."""
+    """What a run's folder holds: the latest record of each job, timing and rate; jobs in the order of their suite."""
 
     folder: Path
     starts: list[Record] = field(default_factory=list)
@@ -132,6 +137,7 @@ def load_run(folder: str | Path) -> Run:
         for number, line in enumerate(file, 1):
             if line.strip() and not _take(run, line):
                 run.unreadable.append(number)
+    run.jobs.arrange(name for start in run.starts for name in start.get("jobs", []))
     return run
 
 

@@ -5,6 +5,7 @@ This process alone writes records, under the lock of the run's folder. What a jo
 """
 
 import dataclasses
+import itertools
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -12,8 +13,9 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -62,7 +64,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     with locked(options.folder, run_id):
         _tidy(options.folder)
         session = _Session(suite, options, run_id)
-        session.record(session.start())
+        session.start()
         try:
             with options.workers() as workers:
                 yield from session.jobs(workers)
@@ -88,7 +90,7 @@ class _Session:
     options: Options
     run_id: str
     before: Run = field(init=False)
-    done: dict[str, list[Record]] = field(default_factory=dict)  # by material, in the order of the suite
+    done: dict[str, Record] = field(default_factory=dict)  # jobs that have a file, by name
 
     def __post_init__(self) -> None:
         folder = self.options.folder
@@ -100,34 +102,33 @@ class _Session:
     def record(self, record: Record) -> None:
         records.append(self.options.folder, record)
 
-    def start(self) -> Record:
+    @cached_property
+    def tasks(self) -> list[Task]:
+        """The jobs in the order of the suite."""
+        suite, options = self.suite, self.options
+        fixed: dict[str, Any] = {"run": self.run_id, "folder": options.folder.absolute(), "data": suite.data}
+        fixed |= {"threads": suite.threads, "device": options.device, "fresh": options.fresh}
+        cells = itertools.product(map(_anywhere, suite.materials), suite.codecs, suite.seeds)
+        return [Task(material=m, codec=c, repetition=seed, **fixed) for m, c, seed in cells]
+
+    def start(self) -> None:
+        """Record what is run, and where: its jobs by name, as they end in another order."""
         suite = self.suite
         says: Record = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
         says |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
-        return says | provenance()
+        self.record(says | {"jobs": [task.name for task in self.tasks]} | provenance())
 
     def jobs(self, workers: Workers) -> Iterator[Outcome]:
         """Each job's outcome as it ends, recorded."""
-        tasks = list(self._tasks(None if workers.here else self.suite.threads))
-        self.done = {spec.name: [] for spec in self.suite.materials}
-        results = _results(tasks, workers, partial(work, show=self.options.show) if workers.here else work)
+        scorers = None if workers.here else self.suite.threads
+        told = (dataclasses.replace(t, scorers=scorers, earlier=self._earlier(t.name)) for t in self.tasks)
+        results = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
         for count, (task, result) in enumerate(results, 1):
             outcome = self._outcome(task, result)
-            self.options.show("jobs", count, len(tasks))
+            self.options.show("jobs", count, len(self.tasks))
             if outcome.record["status"] == "ok":
-                self.done[task.material.name].append(outcome.record)
+                self.done[task.name] = outcome.record
             yield outcome
-
-    def _tasks(self, scorers: int | None) -> Iterator[Task]:
-        suite, options = self.suite, self.options
-        folder = options.folder.absolute()
-        for material in map(_anywhere, suite.materials):
-            for codec in suite.codecs:
-                for seed in suite.seeds:
-                    task = Task(self.run_id, folder, material, suite.data, codec, seed, suite.threads, options.device)
-                    yield dataclasses.replace(
-                        task, scorers=scorers, fresh=options.fresh, earlier=self._earlier(task.name)
-                    )
 
     def _earlier(self, name: str) -> Record | None:
         """What a worker needs of a job's latest record to see whether it stands; None where it does not."""
@@ -154,11 +155,13 @@ class _Session:
     def compare(self) -> None:
         """Time the decoders of each material in turns, and set its ladders of rates against each other."""
         timed = self._can_time()
-        for material, jobs in self.done.items():
+        for material in self.suite.materials:
+            names = [task.name for task in self.tasks if task.material.name == material.name]
+            jobs = [self.done[name] for name in names if name in self.done]
             if jobs and timed:
                 self._time(jobs)
             for record in rate_records(jobs):
-                self.record(record | {"material": material, "run": self.run_id})
+                self.record(record | {"material": material.name, "run": self.run_id})
 
     def _can_time(self) -> bool:
         if torch.device(self.options.device).type != "cuda" or torch.cuda.is_available():
@@ -183,20 +186,21 @@ def _anywhere(material: MaterialSpec) -> MaterialSpec:
     return dataclasses.replace(material, path=str(here.absolute())) if material.path and here.exists() else material
 
 
-def _results(tasks: list[Task], workers: Workers, call: Callable[[Task], Result]) -> Iterator[tuple[Task, Result]]:
-    """Each task with its result as it ends; a task that lost its worker is started again, some times."""
+def _results(tasks: Iterator[Task], workers: Workers, call: Callable[[Task], Result]) -> Iterator[tuple[Task, Result]]:
+    """Each task with its result as it ends; one that lost its worker is started again, some times."""
     waiting: dict[Future[Result], Task] = {}
-    todo = deque(tasks)
+    again: deque[Task] = deque()
     try:
-        while todo or waiting:
-            while todo and len(waiting) < workers.at_once:
-                task = todo.popleft()
+        while True:
+            while len(waiting) < workers.at_once and (task := again.popleft() if again else next(tasks, None)):
                 waiting[workers.executor.submit(call, task)] = task
+            if not waiting:
+                return
             for future in wait(waiting, return_when=FIRST_COMPLETED).done:
                 task = waiting.pop(future)
                 answer = _answer(task, future)
                 if isinstance(answer, Task):
-                    todo.appendleft(answer)
+                    again.append(answer)
                 else:
                     yield task, answer
     finally:
