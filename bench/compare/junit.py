@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from bench.compare import REGRESSIONS, Comparison, Row, sentence
+from bench.compare import REGRESSIONS, Comparison
+from bench.compare.rows import Row, sentence
 from bench.compare.verdicts import Verdict
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -3,7 +3,8 @@
 import re
 from collections.abc import Iterable, Iterator
 
-from bench.compare import Comparison, Row
+from bench.compare import Comparison
+from bench.compare.rows import Row
 from bench.compare.terminal import advised, summary
 from bench.compare.verdicts import Change, Verdict
 
@@ -70,8 +71,8 @@ def _cell(change: Change | None) -> str:
     quantity, text = change.quantity, change.quantity.written(change.new)
     if change.verdict == Verdict.UNLIKE:
         return f"{text} (not comparable)"
-    if change.difference:
-        text += f" ({quantity.difference(change.difference)})"
+    difference = quantity.difference(change.difference or 0.0)
+    text += f" ({difference})" * (difference != "=")
     text += f", ± {quantity.written(change.margin)}" if change.margin else ""
     return f"**{text}**" if change.verdict in (Verdict.WORSE, Verdict.BETTER) else text
 

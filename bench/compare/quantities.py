@@ -43,10 +43,10 @@ class Quantity:
         return "exact" if math.isinf(value) else f"{value:,.{self.digits}f}"
 
     def difference(self, change: float) -> str:
-        """A change with its sign; "=" where there is none."""
-        if not change:
-            return "="
-        return f"{change:+,.{self.digits}f}".replace("-", "−") if math.isfinite(change) else "not exact"
+        """A change with its sign; "=" where these digits show none."""
+        if not math.isfinite(change):
+            return "not exact" if (change < 0) == (self.better == "higher") else "exact now"
+        return f"{change:+,.{self.digits}f}".replace("-", "−") if round(change, self.digits) else "="
 
 
 def gate(job: Record) -> str:

@@ -3,8 +3,9 @@
 import textwrap
 from collections.abc import Sequence
 
-from bench.compare import Comparison, Row
+from bench.compare import Comparison
 from bench.compare.quantities import Quantity
+from bench.compare.rows import Row
 from bench.compare.verdicts import Change, Verdict
 
 WIDTH = 120
@@ -66,12 +67,12 @@ def _deciding(rows: Sequence[Row]) -> tuple[list[tuple[str, ...]], list[list[str
 def _cells(quantity: Quantity, change: Change | None) -> list[str]:
     if change is None:
         return ["—", "", ""] if quantity.metric else ["—"]
-    value, difference = quantity.written(change.new), change.difference
+    value = quantity.written(change.new)
     if change.verdict == Verdict.UNLIKE:
         return [value, "n/c", ""] if quantity.metric else [f"{value} (n/c)"]
-    text = quantity.difference(difference or 0.0)
+    text = quantity.difference(change.difference or 0.0)
     if not quantity.metric:
-        return [value if not difference else f"{value} ({text})"]
+        return [value if text == "=" else f"{value} ({text})"]
     return [value, text, quantity.written(change.margin)]
 
 
@@ -92,7 +93,7 @@ def _others(rows: Sequence[Row]) -> tuple[list[tuple[str, ...]], list[list[str]]
 
 def _changed(row: Row, quantity: Quantity) -> bool:
     change = _find(row.shown, quantity)
-    return change is not None and change.difference != 0
+    return change is not None and (change.difference is None or quantity.difference(change.difference) != "=")
 
 
 def _times(row: Row) -> list[str]:

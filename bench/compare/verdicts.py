@@ -132,4 +132,4 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 def _spread(values: Sequence[float | None]) -> float | None:
     finite = [value for value in values if value is not None and math.isfinite(value)]
-    return stdev(finite) if len(finite) > 1 else None
+    return None if len(values) < 2 else stdev(finite) if len(finite) > 1 else 0.0

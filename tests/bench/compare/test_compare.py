@@ -238,3 +238,8 @@ def test_a_record_of_another_layout_is_an_error_that_names_it(make):
     del job["fit_key"]
     with pytest.raises(InputError, match=r"satin/pca/0 has no 'fit_key'.*run it again"):
         compare(make.run("base", job), make.run("new", make.job()))
+
+
+def test_exact_seeds_are_no_single_seed(make):
+    base = make.run("base", *make.seeds([None, None, None]))
+    assert compare(base, base).notes == []

@@ -1,0 +1,104 @@
+"""One row of a comparison: a material and a codec with its settings, in two runs."""
+
+from dataclasses import dataclass, field
+
+from bench.compare.quantities import deciding, shown
+from bench.compare.timings import Advice
+from bench.compare.verdicts import Change, Verdict, judge, other_settings, unlike
+from bench.records import Record
+
+_ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BETTER, Verdict.SAME)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A material and a codec: what was compared, the verdict, and why where it is not plain from the numbers."""
+
+    material: str
+    label: str
+    verdict: Verdict
+    why: str = ""
+    seeds: tuple[int, ...] = ()  # of the means
+    deciding: list[Change] = field(default_factory=list)
+    shown: list[Change] = field(default_factory=list)
+    timing: Advice | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        return f"{self.material}/{self.label}"
+
+    def reasons(self) -> list[str]:
+        """Each thing that keeps this row from being the same as before, in words."""
+        found = [self.why] if self.why else []
+        return found + [sentence(change) for change in self.deciding if change.verdict not in (Verdict.SAME, "")]
+
+
+def sentence(change: Change) -> str:
+    """A change in words: "PSNR 26.31 → 25.81 dB (−0.50; up to 0.25 counts as the same)"."""
+    quantity = change.quantity
+    if change.verdict == Verdict.UNLIKE:
+        return f"{quantity.name}: {change.why}"
+    text = f"{quantity.name} {quantity.written(change.base)} → {quantity.written(change.new)}"
+    text += f" {quantity.unit}" * bool(quantity.unit) + f" ({quantity.difference(change.difference or 0.0)}"
+    return text + (f"; up to {change.margin:,.{quantity.digits}f} counts as the same)" if change.margin else ")")
+
+
+def compared(before: list[Record], after: list[Record], declared: set[int], timing: Advice | None) -> Row:
+    """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new was to run."""
+    first = (before or after)[0]
+    base, new = ([job for job in jobs if job["status"] == "ok"] for jobs in (before, after))
+    verdict, why = _unfinished(base, after, declared)
+    if not base or not new:
+        return Row(first["material"], first["label"], verdict or Verdict.NEW, why)
+    base = [job for job in base if not unlike(base[0], job)]
+    obstacle = next((reason for job in new if (reason := unlike(base[0], job))), "")
+    if obstacle:
+        return Row(first["material"], first["label"], verdict or Verdict.UNLIKE, why or obstacle)
+    ours, theirs = _paired(base, new)
+    changes = [judge(quantity, ours, theirs, base) for quantity in deciding(base[0])]
+    others = [judge(quantity, ours, theirs, base) for quantity in shown(base[0])]
+    return Row(
+        first["material"],
+        first["label"],
+        verdict or next(v for v in _ORDER if any(change.verdict == v for change in changes)),
+        why,
+        tuple(job["seed"] for job in theirs),
+        changes,
+        others,
+        timing,
+        [f"settings: {changed}"] if (changed := other_settings(base[0], new[0])) else [],
+    )
+
+
+def _paired(base: list[Record], new: list[Record]) -> tuple[list[Record], list[Record]]:
+    """The jobs of the seeds that both have, all of both where they share none."""
+    shared = {job["seed"] for job in base} & {job["seed"] for job in new}
+    if not shared:
+        return base, new
+    ours, theirs = ([job for job in jobs if job["seed"] in shared] for jobs in (base, new))
+    return ours, theirs
+
+
+def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> tuple[Verdict | None, str]:
+    """The verdict on a row whose jobs failed or vanished, and why."""
+    if failed := [job for job in after if job["status"] == "failed"]:
+        return Verdict.FAILED, f"{_count(failed)} failed: {_plain(failed[0]['error'])}"
+    if not base:
+        return None, ""
+    if missing := [job for job in after if job["status"] == "unavailable"]:
+        return Verdict.GONE, f"not available: {_plain(missing[0]['error'])}"
+    expected = {job["seed"] for job in base} & declared
+    gone = sorted(expected - {job["seed"] for job in after})
+    if gone or not after:
+        return Verdict.GONE, f"no result of seed {', '.join(map(str, gone))}" if after else "no job of this name"
+    return None, ""
+
+
+def _plain(error: str) -> str:
+    """An error on one line, without the colours and other codes that some print."""
+    return " ".join("".join(c if c.isprintable() else " " for c in error).split())
+
+
+def _count(jobs: list[Record]) -> str:
+    return "the job" if len(jobs) == 1 else f"{len(jobs)} jobs"
