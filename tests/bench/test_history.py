@@ -1,0 +1,118 @@
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+
+import bench
+from bench import cli
+from bench.errors import InputError
+from bench.records import FILE, append
+
+PSNR = "scores/heldout/metrics/psnr_display/pooled"
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Two runs of one codec a day apart; the second failed for one of its two codecs."""
+    for day, psnr in ((20, 30.25), (21, 1 / 3)):
+        run = f"202511{day}T080000.000000"
+        folder = tmp_path / f"run{day}"
+        folder.mkdir()
+        start = {"kind": "run", "run": run, "suite": "made", "git": f"rev{day}", "packages": {"torch": "2.13.0"}}
+        append(folder, start | {"machine": {"processor": "P"}})
+        job = {"kind": "job", "job": "satin/pca k=8/0", "run": run, "material": "satin", "label": "pca k=8"}
+        job |= {"codec": "pca", "seed": 0, "status": "ok", "parameters": 7, "bytes": {"total": 1000 + day}}
+        job["fit_key"] = {"version": 1, "settings": {"k": 8}, "training": "t", "device": "cpu", "threads": 1}
+        job |= {"score_key": {"btf": "b", "exposure": 1.5, "sha256": "0"}, "shape": [8, 9], "history": [{"step": 1}]}
+        job["metrics"] = {"psnr_display": {"unit": "dB", "direction": "higher", "space": "display", "version": 3}}
+        job["scores"] = {"heldout": {"metrics": {"psnr_display": {"pooled": psnr, "exact": 0, "slices": 4}}}}
+        append(folder, job)
+        timing = {"kind": "timing", "job": job["job"], "run": run, "ns_per_sample": 12.5}
+        append(folder, timing | {"interval95_ns": [12.0, 13.0], "samples_ns": [1.0]})
+    failed = {"kind": "job", "job": "satin/vq/0", "run": run, "material": "satin", "label": "vq", "seed": 0}
+    append(folder, failed | {"status": "failed", "error": "no luck"})
+    return [tmp_path / "run20", tmp_path / "run21"]
+
+
+def test_many_runs_are_one_frame(runs):
+    frame = bench.load_runs(runs)
+    assert list(frame["job"]) == ["satin/pca k=8/0", "satin/pca k=8/0", "satin/vq/0"]
+    assert list(frame["folder"]) == [str(runs[0]), str(runs[1]), str(runs[1])]
+    assert list(frame["git"]) == ["rev20", "rev21", "rev21"]
+    assert frame["started"].diff()[1] == pd.Timedelta(days=1)
+    assert list(frame[PSNR][:2]) == [30.25, 1 / 3]
+    first = frame.iloc[0]
+    assert (first["bytes/total"], first["parameters"], first["codec_version"], first["height"]) == (1020, 7, 1, 8)
+    assert (first["settings"], first["metric_version/psnr_display"]) == ('{"k": 8}', 3)
+    assert (first["timing/ns_per_sample"], first["timing/interval95_ns/1"]) == (12.5, 13.0)
+    assert (frame["status"][2], frame["error"][2]) == ("failed", "no luck")
+
+
+def test_one_path_a_file_and_text_are_paths_too(runs, tmp_path):
+    (runs[0] / FILE).rename(tmp_path / "reference.jsonl")
+    for paths in (tmp_path / "reference.jsonl", str(tmp_path / "reference.jsonl"), [tmp_path / "reference.jsonl"]):
+        assert len(bench.load_runs(paths)) == 1
+
+
+def test_nothing_measured_is_an_empty_frame(tmp_path):
+    append(tmp_path, {"kind": "run", "run": "1"})
+    assert bench.load_runs(tmp_path).empty
+    assert cli.main(["history", str(tmp_path)]) == 4
+    with pytest.raises(InputError, match="no run here"):
+        bench.load_runs([tmp_path, tmp_path / "none"])
+
+
+def test_a_line_that_cannot_be_read_is_warned_of(runs, capsys):
+    with open(runs[0] / FILE, "a") as file:
+        file.write('{"kind": "jo')
+    with pytest.warns(UserWarning, match=r"run20: 1 line\(s\) could not be read: 4"):
+        assert len(bench.load_runs(runs)) == 3
+    assert cli.main(["history", *map(str, runs)]) == 0
+    assert "run20: 1 line(s) could not be read: 4" in capsys.readouterr().err
+
+
+def test_history_shows_how_each_codec_did_from_run_to_run(runs, capsys):
+    assert cli.main(["history", *map(str, reversed(runs))]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [line[0] for line in lines[:1]] == ["material"]
+    assert lines[2][:3] == ["satin", "pca", "k=8"]
+    assert lines[2][4:] == ["2025-11-20", "08:00", "rev20", "1", "of", "1", "7", "1,020", "30.25", "—", "—"]
+    assert lines[3][6] == "rev21"
+    assert lines[4][1] == "vq"
+    assert lines[4][6:9] == ["0", "of", "1"]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_file_holds_the_frame_to_the_last_digit(runs, tmp_path, suffix):
+    out = tmp_path / f"all{suffix}"
+    assert cli.main(["history", *map(str, runs), "--out", str(out)]) == 0
+    back = pd.read_csv(out) if suffix == ".csv" else pd.read_parquet(out)
+    frame = bench.load_runs(runs)
+    assert list(back.columns) == list(frame.columns)
+    assert list(back[PSNR][:2]) == [30.25, 1 / 3]
+    assert list(back["settings"][:2]) == ['{"k": 8}'] * 2
+
+
+def test_without_pyarrow_parquet_says_what_to_install(runs, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    out = tmp_path / "all.parquet"
+    assert cli.main(["history", *map(str, runs), "--out", str(out)]) == 2
+    assert "pip install 'neubtf-bench[parquet]'" in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.parquet*"))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(["--out", "a.xlsx"], "must end in .csv or .parquet"), (["--out", "/proc/no/a.csv"], "cannot be written")],
+)
+def test_bad_usage_is_one_line_and_2(runs, words, message, capsys):
+    assert cli.main(["history", *map(str, runs), *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_the_package_offers_it_without_importing_it():
+    probe = "import sys, bench; assert 'pandas' not in sys.modules; bench.load_runs; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", probe], check=True)
+    with pytest.raises(AttributeError, match="load_run"):
+        bench.load_run  # noqa: B018
