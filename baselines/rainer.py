@@ -95,7 +95,7 @@ class Autoencoder(Objective):
     ):
         super().__init__(samples)
         self.encoder, self.decoder = encoder, decoder
-        self.step, self.rate, self.distance = step, rate, loss
+        self.step, self.highest, self.distance = step, rate, loss
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
         found = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
         self.register_buffer("statistics", torch.cat(found), persistent=False)
@@ -105,7 +105,7 @@ class Autoencoder(Objective):
         raise NotImplementedError
 
     def groups(self) -> list[dict[str, Any]]:
-        return [{"params": list(self.parameters()), "lr": self.rate}]
+        return [{"params": list(self.parameters()), "lr": self.highest}]
 
     def latents(self, texel: Tensor) -> Tensor:
         """The latents (n, D) that the encoder makes of some texels' ABRDFs."""

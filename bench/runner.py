@@ -19,12 +19,13 @@ from typing import Any
 
 import torch
 
-from bench import atomic, container, records, timing
-from bench.codec import Progress, silent
+from bench import atomic, container, records, shared, timing
+from bench.codec import Fit, Progress, silent
 from bench.errors import InputError
 from bench.executors import Workers, in_process
 from bench.job import FRESH_STATE, STATE, Result, Task, work
 from bench.lock import locked
+from bench.pretraining import ready
 from bench.provenance import provenance
 from bench.rates import rate_records
 from bench.records import Record, Run
@@ -63,7 +64,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
     with locked(options.folder, run_id):
         _tidy(options.folder)
-        session = _Session(suite, options, run_id)
+        session = _Session(suite, options, run_id, _networks(suite, options))
         session.start()
         try:
             with options.workers() as workers:
@@ -71,6 +72,22 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         finally:
             _tidy(options.folder)
         session.compare()
+
+
+def _networks(suite: Suite, options: Options) -> dict[str, tuple[str, bytes]]:
+    """For each codec that shares a network over materials, where there is one: its file's name in files/, and content.
+
+    Those that the suite has pretrained are made now where they are not there.
+    """
+    found: dict[str, tuple[str, bytes]] = {}
+    for name in dict.fromkeys(spec.codec for spec in suite.codecs):
+        network = load_codec(name).network
+        if network and name in suite.pretrain:
+            ready(network(), Fit(torch.device(options.device), suite.threads, show=options.show))
+        if network and shared.place(name).exists():
+            header = shared.find(name).header
+            found[name] = (shared.hashed_name(header), header.path.read_bytes())
+    return found
 
 
 def _tidy(folder: Path) -> None:
@@ -89,6 +106,7 @@ class _Session:
     suite: Suite
     options: Options
     run_id: str
+    networks: dict[str, tuple[str, bytes]]  # by codec: see `_networks`
     before: Run = field(init=False)
     done: dict[str, Record] = field(default_factory=dict)  # jobs that have a file, by name
 
@@ -121,7 +139,7 @@ class _Session:
     def jobs(self, workers: Workers) -> Iterator[Outcome]:
         """Each job's outcome as it ends, recorded."""
         scorers = None if workers.here else self.suite.threads
-        told = (dataclasses.replace(t, scorers=scorers, earlier=self._earlier(t.name)) for t in self.tasks)
+        told = (dataclasses.replace(task, scorers=scorers, **self._told(task)) for task in self.tasks)
         results = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
         for count, (task, result) in enumerate(results, 1):
             outcome = self._outcome(task, result)
@@ -129,6 +147,10 @@ class _Session:
             if outcome.record["status"] == "ok":
                 self.done[task.name] = outcome.record
             yield outcome
+
+    def _told(self, task: Task) -> dict[str, Any]:
+        """What a worker cannot look up."""
+        return {"earlier": self._earlier(task.name), "network": self.networks.get(task.codec.codec)}
 
     def _earlier(self, name: str) -> Record | None:
         """What a worker needs of a job's latest record to see whether it stands; None where it does not."""
