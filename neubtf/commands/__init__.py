@@ -1,0 +1,1 @@
+"""The commands of NeuBTF: what other codecs' files cannot do."""

@@ -1,0 +1,29 @@
+"""draw the channels of a neural texture: a contact sheet PNG
+
+Each channel is brought to mean 0 and variance 1, and goes through a sigmoid to [0, 1], as in the NeuBTF paper.
+"""
+
+import argparse
+from pathlib import Path
+
+from bench.exits import FINE
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, help="a codec file of neubtf or neubtf-direct")
+    parser.add_argument("-o", "--out", type=Path, help="the PNG to write (default: the file's name with .latents.png)")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench import container
+    from bench.errors import InputError
+    from neubtf.latents import draw
+    from neubtf.renderer import NeuBTFMaterial
+
+    header, material = container.load(options.file)
+    if not isinstance(material, NeuBTFMaterial):
+        raise InputError(f"{options.file}: a file of codec {header.codec}: give one of neubtf or neubtf-direct")
+    out = options.out or options.file.with_suffix(".latents.png")
+    draw(material.texture, out)
+    print(f"wrote {out}: {material.texture.shape[2]} channels of {material.size[0]} × {material.size[1]} texels")
+    return FINE

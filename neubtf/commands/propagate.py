@@ -1,0 +1,64 @@
+"""make a new neural texture of a NeuBTF material, from any picture
+
+The file must be one of codec neubtf that was written with keep_encoder=true. JPEG and PNG pictures (8 or 16 bits) are
+decoded as sRGB, EXR and Radiance .hdr are linear; grey is repeated, alpha is left out.
+"""
+
+import argparse
+from pathlib import Path
+
+from bench.arguments import usable_device
+from bench.errors import InputError
+from bench.exits import FINE
+
+MARGIN = 1 / 6  # of a side: about what the built-in photographs lose
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, help="a codec file of neubtf, with its encoder")
+    parser.add_argument(
+        "--guidance", type=Path, required=True, metavar="PICTURE", help="what the new texture looks like"
+    )
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="shrink the picture first: level of detail (default: 1)"
+    )
+    parser.add_argument(
+        "--make-tileable",
+        type=float,
+        nargs="?",
+        const=MARGIN,
+        default=0.0,
+        metavar="MARGIN",
+        help="blend the borders first, so that the picture wraps around; it loses this share of each side (1/6)",
+    )
+    parser.add_argument(
+        "--exposure",
+        default="match",
+        help="match: as bright on average as the guidance of the file (default); radiance: the picture is a slice in "
+        "the units of the BTF; or a factor on linear values",
+    )
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="the codec file to write")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.console import Console, file_lines
+    from bench.container import load
+    from neubtf.guidance import Treatment
+    from neubtf.propagation import propagate
+    from neubtf.renderer import NeuBTFMaterial
+    from neubtf.tileable import FRONTAL, seam_of
+
+    if not options.out.parent.is_dir():
+        raise InputError(f"{options.out}: its folder is not there: make it first")
+    treatment = Treatment(options.scale, options.make_tileable, options.exposure)
+    with Console() as console:
+        device = usable_device(options.device)
+        header = propagate(options.file, options.guidance, options.out, treatment, console.show, device)
+    console.say(file_lines(header))
+    material = load(header.path)[1]
+    assert isinstance(material, NeuBTFMaterial)
+    seams = zip(("left–right", "top–bottom"), seam_of(material, FRONTAL), strict=True)
+    told = ", ".join(f"{side} {seam.of_mean:.2f}" for side, seam in seams)
+    console.say(f"seam, as the gradient across the border over the mean gradient inside: {told}")
+    return FINE

@@ -1,0 +1,124 @@
+"""Guidance images from pictures: read, shrunk, made tileable, and brought to the brightness that the encoder knows.
+
+Everything up to the last step is linear Rec. 709, float32 (H, W, 3), and taken as periodic. The encoder sees what the
+display transform makes of it: sRGB in [0, 1].
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.errors import InputError
+from bench.materials.maps import resize
+from bench.metrics.display import LUMA, decode_srgb, to_display
+from bench.readers.files import FolderFiles, file_digest
+from bench.readers.pictures import picture_size, read_picture
+from neubtf.tileable import blended
+
+Array = np.ndarray
+LARGEST = 1 << 24  # texels of a texture: 14 channels of them are 940 MB while it is made
+MATCH, RADIANCE = "match", "radiance"
+
+
+@dataclass(frozen=True)
+class Treatment:
+    """What is done to a picture before it guides.
+
+    `scale` shrinks it (below 1) by area averages or enlarges it linearly. `margin` is the share of each side that is
+    blended away to make it tileable, 0 for a picture that is left as it is. `exposure` is a factor on linear values, or
+    `match`: the mean luminance becomes that of the material's own guidance; or `radiance`: the picture holds radiance
+    in the units of the BTF that was fitted, as a slice of it does.
+    """
+
+    scale: float = 1.0
+    margin: float = 0.0
+    exposure: str = MATCH
+
+    def __post_init__(self) -> None:
+        if not 0 < self.scale < np.inf:
+            raise InputError(f"--scale {self.scale:g}: must be above 0")
+        if not 0 <= self.margin <= 0.5:
+            raise InputError(f"--make-tileable {self.margin:g}: at most half of a side can be blended: 0 to 0.5")
+        if self.exposure not in (MATCH, RADIANCE) and not 0 < _number(self.exposure) < np.inf:
+            raise InputError(f"--exposure {self.exposure}: give {MATCH}, {RADIANCE}, or a factor above 0")
+
+    def size(self, height: int, width: int) -> tuple[int, int]:
+        """The size (H, W) that a picture has after it was shrunk, at least 1."""
+        return max(1, round(height * self.scale)), max(1, round(width * self.scale))
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """A guidance image (1, 3, H, W), sRGB in [0, 1], and what a file says of where it comes from."""
+
+    image: Tensor
+    provenance: dict[str, Any]
+
+
+def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float) -> Guidance:
+    """The guidance image in a picture file, for a material with a guidance image of its `own`, bytes (H, W, 3).
+
+    `exposure` is the material's, from radiance to the display. JPEG and PNG of 8 or 16 bits are decoded as sRGB; EXR
+    and Radiance `.hdr` are linear. Grey is repeated, alpha is left out. Raises `InputError` for what cannot be read,
+    and before reading where the texture would have more than `LARGEST` texels.
+    """
+    files = FolderFiles(path.parent)
+    if not path.is_file():
+        raise InputError(f"{path}: not there, or no file: give a picture")
+    size = picture_size(files, path.name)
+    _check_size(path, size, treatment)
+    image, factor = guidance_of(read_picture(files, path.name), treatment, own, exposure)
+    provenance = {
+        "guidance": path.name,
+        "guidance_sha256": file_digest(path),
+        "guidance_pixels": f"{size[1]} x {size[0]}",
+        "guidance_factor": round(factor, 6),
+        "scale": treatment.scale,
+        "blended": treatment.margin,
+    }
+    return Guidance(image, provenance)
+
+
+def guidance_of(picture: Array, treatment: Treatment, own: Tensor, exposure: float) -> tuple[Tensor, float]:
+    """The guidance image (1, 3, H, W) of a linear picture (H, W, 3), and the factor that it was exposed with."""
+    height, width = treatment.size(picture.shape[0], picture.shape[1])
+    if (height, width) != picture.shape[:2]:
+        # One channel at a time: the averages are taken in double precision.
+        picture = np.stack([resize(picture[..., channel], (height, width)) for channel in range(3)], -1)
+    picture = blended(picture, treatment.margin)
+    factor = _factor(picture, treatment.exposure, own, exposure)
+    image = torch.empty(1, 3, *picture.shape[:2])
+    for channel in range(3):
+        image[0, channel] = torch.from_numpy(to_display(picture[..., channel], factor))
+    return image, factor
+
+
+def _factor(picture: Array, how: str, own: Tensor, exposure: float) -> float:
+    if how == RADIANCE:
+        return exposure
+    if how != MATCH:
+        return _number(how)
+    ours = float(np.maximum(picture, 0).mean((0, 1), dtype=np.float64) @ LUMA)
+    theirs = float(decode_srgb(own.numpy() / 255).mean((0, 1)) @ LUMA)
+    return theirs / ours if ours > 0 else 1.0
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+def _check_size(path: Path, size: tuple[int, int], treatment: Treatment) -> None:
+    height, width = treatment.size(*size)
+    if height * width > LARGEST:
+        fits = np.floor(np.sqrt(LARGEST / (size[0] * size[1])) * 1000) / 1000
+        raise InputError(
+            f"{path}: gives a texture of {width} × {height} texels, and {LARGEST:,} are the most: "
+            f"cut it, or give --scale {fits:g}"
+        )

@@ -1,0 +1,56 @@
+"""The channels of a neural texture as a picture."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from bench.atomic import replacing
+from bench.btf import box_filter
+from bench.errors import InputError
+
+SIDE = 192  # pixels that the longer side of a channel has at least, and less than twice as many at most
+GAP = 6  # pixels between channels
+WHITE = 255
+
+
+def standardised(texture: Tensor) -> Tensor:
+    """A texture (H, W, D) with each channel at mean 0 and variance 1, through a sigmoid: in (0, 1).
+
+    A channel that is constant becomes 0.5.
+    """
+    flat = texture.double().flatten(0, 1)
+    deviation = flat.std(0, correction=0)
+    steady = deviation <= 1e-6 * flat.abs().amax(0)
+    scaled = (flat - flat.mean(0)) / torch.where(steady, torch.inf, deviation)
+    return scaled.sigmoid().reshape(texture.shape).float()
+
+
+def sheet(texture: Tensor) -> np.ndarray:
+    """The contact sheet (h, w) uint8 of a texture (H, W, D): channels row by row, about as wide as high."""
+    shown = standardised(texture).numpy()
+    longest = max(shown.shape[:2])
+    if longest >= 2 * SIDE:
+        shown = box_filter(shown, longest // SIDE if min(shown.shape[:2]) >= longest // SIDE else 1)
+    grow = -(-SIDE // max(shown.shape[:2]))
+    cells = (shown * WHITE).round().astype(np.uint8).repeat(grow, 0).repeat(grow, 1)
+    height, width, count = cells.shape
+    columns = min(count, max(1, round(np.sqrt(count * (height + GAP) / (width + GAP)))))
+    rows = -(-count // columns)
+    page = np.full((rows * (height + GAP) + GAP, columns * (width + GAP) + GAP), WHITE, np.uint8)
+    for channel in range(count):
+        row, col = divmod(channel, columns)
+        top, left = GAP + row * (height + GAP), GAP + col * (width + GAP)
+        page[top : top + height, left : left + width] = cells[..., channel]
+    return page
+
+
+def draw(texture: Tensor, out: Path) -> None:
+    """Write the contact sheet of a texture (H, W, D) as a PNG. `InputError` where `out` cannot be written."""
+    try:
+        with replacing(out) as partial:
+            Image.fromarray(sheet(texture)).save(partial, format="png", optimize=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place") from error

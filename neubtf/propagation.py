@@ -1,0 +1,104 @@
+"""New neural textures of a material that was fitted once: any guidance image in, a codec file out.
+
+The texture is made in tiles, each with a halo, so that its size does not matter to memory beyond its own: one pass
+gathers what CBAM pools over the whole picture, the next makes the texture.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from bench import container
+from bench.codec import Parts, Progress, followed, silent
+from bench.container import Header
+from bench.errors import InputError
+from bench.metrics.display import LOG_SCALE
+from bench.quantise import pack
+from neubtf.autoencoder import HALO, STRIDE, Pooled, surrounded
+from neubtf.codec import NeuBTF
+from neubtf.encoder import Encoder, read_encoder
+from neubtf.guidance import Treatment, read_guidance
+
+TILE = 384  # texels a side, without the halo; a multiple of the stride
+
+
+@dataclass(frozen=True)
+class Source:
+    """A fitted material that can be guided: its file, its encoder, and its own guidance, bytes (H, W, 3)."""
+
+    header: Header
+    parts: Parts
+    encoder: Encoder
+    guidance: Tensor
+
+    @classmethod
+    def read(cls, path: Path) -> "Source":
+        """`InputError` for a file without autoencoder, `ContainerError` where it is damaged or of another version."""
+        encoder, guidance = read_encoder(path)
+        header, _ = container.load(path)  # what does not decode should not be made anew
+        return cls(header, container.read_parts(path)[1], encoder, guidance)
+
+    @property
+    def exposure(self) -> float:
+        """From radiance to the display."""
+        return self.parts.other["gain"].item() / LOG_SCALE
+
+    def guided(self, texture: Tensor) -> tuple[NeuBTF, Parts]:
+        """The file of this material with another neural texture (H, W, D), and without the encoder."""
+        codec = NeuBTF(**self.header.settings | {"keep_encoder": False})
+        packed = pack("latents", texture, codec.settings.precision)
+        return codec, Parts(decoder=self.parts.decoder, texture=packed, other=self.parts.other)
+
+
+def propagate(
+    path: Path, picture: Path, out: Path, treatment: Treatment, show: Progress = silent, device: str = "cpu"
+) -> Header:
+    """Write the material of a file with a new neural texture, made from a picture; see `Treatment`.
+
+    The new file says what it was made from. Raises `InputError` for a file without autoencoder and for a picture that
+    cannot be read, and leaves nothing behind.
+    """
+    if out.exists() and out.samefile(path):
+        raise InputError(f"{out}: would replace the file that it is made from: give another name")
+    source = Source.read(path)
+    guidance = read_guidance(picture, treatment, source.guidance, source.exposure)
+    texture = textured(source.encoder.to(device), guidance.image.to(device), show)
+    codec, parts = source.guided(texture)
+    del texture
+    return container.save(out, codec, parts, {"file_sha256": source.header.sha256} | guidance.provenance)
+
+
+@torch.no_grad()
+def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: int = TILE) -> Tensor:
+    """The neural texture (H, W, D) of a guidance image (1, 3, H, W), the same as `encoder(guidance)` within rounding.
+
+    Memory beyond inputs and outputs grows with the tile alone.
+    """
+    height, width = guidance.shape[2:]
+    network = encoder.autoencoder
+    windows = list(_windows(height, width, tile))
+    pooled, inner = None, slice(HALO // STRIDE, -(HALO // STRIDE))
+    for corner, size in followed(show, windows, "pooling", len(windows)):
+        seen = encoder.prepared(surrounded(guidance, corner, size))
+        here = Pooled.of(network.encode(seen).deep[..., inner, inner])
+        pooled = here if pooled is None else pooled.joined(here)
+    assert pooled is not None
+    texture = torch.empty(height, width, network.head.out_channels)
+    for (row, col), size in followed(show, windows, "making the texture", len(windows)):
+        seen = encoder.prepared(surrounded(guidance, (row, col), size))
+        made = network.decode(network.encode(seen), pooled)[0, :, HALO:-HALO, HALO:-HALO].movedim(0, -1)
+        # What is beyond the far border, where a side is no multiple of the stride, is cut off.
+        there = texture[row : row + size[0], col : col + size[1]]
+        there.copy_(made[: there.shape[0], : there.shape[1]])
+    return texture
+
+
+def _windows(height: int, width: int, tile: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """Corner and size of tiles that cover a picture, all multiples of the stride."""
+    rows, cols = (-(-side // STRIDE) * STRIDE for side in (height, width))
+    for row in range(0, rows, tile):
+        for col in range(0, cols, tile):
+            yield (row, col), (min(tile, rows - row), min(tile, cols - col))

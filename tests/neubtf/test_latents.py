@@ -1,0 +1,60 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from bench import cli, container
+from bench.check import tiny_btf
+from bench.codec import Fit
+from bench.registry import load_codec
+from neubtf.latents import sheet, standardised
+
+
+def test_channels_are_standardised_and_squashed() -> None:
+    texture = torch.randn(20, 30, 5, generator=torch.Generator().manual_seed(0)) * torch.arange(1, 6) + 7
+    texture[..., 3] = -2.5
+    shown = standardised(texture)
+    back = shown[..., [0, 1, 2, 4]].logit().flatten(0, 1)
+    torch.testing.assert_close(back.mean(0), torch.zeros(4), atol=1e-5, rtol=0)
+    torch.testing.assert_close(back.std(0, correction=0), torch.ones(4), atol=1e-5, rtol=0)
+    assert (shown[..., 3] == 0.5).all()
+    assert (shown.flatten(0, 1).argsort(0)[:, 0] == texture.flatten(0, 1).argsort(0)[:, 0]).all()
+
+
+@pytest.mark.parametrize("size", [(4, 4), (64, 64), (1, 1), (900, 500), (3, 700)])
+def test_the_sheet_shows_every_channel(size: tuple[int, int]) -> None:
+    page = sheet(torch.linspace(0, 1, size[0] * size[1] * 14).reshape(*size, 14))
+    assert page.dtype == np.uint8
+    assert max(page.shape) < 6000
+    inked = (page < 255).any(0).sum() * (page < 255).any(1).sum()
+    assert inked > 0
+
+
+def test_channels_lie_row_by_row() -> None:
+    texture = torch.zeros(64, 64, 4)
+    for channel in range(4):
+        texture[: 8 * (channel + 1), :, channel] = 1  # the bright part is larger from channel to channel
+    page = sheet(texture)
+    halves = [half for rows in np.array_split(page, 2) for half in np.array_split(rows, 2, 1)]
+    bright = [int(((half > 127) & (half < 255)).sum()) for half in halves]
+    assert bright == [bright[0], 2 * bright[0], 3 * bright[0], 4 * bright[0]]
+    assert bright[0] > 0
+
+
+def test_the_command_draws_a_file(tmp_path: Path, capsys) -> None:
+    codec = load_codec("neubtf-direct")(steps=1, latents=3)
+    container.save(tmp_path / "file.nbtf", codec, codec.encode(tiny_btf(), Fit()))
+    assert cli.main(["latents", str(tmp_path / "file.nbtf")]) == 0
+    assert "3 channels" in capsys.readouterr().out
+    with Image.open(tmp_path / "file.latents.png") as page:
+        assert page.mode == "L"
+
+
+def test_a_file_of_another_codec_is_refused(tmp_path: Path, capsys) -> None:
+    codec = load_codec("mean-colour")()
+    container.save(tmp_path / "file.nbtf", codec, codec.encode(tiny_btf(), Fit()))
+    assert cli.main(["latents", str(tmp_path / "file.nbtf")]) == 2
+    assert "codec mean-colour: give one of neubtf" in capsys.readouterr().err
+    assert cli.main(["latents", str(tmp_path / "file.nbtf"), "-o", str(tmp_path)]) == 2

@@ -1,0 +1,191 @@
+"""New textures from pictures: tiles, files that decode, what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import png
+import pytest
+import torch
+from PIL import Image
+from torch import Tensor
+
+from bench import cli, container
+from bench.check import tiny_btf
+from bench.codec import Fit
+from bench.counting import parameters
+from bench.readers import open_btf
+from bench.readers.folder import write_exr
+from neubtf.autoencoder import Autoencoder
+from neubtf.codec import NeuBTF
+from neubtf.direct import NeuBTFDirect
+from neubtf.encoder import Encoder, as_guidance
+from neubtf.propagation import Source, textured
+
+ROUNDING = 1e-5  # float32 sums in another order
+SIZE = 12
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A material of codec neubtf, barely fitted, with its encoder."""
+    path = tmp_path_factory.mktemp("propagation") / "tiny.nbtf"
+    codec = NeuBTF(steps=20, batch=256, keep_encoder=True, precision="float32")
+    container.save(path, codec, codec.encode(tiny_btf(SIZE), Fit()))
+    return path
+
+
+@pytest.fixture
+def own(file: Path, tmp_path: Path) -> Path:
+    """The material's own guidance as a PNG."""
+    path = tmp_path / "own.png"
+    Image.fromarray(Source.read(file).guidance.numpy()).save(path)
+    return path
+
+
+def propagate(file: Path, picture: Path, out: Path, *words: str) -> int:
+    return cli.main(["propagate", str(file), "--guidance", str(picture), "-o", str(out), *words])
+
+
+def picture(height: int, width: int) -> Tensor:
+    return torch.rand(1, 3, height, width, generator=torch.Generator().manual_seed(2))
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("size", [(96, 160), (97, 66), (3, 3), (1, 130)])
+def test_tiles_give_what_the_whole_gives(size: tuple[int, int]) -> None:
+    encoder = Encoder(Autoencoder(14, torch.Generator().manual_seed(1)), 0.4, 0.2)
+    guidance = picture(*size)
+    whole = encoder(guidance)[0].movedim(0, -1)
+    assert whole.std() > 0.1
+    torch.testing.assert_close(textured(encoder, guidance, tile=32), whole, rtol=0, atol=ROUNDING)
+
+
+def test_progress_ends_at_the_number_of_tiles() -> None:
+    seen = []
+    encoder = Encoder(Autoencoder(2), 0.4, 0.2)
+    textured(encoder, picture(40, 20), lambda *told: seen.append(told), tile=16)
+    assert ("pooling", 6, 6) in seen
+    assert ("making the texture", 6, 6) in seen
+
+
+def test_its_own_guidance_gives_the_same_material(file: Path, own: Path, tmp_path: Path) -> None:
+    out = tmp_path / "again.nbtf"
+    assert propagate(file, own, out) == 0
+    ours, theirs = (container.read_parts(path)[1] for path in (out, file))
+    torch.testing.assert_close(ours.texture["latents"], theirs.texture["latents"], rtol=0, atol=ROUNDING)
+    assert ours.decoder["weights"].equal(theirs.decoder["weights"])
+    assert ours.encoder == {}
+
+
+def test_the_new_file_is_a_material_like_any_other(file: Path, tmp_path: Path, capsys) -> None:
+    codes = np.random.default_rng(0).integers(0, 256, (20, 31, 3), np.uint8)
+    Image.fromarray(codes).save(tmp_path / "large.png")
+    out = tmp_path / "new.nbtf"
+    assert propagate(file, tmp_path / "large.png", out) == 0
+    assert "seam" in capsys.readouterr().out
+    header, material = container.load(out)
+    assert (header.codec, header.settings["keep_encoder"]) == ("neubtf", False)
+    assert material.size == (20, 31)
+    assert (parameters(material), material.cost.texture_channels) == (3011, 14)
+    assert header.provenance["file_sha256"] == container.read_header(file).sha256
+    assert header.provenance["guidance"] == "large.png"
+    assert header.provenance["guidance_pixels"] == "31 x 20"
+    assert cli.main(["info", str(out)]) == 0
+    assert "provenance: guidance = large.png" in capsys.readouterr().out
+    assert cli.main(["decode", str(out), "--count", "2", "-o", str(tmp_path / "slices")]) == 0
+    assert open_btf(tmp_path / "slices").shape == (20, 31)
+
+
+def test_the_same_picture_gives_the_same_bytes(file: Path, own: Path, tmp_path: Path) -> None:
+    for name in "ab":
+        assert propagate(file, own, tmp_path / name) == 0
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def save_deep(path: Path, codes: np.ndarray) -> None:
+    height, width, planes = codes.shape
+    with open(path, "wb") as stream:
+        writer = png.Writer(width, height, bitdepth=16, greyscale=planes < 3, alpha=planes in (2, 4))
+        writer.write(stream, codes.reshape(height, -1))
+
+
+@pytest.mark.parametrize("kind", ["RGB", "RGBA", "L", "LA", "P", "1", "16 bits", "16 bits and alpha", "exr"])
+def test_pictures_of_every_kind_guide(file: Path, tmp_path: Path, kind: str) -> None:
+    codes = np.random.default_rng(0).integers(0, 256, (9, 8, 4), np.uint8)
+    path = tmp_path / "picture"
+    if kind == "exr":
+        path = path.with_suffix(".exr")
+        write_exr(path, codes[..., :3].astype(np.float32) / 99)
+    elif kind.startswith("16"):
+        save_deep(path, codes[..., : 4 if "alpha" in kind else 3].astype(np.uint16) * 257)
+    else:
+        Image.fromarray(codes).convert("RGB" if kind in ("P", "1") else "RGBA").convert(kind).save(path, "png")
+    assert propagate(file, path, tmp_path / "new.nbtf") == 0
+    assert container.load(tmp_path / "new.nbtf")[1].size == (9, 8)
+
+
+def test_a_picture_of_nine_texels_guides(file: Path, tmp_path: Path) -> None:
+    Image.fromarray(np.arange(27, dtype=np.uint8).reshape(3, 3, 3) * 9).save(tmp_path / "small.png")
+    assert propagate(file, tmp_path / "small.png", tmp_path / "new.nbtf") == 0
+    assert container.load(tmp_path / "new.nbtf")[1].size == (3, 3)
+
+
+def test_what_is_too_large_is_refused_with_a_scale_that_fits(file: Path, tmp_path: Path, capsys) -> None:
+    Image.new("1", (8192, 4096)).save(tmp_path / "wide.png")
+    assert propagate(file, tmp_path / "wide.png", tmp_path / "new.nbtf") == 2
+    told = capsys.readouterr().err
+    assert "8192 × 4096 texels" in told
+    scale = float(told.split("--scale ")[1])
+    assert 0.9 * (1 << 24) < round(8192 * scale) * round(4096 * scale) <= 1 << 24
+    assert not (tmp_path / "new.nbtf").exists()
+
+
+def test_a_picture_8k_wide_guides_at_a_scale(file: Path, tmp_path: Path) -> None:
+    Image.new("L", (8192, 64), 99).save(tmp_path / "wide.png")
+    assert propagate(file, tmp_path / "wide.png", tmp_path / "new.nbtf", "--scale", "0.0625") == 0
+    assert container.load(tmp_path / "new.nbtf")[1].size == (4, 512)
+
+
+@pytest.mark.parametrize(
+    ("codec", "told"),
+    [
+        (NeuBTF(steps=1), "keep_encoder=true"),
+        (NeuBTFDirect(steps=1), "codec neubtf-direct: only neubtf"),
+    ],
+)
+def test_a_file_without_autoencoder_is_refused(
+    codec: NeuBTF | NeuBTFDirect, told: str, own: Path, tmp_path: Path, capsys
+) -> None:
+    path = tmp_path / "bare.nbtf"
+    container.save(path, codec, codec.encode(tiny_btf(SIZE), Fit()))
+    assert propagate(path, own, tmp_path / "new.nbtf") == 2
+    assert told in capsys.readouterr().err
+
+
+def test_bad_paths_and_pictures_are_refused(file: Path, own: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / "text.png").write_text("no picture at all")
+    for picture, out, told in (
+        (tmp_path / "none.png", tmp_path / "new", "none.png: not there"),
+        (tmp_path / "text.png", tmp_path / "new", "no picture known here"),
+        (own, tmp_path / "nowhere" / "new", "its folder is not there"),
+        (own, file, "would replace the file"),
+    ):
+        assert propagate(file, picture, out) == 2
+        assert told in capsys.readouterr().err
+    assert propagate(tmp_path / "none.nbtf", own, tmp_path / "new") == 2
+    assert "none.nbtf: cannot be read" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("words", [("--scale", "0"), ("--make-tileable", "0.6"), ("--exposure", "bright")])
+def test_settings_without_sense_are_refused(file: Path, own: Path, tmp_path: Path, words: tuple[str, str], capsys):
+    assert propagate(file, own, tmp_path / "new", *words) == 2
+    assert words[0] in capsys.readouterr().err
+
+
+def test_a_repeated_guidance_repeats_the_texture(file: Path, tmp_path: Path) -> None:
+    """Twice the period, the same latents: what is tileable in is tileable out."""
+    source = Source.read(file)
+    twice = as_guidance(source.guidance.repeat(2, 3, 1))
+    once = textured(source.encoder, as_guidance(source.guidance))
+    torch.testing.assert_close(textured(source.encoder, twice), once.repeat(2, 3, 1), rtol=0, atol=ROUNDING)
