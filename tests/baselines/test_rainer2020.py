@@ -1,0 +1,140 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.rainer2020 import Pool, Rainer2020, Rainer2020Network, Resampler, canonical_pairs
+from bench import container, shared, training
+from bench.btf import BTF, ArraySource
+from bench.check import others, tiny_btf
+from bench.codec import Fit
+from bench.counting import parameters
+from bench.errors import InputError
+
+
+def network(**settings: Any) -> Rainer2020Network:
+    return Rainer2020Network(**{"steps": 20, "texels": 8, "pairs": 8} | settings)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a network that saw a few small materials."""
+    path = tmp_path_factory.mktemp("shared") / "rainer2020.nbtf"
+    return shared.make(Rainer2020Network().brief(), others(tiny_btf()), Fit(), path).path
+
+
+def test_the_decoder_is_the_published_one_and_lies_in_the_shared_file(trained: Path, tmp_path: Path) -> None:
+    codec = Rainer2020()
+    file = tmp_path / "file.nbtf"
+    header = container.save(file, codec, codec.encode(tiny_btf(), Fit(network=trained)))
+    (tmp_path / trained.name).write_bytes(trained.read_bytes())
+    material = container.load(file)[1]
+    assert parameters(material) == material.cost.parameters == 38_269
+    assert material.cost.texture_channels == 38
+    assert header.tensors["texture/latents"][1] == (8, 8, 32 + 6)
+    assert header.part_bytes()["decoder"] == 0
+    assert shared.read(trained).header.tensors["decoder/weights"][1] == (38_269,)
+
+
+def test_a_material_it_has_not_seen_comes_near_its_data(trained: Path) -> None:
+    """Nearer than the mean colour of each texel comes, at the pairs it was given and at others."""
+    seen, all_pairs = tiny_btf(), tiny_btf(views=20, lights=20)
+    codec = Rainer2020()
+    material = codec.decode(codec.encode(seen, Fit(network=trained)), torch.device("cpu"))
+    mean = sum(seen) / len(seen)
+    for btf in (seen, all_pairs):
+        errors = [
+            (np.square(material.slice(wo.tolist(), wi.tolist()).numpy() - truth).mean(), np.square(mean - truth).mean())
+            for wo, wi, truth in zip(btf.wo, btf.wi, btf, strict=True)
+        ]
+        ours, floor = np.mean(errors, 0)
+        assert ours < 0.5 * floor
+
+
+def test_the_further_channels_are_mean_and_deviation_of_each_texel_at_the_canonical_pairs(trained: Path) -> None:
+    pairs = canonical_pairs()
+    btf = like(tiny_btf(), pairs.views[pairs.view], pairs.lights[pairs.light], lambda wo, wi: 0.2 + 0.1 * wo[:, :1])
+    parts = Rainer2020(precision="float32").encode(btf, Fit(network=trained))
+    logs = np.log1p(parts.other["gain"].numpy() * np.stack(list(btf)))
+    np.testing.assert_allclose(parts.texture["latents"][..., 32:35], logs.mean(0), rtol=1e-3)
+    np.testing.assert_allclose(parts.texture["latents"][..., 35:], logs.std(0), rtol=5e-3)
+
+
+def like(btf: BTF, wo: np.ndarray, wi: np.ndarray, radiance: Callable[[Any, Any], np.ndarray]) -> BTF:
+    """A material of one colour: `radiance` of directions (n, 3)."""
+    values = np.broadcast_to(radiance(wo, wi)[:, None, None], (len(wo), 2, 2, 3)).astype(np.float32)
+    return BTF("one colour", wo, wi, ArraySource(values))
+
+
+@pytest.mark.parametrize("product", [True, False])
+def test_the_same_surface_at_other_directions_has_nearly_the_same_latents(trained: Path, product: bool) -> None:
+    def smooth(wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
+        return (0.3 + 0.1 * wo[:, :1]) * wi[:, 2:]
+
+    latents = []
+    for views, lights in ((25, 25), (40, 35)):
+        base = tiny_btf(views=views, lights=lights)
+        keep = np.arange(len(base)) if product else np.random.default_rng(0).permutation(len(base))[:-1]
+        btf = like(base, base.wo[keep], base.wi[keep], smooth)
+        texture = Rainer2020(precision="float32").encode(btf, Fit(network=trained)).texture["latents"]
+        latents.append(texture[..., :32])  # the others follow the exposure, which follows the directions
+    spread = latents[0].std()
+    assert (latents[0] - latents[1]).abs().max() < (0.01 if product else 0.2) * spread
+
+
+def test_resampling_to_the_pairs_that_are_there_changes_nothing() -> None:
+    btf = tiny_btf()
+    abrdfs = torch.rand(5, len(btf), 3)
+    torch.testing.assert_close(Resampler(btf.layout, btf.layout)(abrdfs), abrdfs, rtol=1e-3, atol=1e-3)
+
+
+def test_what_is_asked_in_training_are_the_pairs_declared_held_out() -> None:
+    base = tiny_btf()
+    heldout = np.zeros(len(base), bool)
+    heldout[[3, 7, 50]] = True
+    btf = BTF("split", base.wo, base.wi, base.source, heldout=heldout)
+    pool = Pool([btf, base], canonical_pairs(), 10, Fit())
+    assert (pool.texels, pool.pairs) == (20, 375)
+    assert len(pool.coordinates[0].unique(dim=0)) == 3
+    assert len(pool.coordinates[1].unique(dim=0)) == 81
+    assert pool.seen.shape == (20, 625, 3)
+
+
+def test_texels_that_are_alike_share_their_latents(trained: Path) -> None:
+    base = tiny_btf()
+    values = np.stack(list(base))
+    values[:, 4:] = values[:, :4]
+    btf = BTF("twice", base.wo, base.wi, ArraySource(values))
+    latents = Rainer2020(precision="float32").encode(btf, Fit(network=trained)).texture["latents"]
+    torch.testing.assert_close(latents[4:], latents[:4], rtol=1e-5, atol=1e-5)
+    assert (latents[0, 0] - latents[0, 3]).abs().max() > 1e-3
+
+
+def test_a_killed_pretraining_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "KEEP_EVERY", 10)
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+    ours, btfs, path = network(steps=30), others(tiny_btf()), tmp_path / "rainer2020.nbtf"
+
+    def halt(label: str, done: int, total: int) -> None:
+        if label.startswith("fitting") and done == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        shared.make(ours, btfs, Fit(show=halt), path)
+    assert [left.suffix for left in tmp_path.iterdir()] == [".state"]
+    asked: list[int] = []
+    resumed = shared.make(
+        ours, btfs, Fit(show=lambda label, done, _: asked.append(done) if "fitting" in label else None), path
+    )
+    assert min(asked) >= 20
+    assert resumed.sha256 == shared.make(ours, btfs, Fit(), tmp_path / "alone.nbtf").sha256
+    assert not list(tmp_path.glob("*.state"))
+
+
+@pytest.mark.parametrize("setting", ["texels", "pairs", "kept", "latents"])
+def test_settings_without_sense_are_refused(setting: str) -> None:
+    with pytest.raises(InputError, match="at least 1"):
+        network(**{setting: 0})
