@@ -35,6 +35,12 @@ def test_lists_are_sweeps_and_labels_say_what_differs_from_the_defaults():
     assert [(m.name, m.path) for m in suite.materials] == [("satin", ""), ("fabric", "ubo/fabric.btf")]
 
 
+def test_the_standard_suite_pretrains_what_it_needs_and_quick_takes_what_is_there():
+    assert load_suite("standard").pretrain == ("rainer2020",)
+    assert load_suite("quick").pretrain == ()
+    assert "rainer2020" in {spec.codec for spec in load_suite("quick").codecs}
+
+
 @pytest.mark.parametrize("name", builtin_suites())
 def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
     from bench.materials import names
@@ -59,6 +65,8 @@ def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
         (('codec = "mean-colour"', "half = true"), "codecs.codec must be of type str, not None"),
         (('"satin", ', '"satin", "satin", '), "'satin' stands there twice"),
         (("threads = 1", "threads ="), "not TOML"),
+        (("threads = 1", 'pretrain = ["pco"]'), "pretrain names 'pco', which is no codec of this suite"),
+        (("threads = 1", "pretrain = [1]"), "pretrain must be of type str, not 1"),
     ],
 )
 def test_a_bad_suite_is_explained_by_file_and_key(tmp_path, change, message):
