@@ -30,6 +30,7 @@ log = logging.getLogger(__name__)
 MEMORY_LIMIT = 640 << 20  # bytes of log radiance that are kept in memory; beyond, each batch is read from the BTF
 PROBE = 8_192  # samples that the curve's PSNR is measured on
 POINTS = 25  # of the curve
+WARMUP = 100  # steps, or a tenth of a short fit
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
 SAVE_SECONDS = 5.0  # at least, between two states on disk: what a killed fit loses, beside KEEP_EVERY steps
 RESCUES = 3
@@ -127,6 +128,10 @@ class Objective(nn.Module):
         """Parameter groups for Adam, each with its highest learning rate, `lr`."""
         raise NotImplementedError
 
+    def rate(self, step: int, steps: int) -> float:
+        """The share of the highest learning rates at a step; a fit of several stages has a curve for each."""
+        return rate(step, steps)
+
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) at the texels and pairs of a batch; `progress` goes from 0 to 1."""
         raise NotImplementedError
@@ -146,13 +151,13 @@ class Objective(nn.Module):
         return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
 
 
-def rate(step: int, steps: int, warmup: int) -> float:
+def rate(step: int, steps: int) -> float:
     """The share of the highest learning rate at a step: a linear warm-up, then a cosine from 1 to 0."""
-    warm = min(1.0, (step + 1) / (warmup + 1))
+    warm = min(1.0, (step + 1) / (min(WARMUP, steps // 10) + 1))
     return warm * (1 + math.cos(math.pi * step / steps)) / 2
 
 
-def train(objective: Objective, fit: Fit, steps: int, warmup: int = 100) -> None:
+def train(objective: Objective, fit: Fit, steps: int) -> None:
     """Fit the parameters of an objective in place, in `steps` steps.
 
     Where `fit.checkpoint` names a file, the state is kept there, and a fit that finds one goes on from it; who named it
@@ -162,7 +167,7 @@ def train(objective: Objective, fit: Fit, steps: int, warmup: int = 100) -> None
     """
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
-    loop = _Loop(objective.to(fit.device), fit, steps, min(warmup, steps // 10))
+    loop = _Loop(objective.to(fit.device), fit, steps)
     loop.resume()
     while loop.step < steps:
         loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
@@ -171,8 +176,8 @@ def train(objective: Objective, fit: Fit, steps: int, warmup: int = 100) -> None
 class _Loop:
     """The state of a fit under way: parameters, Adam's moments, generator, step, halvings, and the curve."""
 
-    def __init__(self, objective: Objective, fit: Fit, steps: int, warmup: int):
-        self.objective, self.fit, self.steps, self.warmup = objective, fit, steps, warmup
+    def __init__(self, objective: Objective, fit: Fit, steps: int):
+        self.objective, self.fit, self.steps = objective, fit, steps
         self.generator = fit.generator()
         groups = objective.groups()
         fused = fit.device.type in ("cpu", "cuda")
@@ -236,7 +241,7 @@ class _Loop:
         """Steps up to `end`, then keep the state, or go back to the last good one."""
         total = torch.zeros((), device=self.fit.device)
         while self.step < end:
-            share = rate(self.step, self.steps, self.warmup) / 2**self.halvings
+            share = self.objective.rate(self.step, self.steps) / 2**self.halvings
             for group, highest in zip(self.adam.param_groups, self.highest, strict=True):
                 group["lr"] = highest * share
             loss = self.objective.loss(self.generator, self.step / self.steps)

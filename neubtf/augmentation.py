@@ -3,6 +3,7 @@
 Pictures are (B, C, H, W). Every random number comes from a generator on the CPU.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -38,6 +39,11 @@ class Window:
         ends = [side if periodic else side - cut + 1 for cut, side in zip(source, shape, strict=True)]
         corner = tuple(int(place * end) for place, end in zip(places, ends, strict=True))
         return cls((corner[0], corner[1]), (source[0], source[1]), (size[0], size[1]))
+
+    def aligned(self) -> "Window":
+        """The window with its corner moved to a corner of the autoencoder's cells."""
+        row, col = (first // STRIDE * STRIDE for first in self.corner)
+        return dataclasses.replace(self, corner=(row, col))
 
     def texels(self, shape: tuple[int, int]) -> Tensor:
         """The source's texels (n,) in a picture of a shape (H, W), as row · W + column, row by row."""

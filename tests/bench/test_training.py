@@ -150,7 +150,7 @@ def test_a_budget_of_nothing_is_refused(btf: BTF) -> None:
 
 
 def test_the_rate_warms_up_and_ends_at_nothing() -> None:
-    rates = [training.rate(step, 1000, 100) for step in range(1000)]
+    rates = [training.rate(step, 1000) for step in range(1000)]
     assert rates[0] < 0.011
     assert max(rates) == pytest.approx(rates[100], rel=1e-6)
     assert rates[-1] < 1e-5

@@ -1,0 +1,62 @@
+"""NeuBTF as in the paper: an autoencoder makes the neural texture from a guidance image, fitted end to end.
+
+The file's texture is what the autoencoder, with its weights as they are stored, makes of one slice of the BTF.
+"""
+
+import dataclasses
+import logging
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.material import Material
+from bench.training import Samples, gain_of, train
+from neubtf.autoencoder import STRIDE, Autoencoder
+from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
+from neubtf.renderer import load, store
+from neubtf.training import FitSettings, Staged, brightness, slice_of
+
+log = logging.getLogger(__name__)
+
+
+class NeuBTF(Codec):
+    """NeuBTF: an autoencoder makes the neural texture from a guidance image; can be re-textured."""
+
+    name, version = "neubtf", 1
+
+    @dataclass(frozen=True)
+    class Settings(FitSettings):
+        """See `FitSettings`."""
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
+        samples = Samples(btf, gain, fit)
+        picture = eight_bits(displayed(slice_of(samples, most_frontal(btf))))
+        encoder = Encoder(Autoencoder(settings.latents, generator), *brightness(samples))
+        staged = Staged(samples, settings, encoder, as_guidance(picture), generator)
+        train(staged, fit, settings.steps)
+        stored = store_encoder(encoder, picture)
+        parts = store(staged.renderer, texture_of(stored, settings.latents, fit.device), gain, settings)
+        return dataclasses.replace(parts, encoder=stored if settings.keep_encoder else {})
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        return load(parts, self.settings).to(device)
+
+
+@torch.no_grad()
+def texture_of(stored: dict[str, Tensor], channels: int, device: torch.device) -> Tensor:
+    """The neural texture (H, W, D) that an encoder, as it is stored, makes of its own guidance."""
+    height, width, _ = stored["guidance"].shape
+    if height % STRIDE or width % STRIDE:
+        log.info("the guidance of %d × %d texels is padded circularly to multiples of %d", height, width, STRIDE)
+    encoder = load_encoder(stored, channels).to(device)
+    texture: Tensor = encoder(as_guidance(stored["guidance"].to(device)))
+    return texture[0].movedim(0, -1)
+
+
+def most_frontal(btf: BTF) -> int:
+    """The pair whose view and light are nearest to the normal: what a photograph with a flash shows."""
+    return int((btf.wo[:, 2] + btf.wi[:, 2]).argmax())

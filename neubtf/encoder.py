@@ -1,0 +1,84 @@
+"""What makes neural textures of one material: its autoencoder, and how guidance images are normalised for it.
+
+It is the part of a NeuBTF file that no renderer needs, and every new texture of the material does:
+
+    encoder, picture = read_encoder(path)             # a file written with keep_encoder = true, and its own guidance
+    texture = encoder(as_guidance(picture))           # (1, D, H, W)
+
+Guidance images are sRGB in [0, 1], (B, 3, H, W). For tiles, see `neubtf.autoencoder`, with `encoder.prepared(guidance)`
+in the guidance's place and `encoder.autoencoder`.
+"""
+
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from bench import container
+from bench.decoder import load_vector, to_vector
+from bench.errors import InputError
+from bench.metrics.display import LOG_SCALE, encode_srgb
+from neubtf.autoencoder import Autoencoder
+
+
+class Encoder(nn.Module):
+    """Guidance images (B, 3, H, W), sRGB in [0, 1] → neural textures (B, D, H, W).
+
+    `centre` and `spread` are the mean and the standard deviation of the training slices as they are displayed; they
+    bring every guidance image to the same scale.
+    """
+
+    def __init__(self, autoencoder: Autoencoder, centre: float, spread: float):
+        super().__init__()
+        self.autoencoder = autoencoder
+        self.normal: Tensor
+        self.register_buffer("normal", torch.tensor([centre, spread]))
+
+    def prepared(self, guidance: Tensor) -> Tensor:
+        """What the autoencoder sees of a guidance image, in the same shape; each texel by itself."""
+        return (guidance - self.normal[0]) / self.normal[1]
+
+    def forward(self, guidance: Tensor) -> Tensor:
+        texture: Tensor = self.autoencoder(self.prepared(guidance))
+        return texture
+
+
+def store_encoder(encoder: Encoder, guidance: Tensor) -> dict[str, Tensor]:
+    """The encoder part of a file: weights, rounded to half, normalisation, and the guidance, bytes (H, W, 3)."""
+    return {"weights": to_vector(encoder.autoencoder).half(), "normal": encoder.normal, "guidance": guidance}
+
+
+def load_encoder(tensors: dict[str, Tensor], channels: int) -> Encoder:
+    """The encoder that `store_encoder` wrote, for `channels` of the neural texture."""
+    encoder = Encoder(Autoencoder(channels), *tensors["normal"].tolist())
+    load_vector(tensors["weights"], encoder.autoencoder)
+    return encoder
+
+
+def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
+    """The encoder of a file, and the guidance image of its own texture, bytes (H, W, 3).
+
+    `InputError` where the file has none, `ContainerError` where it is damaged.
+    """
+    header, parts = container.read_parts(path)
+    if header.codec != "neubtf":
+        raise InputError(f"{path}: a file of codec {header.codec}: only neubtf makes textures from guidance images")
+    if not parts.encoder:
+        raise InputError(f"{path}: holds no autoencoder: encode the material with --set neubtf.keep_encoder=true")
+    return load_encoder(parts.encoder, header.settings["latents"]), parts.encoder["guidance"]
+
+
+def displayed(log_radiance: Tensor) -> Tensor:
+    """sRGB in [0, 1] of log1p(8 · exposure · radiance), any shape: the display transform of the metrics."""
+    linear = (log_radiance.expm1() / LOG_SCALE).clamp(0, 1)
+    return torch.from_numpy(encode_srgb(linear.double().cpu().numpy())).to(linear)
+
+
+def eight_bits(guidance: Tensor) -> Tensor:
+    """A guidance image (1, 3, H, W) in [0, 1] as bytes (H, W, 3): what a PNG holds of it, and what a file stores."""
+    return (guidance[0].movedim(0, -1).clamp(0, 1) * 255).round().to(torch.uint8).cpu()
+
+
+def as_guidance(picture: Tensor) -> Tensor:
+    """Bytes (H, W, 3) as a guidance image (1, 3, H, W) in [0, 1]."""
+    return picture.movedim(-1, 0)[None].float() / 255

@@ -1,0 +1,208 @@
+"""What a step of NeuBTF's fit does, in three stages, of which the last is the paper's training.
+
+1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are ten times as fast as the others.
+2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
+3. *Guided*: encoder and renderer, end to end. The texture of the first stage is forgotten.
+
+A step of the last two shows the encoder a picture. The paper's is a random slice, disturbed, in a random window. Such
+steps alternate, at random, with steps that show the guidance of the file's own texture.
+"""
+
+import bisect
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from bench.decoder import Decoder
+from bench.errors import InputError
+from bench.training import Batch, Loss, Objective, Samples, distance
+from neubtf.augmentation import Disturbance, Window
+from neubtf.autoencoder import STRIDE
+from neubtf.encoder import Encoder, displayed
+from neubtf.losses import Style, focal_frequency, shown
+from neubtf.renderer import RendererSettings, render
+
+LATENT_SPREAD = 0.1  # standard deviation of the first latents
+BRIGHTNESS_SLICES = 64  # tell how bright the slices of a material are
+
+
+@dataclass(frozen=True)
+class FitSettings(RendererSettings):
+    """What a NeuBTF file is, and how it is fitted."""
+
+    steps: int = 8_000  # of the fit, in three stages
+    direct: float = 0.5  # share of the steps that fit texture and renderer without the autoencoder
+    taught: float = 0.125  # share of the steps that teach the autoencoder this texture; the rest is end to end
+    explore: float = 0.5  # share of the steps whose input is a random slice, disturbed; the others see the guidance
+    batch: int = 4_096  # single samples that a step at full scale compares
+    slices: int = 1  # whole slices that a step compares
+    crop: int = 64  # texels a side that a step sees of a larger picture
+    smallest: float = 0.5  # scale of an input; the material can then be guided at this scale, too
+    rate: float = 1e-2  # highest learning rate of the renderer and of the first stage's texture
+    encoder_rate: float = 2e-3  # highest learning rate of the autoencoder
+    guided_rate: float = 0.3  # both rates in the last stage, as a share of the above
+    loss: Loss = "both"  # of a pixel's log radiance: absolute, squared, or their sum
+    pixel: float = 1.0  # weight of the pixels' loss
+    style: float = 100.0  # weight of the difference of Gram matrices
+    frequency: float = 10.0  # weight of the focal frequency loss
+    hue: float = 1.0  # largest turn of an input's hue, in turns
+    blur: float = 1.0  # largest blur of an input, σ in texels
+    noise: float = 0.05  # largest noise of an input, σ
+    keep_encoder: bool = False  # store the autoencoder, for new textures
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.batch < 1 or self.slices < 0 or self.crop < STRIDE:
+            raise InputError(f"neubtf needs at least one sample a step, slices ≥ 0, and a crop of at least {STRIDE}")
+        if self.slices < 1 and self.smallest < 1:
+            raise InputError("neubtf compares whole slices at other scales than the full: slices of at least 1")
+        if not (0 <= self.explore <= 1 and 0 < self.smallest <= 1):
+            raise InputError("neubtf needs explore in [0, 1] and smallest in (0, 1]")
+        if min(self.direct, self.taught) < 0 or self.direct + self.taught >= 1 or (self.taught and not self.direct):
+            raise InputError("neubtf needs shares direct + taught below 1, and direct steps for what is taught")
+
+
+class Look(NamedTuple):
+    """What one step sees: a window, its texels as row · W + column, the picture of it, and the pair that was shown."""
+
+    window: Window
+    texels: Tensor  # (h · w,) of the window's source
+    picture: Tensor  # (1, 3, h, w)
+    pair: int | None  # None: the guidance
+
+
+class Staged(Objective):
+    """An encoder and a renderer; `guidance` (1, 3, H, W) is that of the file's own texture."""
+
+    def __init__(
+        self, samples: Samples, settings: FitSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
+    ):
+        super().__init__(samples)
+        self.settings, self.encoder, self.style = settings, encoder, Style()
+        self.renderer = Decoder(settings.architecture, generator)
+        self.texture = nn.Parameter(LATENT_SPREAD * torch.randn(samples.texels, settings.latents, generator=generator))
+        self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
+        self.guidance: Tensor
+        self.register_buffer("guidance", guidance, persistent=False)
+        self.ends = [round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)]
+
+    def groups(self) -> list[dict[str, Any]]:
+        return [
+            {"params": [*self.renderer.parameters(), self.texture], "lr": self.settings.rate},
+            {"params": list(self.encoder.parameters()), "lr": self.settings.encoder_rate},
+        ]
+
+    def stage(self, step: int) -> int:
+        """The stage, from 0 to 2, that a step belongs to."""
+        return bisect.bisect(self.ends, step) - 1
+
+    def rate(self, step: int, steps: int) -> float:
+        stage = self.stage(step)
+        start, end = [*self.ends, steps][stage : stage + 2]
+        return super().rate(step - start, end - start) * (self.settings.guided_rate if stage == 2 else 1.0)
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        direct = self.stage(round(progress * self.settings.steps)) == 0
+        latents = self.texture if direct else by_texel(self.encoder(self.guidance))
+        return self.rendered(latents, batch.texel, batch.pair)
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        losses = (self._direct, self._taught, self._guided)
+        return losses[self.stage(round(progress * self.settings.steps))](generator)
+
+    def rendered(self, latents: Tensor, texel: Tensor, pair: Tensor) -> Tensor:
+        """Log radiance (n, 3) of some of the latents and pairs."""
+        return render(self.renderer, latents.index_select(0, texel), self.samples.wo[pair], self.samples.wi[pair])
+
+    def look(self, smallest: float, generator: torch.Generator) -> Look:
+        """A random slice, disturbed, or the guidance; the guidance keeps its scale."""
+        samples, settings = self.samples, self.settings
+        exploring = float(torch.rand((), generator=generator)) < settings.explore
+        smallest = smallest if exploring else 1.0
+        window = Window.drawn(samples.shape, settings.crop, smallest, samples.btf.periodic, generator)
+        if not exploring:
+            window = window.aligned()
+            texels = window.texels(samples.shape).to(samples.device)
+            return Look(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
+        texels = window.texels(samples.shape).to(samples.device)
+        pair = int(torch.randint(samples.pairs, (), generator=generator))
+        picture = displayed(self.radiance(window, texels, torch.tensor([pair])))
+        return Look(window, texels, self.disturbance.of(picture, generator), pair)
+
+    def radiance(self, window: Window, texels: Tensor, pairs: Tensor) -> Tensor:
+        """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); what is averaged is radiance."""
+        each = pairs.to(texels.device).repeat_interleave(len(texels))
+        found = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
+        return found if window.keeps_scale else window.rescaled(found.expm1()).log1p()
+
+    def _direct(self, generator: torch.Generator) -> Tensor:
+        batch = self.samples.draw(self.settings.batch, generator)
+        return distance(self.rendered(self.texture, batch.texel, batch.pair), batch.target, self.settings.loss)
+
+    def _taught(self, generator: torch.Generator) -> Tensor:
+        look, texture = self.look(1.0, generator), self.texture.detach()
+        error = by_texel(self.encoder(look.picture)) - texture[look.texels]
+        return (error / texture.std(0, correction=0).clamp_min(1e-3)).square().mean()
+
+    def _guided(self, generator: torch.Generator) -> Tensor:
+        look = self.look(self.settings.smallest, generator)
+        latents = by_texel(self.encoder(look.picture))
+        loss = torch.zeros((), device=latents.device)
+        if self.settings.slices:
+            loss = loss + self._slices(latents, look, self._targets(look.pair, generator))
+        if look.window.keeps_scale:
+            loss = loss + self._samples(latents, look.texels, generator)
+        return loss
+
+    def _targets(self, seen: int | None, generator: torch.Generator) -> Tensor:
+        """Random pairs, none of which was seen, where there are others."""
+        count = self.samples.pairs
+        if seen is None or count == 1:
+            return torch.randint(count, (self.settings.slices,), generator=generator)
+        return (seen + 1 + torch.randint(count - 1, (self.settings.slices,), generator=generator)) % count
+
+    def _slices(self, latents: Tensor, look: Look, pairs: Tensor) -> Tensor:
+        """The loss of whole slices: pixels, style, spectrum."""
+        truth = self.radiance(look.window, look.texels, pairs)
+        texel = torch.arange(len(latents), device=latents.device).repeat(len(pairs))
+        pair = pairs.to(latents.device).repeat_interleave(len(latents))
+        ours = pictures(self.rendered(latents, texel, pair), look.window.size)
+        loss = self.settings.pixel * distance(ours, truth, self.settings.loss)
+        if self.settings.style:
+            loss = loss + self.settings.style * self.style(shown(ours), shown(truth))
+        if self.settings.frequency:
+            loss = loss + self.settings.frequency * focal_frequency(shown(ours), shown(truth))
+        return loss
+
+    def _samples(self, latents: Tensor, texels: Tensor, generator: torch.Generator) -> Tensor:
+        """The pixels' loss of single random samples: a slice holds thousands of texels, but one pair only."""
+        size = (self.settings.batch,)
+        here = torch.randint(len(texels), size, generator=generator).to(texels.device)
+        pair = torch.randint(self.samples.pairs, size, generator=generator).to(texels.device)
+        truth = self.samples.at(texels[here], pair).target
+        return self.settings.pixel * distance(self.rendered(latents, here, pair), truth, self.settings.loss)
+
+
+def by_texel(picture: Tensor) -> Tensor:
+    """A picture (1, C, H, W) as (H · W, C), row by row."""
+    return picture[0].flatten(1).T
+
+
+def pictures(values: Tensor, size: tuple[int, int]) -> Tensor:
+    """Values (B · H · W, C), row by row, as pictures (B, C, H, W)."""
+    return values.unflatten(0, (-1, *size)).movedim(-1, 1)
+
+
+def slice_of(samples: Samples, pair: int) -> Tensor:
+    """Log radiance (1, 3, H, W) of one pair."""
+    whole = torch.arange(samples.texels, device=samples.device)
+    return pictures(samples.at(whole, torch.full_like(whole, pair)).target, samples.shape)
+
+
+def brightness(samples: Samples) -> tuple[float, float]:
+    """Mean and standard deviation of the slices as they are displayed."""
+    some = range(0, samples.pairs, -(-samples.pairs // BRIGHTNESS_SLICES))
+    values = torch.cat([displayed(slice_of(samples, pair)).flatten() for pair in some])
+    return values.mean().item(), max(values.std(correction=0).item(), 1e-3)  # a black material has no spread

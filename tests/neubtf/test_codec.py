@@ -1,0 +1,173 @@
+"""NeuBTF end to end: what its file holds, and that its texture is the autoencoder's."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from bench import container, training
+from bench.btf import BTF, ArraySource
+from bench.check import tiny_btf
+from bench.codec import Fit, Parts
+from bench.counting import parameters
+from bench.errors import InputError
+from bench.quantise import unpack
+from neubtf.codec import NeuBTF, most_frontal
+from neubtf.direct import NeuBTFDirect
+from neubtf.encoder import as_guidance, displayed, eight_bits, read_encoder
+
+FEW: dict[str, Any] = {"steps": 24, "batch": 256}
+
+
+def fitted(btf: BTF | None = None, **settings: Any) -> tuple[NeuBTF, Parts]:
+    codec = NeuBTF(**FEW | settings)
+    return codec, codec.encode(btf or tiny_btf(), Fit())
+
+
+def cut(rows: int, cols: int, pairs: int = 81) -> BTF:
+    """A part of the tiny material, which is not periodic any more."""
+    whole = tiny_btf(16)
+    values = np.stack([whole[i][:rows, :cols] for i in range(pairs)])
+    return BTF("cut", whole.wo[:pairs], whole.wi[:pairs], ArraySource(values))
+
+
+def test_the_decoder_is_the_papers() -> None:
+    codec, parts = fitted()
+    material = codec.decode(parts, torch.device("cpu"))
+    assert parameters(material) == material.cost.parameters == 3011
+    assert material.cost.texture_channels == 14
+    assert parts.texture["latents"].shape == (8, 8, 14)
+
+
+@pytest.mark.parametrize("size", [(8, 12), (7, 10)])
+def test_the_files_texture_is_the_autoencoders(size: tuple[int, int], tmp_path: Path) -> None:
+    codec, parts = fitted(cut(*size), keep_encoder=True)
+    header = container.save(tmp_path / "file.nbtf", codec, parts)
+    encoder, picture = read_encoder(header.path)
+    with torch.no_grad():
+        texture = encoder(as_guidance(picture))[0].movedim(0, -1)
+    stored = unpack("latents", container.read_parts(header.path)[1].texture)
+    step = (texture.amax((0, 1)) - texture.amin((0, 1))) / 255
+    assert stored.shape == (*size, 14)
+    # Eight bits round to half a step; the rest is float32.
+    assert ((stored - texture).abs() <= 0.501 * step).all()
+    assert step.min() > 1e-4
+
+
+def test_the_guidance_is_the_most_frontal_slice_as_it_is_displayed() -> None:
+    btf = tiny_btf()
+    _, parts = fitted(btf, keep_encoder=True)
+    pair = most_frontal(btf)
+    assert btf.wo[pair, 2] == btf.wo[:, 2].max()
+    assert btf.wi[pair, 2] == btf.wi[:, 2].max()
+    exposure = parts.other["gain"].item() / 8
+    linear = np.clip(btf[pair] * exposure, 0, 1)
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    # Log radiance is kept as half floats.
+    np.testing.assert_allclose(parts.encoder["guidance"].numpy() / 255, srgb, atol=0.5 / 255 + 1e-3)
+
+
+def test_the_autoencoder_is_a_part_of_its_own_and_left_out_unless_wanted(tmp_path: Path) -> None:
+    codec, without = fitted()
+    other, kept = fitted(keep_encoder=True)
+    assert not without.encoder
+    assert all(without.texture[name].equal(kept.texture[name]) for name in kept.texture)
+    sizes = container.save(tmp_path / "kept.nbtf", other, kept).part_bytes()
+    assert 360_000 < sizes["encoder"] < 440_000  # some 200,000 halves and a picture
+    assert container.save(tmp_path / "plain.nbtf", codec, without).file_bytes < 20_000
+
+
+def test_a_file_that_cannot_be_re_textured_says_why(tmp_path: Path) -> None:
+    path = container.save(tmp_path / "plain.nbtf", *fitted()).path
+    with pytest.raises(InputError, match=r"plain.nbtf: holds no autoencoder.*keep_encoder=true"):
+        read_encoder(path)
+    direct = NeuBTFDirect(steps=1)
+    path = container.save(tmp_path / "direct.nbtf", direct, direct.encode(tiny_btf(), Fit())).path
+    with pytest.raises(InputError, match="neubtf-direct: only neubtf"):
+        read_encoder(path)
+
+
+def test_it_comes_near_the_data() -> None:
+    fit = Fit()
+    NeuBTF(steps=240, batch=1024).encode(tiny_btf(), fit)
+    # One colour a texel, the mean over pairs, reaches 16 dB.
+    assert fit.history[-1]["psnr"] > 17
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 3), (9, 6)])
+def test_any_size_is_fitted_and_padding_is_said(size: tuple[int, int], caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    _, parts = fitted(cut(*size))
+    assert parts.texture["latents"].shape == (*size, 14)
+    assert f"guidance of {size[0]} × {size[1]} texels is padded circularly to multiples of 4" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"direct": 0.0, "taught": 0.0},
+        {"slices": 0, "smallest": 1.0},
+        {"slices": 3, "batch": 1},
+        {"explore": 1.0, "smallest": 0.3},
+        {"crop": 4},
+    ],
+)
+def test_every_way_to_fit_gives_a_texture(settings: dict[str, Any]) -> None:
+    codec, parts = fitted(**settings)
+    material = codec.decode(parts, torch.device("cpu"))
+    assert material.slice([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]).std() > 0
+
+
+@pytest.mark.parametrize(
+    "settings", [{"pixel": 0.5}, {"style": 0.0}, {"frequency": 0.0}, {"hue": 0.0}, {"blur": 0.0}, {"noise": 0.0}]
+)
+def test_every_weight_matters(settings: dict[str, Any]) -> None:
+    assert not fitted(**settings)[1].decoder["weights"].equal(fitted()[1].decoder["weights"])
+
+
+def test_a_single_pair_is_fitted() -> None:
+    _, parts = fitted(cut(8, 8, pairs=1))
+    assert parts.texture["latents"].shape == (8, 8, 14)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"steps": 0}, "at least 1 step"),
+        ({"batch": 0}, "at least one sample"),
+        ({"slices": 0}, "slices of at least 1"),
+        ({"crop": 3}, "crop of at least 4"),
+        ({"explore": 1.5}, "explore in"),
+        ({"direct": 0.9, "taught": 0.1}, "below 1"),
+        ({"direct": 0.0}, "direct steps for what is taught"),
+        ({"latents": 0}, "at least 1"),
+    ],
+)
+def test_settings_without_sense_are_refused(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fitted(**settings)
+
+
+@pytest.mark.parametrize("stop", [8, 14, 22])
+def test_a_killed_fit_gives_the_same_file(stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "KEEP_EVERY", 2)
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+
+    def halt(label: str, done: int, total: int) -> None:
+        if label.startswith("fitting") and done == stop:
+            raise KeyboardInterrupt
+
+    codec = NeuBTF(**FEW)
+    with pytest.raises(KeyboardInterrupt):
+        codec.encode(tiny_btf(), Fit(show=halt, checkpoint=tmp_path / "state"))
+    resumed = codec.encode(tiny_btf(), Fit(checkpoint=tmp_path / "state"))
+    assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(tiny_btf(), Fit()))
+
+
+def test_guidance_survives_as_bytes() -> None:
+    picture = torch.randint(0, 256, (5, 7, 3), dtype=torch.uint8)
+    assert eight_bits(as_guidance(picture)).equal(picture)
+    assert displayed(torch.tensor([0.0, 99.0])).tolist() == [0.0, 1.0]
