@@ -6,6 +6,7 @@ numbers (the file's hash, the pairs, metric versions, exposure): where a record 
 again. Files appear whole or not at all, and hold nothing of when and where: a job may be done twice, even at once.
 """
 
+import dataclasses
 import errno
 import hashlib
 import json
@@ -21,11 +22,11 @@ from typing import Any
 
 import torch
 
-from bench import atomic, container, lock, shared, timing
-from bench.cache import cache_dir
-from bench.codec import Codec, Fit, Progress, settings_dict, silent
+from bench import container, shared, timing
+from bench.codec import Codec, Fit, Parts, Progress, settings_dict, silent
 from bench.errors import InputError, MissingDataError
-from bench.evaluation import evaluate, score_key, write_content
+from bench.evaluation import evaluate, score_key
+from bench.place import Place
 from bench.provenance import processor
 from bench.records import Record
 from bench.registry import load_codec
@@ -33,6 +34,7 @@ from bench.suite import CodecSpec, Data, MaterialSpec
 from bench.workbench import Workbench, workbench
 
 STATE, FRESH_STATE = ".state", ".fresh"  # of a fit under way, to go on from; the latter within one run alone
+FACTS = ".fit.json"  # beside a codec file
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
 
@@ -51,7 +53,7 @@ class Task:
     scorers: int | None = None  # threads that score; None: one a core
     fresh: bool = False
     earlier: Record | None = None  # status and keys of the job's latest record
-    sent: bytes | None = None  # the codec file of that record, where the worker asked for it
+    sent: dict[str, bytes] = field(default_factory=dict)  # the files of that record's fit, where the worker asked
     network: tuple[str, bytes] | None = None  # the file that the codec shares over materials, and its name in files/
     losses: int = 0  # workers that died of this job
 
@@ -78,9 +80,9 @@ class Task:
 class Result:
     """What a job answers."""
 
-    record: Record | None = None  # None: the record of before stands, or the file of before is wanted
+    record: Record | None = None  # None: the record of before stands, or the files of before are wanted
     cached: str = ""  # how much was there already: "", "file" or "record"
-    wants_file: bool = False  # send the codec file of the earlier record, and ask again
+    wants_files: bool = False  # send those of the earlier record's fit, and ask again
     files: dict[str, bytes] = field(default_factory=dict)  # for the run's folder, where the worker cannot write there
 
 
@@ -103,7 +105,7 @@ def work(task: Task, show: Progress = silent) -> Result:
 
 
 class _WantedError(Exception):
-    """The codec file of the earlier record is needed here, and is elsewhere."""
+    """The files of the earlier record's fit are needed here, and are elsewhere."""
 
 
 @dataclass
@@ -130,10 +132,7 @@ class Job:
         if self.task.network is None:
             raise shared.missing(self.codec.name)
         name, content = self.task.network
-        path = self.place.folder / "files" / name
-        if not path.exists():
-            atomic.write(path, content)
-        return shared.find(self.codec.name, path)
+        return shared.find(self.codec.name, self.place.put(f"files/{name}", content))
 
     @cached_property
     def fit_key(self) -> dict[str, Any]:
@@ -154,35 +153,42 @@ class Job:
         return f"files/{re.sub('[^A-Za-z0-9.=_-]+', '-', self.task.name)}-{digest[:12]}{container.SUFFIX}"
 
     @cached_property
-    def place(self) -> "Place":
-        return Place.of(self.task)
+    def place(self) -> Place:
+        return Place.of(self.task.folder, self.task.run, self.task.fresh)
 
     @property
     def checkpoint(self) -> Path:
         return (self.place.folder / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
 
     def run(self) -> Result:
-        """Encode, decode, score and record; or find that it is done."""
-        earlier, fitted = self.task.earlier or {}, Record()
-        if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
-            return Result(cached="record")
-        base = self.task.base | {"fit_key": self.fit_key, "machine": machine()}
+        """Encode, decode, score and record; or find that it is done. `MissingDataError` where something is needed."""
         try:
-            header, fitted = self._file()
-            key = score_key(self.bench, header)
-            if earlier.get("score_key") == key:
-                return Result(cached="record")
-            record = base | fitted | {"status": "ok", "score_key": key, "file": self.file} | self._scored(header)
+            result = self._result(self.task.earlier or {})
         except _WantedError:
-            return Result(wants_file=True)
+            return Result(wants_files=True)
         except MissingDataError:
             raise
         except (Exception, MemoryError) as error:  # an error is data: it is recorded, shown, and decides the exit code
             _raise_where_no_job_can_help(error)
             self.checkpoint.unlink(missing_ok=True)  # who tries again may have mended the code that made it
-            record = base | {"status": "failed", "error": f"{type(error).__name__}: {error}"}
-            record["traceback"] = traceback.format_exc()
-        return Result(record, "file" if fitted.get("fit_cached") else "", files=self.place.parcel())
+            says = {"status": "failed", "error": f"{type(error).__name__}: {error}"}
+            result = Result(self.base | says | {"traceback": traceback.format_exc()})
+        return dataclasses.replace(result, files=self.place.parcel())
+
+    @property
+    def base(self) -> Record:
+        return self.task.base | {"fit_key": self.fit_key, "machine": machine()}
+
+    def _result(self, earlier: Record) -> Result:
+        """The result of a job that does not fail now, but for its files."""
+        if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
+            return Result(cached="record")
+        header, fit = self._file()
+        key = score_key(self.bench, header)
+        if earlier.get("score_key") == key:
+            return Result(cached="record")
+        record = self.base | fit | {"status": "ok", "score_key": key, "file": self.file} | self._scored(header)
+        return Result(record, "file" if fit["fit_cached"] else "")
 
     def _scored(self, header: container.Header) -> Record:
         return evaluate(self.bench, header, self.task.device, self.task.threads, self.place.keep, self.show)
@@ -190,12 +196,30 @@ class Job:
     def _file(self) -> tuple[container.Header, Record]:
         """The codec file, from an earlier run where its key is the same, else encoded now; and facts of its fit."""
         path = self.place.folder / self.file
-        facts = path.with_suffix(".fit.json")
         if not self.task.fresh:
             self._fetch(path)
             if path.exists():
-                known = json.loads(facts.read_text(encoding="utf-8")) if facts.exists() else {}
-                return container.read_header(path), known | {"fit_cached": True}
+                return container.read_header(path), _facts(path) | {"fit_cached": True}
+        facts, parts = self._encode()
+        # Facts first: a file without them would be taken for finished, and they would be lost.
+        self.place.keep(str(Path(self.file).with_suffix(FACTS)), facts)
+        header = container.save(path, self.codec, parts)
+        self.place.made.append(self.file)
+        self.checkpoint.unlink(missing_ok=True)
+        return header, facts | {"fit_cached": False}
+
+    def _fetch(self, path: Path) -> None:
+        """Where the run's folder is out of reach: have the files of the earlier record here, if it is of this fit."""
+        same = self.task.earlier and self.task.earlier.get("fit_key") == self.fit_key
+        if self.place.shared or path.exists() or not same:
+            return
+        if not self.task.sent:
+            raise _WantedError
+        for name, content in self.task.sent.items():
+            self.place.put(name, content)
+
+    def _encode(self) -> tuple[Record, Parts]:
+        """Facts of the fit, seconds and curve, and what it found."""
         if self.network:
             self.network.refuse(self.bench.btf)
         fit = Fit(
@@ -212,54 +236,14 @@ class Job:
             seconds = time.perf_counter() - start
         if fit.history:  # its clock goes on where an interrupted fit is taken up again
             seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
-        known = {"fit_seconds": seconds, "history": fit.history}
-        # Facts first: a file without them would be taken for finished, and they would be lost.
-        self.place.keep(str(facts.relative_to(self.place.folder)), known)
-        header = container.save(path, self.codec, parts)
-        self.place.names.append(self.file)
-        self.checkpoint.unlink(missing_ok=True)
-        return header, known | {"fit_cached": False}
-
-    def _fetch(self, path: Path) -> None:
-        """Where the run's folder is out of reach: put the file of the earlier record, asked for, at `path`."""
-        same = self.task.earlier and self.task.earlier.get("fit_key") == self.fit_key
-        if self.place.shared or path.exists() or not same:
-            return
-        if self.task.sent is None:
-            raise _WantedError
-        atomic.write(path, self.task.sent)
+        return {"fit_seconds": seconds, "history": fit.history}, parts
 
 
-@dataclass
-class Place:
-    """The folder that a job writes to: the run's own, or one of this machine where the run's is out of reach."""
-
-    folder: Path
-    shared: bool
-    names: list[str] = field(default_factory=list)  # what was written there
-
-    @classmethod
-    def of(cls, task: Task) -> "Place":
-        """The run's folder is that with the run's lock in it; another machine may have a folder of the same name."""
-        if lock.reaches(task.folder, task.run):
-            return cls(task.folder, True)
-        digest = hashlib.sha256(f"{task.folder} {task.run if task.fresh else ''}".encode()).hexdigest()
-        return cls(cache_dir() / "runs" / digest[:24], False)
-
-    def keep(self, name: str, content: dict[str, Any]) -> str:
-        """Store what is too much for a record beside it, as .npz or .json; returns the name."""
-        write_content(self.folder / name, content)
-        self.names.append(name)
-        return name
-
-    def parcel(self) -> dict[str, bytes]:
-        """The files for who can write in the run's folder; here they are removed."""
-        if self.shared:
-            return {}
-        files = {name: (self.folder / name).read_bytes() for name in self.names}
-        for name in files:
-            (self.folder / name).unlink(missing_ok=True)
-        return files
+def _facts(path: Path) -> Record:
+    """What is known of the fit of a codec file, which the file does not hold, so that its bytes are the same."""
+    beside = path.with_suffix(FACTS)
+    facts: Record = json.loads(beside.read_text(encoding="utf-8")) if beside.exists() else {}
+    return facts
 
 
 def machine() -> dict[str, str]:

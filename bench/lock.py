@@ -36,14 +36,13 @@ def locked(folder: Path, run: str) -> Iterator[None]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        file = _acquire(folder)
+        file = _acquire(folder, run)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another --out") from error
     done = threading.Event()
     renewal = threading.Thread(target=_renew, args=(folder / FILE, done), daemon=True)
+    renewal.start()
     try:
-        _sign(file, run)
-        renewal.start()
         yield
     finally:
         done.set()
@@ -56,14 +55,15 @@ def reaches(folder: Path, run: str) -> bool:
     return _holder(folder / FILE).get("run") == run and os.access(folder, os.W_OK)
 
 
-def _acquire(folder: Path) -> int:
-    """The lock's file, open and locked."""
+def _acquire(folder: Path, run: str) -> int:
+    """The lock's file, open, locked and signed."""
     while True:
         file = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             kept_by_kernel = _flock(file)
             if _is_still(file, folder / FILE):
                 _check(folder, kept_by_kernel)
+                _sign(file, run)
                 return file
         except BlockingIOError:
             os.close(file)

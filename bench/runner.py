@@ -23,7 +23,7 @@ from bench import atomic, container, records, shared, timing
 from bench.codec import Fit, Progress, silent
 from bench.errors import InputError
 from bench.executors import Workers, in_process
-from bench.job import FRESH_STATE, STATE, Result, Task, work
+from bench.job import FACTS, FRESH_STATE, STATE, Result, Task, work
 from bench.lock import locked
 from bench.pretraining import ready
 from bench.provenance import provenance
@@ -246,6 +246,12 @@ def _answer(task: Task, future: Future[Result]) -> Result | Task:
         raise InputError("the scheduler is gone: start it again, then give the same command") from None
     except Exception as error:  # the executor's own: what a codec raises is in its record
         return Result(task.base | {"status": "failed", "error": f"{type(error).__name__}: {error}"})
-    if result.wants_file and task.earlier:
-        return dataclasses.replace(task, sent=(task.folder / task.earlier["file"]).read_bytes())
+    if result.wants_files and task.earlier:
+        return dataclasses.replace(task, sent=_files_of(task.folder, task.earlier["file"]))
     return result
+
+
+def _files_of(folder: Path, name: str) -> dict[str, bytes]:
+    """A codec file and what is beside it of its fit, by name."""
+    beside = str(Path(name).with_suffix(FACTS))
+    return {each: (folder / each).read_bytes() for each in (beside, name) if (folder / each).exists()}

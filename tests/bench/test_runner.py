@@ -1,4 +1,9 @@
+import errno
 import json
+import os
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +14,9 @@ from baselines.mean_colour import MeanColour
 from bench import container
 from bench.check import tiny_btf
 from bench.errors import InputError, MissingDataError
+from bench.executors import InProcess, Workers
 from bench.job import seed_of
+from bench.metrics import get
 from bench.records import FILE, load_run
 from bench.runner import Options, run
 from bench.suite import CodecSpec, MaterialSpec, Suite
@@ -83,8 +90,6 @@ def test_a_second_run_does_nothing_again_but_the_timing(tmp_path):
 def test_a_changed_metric_scores_again_and_fits_nothing(tmp_path, monkeypatch):
     outcomes(tmp_path)
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "files").iterdir()}
-    from bench.metrics import get
-
     newer = {"ssim_periodic": 99}
     monkeypatch.setattr("bench.evaluation.get_metric", lambda name: replace(get(name), version=newer.get(name, 1)))
     again = outcomes(tmp_path)
@@ -176,3 +181,169 @@ def test_a_failed_write_of_records_is_not_hidden(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         outcomes(tmp_path / "file" / "run")
     assert not (tmp_path / FILE).exists()
+
+
+class Elsewhere(InProcess):
+    """Answers as a worker would: `lose(task)` says which calls end with the worker's death."""
+
+    def __init__(self, lose=lambda task: False):
+        self.lose, self.calls = lose, []
+
+    def submit(self, fn, /, *args, **kwargs):
+        (task,) = args
+        self.calls.append(task)
+        if not self.lose(task):
+            return super().submit(fn, task)
+        future = Future()
+        future.set_exception(BrokenProcessPool("died"))
+        return future
+
+
+def through(executor, at_once=1):
+    """Options to run jobs through an executor."""
+    return {"workers": lambda: nullcontext(Workers(executor, at_once))}
+
+
+def contents(folder):
+    """Bytes of every file of a run by name, without what says how long a fit took, and without records."""
+    kept = (path for path in folder.glob("*/*") if not path.name.endswith(".fit.json"))
+    return {str(path.relative_to(folder)): path.read_bytes() for path in kept}
+
+
+def test_a_job_that_lost_its_worker_is_started_again_and_the_third_time_fails_alone(tmp_path, caplog):
+    once = Elsewhere(lambda task: task.codec.codec == "pca" and not task.losses)
+    assert [o.record["status"] for o in outcomes(tmp_path / "once", **through(once))] == ["ok", "ok"]
+    assert "tiny/pca components=4/0: its worker died; it is started again" in caplog.text
+    always = Elsewhere(lambda task: task.codec.codec == "mean-colour")
+    done = {o.record["codec"]: o.record for o in outcomes(tmp_path / "always", **through(always, 2))}
+    assert [task.name for task in always.calls].count("tiny/mean-colour/0") == 3
+    assert done["pca"]["status"] == "ok"
+    assert done["mean-colour"]["status"] == "failed"
+    assert "3 workers died of it" in done["mean-colour"]["error"]
+    assert [o.cached for o in outcomes(tmp_path / "always")] == ["record", "record"]
+    again = outcomes(tmp_path / "always", retry_failed=True)
+    assert [o.record["status"] for o in again] == ["ok", "ok"]
+
+
+def test_jobs_stand_in_the_order_of_the_suite_in_whatever_order_they_end(tmp_path):
+    class Backwards(Elsewhere):
+        """The first job ends when the last one does."""
+
+        def submit(self, fn, /, *args, **kwargs):
+            if not self.calls:
+                self.calls.append(args[0])
+                self.late, self.first = Future(), (fn, *args)
+                return self.late
+            future = super().submit(fn, *args)
+            self.late.set_result(super().submit(*self.first).result())
+            return future
+
+    done = outcomes(tmp_path, **through(Backwards(), 2))
+    assert {o.record["codec"] for o in done} == {"mean-colour", "pca"}
+    lines = (tmp_path / FILE).read_text().splitlines()
+    assert [job["codec"] for job in load_run(tmp_path).jobs] == ["mean-colour", "pca"]
+    assert load_run(tmp_path).starts[0]["jobs"] == ["tiny/mean-colour/0", "tiny/pca components=4/0"]
+    assert len(lines) == 5
+
+
+def test_a_worker_out_of_reach_of_the_folder_sends_its_files_and_is_sent_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    outcomes(tmp_path / "near")
+    monkeypatch.setattr("bench.lock.reaches", lambda folder, run: False)
+    far = tmp_path / "far"
+    outcomes(far, **through(Elsewhere()))
+    assert contents(far) == contents(tmp_path / "near")
+    assert len(list(far.glob("files/*.fit.json"))) == 2
+    asked = Elsewhere()
+    assert [o.cached for o in outcomes(far, **through(asked))] == ["record", "record"]
+    assert [len(task.sent) for task in asked.calls] == [0, 2, 0, 2]
+    monkeypatch.setattr("bench.evaluation.get_metric", lambda name: replace(get(name), version=99))
+    again = outcomes(far, **through(Elsewhere()))
+    assert [o.cached for o in again] == ["file", "file"]
+    assert all(o.record["fit_seconds"] > 0 for o in again)
+    assert [path for path in (tmp_path / "cache").rglob("*") if path.is_file()] == []
+
+
+def test_a_full_disk_stops_the_run_and_is_no_failure_of_a_job(tmp_path, monkeypatch):
+    def full(path, data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bench.atomic.write", full)
+        with pytest.raises(InputError, match=r"\.nbtf: cannot be written .*No space left.*make room"):
+            outcomes(tmp_path)
+    assert list(load_run(tmp_path).jobs) == []
+    assert [o.record["status"] for o in outcomes(tmp_path)] == ["ok", "ok"]
+
+
+def test_a_folder_has_one_run_at_a_time(tmp_path):
+    first = run(SUITE, Options(tmp_path))
+    next(first)
+    with pytest.raises(InputError, match="a run is at work here"):
+        outcomes(tmp_path)
+    first.close()
+    assert [o.cached for o in outcomes(tmp_path)] == ["record", ""]
+
+
+def test_what_a_killed_run_left_half_done_is_removed_and_states_are_kept(tmp_path):
+    outcomes(tmp_path)
+    done = next(tmp_path.glob("files/*.nbtf"))
+    kept = tmp_path / "files" / "of-a-job-not-done.state"
+    left = [done.with_suffix(".state"), done.with_suffix(".fresh"), tmp_path / "slices" / "0.partial"]
+    for path in (*left, kept):
+        path.write_bytes(b"half")
+    outcomes(tmp_path)
+    assert not any(path.exists() for path in left)
+    assert kept.exists()
+
+
+def test_a_file_whose_record_was_lost_is_scored_and_keeps_how_long_it_took(tmp_path):
+    seconds = [o.record["fit_seconds"] for o in outcomes(tmp_path)]
+    (tmp_path / FILE).unlink()
+    again = outcomes(tmp_path)
+    assert [o.cached for o in again] == ["file", "file"]
+    assert [o.record["fit_seconds"] for o in again] == seconds
+
+
+def test_lines_that_are_no_records_are_named_when_a_run_goes_on(tmp_path, caplog):
+    outcomes(tmp_path)
+    with open(tmp_path / FILE, "ab") as file:
+        file.write(b'{"kind": "job", "job": "y", "sta')
+    line = len((tmp_path / FILE).read_bytes().splitlines())
+    assert [o.cached for o in outcomes(tmp_path)] == ["record", "record"]
+    assert f"1 line(s) are no records and are skipped: {line}" in caplog.text
+
+
+def test_a_fit_that_was_interrupted_goes_on_and_a_fresh_one_does_not(tmp_path, monkeypatch):
+    seen = []
+
+    class Halting(MeanColour):
+        def encode(self, btf, fit):
+            seen.append(fit.checkpoint.exists())
+            fit.checkpoint.parent.mkdir(exist_ok=True)
+            fit.checkpoint.write_bytes(b"state")
+            if len(seen) == 1:
+                raise KeyboardInterrupt
+            return super().encode(btf, fit)
+
+    monkeypatch.setattr("bench.job.load_codec", lambda name: Halting)
+    only = replace(SUITE, codecs=SUITE.codecs[:1])
+    with pytest.raises(KeyboardInterrupt):
+        outcomes(tmp_path, only)
+    assert [path.suffix for path in tmp_path.glob("files/*")] == [".state"]
+    outcomes(tmp_path, only)
+    outcomes(tmp_path, only, fresh=True)
+    assert seen == [False, True, False]
+    assert {path.suffix for path in tmp_path.glob("files/*")} == {".nbtf", ".json"}
+
+
+def test_without_a_gpu_here_nothing_is_timed_and_that_is_said(tmp_path, caplog):
+    class Lenient(Elsewhere):
+        """A worker that has the device that this process lacks."""
+
+        def submit(self, fn, /, *args, **kwargs):
+            return super().submit(fn, replace(args[0], device="cpu"))
+
+    assert [o.record["status"] for o in outcomes(tmp_path, device="cuda", **through(Lenient()))] == ["ok", "ok"]
+    assert list(load_run(tmp_path).timings) == []
+    assert "no decoder is timed" in caplog.text

@@ -1,0 +1,94 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import BrokenExecutor
+
+import pytest
+
+from bench.errors import InputError
+from bench.executors import THREAD_COUNTS, InProcess, dask, in_process, processes
+
+
+def test_in_process_runs_at_once_and_keeps_errors():
+    with in_process() as workers:
+        assert workers.executor.submit(divmod, 7, 2).result() == (3, 1)
+        assert isinstance(workers.executor.submit(divmod, 7, 0).exception(), ZeroDivisionError)
+
+
+def test_an_interruption_is_no_error_of_a_job():
+    def interrupted():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        InProcess().submit(interrupted)
+
+
+def test_a_worker_that_dies_takes_only_its_own_job_along():
+    with processes(2, 1) as workers:
+        lost = workers.executor.submit(os._exit, 9)
+        kept = workers.executor.submit(divmod, 7, 2)
+        assert isinstance(lost.exception(), BrokenExecutor)
+        assert kept.result() == (3, 1)
+        assert [workers.executor.submit(divmod, n, 2).result() for n in range(4)] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
+def test_workers_have_the_threads_of_the_suite_and_do_not_hear_ctrl_c():
+    with processes(1, 3) as workers:
+        assert [workers.executor.submit(os.getenv, name).result() for name in THREAD_COUNTS] == ["3"] * 3
+        assert workers.executor.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
+    assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
+
+
+def test_each_worker_has_a_gpu_of_its_own(monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5, 7,9")
+    with processes(2, 1, "cuda") as workers:
+        seen = [workers.executor.submit(os.getenv, "CUDA_VISIBLE_DEVICES") for _ in range(2)]
+        assert [future.result() for future in seen] == ["5", "7"]
+
+
+@pytest.mark.parametrize(
+    ("count", "device", "message"),
+    [(0, "cpu", "at least 1"), (4, "cuda", "there are 3"), (2, "cuda:1", "give --device cuda")],
+)
+def test_workers_that_cannot_be_had_are_refused(count, device, message, monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,7,9")
+    with pytest.raises(InputError, match=message):
+        processes(count, 1, device).__enter__()
+
+
+def test_the_end_of_a_run_ends_its_workers_whatever_they_do():
+    start = time.monotonic()
+    with processes(1, 1) as workers:
+        future = workers.executor.submit(time.sleep, 600)
+    assert isinstance(future.exception(), BrokenExecutor)
+    assert time.monotonic() - start < 60
+
+
+PARENT = """
+import os, time
+from bench.executors import processes
+
+if __name__ == "__main__":
+    with processes(1, 1) as workers:
+        print(workers.executor.submit(os.getpid).result(), flush=True)
+        workers.executor.submit(time.sleep, 600).result()
+"""
+
+
+def test_workers_end_with_the_process_that_started_them(tmp_path):
+    (tmp_path / "parent.py").write_text(PARENT)
+    parent = subprocess.Popen([sys.executable, tmp_path / "parent.py"], stdout=subprocess.PIPE, text=True)
+    worker = int(parent.stdout.readline())
+    os.kill(worker, 0)
+    parent.kill()
+    parent.wait()
+    parent.stdout.read()  # the worker holds its end of the pipe as long as it lives
+    parent.stdout.close()
+
+
+def test_dask_that_is_not_there_is_said(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'neubtf-bench\[dask\]'"):
+        dask("tcp://127.0.0.1:1", {}).__enter__()
