@@ -25,7 +25,7 @@ FILE = "records.jsonl"
 Record = dict[str, Any]
 
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
-_NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": ("(?:[^"\\]|\\.)*"), ')
+_NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": ("(?:[^"\\]|\\.)*")[,}]')
 
 
 def append(folder: Path, record: Record) -> None:

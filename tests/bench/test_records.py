@@ -1,5 +1,9 @@
+import errno
+import os
+
 import pytest
 
+from bench import records
 from bench.errors import InputError
 from bench.records import FILE, append, load_run
 
@@ -51,3 +55,71 @@ def test_a_number_that_is_not_finite_is_never_recorded(tmp_path):
 def test_a_folder_without_a_run_is_named(tmp_path):
     with pytest.raises(InputError, match="no run here"):
         load_run(tmp_path / "nothing")
+
+
+def test_a_line_that_was_altered_is_no_record_though_it_reads_as_one(tmp_path):
+    append(tmp_path, {"kind": "job", "job": "x", "psnr": 31.5})
+    append(tmp_path, {"kind": "job", "job": "y", "psnr": 32.5})
+    path = tmp_path / FILE
+    path.write_bytes(path.read_bytes().replace(b"31.5", b"41.5"))
+    run = load_run(tmp_path)
+    assert [job["job"] for job in run.jobs] == ["y"]
+    assert run.unreadable == [1]
+
+
+def test_a_line_without_a_checksum_is_a_record_too(tmp_path):
+    (tmp_path / FILE).write_text('{"kind": "job", "job": "x", "psnr": 31.5}\n')
+    append(tmp_path, {"kind": "job", "job": "y"})
+    assert list(load_run(tmp_path).jobs) == [{"kind": "job", "job": "x", "psnr": 31.5}, {"kind": "job", "job": "y"}]
+
+
+@pytest.mark.parametrize("name", ['a "quoted" \\ name', "ümlaut/π components=4/0", "", '", "'])
+def test_any_name_is_found_again(tmp_path, name):
+    append(tmp_path, {"kind": "job", "job": name, "bytes": 1})
+    append(tmp_path, {"kind": "job", "job": name, "bytes": 2})
+    run = load_run(tmp_path)
+    assert list(run.jobs) == [run.job(name)] == [{"kind": "job", "job": name, "bytes": 2}]
+
+
+def test_jobs_stand_in_the_order_in_which_they_were_planned(tmp_path):
+    append(tmp_path, {"kind": "run", "jobs": ["a", "b", "c"]})
+    for name in ("c", "a"):
+        append(tmp_path, {"kind": "job", "job": name})
+    append(tmp_path, {"kind": "run", "jobs": ["z", "b"]})
+    for name in ("other", "b"):
+        append(tmp_path, {"kind": "job", "job": name})
+    run = load_run(tmp_path)
+    assert [job["job"] for job in run.jobs] == ["a", "b", "c", "other"]
+    assert [job["job"] for job in run.jobs[1:3]] == ["b", "c"]
+    assert run.jobs[-1]["job"] == "other"
+
+
+def test_opening_a_run_reads_into_no_job(tmp_path, monkeypatch):
+    for name in ("x", "y"):
+        append(tmp_path, {"kind": "job", "job": name})
+        append(tmp_path, {"kind": "timing", "job": name})
+    parsed = []
+    parse = records._parsed
+    monkeypatch.setattr(records, "_parsed", lambda line: parsed.append(line) or parse(line))
+    run = load_run(tmp_path)
+    assert parsed == []
+    assert run.timing(run.jobs[1]) == {"kind": "timing", "job": "y"}
+    assert len(parsed) == 2
+
+
+def test_a_disk_that_fills_up_while_a_record_is_written_keeps_what_was_there(tmp_path, monkeypatch):
+    append(tmp_path, {"kind": "job", "job": "x"})
+    before, write = (tmp_path / FILE).read_bytes(), os.write
+
+    def nearly_full(file, data):
+        if len(data) < 20:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(file, data[:20])
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", nearly_full)
+        with pytest.raises(InputError, match=r"records\.jsonl: cannot be written \(No space left.*make room"):
+            append(tmp_path, {"kind": "job", "job": "y"})
+    assert (tmp_path / FILE).read_bytes() == before
+    append(tmp_path, {"kind": "job", "job": "y"})
+    assert [job["job"] for job in load_run(tmp_path).jobs] == ["x", "y"]
