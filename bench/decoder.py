@@ -12,6 +12,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from bench.material import sample_texture
+
 Activation = Literal["relu", "leaky-relu", "sine"]
 
 LEAK = 0.01  # slope of the leaky ReLU below 0
@@ -56,7 +58,16 @@ class Architecture:
         return linear + added + sum(self.widths) * (9 if self.norm else 1)
 
 
-class Decoder(nn.Module):
+class Network(nn.Module):
+    """What stands for a network (n, inputs) → (n, outputs): a `Decoder`, or what an execution makes of it."""
+
+    def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
+        """The outputs for a texture (H, W, C) at uv (n, 2), bilinear, followed by the numbers `first` and `second`."""
+        outputs: Tensor = self(torch.cat([sample_texture(texture, uv), first, second], 1))
+        return outputs
+
+
+class Decoder(Network):
     """The network of an architecture: (n, inputs) → (n, outputs). Initialised from a generator, in float32.
 
     Sine layers start as in SIREN (Sitzmann et al., "Implicit neural representations with periodic activation

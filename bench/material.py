@@ -5,6 +5,7 @@ Frame, units and colour space: see `bench.btf`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import torch
 from torch import Tensor, nn
@@ -36,7 +37,7 @@ class Material:
 
     def __init__(self, size: tuple[int, int], cost: DecoderCost):
         self.size, self.cost = size, cost
-        self.device, self.dtype = torch.device("cpu"), torch.float32
+        self.device, self.dtype, self.chunk = torch.device("cpu"), torch.float32, CHUNK
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """RGB (n, 3) of valid queries above the horizon: uv (n, 2), wo and wi (n, 3), footprint (n,). Pure.
@@ -72,25 +73,29 @@ class Material:
         A direction at or below the horizon answers 0. Directions must be of unit length within 1e-3 and every
         number finite: `InputError` names the first row that is not. Memory beyond inputs and outputs is bounded.
         """
-        footprint = torch.as_tensor(0.0 if footprint is None else footprint).expand(len(uv))
-        _check(uv, wo, wi, footprint)
-        out = torch.empty(len(uv), 3)
-        for start in range(0, len(uv), CHUNK):
-            rows = slice(start, start + CHUNK)
-            out[rows] = self._answer(uv[rows], wo[rows], wi[rows], footprint[rows])
+        _keep_buffers()
+        footprint = torch.as_tensor(0.0 if footprint is None else footprint, device=uv.device).expand(len(uv))
+        _check_shapes(uv, wo, wi)
+        out = torch.empty(len(uv), 3, device=uv.device)
+        for start in range(0, len(uv), self.chunk):
+            rows = slice(start, start + self.chunk)
+            queries = uv[rows], wo[rows], wi[rows], footprint[rows]
+            _check(*queries, start)
+            out[rows] = self._answer(*queries)
         return out
 
     def _answer(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """One chunk: below the horizon 0; `evaluate` sees the zenith there, never a direction it cannot handle."""
         below = (wo[:, 2] <= 0) | (wi[:, 2] <= 0)
         # Wrapping in double keeps the place of uv = ±1e6 in the texture.
-        uv = uv.double() - uv.double().floor()
+        uv = uv.double()
+        uv = uv - uv.floor()
         if below.any():
             zenith = wo.new_tensor([0.0, 0.0, 1.0])
             wo, wi = torch.where(below[:, None], zenith, wo), torch.where(below[:, None], zenith, wi)
         dtype = at_least_float32(self.dtype)
         rgb = self.evaluate(*(x.to(self.device, dtype) for x in (uv, wo, wi, footprint)))
-        return rgb.float().clamp_min(0).masked_fill(below[:, None].to(rgb.device), 0).cpu()
+        return rgb.float().clamp_min(0).masked_fill(below[:, None].to(rgb.device), 0)
 
     def slice(self, wo: Sequence[float], wi: Sequence[float], size: tuple[int, int] | None = None) -> Tensor:
         """The picture (H, W, 3) of one pair at the texel centres of `size`, each with a footprint of one texel."""
@@ -100,23 +105,37 @@ class Material:
         return self.query(uv, view, light, 1 / max(height, width)).reshape(height, width, 3)
 
 
-def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
+@cache
+def _keep_buffers() -> None:
+    """Let the C library keep what a chunk frees for the next: it maps larger blocks afresh, page by page, each time.
+
+    glibc raises that size to the largest block freed, up to 32 MB; an untouched block costs nothing.
+    """
+    torch.empty(31 << 20, dtype=torch.uint8)
+
+
+def _check_shapes(uv: Tensor, wo: Tensor, wi: Tensor) -> None:
     n = len(uv)
     if uv.shape != (n, 2) or wo.shape != (n, 3) or wi.shape != (n, 3):
         shapes = f"{tuple(uv.shape)}, {tuple(wo.shape)}, {tuple(wi.shape)}"
         raise InputError(f"query: uv, wo, wi must be (n, 2), (n, 3), (n, 3), not {shapes}")
+
+
+def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor, start: int) -> None:
+    """`InputError` names the first of these rows that cannot be answered, counted from `start`."""
     for name, values in (("uv", uv), ("wo", wo), ("wi", wi), ("footprint", footprint[:, None])):
         # A sum is non-finite wherever one of its terms is, and far cheaper than a mask.
-        if n and not torch.isfinite(values.sum(dtype=torch.float64)):
+        if not torch.isfinite(values.sum(dtype=torch.float64)):
             row = int((~torch.isfinite(values).all(1)).nonzero()[0])
-            raise InputError(f"query: {name} of row {row} is not finite: {values[row].tolist()}")
+            raise InputError(f"query: {name} of row {start + row} is not finite: {values[row].tolist()}")
     for name, values in (("wo", wo), ("wi", wi)):
         off = (torch.linalg.vector_norm(values, dim=1) - 1).abs() > UNIT_TOLERANCE
         if off.any():
             row = int(off.nonzero()[0])
-            raise InputError(f"query: {name} of row {row} is not of unit length: {values[row].tolist()}; normalise it")
-    if n and footprint.min() < 0:
-        raise InputError(f"query: footprint of row {int(footprint.argmin())} is negative")
+            where = f"{name} of row {start + row}"
+            raise InputError(f"query: {where} is not of unit length: {values[row].tolist()}; normalise it")
+    if footprint.min() < 0:
+        raise InputError(f"query: footprint of row {start + int(footprint.argmin())} is negative")
 
 
 def at_least_float32(dtype: torch.dtype) -> torch.dtype:

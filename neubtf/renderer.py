@@ -13,7 +13,7 @@ from torch import Tensor
 from bench.codec import Parts
 from bench.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.errors import InputError
-from bench.material import DecoderCost, Material, sample_texture, to_radiance
+from bench.material import DecoderCost, Material, to_radiance
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 
 DIRECTIONS = 4  # numbers of the two directions that the renderer sees
@@ -86,4 +86,4 @@ class NeuBTFMaterial(Material):
         self.renderer, self.texture, self.gain = renderer, texture, gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return to_radiance(render(self.renderer, sample_texture(self.texture, uv), wo, wi), self.gain)
+        return to_radiance(self.renderer.at(self.texture, uv, wo[:, :2], wi[:, :2]), self.gain)

@@ -1,0 +1,72 @@
+"""The folded network in PyTorch operations that a compiler fuses: no library's layer norm, no library's sine."""
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.decoder import HALF_MAX, LEAK, Decoder, Network
+from bench.fused.layers import Layer, Norm, layers_of, sine_of_turns
+
+
+class Lean(Network):
+    """What a `Decoder` answers, (n, inputs) → (n, outputs). Products are in the weights' dtype, the rest in float32."""
+
+    def __init__(self, decoder: Decoder):
+        super().__init__()
+        first = next(decoder.parameters())
+        self.layers = nn.ModuleList(_Layer(layer) for layer in layers_of(decoder)).to(first.device, first.dtype)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        x = inputs
+        for layer in self.layers:
+            x = layer(x)
+        return x.to(inputs.dtype)
+
+
+class _Layer(nn.Module):
+    def __init__(self, layer: Layer):
+        super().__init__()
+        self.activation, self.residual = layer.activation, layer.residual
+        self.weight, self.bias = _constant(layer.weight), _constant(layer.bias)
+        self.norm = None if layer.norm is None else _Norm(layer.norm)
+
+    def forward(self, x: Tensor) -> Tensor:
+        dtype = self.weight.dtype
+        hidden = functional.linear(x.to(dtype), self.weight, self.bias)
+        hidden = hidden.to(torch.promote_types(dtype, torch.float32))
+        if dtype == torch.float16:
+            hidden = hidden.clamp(-HALF_MAX, HALF_MAX)
+        if self.norm is not None:
+            hidden = self.norm(hidden)
+        match self.activation:
+            case "sine":
+                hidden = _sine(hidden)
+            case "relu":
+                hidden = functional.relu(hidden)
+            case "leaky-relu":
+                hidden = functional.leaky_relu(hidden, LEAK)
+        return x + hidden if self.residual else hidden
+
+
+class _Norm(nn.Module):
+    def __init__(self, norm: Norm):
+        super().__init__()
+        self.gain, self.offset, self.eps = _constant(norm.gain), _constant(norm.offset), norm.eps
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x * (x.square().mean(1, keepdim=True) + self.eps).rsqrt() * self.gain + self.offset
+
+
+def _constant(values: object) -> nn.Parameter:
+    return nn.Parameter(torch.as_tensor(values), requires_grad=False)
+
+
+def _sine(turns: Tensor) -> Tensor:
+    """sin(2π t) by its polynomial."""
+    t = turns - turns.round()
+    square = t * t
+    first, *rest = sine_of_turns()[::-1]
+    value = torch.full_like(square, first)
+    for coefficient in rest:
+        value = value * square + coefficient
+    return value * t

@@ -1,0 +1,115 @@
+"""The folded network as one kernel on the CPU, its weights literals in the code, by Dr.Jit and LLVM.
+
+Every intermediate stays in registers or the innermost cache. Dr.Jit comes with the extra `mitsuba`; LLVM is the
+system's. No minimum, maximum or arctangent is used: LLVM 15 and older cannot compile those of Dr.Jit on x86, and end
+the process.
+"""
+
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from bench.decoder import LEAK, Decoder, Network
+from bench.errors import InputError
+from bench.fused.layers import Layer, layers_of, sine_of_turns
+
+MOST_PARAMETERS = 10_000  # beyond, the code outgrows every cache, and compiling it takes minutes
+
+
+def drjit() -> ModuleType:
+    """Dr.Jit with a usable LLVM. `InputError` says what to install."""
+    try:
+        import drjit as dr
+    except ImportError as error:
+        raise InputError(f"fused on the CPU needs Dr.Jit: pip install neubtf-bench[mitsuba] ({error})") from error
+    if not dr.has_backend(dr.JitBackend.LLVM):
+        raise InputError(
+            "fused on the CPU needs LLVM's shared library: install libLLVM, or name it in DRJIT_LIBLLVM_PATH"
+        )
+    return dr
+
+
+class DrJitNetwork(Network):
+    """What a `Decoder` answers, (n, inputs) → (n, outputs), float32 on the CPU."""
+
+    def __init__(self, decoder: Decoder):
+        super().__init__()
+        self.dr = drjit()
+        if decoder.architecture.parameters > MOST_PARAMETERS:
+            raise InputError(
+                f"fused on the CPU holds a network of up to {MOST_PARAMETERS:,} parameters, this one has "
+                f"{decoder.architecture.parameters:,}: use compiled"
+            )
+        self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
+        self.kernels: dict[int, Any] = {}  # a recorded call holds for one size
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        dr, n = self.dr, len(inputs)
+        if dr.thread_count() != torch.get_num_threads():
+            dr.set_thread_count(torch.get_num_threads())
+        size = 1 << max(n - 1, 15).bit_length()  # whole powers of two: few recordings, whatever the batches
+        padded = functional.pad(inputs.float(), (0, 0, 0, size - n)).contiguous()
+        if size not in self.kernels:
+            self.kernels[size] = dr.freeze(self._kernel)
+        out = self.kernels[size](dr.llvm.Float(padded.reshape(-1)))
+        dr.eval(out)
+        dr.sync_thread()
+        return out.torch().reshape(size, -1)[:n].to(inputs.dtype)
+
+    def _kernel(self, flat: Any) -> Any:
+        """Row-major inputs (n · inputs) → row-major outputs (n · outputs)."""
+        dr = self.dr
+        n = dr.width(flat) // self.inputs
+        row = dr.arange(dr.llvm.UInt32, n)
+        x: Sequence[Any] = [dr.gather(dr.llvm.Float, flat, row * self.inputs + i) for i in range(self.inputs)]
+        for layer in self.layers:
+            x = self._layer(layer, x)
+        out = dr.empty(dr.llvm.Float, n * len(x))
+        # One packet: a store a channel would compute the whole network again for each.
+        dr.scatter(out, dr.llvm.ArrayXf(x), row)
+        return out
+
+    def _layer(self, layer: Layer, x: Sequence[Any]) -> list[Any]:
+        dr = self.dr
+        hidden = [self._dense(*row, x) for row in zip(layer.weight.tolist(), layer.bias.tolist(), strict=True)]
+        if layer.norm is not None:
+            norm = layer.norm
+            square = _sum([value * value for value in hidden])
+            scale = dr.rsqrt(dr.fma(square, 1 / len(hidden), norm.eps))
+            affine = zip(norm.gain.tolist(), norm.offset.tolist(), strict=True)
+            hidden = [dr.fma(value * scale, *pair) for value, pair in zip(hidden, affine, strict=True)]
+        match layer.activation:
+            case "sine":
+                hidden = [self._sine(value) for value in hidden]
+            case "relu" | "leaky-relu":
+                leak = LEAK if layer.activation == "leaky-relu" else 0.0
+                hidden = [dr.select(value > 0, value, value * leak) for value in hidden]
+        return [a + b for a, b in zip(x, hidden, strict=True)] if layer.residual else hidden
+
+    def _dense(self, weights: list[float], bias: float, x: Sequence[Any]) -> Any:
+        total = self.dr.llvm.Float(bias)
+        for weight, value in zip(weights, x, strict=True):
+            total = self.dr.fma(value, weight, total)
+        return total
+
+    def _sine(self, turns: Any) -> Any:
+        """sin(2π t) by its polynomial."""
+        t = turns - self.dr.round(turns)
+        square = t * t
+        first, *rest = sine_of_turns()[::-1]
+        value = self.dr.llvm.Float(first)
+        for coefficient in rest:
+            value = self.dr.fma(value, square, coefficient)
+        return value * t
+
+
+def _sum(values: list[Any]) -> Any:
+    """The sum in pairs: a chain would wait for each addition."""
+    while len(values) > 1:
+        pairs = [a + b for a, b in zip(values[::2], values[1::2], strict=False)]
+        values = pairs + values[len(values) // 2 * 2 :]
+    return values[0]
