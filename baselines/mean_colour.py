@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -21,10 +22,10 @@ class MeanColour(Codec):
         half: bool = True  # store the texture as float16
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        mean = torch.zeros(*btf.shape, 3, dtype=torch.float64)
+        mean = np.zeros((*btf.shape, 3))
         for picture in fit.progress(btf, total=len(btf)):
-            mean += torch.from_numpy(picture) / len(btf)
-        return Parts(texture=pack("mean", mean, "half" if self.settings.half else "float32"))
+            mean += picture / len(btf)
+        return Parts(texture=pack("mean", torch.from_numpy(mean), "half" if self.settings.half else "float32"))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         return MeanColourMaterial(unpack("mean", parts.texture)).to(device)

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bench.cache import cache_dir
+from bench.finite import finite
 
 log = logging.getLogger(__name__)
 Array = np.ndarray
@@ -190,6 +191,8 @@ class Split:
 class BTF:
     """Outgoing radiance over texels × pairs, read lazily. See the module for frame, units and colour space.
 
+    What is read is finite; where it is not, a `NotFiniteError` says how many values and where.
+
     `wo` and `wi` are (N, 3) float32, `shape` is (H, W), `len(btf)` is N and `btf[i]` the slice (H, W, 3) float32.
     `heldout`, where the data declare it, is an (N,) mask of pairs that no codec may train on.
     `periodic` says that the picture wraps around without a seam, as every rendered material does.
@@ -223,18 +226,20 @@ class BTF:
         return len(self.pairs)
 
     def __getitem__(self, pair: int) -> Array:
-        return self.source.slice(int(self.pairs[pair]))
+        return finite(self.source.slice(int(self.pairs[pair])), f"{self.name}: pair {pair}")
 
     def __iter__(self) -> Iterator[Array]:
         return (self[i] for i in range(len(self)))
 
     def texels(self, rows: ArrayLike, cols: ArrayLike) -> Array:
         """ABRDFs (n, N, 3) float32 of the n texels (rows[i], cols[i])."""
-        return self.source.texels(np.asarray(rows), np.asarray(cols), self.pairs)
+        values = self.source.texels(np.asarray(rows), np.asarray(cols), self.pairs)
+        return finite(values, f"{self.name}: texels, pairs, channels")
 
     def gather(self, pair: ArrayLike, row: ArrayLike, col: ArrayLike) -> Array:
         """Values (n, 3) float32 at n scattered (pair, row, col)."""
-        return self.source.gather(self.pairs[np.asarray(pair)], np.asarray(row), np.asarray(col))
+        values = self.source.gather(self.pairs[np.asarray(pair)], np.asarray(row), np.asarray(col))
+        return finite(values, f"{self.name}: samples, channels")
 
     def _with(self, pairs: Array, source: Source, **changes: Any) -> "BTF":
         provenance = self.provenance | changes
@@ -260,7 +265,11 @@ class BTF:
             raise ValueError(f"factor must be between 1 and {min(self.shape)}, not {factor}")
         if factor == 1:
             return self
-        return self._with(np.arange(len(self)), _BoxFiltered(self.source, factor), downsampled=factor)
+        return self.over(_BoxFiltered(self.source, factor), downsampled=factor)
+
+    def over(self, source: Source, **provenance: Any) -> "BTF":
+        """The same pairs of another source, which has as many; `provenance` says what was done."""
+        return self._with(np.arange(len(self)), source, **provenance)
 
     @cached_property
     def layout(self) -> Layout:

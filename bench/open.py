@@ -5,6 +5,7 @@ import os
 from bench.btf import BTF
 from bench.codec import Progress, silent
 from bench.errors import InputError, MissingDataError
+from bench.repair import repaired
 from bench.suite import Data, MaterialSpec, Suite, named, with_changes
 from bench.thinning import thinned
 
@@ -36,7 +37,8 @@ def open_material(spec: MaterialSpec, data: Data, show: Progress) -> BTF:
         return open_svbrdf(path, data, lambda done, total: show(f"baking {spec.name}", done, total))
     from bench.readers import open_btf
 
-    return thinned(open_btf(path), data.pairs)
+    btf = thinned(open_btf(path), data.pairs)
+    return repaired(btf, show) if data.repair else btf
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:

@@ -43,6 +43,7 @@ class Data:
     lights: int = 25
     heldout: int = 150  # random pairs besides, drawn uniformly in solid angle up to 75°
     pairs: int = 0  # of measured data about so many, spread evenly over views and lights; 0: all
+    repair: bool = False  # mask measured values that are not finite by the mean of their pair
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,10 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
             raise InputError(f"--set {key}: no such key{did_you_mean(name, fields)}")
         if fields[name] is int and not value.isdecimal():
             raise InputError(f"--set {key}: must be a whole number, not {value!r}")
-        change: dict[str, Any] = {name: int(value) if fields[name] is int else value}
+        if fields[name] is bool and value not in ("true", "false"):
+            raise InputError(f"--set {key}: must be true or false, not {value!r}")
+        converted: Any = int(value) if fields[name] is int else value == "true" if fields[name] is bool else value
+        change = {name: converted}
         return dataclasses.replace(suite, data=dataclasses.replace(suite.data, **change))
     codecs = [_set(spec, name, value) if _has(spec.codec, scope, name) else spec for spec in suite.codecs]
     if codecs == list(suite.codecs) and not any(_has(spec.codec, scope, name) for spec in codecs):

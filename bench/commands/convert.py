@@ -11,6 +11,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, evenly in angle")
     parser.add_argument("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
     parser.add_argument("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
+    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
     parser.add_argument("-o", "--out", type=Path, required=True, help="an .npz file, or a folder of EXR pictures")
 
 
@@ -21,7 +22,8 @@ def run(options: argparse.Namespace) -> int:
 
     check_place(options.out)
     with Console() as console:
-        btf = changed(open_named(options.btf, {}, console.show), options.crop, options.downsample, options.thin)
+        opened = open_named(options.btf, {"data.repair": "true"} if options.repair else {}, console.show)
+        btf = changed(opened, options.crop, options.downsample, options.thin)
         write_btf(btf, options.out, lambda done, total: console.show("writing", done, total))
     console.say(f"{len(btf)} slices of {btf.shape[0]} × {btf.shape[1]} in {options.out}")
     return FINE

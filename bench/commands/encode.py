@@ -12,6 +12,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("btf", help="a built-in material or the path of a BTF")
     parser.add_argument("--codec", required=True)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
+    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--device", default="cpu")
@@ -28,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.registry import load_codec
     from bench.timing import torch_threads
 
-    changes = assignments(options.set)
+    changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
     codec = load_codec(options.codec)(**settings)
     if not options.out.parent.is_dir():

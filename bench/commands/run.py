@@ -27,6 +27,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
     parser.add_argument("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
+    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     parser.add_argument("--seed", type=int, help="run this one seed instead of the suite's")
     parser.add_argument("--fresh", action="store_true", help="fit and score again what is already there")
@@ -58,6 +59,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.suite import load_suite, with_changes
 
     changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
+    changes |= {"data.repair": "true"} if options.repair else {}
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
     folder = options.out or Path("runs") / suite.name
     device = options.device if options.scheduler else usable_device(options.device)

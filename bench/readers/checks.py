@@ -1,4 +1,4 @@
-"""What every reader checks before it gives a BTF away: directions, duplicates, finite values, foreign exceptions."""
+"""What every reader checks before it gives a BTF away: directions, duplicates, foreign exceptions."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -65,19 +65,6 @@ def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
     if len(same):
         first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
         raise InputError(f"{label(second)}: the same view and light as {label(first)}: leave one of the two out")
-
-
-def finite(values: Array, label: str) -> Array:
-    """The values (..., 3), or an `InputError` that says how many are not finite and where the first of them is."""
-    good = np.isfinite(values)
-    if good.all():
-        return values
-    place = ", ".join(str(int(i)) for i in np.argwhere(~good)[0])
-    count = int(good.size - np.count_nonzero(good))
-    raise InputError(
-        f"{label}: {count} of {good.size} values are not finite (NaN or infinite), the first at index ({place}): "
-        "mend the values or leave the pair out"
-    )
 
 
 def view_major(wo: Array, wi: Array) -> Array:

@@ -6,8 +6,9 @@ import numpy as np
 
 from bench.btf import BTF
 from bench.errors import InputError
+from bench.finite import finite
 from bench.hemisphere import from_angles
-from bench.readers.checks import angles_in_range, finite, no_duplicates
+from bench.readers.checks import angles_in_range, no_duplicates
 from bench.readers.files import ZipFiles
 from bench.readers.npz import NpzSource, read_array
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from bench.btf import BTF, ArraySource
 from bench.errors import InputError
-from bench.readers.checks import finite, no_duplicates, readable, unit_directions
+from bench.finite import finite
+from bench.readers.checks import no_duplicates, readable, unit_directions
 from bench.readers.files import ZipFiles, file_digest
 
 Array = np.ndarray

@@ -17,7 +17,8 @@ import numpy as np
 
 from bench.btf import Source
 from bench.errors import InputError
-from bench.readers.checks import finite, readable
+from bench.finite import finite
+from bench.readers.checks import readable
 from bench.readers.files import Files, FolderFiles
 
 Array = np.ndarray

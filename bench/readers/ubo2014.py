@@ -18,8 +18,9 @@ import numpy as np
 
 from bench.btf import BTF, Source
 from bench.errors import InputError
+from bench.finite import finite
 from bench.hemisphere import from_angles
-from bench.readers.checks import angles_in_range, finite, no_duplicates
+from bench.readers.checks import angles_in_range, no_duplicates
 from bench.readers.files import file_digest
 
 Array = np.ndarray

@@ -1,0 +1,67 @@
+"""Masks radiance that is NaN or infinite: `--repair`."""
+
+import hashlib
+import logging
+
+import numpy as np
+
+from bench.btf import BTF, Array, Source
+from bench.codec import Progress, silent
+from bench.errors import InputError
+from bench.finite import NotFiniteError
+
+log = logging.getLogger(__name__)
+
+
+class Repaired(Source):
+    """Another source, its values that are not finite replaced by the mean of the finite ones of pair and channel.
+
+    Scattered reads go through the scratch file of `Source`, so that every value is mended once and alike.
+    """
+
+    def __init__(self, source: Source):
+        self.source, self.shape, self.count = source, source.shape, source.count
+
+    def slice(self, pair: int) -> Array:
+        return self.mended(pair)[0]
+
+    def mended(self, pair: int) -> tuple[Array, int]:
+        """The slice of a pair (H, W, 3), and how many of its values are masked.
+
+        `InputError` where a channel of it has no finite value.
+        """
+        try:
+            picture = self.source.slice(pair)
+        except NotFiniteError as error:
+            picture = error.values
+        bad = ~np.isfinite(picture)
+        if not bad.any():
+            return picture, 0
+        if bad.all((0, 1)).any():
+            raise InputError(f"pair {pair}: a channel without any finite value cannot be repaired: leave the pair out")
+        mean = np.mean(picture, (0, 1), where=~bad, dtype=np.float64)
+        return np.where(bad, mean, picture).astype(np.float32), int(bad.sum())
+
+    def fingerprint(self) -> str:
+        return hashlib.sha256(f"{self.source.fingerprint()} repaired".encode()).hexdigest()
+
+
+def repaired(btf: BTF, show: Progress = silent) -> BTF:
+    """The BTF with what is not finite masked; a warning and `provenance["repaired"]` say how much, and in which pairs.
+
+    Reads every slice once. A BTF that is finite comes back as it is. See `Repaired` for what replaces a value.
+    """
+    source = Repaired(btf.source)
+    masked = {}
+    for done, pair in enumerate(btf.pairs.tolist()):
+        show("looking for values that are not finite", done, len(btf))
+        count = source.mended(pair)[1]
+        if count:
+            masked[done] = count
+    show("looking for values that are not finite", len(btf), len(btf))
+    if not masked:
+        return btf
+    listed = ", ".join(map(str, list(masked)[:10])) + (", …" if len(masked) > 10 else "")
+    said = f"{sum(masked.values())} values that were not finite, masked by the mean of their pair: pairs {listed}"
+    log.warning("%s: %s", btf.name, said)
+    return btf.over(source, repaired=said)
