@@ -4,6 +4,7 @@ It encodes a small rendered-like BTF, writes the file, decodes it, here and in a
 renderer relies on. Each check is a function that raises `CheckError` with the figure that is wrong.
 """
 
+import dataclasses
 import itertools
 import subprocess
 import sys
@@ -24,6 +25,8 @@ from bench.counting import parameters
 from bench.errors import InputError
 from bench.hemisphere import from_degrees, thin, ubo2003, uniform
 from bench.material import Material, texel_centres
+from bench.records import Record
+from bench.registry import load_codec
 from bench.timing import torch_threads
 
 # Float32 sums of some hundred terms in another order differ by about 1e-6 of their size; ten times that is allowed.
@@ -264,3 +267,21 @@ def check(codec: Codec, network: SharedNetwork | None = None) -> Iterator[Result
                 yield Result(one.__doc__ or one.__name__)
             except Exception as error:  # whatever a foreign codec raises is its failure, and the next check still runs
                 yield Result(one.__doc__ or one.__name__, f"{type(error).__name__}: {error}".splitlines()[0])
+
+
+def count(name: str) -> Record:
+    """What a codec's decoder holds, counted in a file of the small material: `label`, `parameters`, `cost` of a record.
+
+    A codec that is fitted in `steps` takes one, which changes no count.
+    """
+    found = load_codec(name)
+    codec = found(**({"steps": 1} if "steps" in {field.name for field in dataclasses.fields(found.Settings)} else {}))
+    with tempfile.TemporaryDirectory() as folder:
+        material = Bench(codec, Path(folder), codec.network().brief() if codec.network else None).material
+    return {
+        "codec": name,
+        "label": name,
+        "status": "ok",
+        "parameters": parameters(material),
+        "cost": dataclasses.asdict(material.cost),
+    }

@@ -4,9 +4,13 @@
 one format. Both read only what `bench.records` reads, and the arrays that a record names.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bench.records import Record
 
 
 @dataclass(frozen=True)
@@ -20,9 +24,9 @@ class Written:
 def table_text(run_folder: str | Path, format: str = "text", kind: str | None = None) -> str:
     """The tables of a run as `text`, `markdown`, `latex` or `csv`.
 
-    `kind` picks one kind of table: `main`, `angular`, `radiance`, `footprints`, `rate` or `unfinished`; by default all
-    are given, the text of them in a shorter form. A CSV has one row a job and every number of its record, whatever the
-    kind. Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
+    `kind` picks one kind of table, of `reports.tables.KINDS`; by default all are given, the text of them in a shorter
+    form. A CSV has one row a job and every number of its record, whatever the kind. Raises `InputError` where the
+    folder holds no run, `ValueError` for an unknown format or kind.
     """
     from bench.records import load_run
     from reports import text
@@ -40,6 +44,18 @@ def table_text(run_folder: str | Path, format: str = "text", kind: str | None = 
         return text.terminal(run)
     tables = all_tables(run, narrow=format == "latex")
     return writers[format]([table for table in tables if kind in (None, table.kind)])
+
+
+def parameters_text(jobs: Sequence["Record"], format: str = "text") -> str:
+    """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
+    from reports import text
+    from reports.latex import latex
+    from reports.parameters import parameters_table
+    from reports.raw import table_csv
+
+    writers = {"markdown": text.markdown, "latex": latex, "text": text.plain, "csv": table_csv}
+    table = parameters_table(jobs)
+    return writers[format]([table] if table else [])
 
 
 def write_report(run_folder: str | Path) -> Written:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from reports.tables import Table
+from reports.table import Table
 
 _SPECIAL = {
     **{character: f"\\{character}" for character in "&%$#_{}"},

@@ -10,7 +10,8 @@ from bench.records import Run
 from reports.figures import Figure
 from reports.notes import run_notes
 from reports.rows import materials
-from reports.tables import Table, all_tables
+from reports.table import Table
+from reports.tables import all_tables
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 78rem; padding: 0 1rem; color: #1a1a1a }

@@ -3,11 +3,12 @@
 import csv
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bench.records import Record, Run
 from reports.rows import Row, materials
+from reports.table import Table
 
 _ELSEWHERE = {"kind", "fit_key", "score_key", "provenance", "traceback", "metrics", "settings", "shape"}
 _RAW_TIMING = {"kind", "job", "run", "samples_ns", "floor_ratios"}
@@ -25,6 +26,15 @@ def csv_text(run: Run) -> str:
     writer = csv.DictWriter(out, columns, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
+    return out.getvalue()
+
+
+def table_csv(tables: Sequence[Table]) -> str:
+    """The cells of tables as they are shown, each with a line of headers."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    for table in tables:
+        writer.writerows([[" ".join(words).strip() for words in table.headers], *table.rows])
     return out.getvalue()
 
 

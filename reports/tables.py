@@ -1,29 +1,17 @@
 """The tables of a run, as text in cells: which columns, which rows, which footnotes. How they look is elsewhere."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 
 from bench.records import Record, Run
 from reports import columns
 from reports.columns import Column
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE, fixed
+from reports.parameters import parameters_table
 from reports.rows import Material, Row, materials
+from reports.table import Table
 
-KINDS = ("main", "angular", "radiance", "footprints", "rate", "unfinished")
-
-
-@dataclass(frozen=True)
-class Table:
-    """Cells as text. A header is a name and, below it, a unit with an arrow to the better end; "" where none is."""
-
-    kind: str
-    title: str
-    headers: list[tuple[str, str]]
-    rows: list[list[str]]
-    notes: list[str] = field(default_factory=list)
-    words: int = 1  # how many columns, from the left, hold words
-    material: str = ""  # where the table is of one
+KINDS = ("main", "angular", "radiance", "footprints", "rate", "parameters", "unfinished")
 
 
 def all_tables(run: Run, narrow: bool = False) -> list[Table]:
@@ -36,7 +24,8 @@ def all_tables(run: Run, narrow: bool = False) -> list[Table]:
     tables = [kind(material) for kind in (*kinds, *_BY_DIRECTION) for material in found]
     with_rates = {rate["material"] for rate in run.rates}
     points = [_table("rate", m, "rates", columns.RATES, common_notes(m)) for m in found if m.name in with_rates]
-    return [table for table in (*tables, *points, *rate_tables(run), unfinished_table(run)) if table]
+    rest = [parameters_table(run.jobs), unfinished_table(run)]
+    return [table for table in (*tables, *points, *rate_tables(run), *rest) if table]
 
 
 def main_table(material: Material, chosen: Sequence[Column] = columns.MAIN) -> Table | None:

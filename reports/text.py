@@ -12,7 +12,8 @@ from bench.records import Run
 from reports import columns
 from reports.notes import run_notes
 from reports.rows import Material, materials
-from reports.tables import Table, main_table, rate_tables, unfinished_table
+from reports.table import Table
+from reports.tables import main_table, rate_tables, unfinished_table
 
 WIDTH = 120
 

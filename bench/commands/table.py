@@ -1,4 +1,8 @@
-"""print a run's tables"""
+"""print a run's tables
+
+`table parameters` sets decoder parameters and texture channels beside those of the NeuBTF paper. Codecs that the run
+did not measure are counted in a small file that is made for it, so that it needs no run.
+"""
 
 import argparse
 from pathlib import Path
@@ -6,7 +10,7 @@ from pathlib import Path
 from bench.errors import InputError
 from bench.exits import FINE
 
-TABLES = ("main", "angular", "radiance", "footprints", "rate", "unfinished")
+TABLES = ("main", "angular", "radiance", "footprints", "rate", "parameters", "unfinished")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,16 +29,41 @@ def run(options: argparse.Namespace) -> int:
     folders = [Path(word) for word in options.what if word not in TABLES]
     if len(kinds) > 1 or len(folders) > 1:
         raise InputError("table: give one kind of table and one folder of a run at most")
+    if kinds == ["parameters"]:
+        print(_parameters(folders[0] if folders else None, options.format))
+        return FINE
     from reports import table_text
 
     print(table_text(folders[0] if folders else _newest_run(), options.format, kinds[0] if kinds else None))
     return FINE
 
 
-def _newest_run() -> Path:
-    from bench.records import FILE
+def _parameters(folder: Path | None, format: str) -> str:
+    """The table of parameters, from the records of a run as far as it goes."""
+    from bench.records import load_run
+    from bench.registry import codec_entries
+    from reports import parameters_text
+    from reports.parameters import PUBLISHED
 
-    found = sorted(Path("runs").glob(f"*/{FILE}"), key=lambda path: path.stat().st_mtime)
+    folders = [folder] if folder else _runs()[-1:]
+    jobs = [job for folder in folders for job in load_run(folder).jobs if job["status"] == "ok"]
+    wanted = [name for name in PUBLISHED if name in codec_entries() and name not in {job["codec"] for job in jobs}]
+    if wanted:
+        from bench.check import count
+
+        jobs += [count(name) for name in wanted]
+    return parameters_text(jobs, format)
+
+
+def _newest_run() -> Path:
+    found = _runs()
     if not found:
         raise InputError("table: there is no run under runs/: give the folder that `neubtf-bench run` wrote")
-    return found[-1].parent
+    return found[-1]
+
+
+def _runs() -> list[Path]:
+    """The folders of runs under runs/, the newest last."""
+    from bench.records import FILE
+
+    return [path.parent for path in sorted(Path("runs").glob(f"*/{FILE}"), key=lambda path: path.stat().st_mtime)]

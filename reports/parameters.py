@@ -1,0 +1,78 @@
+"""The parameters of decoders and the channels of textures, ours beside those of the NeuBTF paper's Table 2.
+
+Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from bench.records import Record
+from reports.numbers import NONE, integer
+from reports.table import Table
+
+
+@dataclass(frozen=True)
+class Published:
+    """A row of the paper's table, and what our channels consist of."""
+
+    method: str
+    parameters: int
+    channels: int
+    made_of: str
+
+
+_NEUBTF = Published("NeuBTF", 3_011, 14, "14 latents")
+PUBLISHED = {
+    "neubtf": _NEUBTF,
+    "neubtf-direct": _NEUBTF,
+    "neumip": Published(
+        "NeuMIP",
+        3_332,
+        14,
+        "7 latents of the finest level of the pyramid, coarser ones not counted, and 7 of the offset",
+    ),
+    "rainer2019": Published(
+        "Rainer 2019", 35_725, 14, "8 latents, and the mean and the deviation of each colour of a texel's ABRDF (6)"
+    ),
+    "rainer2020": Published(
+        "Rainer 2020", 38_269, 38, "32 latents, and the mean and the deviation of each colour of a texel's ABRDF (6)"
+    ),
+}  # by codec
+
+
+def parameters_table(jobs: Iterable[Record]) -> Table | None:
+    """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`; None where there is none."""
+    found: dict[tuple[str, int, int], list[str]] = {}
+    for job in jobs:
+        if job["status"] == "ok" and job["codec"] in PUBLISHED:
+            key = (job["codec"], job["parameters"], job["cost"]["texture_channels"])
+            found.setdefault(key, []).append(job["label"])
+    if not found:
+        return None
+    order = list(PUBLISHED)
+    keys = sorted(found, key=lambda key: order.index(key[0]))
+    codecs = [codec for codec, _, _ in keys]
+    labels = [codec if codecs.count(codec) == 1 else found[key][0] for codec, key in zip(codecs, keys, strict=True)]
+    headers = [("method", ""), ("codec", "")]
+    headers += [(what, whose) for what in ("param.", "channels") for whose in ("ours", "paper", "diff.")]
+    rows = [_cells(label, *key) for label, key in zip(labels, keys, strict=True)]
+    title = "Decoder parameters and texture channels, beside Table 2 of NeuBTF (2023)"
+    return Table("parameters", title, headers, rows, _notes(codecs), words=2)
+
+
+def _cells(label: str, codec: str, parameters: int, channels: int) -> list[str]:
+    paper = PUBLISHED[codec]
+    ours = [(parameters, paper.parameters), (channels, paper.channels)]
+    numbers = [
+        [integer(mine), integer(theirs), f"{mine - theirs:+,}" if mine != theirs else "0"] for mine, theirs in ours
+    ]
+    return [paper.method, label, *numbers[0], *numbers[1]]
+
+
+def _notes(codecs: list[str]) -> list[str]:
+    notes = ["Ours: trainable parameters of the decoder, counted by torchinfo in what a codec file decodes to."]
+    notes += [f"Channels of {paper.method}: {paper.made_of}." for paper in dict.fromkeys(PUBLISHED[c] for c in codecs)]
+    absent = dict.fromkeys(paper.method for paper in PUBLISHED.values())
+    for codec in codecs:
+        absent.pop(PUBLISHED[codec].method, None)
+    return notes + ([f"{NONE} {', '.join(absent)}: no codec of it has been measured."] if absent else [])
