@@ -16,13 +16,15 @@ _DIGITS = {PSNR: 2, LOG_PSNR: 2, SSIM: 3, FLIP: 3}
 class Column:
     """A name, a unit with an arrow to the better end, and how a measured row fills it.
 
-    `native`, where there is one, fills it for the measured data's own file, from any record of the material.
+    `native`, where there is one, fills it for the measured data's own file, from any record of the material. A column
+    that is `sparse` is left out where no row has a number for it.
     """
 
     name: str
     unit: str
     cell: Callable[[Row], str]
     native: Callable[[Record], str] | None = None
+    sparse: bool = False
 
 
 def _pooled(row: Row, family: str, group: str = "") -> str:
@@ -48,7 +50,7 @@ def _native(job: Record) -> Record:
 
 
 def _other_bytes(row: Row) -> str:
-    named = {"decoder", "texture", "total"}
+    named = {"decoder", "texture", "total", "shared"}
     return integer(sum(size for part, size in row.job["bytes"].items() if part not in named))
 
 
@@ -84,6 +86,7 @@ _CHANNELS = Column(
     lambda job: integer(_native(job)["rank"]),
 )
 _TOTAL = Column("total", "bytes ↓", partial(_part, part="total"), lambda job: integer(_native(job)["bytes"]))
+_SHARED = Column("shared", "bytes", partial(_part, part="shared"), sparse=True)
 _BITS = Column(
     "bits per",
     "texel ↓",
@@ -119,6 +122,7 @@ SIZE = (
     Column("texture", "bytes", partial(_part, part="texture")),
     Column("other", "bytes", _other_bytes),
     _TOTAL,
+    _SHARED,
     _BITS,
 )
 QUALITY = (

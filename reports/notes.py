@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from bench.records import Record, Run
 from reports.columns import FLIP, LOG_PSNR, PSNR, RMSE, SSIM
-from reports.rows import Material
+from reports.rows import Material, Row
 
 
 def main_notes(material: Material) -> list[str]:
@@ -22,7 +22,22 @@ def quality_notes(material: Material) -> list[str]:
 def cost_notes(material: Material) -> list[str]:
     """What the columns of size and time are."""
     bytes_note = "Bytes are those of the whole file; “other” includes its header."
-    return [bytes_note, *_timing(material), *_not_comparable(material)] if material.first else []
+    return [bytes_note, *_shared(material), *_timing(material), *_not_comparable(material)] if material.first else []
+
+
+def _shared(material: Material) -> Iterator[str]:
+    """Codecs whose file needs that of a network besides, which serves every material."""
+    for size, rows in _by_shared_bytes(material).items():
+        labels = ", ".join(row.label for row in rows)
+        yield f"{labels}: its decoder needs the shared network too: {size:,} bytes for all materials, not in the total."
+
+
+def _by_shared_bytes(material: Material) -> dict[int, list[Row]]:
+    found: dict[int, list[Row]] = {}
+    for row in material.measured:
+        if "shared" in row.job["bytes"]:
+            found.setdefault(row.job["bytes"]["shared"], []).append(row)
+    return found
 
 
 def common_notes(material: Material) -> list[str]:

@@ -110,6 +110,7 @@ def _table(kind: str, material: Material, about: str, chosen: Sequence[Column], 
     if not material.measured or not chosen:
         return None
     title = f"{material.name}" + (f": {about}" if about else "") + f" ({material.split})"
+    chosen = [c for c in chosen if not c.sparse or any(c.cell(row) != NONE for row in material.measured)]
     headers = [("codec", ""), *((column.name, column.unit) for column in chosen)]
     rows = [[row.label, *_cells(row, chosen)] for row in material.rows]
     rows += _native_row(material, chosen)

@@ -104,6 +104,16 @@ def test_times_of_other_conditions_are_not_compared_and_those_of_other_runs_are_
     assert "123*" in times
 
 
+def test_a_shared_network_s_bytes_stand_apart_where_a_codec_has_one(made):
+    made.job()
+    assert "shared bytes" not in cells(tables(made, "main")[0])
+    made.job("rainer2020", bytes={"decoder": 0, "texture": 90, "other": 4, "header": 6, "total": 100, "shared": 1234})
+    (table,) = tables(made, "main")
+    assert [cells(table, row)["shared bytes"] for row in (0, 1)] == ["—", "1,234"]
+    assert (cells(table, 1)["other bytes"], cells(table, 1)["total bytes ↓"]) == ("10", "100")
+    assert any("rainer2020: its decoder needs the shared network too: 1,234 bytes" in note for note in table.notes)
+
+
 def test_bands_follow_the_groups_of_the_record(made):
     made.job()
     (angular,), (radiance,) = tables(made, "angular"), tables(made, "radiance")
