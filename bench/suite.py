@@ -2,6 +2,7 @@
 
     description = "what it is for"
     pretrain = ["rainer2020"]        # codecs whose shared network is trained first, where it is not there
+    variants = ["eager bfloat16"]    # executions and precisions besides `eager float32` that `trade` tries
     threads = 1                      # CPU threads of a fit and of timing; part of what makes bytes the same
     seeds = [0]                      # repetitions
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
@@ -99,6 +100,7 @@ class Suite:
     materials: tuple[MaterialSpec, ...] = ()
     codecs: tuple[CodecSpec, ...] = ()
     pretrain: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()
 
 
 def builtin_suites() -> dict[str, str]:
@@ -128,7 +130,8 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{file}: not TOML: {error}") from error
-    _only(file, "", table, {"description", "pretrain", "threads", "seeds", "data", "materials", "codecs"})
+    known = {"description", "pretrain", "variants", "threads", "seeds", "data", "materials", "codecs"}
+    _only(file, "", table, known)
     data = Data(**_typed(file, "data.", table.get("data", {}), Data))
     seeds, pretrain = _list(file, "seeds", table, int, [0]), _list(file, "pretrain", table, str, [])
     materials = [_material(file, entry) for entry in _value(file, "materials", table.get("materials", []), list)]
@@ -147,6 +150,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         tuple(materials),
         tuple(codecs),
         tuple(pretrain),
+        tuple(_list(file, "variants", table, str, [])),
     )
 
 

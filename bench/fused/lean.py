@@ -7,6 +7,8 @@ from torch.nn import functional
 from bench.decoder import HALF_MAX, LEAK, Decoder, Network
 from bench.fused.layers import Layer, Norm, layers_of, sine_of_turns
 
+_SINE = sine_of_turns()[::-1]  # from the highest power down
+
 
 class Lean(Network):
     """What a `Decoder` answers, (n, inputs) → (n, outputs). Products are in the weights' dtype, the rest in float32."""
@@ -65,8 +67,7 @@ def _sine(turns: Tensor) -> Tensor:
     """sin(2π t) by its polynomial."""
     t = turns - turns.round()
     square = t * t
-    first, *rest = sine_of_turns()[::-1]
-    value = torch.full_like(square, first)
-    for coefficient in rest:
+    value = torch.full_like(square, _SINE[0])
+    for coefficient in _SINE[1:]:
         value = value * square + coefficient
     return value * t

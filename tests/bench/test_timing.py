@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 import torch
 
+from bench import timing
+from bench.decoder import Architecture, Decoder
 from bench.material import DecoderCost, Material
 from bench.timing import BATCH, FLOOR, SAMPLES, Timing, compare, conditions, torch_threads
+from bench.timing.clock import calibrated
+from bench.timing.machine import unrest
+from bench.timing.profile import profile
+from bench.timing.queries import Queries
+from bench.timing.roofline import limit_ns, roofline
 
 
 class Sleeper(Material):
@@ -54,3 +61,60 @@ def test_threads_are_limited_inside_and_restored_after():
 
 def test_conditions_say_what_a_figure_holds_for():
     assert {"batch", "dtype", "threads", "device", "execution", "texture_fetch"} <= conditions(2, "cpu").keys()
+
+
+def test_the_floor_is_stored_with_its_own_time(timings):
+    summary = timings["slow"].summary()
+    assert summary["floor_ns"] == pytest.approx(timings[FLOOR].summary()["ns_per_sample"], rel=1e-6)
+    low, high = summary["ratio_interval95"]
+    assert low <= summary["ratio_to_floor"] <= high
+    assert summary["floor_again"] > 0
+
+
+def test_a_machine_that_is_not_quiet_is_told():
+    assert unrest({"floor_again": 1.01, "others_cores": 0.1}) == ""
+    assert unrest({"floor_again": 0.9, "others_cores": None}) == "the floor, timed twice, differed by 10 %"
+    assert "other processes used 1.5 cores" in unrest({"floor_again": 1.2, "others_cores": 1.5})
+
+
+def test_warm_up_goes_on_until_two_calls_take_alike():
+    pauses = iter([0.05, 0.03, 0.012, 0.012])
+    calls = []
+
+    def call():
+        calls.append(next(pauses, 0.012))
+        time.sleep(calls[-1])
+
+    turn = calibrated(call, torch.device("cpu"))
+    assert calls[:3] == [0.05, 0.03, 0.012]
+    assert turn() >= 0.012e9
+
+
+def test_queries_are_random_or_the_slices_of_one_pair():
+    uv, wo, _, footprint = Queries(40, coherent=True, footprint=2).draw((4, 8), torch.device("cpu"))
+    assert uv[:2].tolist() == [[0.0625, 0.875], [0.1875, 0.875]]
+    assert (uv[32] == uv[0]).all()
+    assert len(wo.unique(dim=0)) == 1
+    assert footprint[0] == 0.25
+    assert len(Queries(40).draw((4, 8), torch.device("cpu"))[1].unique(dim=0)) == 40
+
+
+def test_a_profile_times_each_part_and_condition(monkeypatch):
+    monkeypatch.setattr(timing, "SAMPLES", 2)
+    network, table = Sleeper(0.0), Sleeper(0.0)
+    network.net = Decoder(Architecture(4, (4,)))
+    records = list(profile({"net": network, "table": table}, 2, (1, 8)))
+    assert {r["part"] for r in records if r["name"] == "net"} == {"query", "evaluate", "decoder"}
+    assert {r["part"] for r in records if r["name"] == "table"} == {"query", "evaluate"}
+    assert {r["batch"] for r in records} == {1, 8, BATCH}
+    assert {(r["coherent"], r["threads"], r["footprint"]) for r in records} >= {(True, 1, 0.0), (False, 2, 0.0)}
+    assert any(r["name"] == FLOOR and r["batch"] == 1 for r in records)
+
+
+def test_the_roofline_bounds_a_sample_by_arithmetic_or_by_reads():
+    ceiling = {"flops_per_ns": 100.0, "bytes_per_ns": 10.0}
+    assert limit_ns(DecoderCost(flops_per_sample=1000, bytes_per_sample=10), ceiling) == 10
+    assert limit_ns(DecoderCost(flops_per_sample=10, bytes_per_sample=500), ceiling) == 50
+    measured = roofline(torch.device("cpu"), 1)
+    assert 0.1 < measured["flops_per_ns"] < 1e5
+    assert 0.1 < measured["bytes_per_ns"] < 1e4

@@ -2,14 +2,14 @@
 
 Contestants take turns (A B C A B C …), so that a machine that slows down slows all of them; each is compared with
 the floor, one bilinear fetch of a colour, as the ratio inside a turn. Absolute figures from shared machines advise;
-ratios compare.
+ratios compare. The floor is timed twice a turn: where it differs from itself, or others use the processor, the figures
+say that the machine was not quiet.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
@@ -17,33 +17,42 @@ import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from bench.hemisphere import uniform
 from bench.material import DecoderCost, Material, sample_texture
+from bench.timing.clock import calibrated
+from bench.timing.machine import Watch
+from bench.timing.queries import Queries
 
 SAMPLES = 30
 BATCH = 16_384
-SPAN_NS = 10_000_000  # an inner loop runs at least this long, far above the clock's resolution
 FLOOR = "floor"
 
 
 @dataclass(frozen=True)
 class Timing:
-    """One contestant: raw samples in ns per query, and their ratios to the floor turn by turn."""
+    """One contestant: raw samples in ns per query, their ratios to the floor turn by turn, and the machine's state."""
 
     samples: np.ndarray  # (SAMPLES,)
     ratios: np.ndarray  # (SAMPLES,)
+    machine: dict[str, Any] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
         """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor."""
-        rng = np.random.default_rng(0)
-        resampled = np.median(rng.choice(self.samples, (1000, len(self.samples))), axis=1)
         quarter, three_quarters = np.percentile(self.samples, [25, 75])
         return {
             "ns_per_sample": float(np.median(self.samples)),
             "iqr_ns": float(three_quarters - quarter),
-            "interval95_ns": [float(x) for x in np.percentile(resampled, [2.5, 97.5])],
+            "interval95_ns": interval95(self.samples),
             "ratio_to_floor": float(np.median(self.ratios)),
+            "ratio_interval95": interval95(self.ratios),
+            "floor_ns": float(np.median(self.samples / self.ratios)),
+            **self.machine,
         }
+
+
+def interval95(samples: np.ndarray) -> list[float]:
+    """The bootstrap 95 % interval of the median of some samples."""
+    resampled = np.median(np.random.default_rng(0).choice(samples, (1000, len(samples))), axis=1)
+    return [float(x) for x in np.percentile(resampled, [2.5, 97.5])]
 
 
 class _Floor(Material):
@@ -80,32 +89,24 @@ def conditions(threads: int, device: str) -> dict[str, Any]:
     }
 
 
-def compare(materials: dict[str, Material], threads: int) -> dict[str, Timing]:
+def compare(materials: dict[str, Material], threads: int, queries: Queries | None = None) -> dict[str, Timing]:
     """Time the whole query of each material in turns; the row `FLOOR` is one bilinear colour fetch."""
-    size = next(iter(materials.values())).size
-    queries = _random_queries()
-    contestants = {FLOOR: _Floor(size)} | materials
+    first = next(iter(materials.values()))
+    asked = (queries or Queries(BATCH)).draw(first.size, first.device)
+    calls = {name: partial(material.query, *asked) for name, material in materials.items()}
+    return in_turns(calls, len(asked[0]), first.size, threads, first.device)
+
+
+def in_turns(
+    calls: Mapping[str, Callable[[], Any]], batch: int, size: tuple[int, int], threads: int, device: torch.device
+) -> dict[str, Timing]:
+    """Time calls that each answer `batch` samples in turns with the floor over a texture of `size`."""
+    floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
     with torch_threads(threads):
-        calls = {name: _calibrated(partial(material.query, *queries)) for name, material in contestants.items()}
-        turns = np.array([[call() for call in calls.values()] for _ in range(SAMPLES)]) / BATCH
-    return {name: Timing(turns[:, i], turns[:, i] / turns[:, 0]) for i, name in enumerate(calls)}
-
-
-def _random_queries() -> tuple[Tensor, Tensor, Tensor]:
-    rng = np.random.default_rng(0)
-    uv = torch.from_numpy(rng.random((BATCH, 2), np.float32))
-    return uv, torch.from_numpy(uniform(rng, BATCH)), torch.from_numpy(uniform(rng, BATCH))
-
-
-def _calibrated(call: Callable[[], Any]) -> Callable[[], float]:
-    """A function that times one turn, in ns a call; warmed up, and repeated until a turn is long enough to time."""
-    durations = [_elapsed(call, 1) for _ in range(3)]
-    repeat = max(1, round(SPAN_NS / max(min(durations), 1)))
-    return lambda: _elapsed(call, repeat) / repeat
-
-
-def _elapsed(call: Callable[[], Any], repeat: int) -> int:
-    start = perf_counter_ns()
-    for _ in range(repeat):
-        call()
-    return perf_counter_ns() - start
+        everyone: list[Callable[[], Any]] = [floor, *calls.values(), floor]
+        timed = [calibrated(call, device) for call in everyone]
+        with Watch() as watch:
+            turns = np.array([[call() for call in timed] for _ in range(SAMPLES)]) / batch
+    again = float(np.median(turns[:, -1]) / np.median(turns[:, 0]))
+    machine = watch.state() | {"floor_again": again}
+    return {name: Timing(turns[:, i], turns[:, i] / turns[:, 0], machine) for i, name in enumerate([FLOOR, *calls])}

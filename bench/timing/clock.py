@@ -1,0 +1,38 @@
+"""A call timed: on the CPU by the clock, on a GPU by its own events; warmed up until stable, long enough to time."""
+
+from collections.abc import Callable
+from time import perf_counter_ns
+from typing import Any
+
+import torch
+
+SPAN_NS = 10_000_000  # an inner loop runs at least this long, far above the clock's resolution
+STABLE = 0.1  # two calls in a row that differ by less are warm
+MOST_WARM_UPS = 10
+
+
+def calibrated(call: Callable[[], Any], device: torch.device) -> Callable[[], float]:
+    """A function that times one turn, in ns a call; the call is warm, and repeated until a turn is long enough."""
+    last = elapsed(call, 1, device)
+    for _ in range(MOST_WARM_UPS):
+        before, last = last, elapsed(call, 1, device)
+        if abs(last - before) < STABLE * before:
+            break
+    repeat = max(1, round(SPAN_NS / max(last, 1)))
+    return lambda: elapsed(call, repeat, device) / repeat
+
+
+def elapsed(call: Callable[[], Any], repeat: int, device: torch.device) -> float:
+    """ns that `repeat` calls take."""
+    if device.type == "cuda":
+        start, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+        start.record()
+        for _ in range(repeat):
+            call()
+        end.record()
+        end.synchronize()
+        return 1e6 * start.elapsed_time(end)
+    begun = perf_counter_ns()
+    for _ in range(repeat):
+        call()
+    return perf_counter_ns() - begun

@@ -1,0 +1,77 @@
+"""How a material's time a sample depends on what is timed, on the batch, on the order of queries, and on threads.
+
+One condition is changed at a time: the whole query of `BATCH` random samples on one thread is where all begin.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from bench.execution import networks
+from bench.material import Material
+from bench.timing import BATCH, FLOOR, in_turns
+from bench.timing.queries import Queries
+
+BATCHES = (1, 64, 1024, BATCH, 1 << 18, 1 << 20, 1 << 22)
+FOOTPRINTS = (1, 2, 4, 8)  # in texels
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What is timed: `decoder` (the networks alone), `evaluate` (with the fetch) or `query` (with all checks)."""
+
+    part: str = "query"
+    batch: int = BATCH
+    coherent: bool = False
+    footprint: float = 0.0
+    threads: int = 1
+
+
+def conditions(batches: tuple[int, ...], all_threads: int) -> list[Condition]:
+    """Every condition of a profile, the common one first."""
+    common = Condition()
+    found = [common, *(replace(common, part=part) for part in ("decoder", "evaluate"))]
+    found += [replace(common, batch=batch) for batch in batches]
+    found += [replace(common, coherent=True)]
+    found += [replace(common, footprint=side) for side in FOOTPRINTS]
+    found += [replace(common, threads=all_threads)]
+    return list(dict.fromkeys(found))
+
+
+def profile(
+    materials: dict[str, Material], all_threads: int, batches: tuple[int, ...] = BATCHES
+) -> Iterator[dict[str, Any]]:
+    """One record for each condition and material, and the floor: the condition, the summary of its timing."""
+    first = next(iter(materials.values()))
+    for condition in conditions(batches, all_threads):
+        calls = {name: _call(material, condition) for name, material in materials.items()}
+        there = {name: call for name, call in calls.items() if call}
+        timed = in_turns(there, condition.batch, first.size, condition.threads, first.device)
+        for name, timing in timed.items():
+            if name != FLOOR or condition.part == "query":
+                yield {"name": name} | asdict(condition) | timing.summary() | {"samples_ns": timing.samples.tolist()}
+
+
+def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
+    """What answers the batch of a condition once; None where a material has no such part."""
+    queries = Queries(condition.batch, condition.coherent, condition.footprint).draw(material.size, material.device)
+    match condition.part:
+        case "query":
+            return partial(material.query, *queries)
+        case "evaluate":
+            return partial(_chunks, material.evaluate, queries, material.chunk)
+    found = networks(material)
+    inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in found]
+    if not found:
+        return None
+    return lambda: [_chunks(net, (x,), material.chunk) for net, x in zip(found, inputs, strict=True)]
+
+
+@torch.no_grad()
+def _chunks(call: Callable[..., Tensor], inputs: tuple[Tensor, ...], chunk: int) -> None:
+    for start in range(0, len(inputs[0]), chunk):
+        call(*(x[start : start + chunk] for x in inputs))
