@@ -1,0 +1,68 @@
+"""The commands around a network that a codec shares over materials, and the table of what decoders hold."""
+
+import pytest
+
+from bench import cli, shared
+from bench.check import others, tiny_btf
+from bench.readers.npz import write_npz
+
+BRIEF = ["--materials", "0", "--steps", "2", "--set", "texels=2", "--set", "pairs=2", "--set", "kept=8"]
+
+
+@pytest.fixture(autouse=True)
+def places(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_SHARED", str(tmp_path / "shared"))
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def measured(tmp_path):
+    """Two BTFs on disk."""
+    paths = [tmp_path / "one.npz", tmp_path / "two.npz"]
+    for path, btf in zip(paths, others(tiny_btf(4, 4, 4)), strict=False):
+        write_npz(btf, path)
+    return [str(path) for path in paths]
+
+
+def test_pretrain_encode_info_and_decode(measured, tmp_path, capsys):
+    one, two = measured
+    encode = ["encode", two, "--codec", "rainer2020", "-o", "two.nbtf"]
+    assert cli.main(encode) == 2
+    assert "make it with `neubtf-bench pretrain rainer2020`" in capsys.readouterr().err
+    assert cli.main(["pretrain", "rainer2020", "--add", one, *BRIEF]) == 0
+    said = capsys.readouterr().out
+    assert str(shared.place("rainer2020")) in said
+    assert "trained on: 1 materials" in said
+    assert cli.main(encode) == 0
+    network = shared.find("rainer2020").header
+    assert f"shared network: {network.path}, {network.file_bytes:,} bytes" in capsys.readouterr().out
+    assert cli.main(["info", str(network.path)]) == 0
+    assert "no material, but the network" in capsys.readouterr().out
+    assert cli.main(["decode", "two.nbtf", "--count", "1", "-o", "slices"]) == 0
+    assert len(list((tmp_path / "slices").glob("*.exr"))) == 1
+    assert cli.main(["decode", str(network.path), "-o", "none"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["pretrain", "pca"], "codec pca shares no network over materials"),
+        (["pretrain", "rainer2020", "--materials", "0"], "at least one material"),
+        (["pretrain", "rainer2020", "--set", "step=3"], "no setting 'step'; did you mean 'steps'?"),
+        (["pretrain", "rainer2021"], "did you mean"),
+    ],
+)
+def test_what_cannot_be_pretrained_is_explained(words, message, capsys):
+    assert cli.main(words) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_the_table_of_parameters_needs_no_run_and_differs_nowhere_from_the_paper(capsys):
+    assert cli.main(["table", "parameters", "--format", "csv"]) == 0
+    header, *rows = (line.replace('"', "") for line in capsys.readouterr().out.strip().splitlines())
+    assert header.startswith("method,codec,param. ours,param. paper,param. diff.")
+    assert {row.split(",")[0] for row in rows} == {"NeuBTF", "NeuMIP", "Rainer 2019", "Rainer 2020"}
+    assert {row.split(",")[-1] for row in rows} == {"0"}
+    assert [row for row in rows if "3,332,3,332,0" in row]
+    assert [row for row in rows if "38,269,38,269,0,38,38,0" in row]
