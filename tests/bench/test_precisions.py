@@ -1,0 +1,57 @@
+"""Every codec at every precision it stores: what a renderer relies on holds, and rounding costs little."""
+
+import dataclasses
+import itertools
+from typing import get_args, get_type_hints
+
+import pytest
+import torch
+
+from bench.check import Bench, batches, counted, slices, wraps
+from bench.registry import codec_entries, load_codec
+
+BRIEF = {"steps": 3, "texels": 4, "pairs": 4, "batch": 64, "kept": 8, "components": 4}
+
+
+def settings(kind, **chosen):
+    """Those of `kind` that make a fit short, and of the chosen ones what it has."""
+    names = {field.name for field in dataclasses.fields(kind.Settings)}
+    return kind(**{name: value for name, value in (BRIEF | chosen).items() if name in names})
+
+
+def choices(kind, name):
+    return get_args(get_type_hints(kind.Settings).get(name)) if kind else ()
+
+
+def ladder():
+    """Each codec with each precision of its textures and each of its weights, the finest first."""
+    for name in sorted(codec_entries()):
+        codec = load_codec(name)
+        textures = choices(codec, "precision")
+        weights = choices(codec, "weights") or choices(codec.network, "weights") or ("",)
+        if textures:
+            yield name, list(itertools.product(sorted(textures, key=order), sorted(weights, key=order)))
+
+
+def order(precision):
+    return ("float32", "half", "int8", "").index(precision)
+
+
+@pytest.mark.parametrize(("name", "precisions"), list(ladder()), ids=lambda value: value if isinstance(value, str) else "")
+def test_every_precision_keeps_the_promises_and_answers_nearly_as_the_finest(name, precisions, tmp_path):
+    answers = []
+    for precision, weights in precisions:
+        codec = settings(load_codec(name), precision=precision, weights=weights)
+        network = settings(codec.network, weights=weights) if codec.network else None
+        folder = tmp_path / f"{precision} {weights}"
+        folder.mkdir()
+        bench = Bench(codec, folder, network)
+        for promise in (batches, slices, wraps, counted):
+            promise(bench)
+        answers.append((bench.header.file_bytes, bench.answers.log1p()))
+    for (precision, _), (size, answer) in zip(precisions, answers, strict=True):
+        difference, scale = (answer - answers[0][1]).square().mean().sqrt(), answers[0][1].square().mean().sqrt()
+        # A step of eight bits is 1/255 of a channel's range, and a decoder may answer it with some steps of its own.
+        assert difference <= (0.02 if precision == "int8" else 0.002) * scale
+        assert size <= answers[0][0]
+    assert torch.stack([answer for _, answer in answers]).isfinite().all()
