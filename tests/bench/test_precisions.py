@@ -37,7 +37,9 @@ def order(precision):
     return ("float32", "half", "int8", "").index(precision)
 
 
-@pytest.mark.parametrize(("name", "precisions"), list(ladder()), ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.parametrize(
+    ("name", "precisions"), list(ladder()), ids=lambda value: value if isinstance(value, str) else ""
+)
 def test_every_precision_keeps_the_promises_and_answers_nearly_as_the_finest(name, precisions, tmp_path):
     answers = []
     for precision, weights in precisions:
