@@ -74,7 +74,7 @@ class Material:
         A direction at or below the horizon answers 0. Directions must be of unit length within 1e-3 and every
         number finite: `InputError` names the first row that is not. Memory beyond inputs and outputs is bounded.
         """
-        _keep_buffers()
+        keep_buffers()
         footprint = torch.as_tensor(0.0 if footprint is None else footprint, device=uv.device).expand(len(uv))
         _check_shapes(uv, wo, wi)
         out = torch.empty(len(uv), 3, device=uv.device)
@@ -107,7 +107,7 @@ class Material:
 
 
 @cache
-def _keep_buffers() -> None:
+def keep_buffers() -> None:
     """Let the C library keep what a chunk frees for the next: it maps larger blocks afresh, page by page, each time.
 
     glibc raises that size to the largest block freed, up to 32 MB; an untouched block costs nothing.

@@ -17,25 +17,25 @@ def write(folder: Path) -> Written:
     run = load_run(folder)
     drawn = [figure for draw in figures.ALL for figure in draw(run)]
     files = _write_tables(run, folder / "tables")
-    files += [_put(folder / "figures" / figure.name, figure.png) for figure in drawn]
-    files.append(_put(folder / "report.html", page(run, drawn).encode()))
+    files += [put(folder / "figures" / figure.name, figure.png) for figure in drawn]
+    files.append(put(folder / "report.html", page(run, drawn).encode()))
     return Written(terminal(run), files)
 
 
 def _write_tables(run: Run, folder: Path) -> list[Path]:
-    files = [_put(folder / "results.csv", csv_text(run).encode())]
+    files = [put(folder / "results.csv", csv_text(run).encode())]
     writers = {".md": (markdown, all_tables(run)), ".tex": (latex, all_tables(run, narrow=True))}
     for kind in KINDS:
         for suffix, (text, tables) in writers.items():
             chosen = [table for table in tables if table.kind == kind]
             if chosen:
-                files.append(_put(folder / f"{kind}{suffix}", text(chosen).encode()))
+                files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
             else:  # of an earlier report, and no longer true
                 (folder / f"{kind}{suffix}").unlink(missing_ok=True)
     return files
 
 
-def _put(path: Path, content: bytes) -> Path:
+def put(path: Path, content: bytes) -> Path:
     """Write a file whole or not at all."""
     path.parent.mkdir(exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")

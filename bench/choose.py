@@ -1,0 +1,67 @@
+"""Picks, of the choices that `bench.trade` measured, the one that meets some wishes; or says how near any came."""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from bench.errors import InputError
+
+Choice = dict[str, Any]
+_SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What is asked of a choice; None where nothing is."""
+
+    min_psnr: float | None = None  # dB, held-out
+    max_bytes: int | None = None
+    max_ns: float | None = None  # a sample, whole query
+
+    def met(self, row: Choice) -> bool:
+        """Whether a choice meets every wish."""
+        return all(miss <= 0 for miss in self.misses(row).values())
+
+    def misses(self, row: Choice) -> dict[str, float]:
+        """By how much a choice misses each wish, as a share of it (of PSNR: dB / 10); ≤ 0 where it is met."""
+        found = {}
+        if self.min_psnr is not None:
+            found["psnr"] = (self.min_psnr - psnr(row)) / 10
+        if self.max_bytes is not None:
+            found["bytes"] = row["bytes"] / self.max_bytes - 1
+        if self.max_ns is not None:
+            found["ns"] = row["ns_per_sample"] / self.max_ns - 1
+        return found
+
+
+def psnr(row: Choice) -> float:
+    """dB; infinite without any error."""
+    return float("inf") if row["psnr"] is None else float(row["psnr"])
+
+
+def usable(choices: list[Choice], material: str) -> list[Choice]:
+    """The choices of a material that were measured."""
+    return [row for row in choices if row["material"] == material and "bytes" in row and "error" not in row]
+
+
+def choose(rows: list[Choice], wishes: Wishes) -> Choice | None:
+    """The choice that meets the wishes: the smallest file where a PSNR is asked for, else the highest PSNR."""
+    met = [row for row in rows if wishes.met(row)]
+    if not met:
+        return None
+    if wishes.min_psnr is not None:
+        return min(met, key=lambda row: (row["bytes"], row["ns_per_sample"]))
+    return max(met, key=lambda row: (psnr(row), -row["ns_per_sample"]))
+
+
+def nearest(rows: list[Choice], wishes: Wishes) -> Choice:
+    """The choice that misses the wishes least."""
+    return min(rows, key=lambda row: sum(max(0.0, miss) for miss in wishes.misses(row).values()))
+
+
+def parse_bytes(text: str) -> int:
+    """A size: `300k`, `1.5M`, `20000`."""
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)(?:B)?", text)
+    if not found or float(found[1]) <= 0:
+        raise InputError(f"--max-bytes {text}: write a number, or one with k or M, as 300k")
+    return round(float(found[1]) * _SUFFIXES[found[2]])

@@ -1,0 +1,60 @@
+"""measure what each setting, execution and precision gives up in quality for speed and bytes"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.arguments import assignments, usable_device
+from bench.exits import FAILED, FINE, NOTHING
+
+if TYPE_CHECKING:
+    from bench.console import Console
+    from bench.suite import Suite
+
+SUITE = "trade"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("suite", nargs="?", default=SUITE, help="a built-in suite or a TOML file (default: trade)")
+    parser.add_argument("--out", type=Path, help="the run's folder (default: runs/SUITE)")
+    parser.add_argument("--material", action="append", default=[], help="this material, by name or path; repeatable")
+    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    parser.add_argument("--full", action="store_true", help="time batches up to 2^22, half an hour more")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.console import Console
+    from bench.suite import load_suite, with_changes
+
+    suite = with_changes(load_suite(options.suite), options.material, options.codec, assignments(options.set), None)
+    folder = options.out or Path("runs") / suite.name
+    with Console() as console:
+        failed = measure(suite, folder, usable_device(options.device), console, options.full)
+        if not (folder / "trade.json").exists():
+            return NOTHING
+        from reports.trade import write
+
+        text, files = write(folder)
+        console.say(text)
+        console.say("\n".join(f"wrote {path}" for path in files))
+    return FAILED if failed else FINE
+
+
+def measure(suite: "Suite", folder: Path, device: str, console: "Console", full: bool = False) -> int:
+    """Run a suite, then score and time its choices into `trade.json`; how many jobs failed."""
+    from bench import runner, trade
+    from bench.console import job_line
+    from bench.execution import Variant
+    from bench.records import load_run
+
+    for variant in suite.variants:
+        Variant.parse(variant)  # a wrong word stops here
+    status = []
+    for outcome in runner.run(suite, runner.Options(folder, device, show=console.show)):
+        status.append(outcome.record["status"])
+        console.say(job_line(outcome.record, outcome.cached))
+    if "ok" in status:
+        trade.write(folder, trade.measure(suite, load_run(folder), device, full, console.show))
+    return status.count("failed")

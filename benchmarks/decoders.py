@@ -1,0 +1,140 @@
+"""The decoder of NeuBTF, 3,011 parameters, in every execution: ns a sample and the ratio to one eager batch.
+
+    python benchmarks/decoders.py [--samples 1048576] [--threads 0] [--rounds 15]
+
+All contestants take turns in one process and answer the same samples; a ratio is the median over the turns, with its
+bootstrap 95 % interval. Targets, of the decoder alone on all threads of a CPU: the default at most 0.30 of one eager
+batch, compiled 0.15, compiled bfloat16 0.10 with at most 0.1 dB lost, fused 0.08. On a GPU `--device cuda` times whole
+evaluations, the texture's fetch included. The dB are those of a fit of satin in `--fit` steps: the same file, scored in
+float32 and in bfloat16.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.codec import Fit, silent
+from bench.decoder import Architecture, Decoder
+from bench.errors import InputError
+from bench.execution import DTYPES, FUSED_CHUNK, Variant, needs_compiler, prepared
+from bench.fused.lean import Lean
+from bench.material import CHUNK, Material, keep_buffers
+from bench.metrics.display import to_display
+from bench.open import open_material
+from bench.registry import load_codec
+from bench.scoring import exposure
+from bench.suite import Data, named
+from bench.timing import interval95, torch_threads
+from bench.timing.clock import calibrated, elapsed
+from bench.timing.machine import Watch, unrest
+from bench.timing.queries import Queries
+
+NEUBTF = Architecture(18, (32, 32, 32), activation="sine", omega=2.0, norm=True, residual=True)
+TARGETS = {"eager": 0.30, "compiled": 0.15, "compiled bfloat16": 0.10, "fused": 0.08}
+Call = Callable[[], object]
+
+
+def in_chunks(network: Callable[[Tensor], Tensor], x: Tensor, out: Tensor, chunk: int) -> None:
+    for start in range(0, len(x), chunk):
+        out[start : start + chunk] = network(x[start : start + chunk])
+
+
+def on_cpu(samples: int) -> dict[str, Call]:
+    """The decoder alone, as each execution computes it. What cannot be computed here is told and left out."""
+    decoder = Decoder(NEUBTF, torch.Generator().manual_seed(0)).requires_grad_(False)
+    x, out = torch.randn(samples, 18, generator=torch.Generator().manual_seed(1)), torch.empty(samples, 3)
+    calls: dict[str, Call] = {"one batch": partial(decoder, x), "eager": partial(in_chunks, decoder, x, out, CHUNK)}
+    try:
+        needs_compiler(x.device)
+        for name in ("float32", "bfloat16"):
+            network = torch.compile(Lean(Decoder(NEUBTF).requires_grad_(False).to(DTYPES[name])), dynamic=False)
+            calls["compiled" + f" {name}" * (name != "float32")] = partial(in_chunks, network, x, out, CHUNK)
+    except InputError as error:
+        print(f"not here: {error}")
+    try:
+        from bench.fused.with_drjit import DrJitNetwork
+
+        calls["fused"] = partial(in_chunks, DrJitNetwork(decoder), x, out, FUSED_CHUNK)
+    except InputError as error:
+        print(f"not here: {error}")
+    return calls
+
+
+def on_gpu(samples: int, material: Material) -> dict[str, Call]:
+    """Whole evaluations of a material, the fetch included, one batch at once."""
+    queries = Queries(samples).draw(material.size, material.device)
+    names = ("eager", "compiled", "compiled tf32", "compiled bfloat16", "fused", "fused tf32", "fused bfloat16")
+    calls: dict[str, Call] = {}
+    for name in names:
+        ready = prepared(material, Variant.parse(name))
+        ready.chunk = samples
+        calls[name] = partial(ready.evaluate, *queries)
+    return {"one batch": calls["eager"]} | calls
+
+
+def fitted(steps: int, device: str) -> tuple[Material, Callable[[Material], float]]:
+    """A fitted material, and what gives the held-out display PSNR of it however it is computed."""
+    btf = open_material(named("satin"), Data(), silent)
+    split = btf.split()
+    codec = load_codec("neubtf-direct")(steps=steps)
+    material = codec.decode(codec.encode(btf.subset(split.train), Fit()), torch.device(device))
+    pairs, scale = split.heldout["heldout"], exposure(btf)
+
+    def psnr(ready: Material) -> float:
+        errors = [
+            np.square(
+                to_display(btf[i], scale)
+                - to_display(ready.slice(btf.wo[i].tolist(), btf.wi[i].tolist()).numpy(), scale)
+            ).mean()
+            for i in pairs
+        ]
+        return -10 * float(np.log10(np.mean(errors)))
+
+    return material, psnr
+
+
+def measure(calls: dict[str, Call], samples: int, rounds: int, device: torch.device) -> None:
+    with torch.no_grad():
+        for call in calls.values():
+            calibrated(call, device)  # compiles and warms up
+        with Watch() as watch:
+            turns = np.array([[elapsed(call, 1, device) for call in calls.values()] for _ in range(rounds)]) / samples
+    again = np.median(turns[rounds // 2 :, 0]) / np.median(turns[: rounds // 2, 0])
+    print(f"| execution | ns a sample | × one batch (95 %) | target |\n|{' --- |' * 4}")
+    for i, name in enumerate(calls):
+        ratios = turns[:, i] / turns[:, 0]
+        low, high = interval95(ratios)
+        target = f"≤ {TARGETS[name]:.2f}" if name in TARGETS and device.type == "cpu" else ""
+        print(
+            f"| {name} | {np.median(turns[:, i]):.3g} | {np.median(ratios):.3f} ({low:.3f} to {high:.3f}) | {target} |"
+        )
+    reason = unrest(watch.state() | {"floor_again": float(again)})
+    print(f"The machine was not quiet: {reason}." if reason else "The machine was quiet.")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, default=1 << 20)
+    parser.add_argument("--threads", type=int, default=0, help="0: all")
+    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--fit", type=int, default=1000, help="steps of the fit whose loss of dB is told")
+    chosen = parser.parse_args()
+    keep_buffers()
+    device = torch.device(chosen.device)
+    with torch_threads(chosen.threads or torch.get_num_threads()):
+        print(f"{chosen.samples:,} samples, {torch.get_num_threads()} threads, {time.strftime('%Y-%m-%d %H:%M')}\n")
+        material, psnr = fitted(max(1, chosen.fit), chosen.device)
+        calls = on_cpu(chosen.samples) if device.type == "cpu" else on_gpu(chosen.samples, material)
+        measure(calls, chosen.samples, chosen.rounds, device)
+        plain, half = psnr(material), psnr(prepared(material, Variant("compiled", "bfloat16")))
+        print(f"held-out PSNR {plain:.3f} dB, compiled bfloat16 {half:.3f} dB: {plain - half:+.3f} dB lost")
+
+
+if __name__ == "__main__":
+    main()

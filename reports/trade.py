@@ -1,0 +1,163 @@
+"""What `neubtf-bench trade` found, `trade.json`: tables, the two fronts as figures, and the answer in words.
+
+Computes nothing new: figures, fronts and answers are in the file.
+"""
+
+import io
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from reports.numbers import EXACT, NONE, fixed, integer, significant
+from reports.tables import Table
+
+FILE = "trade.json"
+
+
+def tables(found: dict[str, Any]) -> Iterator[Table]:
+    """Choices, profiles and fits of each material, the ceilings last."""
+    for material in dict.fromkeys(row["material"] for row in found["choices"]):
+        yield _choices(material, [row for row in found["choices"] if row["material"] == material])
+        profiles = [record for record in found["profiles"] if record["material"] == material]
+        if profiles:
+            yield _profile(material, profiles)
+        fits = [fit for fit in found["training"] if fit["material"] == material]
+        if fits:
+            yield _fits(material, fits)
+    yield _ceilings(found["ceilings"])
+
+
+def text(found: dict[str, Any], markdown: bool = False) -> str:
+    """The tables, then the answers."""
+    from reports.text import markdown as as_markdown
+    from reports.text import plain
+
+    shown = list(tables(found))
+    return (as_markdown(shown) if markdown else plain(shown)) + "\n\n" + "\n".join(found["answers"]) + "\n"
+
+
+def write(folder: Path) -> tuple[str, list[Path]]:
+    """Write tables and figures into a run's folder; the text for a terminal, and the files."""
+    from reports.figures.trade import figures
+    from reports.write import put
+
+    found = json.loads((folder / FILE).read_text(encoding="utf-8"))
+    files = [put(folder / "tables" / "trade.md", text(found, markdown=True).encode())]
+    for name, content in figures(found):
+        files.append(put(folder / "figures" / name, content))
+    return text(found), files
+
+
+def csv_text(found: dict[str, Any]) -> str:
+    """One row a choice, every figure in full precision."""
+    import csv
+
+    columns = list(dict.fromkeys(name for row in found["choices"] for name in row))
+    out = io.StringIO()
+    writer = csv.DictWriter(out, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(found["choices"])
+    return out.getvalue()
+
+
+_CHOICES = [
+    ("choice", ""),
+    ("PSNR", "dB ↑"),
+    ("worst", "slice, dB ↑"),
+    ("FLIP", "↓"),
+    ("total", "bytes ↓"),
+    ("time", "ns ↓"),
+    ("95 % interval", "ns"),
+    ("time", "× floor"),
+    ("of the", "limit, %"),
+    ("on the front", "of"),
+]
+
+
+def _choices(material: str, rows: Sequence[dict[str, Any]]) -> Table:
+    cells = [_choice(row) for row in rows]
+    notes = [_conditions(rows)]
+    notes += [f"{_name(row)}: {row['error']}." for row in rows if "error" in row]
+    notes += list(dict.fromkeys(_unrest(row) for row in rows if _unrest(row)))
+    return Table("trade", f"{material}: what each setting gives up, and gains", _CHOICES, cells, notes)
+
+
+def _choice(row: dict[str, Any]) -> list[str]:
+    if "error" in row:
+        return [_name(row), *[NONE] * (len(_CHOICES) - 1)]
+    if "bytes" not in row:  # the floor
+        quality = [NONE] * 4
+        limit, fronts = NONE, ""
+    else:
+        quality = [EXACT if row["psnr"] is None else fixed(row["psnr"], 2)]
+        quality += [EXACT if row["worst"] is None else fixed(row["worst"], 2), fixed(row["flip"], 3)]
+        quality += [integer(row["bytes"])]
+        limit = fixed(100 * row["of_limit"], 1)
+        fronts = ", ".join(word for word, key in (("speed", "fastest"), ("rate", "smallest")) if row[key])
+    time = [significant(row["ns_per_sample"]), " to ".join(map(significant, row["interval95_ns"]))]
+    return [_name(row), *quality, *time, significant(row["ratio_to_floor"]), limit, fronts or NONE]
+
+
+def _name(row: dict[str, Any]) -> str:
+    variant = f"{row['execution']} {row['precision']}"
+    return str(row["label"]) + ("" if variant == "eager float32" else f" [{variant}]")
+
+
+def _conditions(rows: Sequence[dict[str, Any]]) -> str:
+    batch = next((row["batch"] for row in rows if "batch" in row), 0)
+    return (
+        f"Quality is of the held-out pairs, from the file. Time is of the whole query of {batch:,} random samples in "
+        "turns with all the others; eager, float32 where nothing else is said. Floor: one bilinear fetch of a colour. "
+        "Limit: the arithmetic or the reads of a sample at this machine's measured rates."
+    )
+
+
+def _unrest(row: dict[str, Any]) -> str:
+    return f"The machine was not quiet: {row['unrest']}." if row.get("unrest") else ""
+
+
+_CONDITION = ("part", "batch", "coherent", "footprint", "threads")
+
+
+def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
+    """ns a sample: a row a condition, a column a codec."""
+    names = list(dict.fromkeys(record["name"] for record in records))
+    conditions = list(dict.fromkeys(tuple(record[key] for key in _CONDITION) for record in records))
+    time = {(record["name"], tuple(record[key] for key in _CONDITION)): record for record in records}
+    rows = []
+    for condition in conditions:
+        part, batch, coherent, footprint, threads = condition
+        words = [part, integer(batch), "slice" if coherent else "random", significant(footprint), str(threads)]
+        found = [time.get((name, condition)) for name in names]
+        rows.append([*words, *(significant(record["ns_per_sample"]) if record else NONE for record in found)])
+    headers = [("part", ""), ("batch", ""), ("queries", ""), ("footprint", "texels"), ("threads", "")]
+    headers += [(name, "ns ↓") for name in names]
+    note = "decoder: its networks alone; evaluate: with the texture's fetch; query: with every check."
+    unrest = sorted({record["unrest"] for record in records if record.get("unrest")})
+    notes = [note, *(["The machine was not quiet: " + "; ".join(unrest[:3]) + "."] if unrest else [])]
+    return Table("trade", f"{material}: time by part, batch, order and threads", headers, rows, notes, words=1)
+
+
+def _fits(material: str, fits: Sequence[dict[str, Any]]) -> Table:
+    goals = list(fits[0]["reached"])
+    headers = [("codec", ""), ("end", "dB ↑"), ("fit", "s")]
+    headers += [(f"to {goal} dB", unit) for goal in goals for unit in ("steps ↓", "s ↓")]
+    rows = []
+    for fit in fits:
+        cells = [fit["label"], fixed(fit["curve"][-1][2], 2), significant(fit["curve"][-1][1], 2)]
+        for goal in goals:
+            reached = fit["reached"][goal]
+            cells += [integer(reached["steps"]), significant(reached["seconds"], 2)] if reached else [NONE, NONE]
+        rows.append(cells)
+    note = "PSNR of training samples during the fit, seen about every twenty-fifth of it; seconds are this machine's."
+    return Table("trade", f"{material}: how soon a fit is good", headers, rows, [note])
+
+
+def _ceilings(ceilings: Sequence[dict[str, Any]]) -> Table:
+    headers = [("device", ""), ("threads", ""), ("numbers", ""), ("multiply-add", "Gflop/s"), ("copy", "GB/s")]
+    rows = [
+        [c["device"], str(c["threads"]), c["dtype"], significant(c["flops_per_ns"]), significant(c["bytes_per_ns"])]
+        for c in ceilings
+    ]
+    return Table("trade", "ceilings: what this machine was measured to do", headers, rows)

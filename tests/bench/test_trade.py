@@ -1,0 +1,130 @@
+import argparse
+
+import pytest
+
+from bench import timing, trade
+from bench.check import tiny_btf
+from bench.commands import choose as choose_command
+from bench.records import load_run
+from bench.runner import Options, run
+from bench.suite import CodecSpec, MaterialSpec, Suite
+from reports.trade import csv_text, write
+
+SUITE = Suite(
+    "test",
+    "",
+    materials=(MaterialSpec("tiny"),),
+    codecs=(
+        CodecSpec("mean-colour"),
+        CodecSpec("pca", {"components": 2}, ("components",)),
+        CodecSpec("neubtf-direct", {"steps": 20}),
+    ),
+    variants=("eager bfloat16", "fused bfloat16"),
+)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """A run of the suite, and what was measured of it."""
+    folder = tmp_path_factory.mktemp("trade")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.workbench.open_material", lambda spec, data, show: tiny_btf(12, 6, 6))
+        patch.setattr(timing, "SAMPLES", 3)
+        patch.setattr("bench.timing.clock.SPAN_NS", 10_000)
+        patch.setattr(trade, "BATCH", 256)
+        patch.setattr(trade, "BATCHES", (1,))
+        patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
+        patch.setattr("bench.timing.profile.BATCH", 128)
+        patch.setattr("bench.timing.roofline.COPIED", 1 << 20)
+        assert {outcome.record["status"] for outcome in run(SUITE, Options(folder))} == {"ok"}
+        found = trade.measure(SUITE, load_run(folder), "cpu")
+    trade.write(folder, found)
+    return folder, found
+
+
+def by_name(found):
+    return {trade.named(row): row for row in found["choices"]}
+
+
+def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(measured):
+    names = list(by_name(measured[1]))
+    plain = ["mean-colour", "pca components=2", "neubtf-direct steps=20"]
+    variants = ["neubtf-direct steps=20 [eager bfloat16]", "neubtf-direct steps=20 [fused bfloat16]"]
+    assert names == [*plain, *variants, timing.FLOOR]
+
+
+def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_file(measured):
+    folder, found = measured
+    record = load_run(folder).job("tiny/neubtf-direct steps=20/0")
+    rows = by_name(found)
+    plain, half = rows["neubtf-direct steps=20"], rows["neubtf-direct steps=20 [eager bfloat16]"]
+    assert plain["psnr"] == record["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"]
+    assert plain["bytes"] == half["bytes"] == record["bytes"]["total"]
+    assert half["psnr"] != plain["psnr"]
+    assert half["psnr"] == pytest.approx(plain["psnr"], abs=0.3)
+    assert plain["worst"] < plain["psnr"]
+
+
+def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
+    row = by_name(measured[1])["neubtf-direct steps=20 [fused bfloat16]"]
+    assert "float32, not bfloat16" in row["error"]
+    assert "ns_per_sample" not in row
+
+
+def test_a_choice_is_on_a_front_where_nothing_is_as_good_for_less():
+    rows = [
+        {"psnr": 30.0, "ns_per_sample": 100.0, "bytes": 10},
+        {"psnr": 30.0, "ns_per_sample": 90.0, "bytes": 20},
+        {"psnr": None, "ns_per_sample": 900.0, "bytes": 900},
+        {"psnr": 29.0, "ns_per_sample": 95.0, "bytes": 5},
+    ]
+    trade._mark(rows)
+    assert [row["fastest"] for row in rows] == [False, True, True, False]
+    assert [row["smallest"] for row in rows] == [True, False, True, True]
+
+
+def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
+    rows = [
+        {"label": "big", "psnr": 40.0, "ns_per_sample": 100.0, "bytes": 1000},
+        {"label": "small", "psnr": 39.6, "ns_per_sample": 120.0, "bytes": 10},
+        {"label": "fast", "psnr": 39.7, "ns_per_sample": 20.0, "bytes": 500},
+        {"label": "poor", "psnr": 39.4, "ns_per_sample": 1.0, "bytes": 1},
+    ]
+    rows = [row | {"material": "m", "execution": "eager", "precision": "float32"} for row in rows]
+    best, fastest, smallest = trade.answers("m", rows)
+    assert "the best is big: 40.00 dB, 1,000 bytes, 100 ns" in best
+    assert "the fastest is fast" in fastest
+    assert "the smallest is small" in smallest
+
+
+def test_a_fit_tells_when_it_reached_each_goal():
+    history = [{"step": 10, "seconds": 1.0, "psnr": 29.0}, {"step": 20, "seconds": 2.5, "psnr": 31.0}]
+    found = trade._training({"history": history, "material": "m", "label": "c"})
+    assert found["reached"] == {"30": {"steps": 20, "seconds": 2.5}, "35": None}
+    assert found["curve"] == [[10, 1.0, 29.0], [20, 2.5, 31.0]]
+
+
+def test_the_report_holds_tables_fronts_and_the_answer(measured):
+    folder, found = measured
+    text, files = write(folder)
+    assert {file.name for file in files} >= {"trade.md", "trade-tiny.png", "trade-tiny.svg", "training-tiny.png"}
+    assert all(file.stat().st_size for file in files)
+    assert "within 0.5 dB of it, the smallest is" in text
+    assert "floor" in text
+    assert "ceilings" in text
+    assert len(csv_text(found).splitlines()) == 1 + len(found["choices"])
+
+
+@pytest.mark.parametrize(
+    ("wish", "code", "says"),
+    [
+        ({"min_psnr": 1.0}, 0, "neubtf-bench encode tiny --codec "),
+        ({"max_bytes": "1M", "max_ns": 1e9}, 0, "--codec "),
+        ({"min_psnr": 99.0}, 1, "no setting meets that; the nearest is"),
+        ({"max_bytes": "1"}, 1, "the nearest is mean-colour"),
+    ],
+)
+def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, capsys, wish, code, says):
+    options = {"material": "tiny", "min_psnr": None, "max_bytes": None, "max_ns": None, "device": "cpu"} | wish
+    assert choose_command.run(argparse.Namespace(**options, out=measured[0])) == code
+    assert says in capsys.readouterr().out
