@@ -1,10 +1,15 @@
 """Files that are there whole or not at all: written under a temporary name, then renamed."""
 
+import fcntl
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
 
 SUFFIX = ".partial"
 
@@ -30,3 +35,34 @@ def write(path: Path, data: bytes) -> None:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
+
+
+def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
+    """A new .npy file, memory-mapped, to be filled. Its place on the disk is taken now.
+
+    On a full disk this is an `OSError`, where a write to the mapping would kill the process.
+    """
+    import numpy as np
+
+    values: np.ndarray = np.lib.format.open_memmap(path, "w+", dtype=dtype, shape=shape)
+    with open(path, "r+b") as file:
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
+    return values
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Hold off other processes that would make `path`: they wait here, and should look again whether it is made.
+
+    Where the file system cannot lock, several make it, each whole.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lock = path.with_name(path.name + ".lock")
+    with open(lock, "w") as file:
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)

@@ -17,7 +17,6 @@ A *pair* is one (ω_o, ω_i); a *slice* is the picture of one pair, (H, W, 3); a
 import hashlib
 import json
 import logging
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bench import atomic
 from bench.cache import cache_dir
 from bench.finite import finite
 
@@ -64,33 +64,31 @@ class Source:
     def _scratch(self) -> Array:
         path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}.npy"
         if not path.exists():
-            _write_transposed(self, path)
+            with atomic.alone(path):  # a dozen workers would write a dozen of many gigabytes
+                if not path.exists():
+                    _write_transposed(self, path)
         return np.load(path, mmap_mode="r", allow_pickle=False)
 
 
 def _write_transposed(source: Source, path: Path, block_bytes: int = 64 << 20) -> None:
     """Write (H · W, count, 3) in float16 (float32 where half would overflow), reading each slice once."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic.replacing(path) as partial:
+        any(_transposed(source, path, partial, dtype, block_bytes) for dtype in (np.float16, np.float32))
+
+
+def _transposed(source: Source, path: Path, partial: Path, dtype: type, block_bytes: int) -> bool:
+    """Fill `partial`; False where a value is too large for the type."""
     texels = source.shape[0] * source.shape[1]
-    for dtype in (np.float16, np.float32):
-        size = texels * source.count * 3 * np.dtype(dtype).itemsize
-        log.warning("writing a scratch file of %.1f MB for scattered reads: %s", size / 1e6, path)
-        partial = path.with_suffix(f".{os.getpid()}.partial")
-        out = np.lib.format.open_memmap(partial, "w+", dtype=dtype, shape=(texels, source.count, 3))
-        step = max(1, block_bytes // (texels * 3 * 4))
-        try:
-            for start in range(0, source.count, step):
-                block = np.stack([source.slice(i) for i in range(start, min(start + step, source.count))])
-                if dtype is np.float16 and np.abs(block).max(initial=0) > np.finfo(np.float16).max:
-                    break
-                out[:, start : start + len(block)] = block.reshape(len(block), texels, 3).swapaxes(0, 1)
-            else:
-                out.flush()
-                os.replace(partial, path)
-                return
-        finally:
-            del out
-            partial.unlink(missing_ok=True)
+    size = texels * source.count * 3 * np.dtype(dtype).itemsize
+    log.warning("writing a scratch file of %.1f MB for scattered reads: %s", size / 1e6, path)
+    out = atomic.mapped(partial, dtype, (texels, source.count, 3))
+    step = max(1, block_bytes // (texels * 3 * 4))
+    for start in range(0, source.count, step):
+        block = np.stack([source.slice(i) for i in range(start, min(start + step, source.count))])
+        if dtype is np.float16 and np.abs(block).max(initial=0) > np.finfo(np.float16).max:
+            return False
+        out[:, start : start + len(block)] = block.reshape(len(block), texels, 3).swapaxes(0, 1)
+    return True
 
 
 class ArraySource(Source):

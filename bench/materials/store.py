@@ -6,7 +6,6 @@ that could be read. Values are float16 (half the bytes, 5e-4 relative), float32 
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from bench import atomic
 from bench.btf import BTF, ArraySource
 from bench.cache import cache_dir
 from bench.errors import InputError
@@ -56,8 +56,11 @@ def load_or_render(
     shape = (len(wo), size, size, 3)
     values = _read(path, shape)
     if values is None:
-        _write(path, recipe, wo, wi, shape, seed, described, progress)
-        values = _read(path, shape)
+        with atomic.alone(path):
+            values = _read(path, shape)
+            if values is None:
+                _write(path, recipe, wo, wi, shape, seed, described, progress)
+                values = _read(path, shape)
     if values is None:
         raise InputError(f"{path}: cannot be read back after writing it; is the disk full?")
     source = StoredSource(values, key)
@@ -124,19 +127,11 @@ def _write(
     described: dict[str, Any],
     progress: Progress | None,
 ) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     maps = recipe.maps(seed)
-    partial = path.with_suffix(f".{os.getpid()}.partial")
-    try:
+    with atomic.replacing(path) as partial:
         for dtype in (np.float16, np.float32):
-            values = np.lib.format.open_memmap(partial, "w+", dtype=dtype, shape=shape)
+            values = atomic.mapped(partial, dtype, shape)
             render(maps, wo, wi, (shape[1], shape[2]), SUB_POINTS, values, progress)
             if all(np.isfinite(picture).all() for picture in values):
                 break
-        values.flush()
-        del values
-        os.replace(partial, path)
-        partial.write_text(json.dumps(described, indent=1, sort_keys=True))
-        os.replace(partial, path.with_suffix(".json"))
-    finally:
-        partial.unlink(missing_ok=True)
+    atomic.write(path.with_suffix(".json"), json.dumps(described, indent=1, sort_keys=True).encode())

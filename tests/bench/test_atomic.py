@@ -1,0 +1,63 @@
+import errno
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from bench import atomic
+
+
+def test_a_file_is_there_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "made" / "file"
+    atomic.write(path, b"first")
+
+    def fail():
+        with atomic.replacing(path) as partial:
+            partial.write_bytes(b"sec")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert path.read_bytes() == b"first"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_full_disk_is_an_error_before_anything_is_mapped(tmp_path, monkeypatch):
+    def full(file, start, size):
+        assert size > 1000 * 1000 * 2
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(OSError, match="No space left"), atomic.replacing(tmp_path / "file") as partial:
+        atomic.mapped(partial, np.float16, (1000, 1000))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_mapped_file_has_its_place_on_the_disk_and_keeps_what_is_put_there(tmp_path):
+    values = atomic.mapped(tmp_path / "file", np.float16, (1000, 1000))
+    assert (tmp_path / "file").stat().st_blocks * 512 >= 2_000_000
+    values[3] = 7
+    del values
+    assert np.load(tmp_path / "file")[3, 5] == 7
+
+
+MAKE = """
+import sys, time
+from pathlib import Path
+from bench import atomic
+path = Path(sys.argv[1])
+with atomic.alone(path):
+    if not path.exists():
+        time.sleep(0.2)
+        atomic.write(path, b"made")
+        print("made")
+"""
+
+
+def test_several_processes_make_a_file_once(tmp_path):
+    command = [sys.executable, "-c", MAKE, str(tmp_path / "file")]
+    makers = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    assert "".join(maker.communicate()[0] for maker in makers) == "made\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
