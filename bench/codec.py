@@ -13,6 +13,7 @@ from bench.btf import BTF
 from bench.errors import InputError
 from bench.material import Material
 from bench.suggest import did_you_mean
+from bench.zstd import ZSTD
 
 if TYPE_CHECKING:
     from bench.shared import Shared
@@ -89,8 +90,12 @@ class Configured:
     class Settings:
         pass
 
-    def __init__(self, **settings: Any):
-        """With the default settings but for those named; strings are converted (`components="16"`)."""
+    def __init__(self, *, zstd: bool | str = False, **settings: Any):
+        """With the default settings but for those named; strings are converted (`components="16"`).
+
+        `zstd` has every codec: its file is compressed by Zstandard, without loss.
+        """
+        self.zstd: bool = _convert(self.name, ZSTD, bool, zstd)
         self.settings: Any = parse_settings(self.name, self.Settings, settings)
 
 
@@ -157,4 +162,9 @@ def _convert(codec: str, name: str, kind: type, value: Any) -> Any:
 
 def settings_dict(codec: Configured) -> dict[str, Any]:
     """The settings of a codec as plain values, for files and records."""
-    return dataclasses.asdict(codec.settings)
+    return dataclasses.asdict(codec.settings) | ({ZSTD: True} if codec.zstd else {})
+
+
+def setting_names(codec: type[Configured]) -> set[str]:
+    """The names of the settings of a codec."""
+    return {field.name for field in dataclasses.fields(codec.Settings)} | {ZSTD}

@@ -3,7 +3,8 @@
 The JSON holds {format, codec, version, settings, sha256}, and `provenance` where a file was made from others. Where a
 codec shares a network over materials, `shared` is the hash of its file, and that file's own `kind` is "shared". The
 hash is that of the whole file with its own 64 digits replaced by zeros, so that no byte of the file can change unseen.
-Nothing is ever unpickled.
+Nothing is ever unpickled. Where the setting `zstd` is true, each part is one uint8 tensor `part/zstd`: the bytes of a
+safetensors file of its tensors, compressed by Zstandard.
 """
 
 import dataclasses
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench import atomic
 from bench.errors import ContainerError
+from bench.zstd import ZSTD, compressed, expanded
 
 if TYPE_CHECKING:
     import torch
@@ -74,21 +76,21 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
     """The bytes of a codec file. The same parts give the same bytes."""
     from safetensors.torch import save as serialise
 
-    from bench.codec import SharedNetwork
+    from bench.codec import SharedNetwork, settings_dict
 
-    tensors = {
-        f"{part}/{name}": tensor.detach().cpu().contiguous()
-        for part in PARTS
-        for name, tensor in getattr(parts, part).items()
-    }
-    for name, tensor in tensors.items():
-        if tensor.is_floating_point() and not tensor.isfinite().all():
-            raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {name}")
+    by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
+    for part, found in by_part.items():
+        for name, tensor in found.items():
+            if tensor.is_floating_point() and not tensor.isfinite().all():
+                raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {part}/{name}")
+    if codec.zstd:
+        by_part = {part: {ZSTD: compressed(serialise(found))} for part, found in by_part.items() if found}
+    tensors = {f"{part}/{name}": tensor for part, found in by_part.items() for name, tensor in found.items()}
     says = {
         "format": FORMAT,
         "codec": codec.name,
         "version": codec.version,
-        "settings": dataclasses.asdict(codec.settings),
+        "settings": settings_dict(codec),
         "sha256": ZEROS.decode(),
     }
     says |= {"provenance": provenance} if provenance else {}
@@ -113,7 +115,8 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
     header, parts = _parse(Path(path), data), Parts()
     for full, tensor in deserialise(data).items():
         part, name = full.split("/", 1)
-        getattr(parts, part)[name] = tensor
+        found = expanded(tensor, path) if header.settings.get(ZSTD) else {name: tensor}
+        getattr(parts, part).update(found)
     return header, parts
 
 

@@ -128,7 +128,9 @@ def _key(network: "SharedNetwork", fit: "Fit", fingerprints: list[str]) -> str:
     """All that shapes a shared file."""
     import torch
 
-    known = [network.name, network.version, dataclasses.asdict(network.settings), fit.seed, fit.device.type]
+    from bench.codec import settings_dict
+
+    known = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
     known += [fit.threads, torch.__version__, fingerprints]
     return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
 

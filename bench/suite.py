@@ -201,15 +201,17 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
 
 
 def _has(codec: str, scope: str, setting: str) -> bool:
+    from bench.codec import setting_names
     from bench.registry import load_codec
 
-    return scope in ("", codec) and setting in {f.name for f in dataclasses.fields(load_codec(codec).Settings)}
+    return scope in ("", codec) and setting in setting_names(load_codec(codec))
 
 
 def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
     from bench.registry import load_codec
 
-    converted = getattr(load_codec(spec.codec)(**{setting: value}).settings, setting)
+    codec = load_codec(spec.codec)(**{setting: value})
+    converted = getattr(codec.settings, setting, codec.zstd)
     return dataclasses.replace(spec, settings=spec.settings | {setting: converted})
 
 

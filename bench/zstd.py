@@ -1,0 +1,45 @@
+"""Tensors as one tensor of bytes that Zstandard has compressed."""
+
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from bench.errors import ContainerError, InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+ZSTD = "zstd"  # the setting that every codec has, and the name of a compressed part
+LEVEL = 19
+LIMIT = 1 << 32  # bytes that a part may take: what a small file expands to must not fill the memory
+
+
+def compressed(data: bytes) -> "Tensor":
+    """Bytes as a tensor (n,) of compressed ones, uint8."""
+    import torch
+
+    packed = _library("zstd = true").ZstdCompressor(level=LEVEL).compress(data)
+    return torch.frombuffer(bytearray(packed), dtype=torch.uint8)
+
+
+def expanded(payload: "Tensor", path: Path) -> "dict[str, Tensor]":
+    """The tensors of a compressed safetensors file. `ContainerError` where it is not sound."""
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    zstandard = _library(str(path))
+    data = payload.numpy().tobytes()
+    try:
+        if not 0 <= zstandard.frame_content_size(data) <= LIMIT:
+            raise ContainerError(f"{path}: a compressed part says no size, or more than {LIMIT} bytes")
+        return load(zstandard.ZstdDecompressor().decompress(data))
+    except (zstandard.ZstdError, SafetensorError) as error:
+        raise ContainerError(f"{path}: a compressed part is not sound ({error})") from error
+
+
+def _library(what: str) -> ModuleType:
+    try:
+        import zstandard
+    except ImportError:
+        raise InputError(f"{what}: needs the package zstandard: pip install 'neubtf-bench[zstd]'") from None
+    return zstandard
