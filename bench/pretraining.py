@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench import shared
+from bench import atomic, shared
 from bench.btf import BTF
 from bench.codec import Fit, SharedNetwork
 from bench.container import Header
@@ -32,6 +32,7 @@ def pretrain(
 def ready(network: SharedNetwork, fit: Fit) -> Path:
     """The file of a network at its place, made now where it is not there."""
     path = shared.place(network.name)
-    if not path.exists():
-        pretrain(network, fit, path)
+    with atomic.alone(path):
+        if not path.exists():
+            pretrain(network, fit, path)
     return path
