@@ -77,6 +77,8 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
 def _networks(suite: Suite, options: Options) -> dict[str, tuple[str, bytes]]:
     """For each codec that shares a network over materials, where there is one: its file's name in files/, and content.
 
+    It is written there, so that the run's folder decodes wherever it is copied to.
+
     Those that the suite has pretrained are made now where they are not there.
     """
     found: dict[str, tuple[str, bytes]] = {}
@@ -87,6 +89,7 @@ def _networks(suite: Suite, options: Options) -> dict[str, tuple[str, bytes]]:
         if network and shared.place(name).exists():
             header = shared.find(name).header
             found[name] = (shared.hashed_name(header), header.path.read_bytes())
+            atomic.write(options.folder / "files" / found[name][0], found[name][1])
     return found
 
 
