@@ -77,9 +77,8 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
 def _networks(suite: Suite, options: Options) -> dict[str, tuple[str, bytes]]:
     """For each codec that shares a network over materials, where there is one: its file's name in files/, and content.
 
-    It is written there, so that the run's folder decodes wherever it is copied to.
-
-    Those that the suite has pretrained are made now where they are not there.
+    Those that the suite has pretrained are made now where they are not there. The files are written into the run's
+    folder, so that it decodes wherever it is copied to.
     """
     found: dict[str, tuple[str, bytes]] = {}
     for name in dict.fromkeys(spec.codec for spec in suite.codecs):
