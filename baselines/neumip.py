@@ -29,6 +29,8 @@ LOWEST_COSINE = 0.6  # of the view in the offset: nearer to the horizon it grows
 COARSE_SHARE = 4  # one sample in so many is of a coarser level
 # Gaussian blur, σ in texels: of the latents at first, its fading over the fit, its end; the least of the offset.
 FIRST_BLUR, FADING, LAST_BLUR, OFFSET_BLUR = 8.0, 3 * math.log(8), 0.1, 1.0
+SHUT = 0.1  # what a mask of 0 leaves of a colour
+HALF_OPEN = SHUT + 0.5
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
 # Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
 LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0), "both": (1.0, 1.0, 0.0)}
@@ -150,6 +152,13 @@ class Networks(nn.Module):
 
     to_rgb: Tensor
 
+    def start_at(self, level: Tensor) -> None:
+        """Answer one log radiance (3,) whatever the latents, the mask being open half way."""
+        outputs = torch.zeros(self.decoder.architecture.outputs)
+        rgb = (level.cpu().expm1() / (HALF_OPEN if len(outputs) > 3 else 1)).log1p()
+        outputs[:3] = torch.linalg.solve(self.to_rgb.T, rgb)
+        self.decoder.start_at(outputs)
+
     def move(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
         """uv (n, 2) moved along the view wo (n, 3) by what the offset network makes of latents (n, 7)."""
         assert self.offset is not None
@@ -161,7 +170,7 @@ class Networks(nn.Module):
         """gain · radiance (n, 3), not clamped, of latents (n, 7): YUV → RGB → expm1, times a mask if there is one."""
         out = self.decoder(torch.cat([wi[:, :2], wo[:, :2], latents], 1))
         rgb = to_radiance(out[:, :3] @ self.to_rgb.to(out.dtype), 1.0)
-        return rgb * (0.1 + out[:, 3:].sigmoid()) if out.shape[1] > 3 else rgb
+        return rgb * (SHUT + out[:, 3:].sigmoid()) if out.shape[1] > 3 else rgb
 
 
 def answer(
@@ -182,6 +191,7 @@ class Fitting(Objective):
         self.levels, self.settings = levels, settings
         self.pyramid = Pyramid(self.samples.shape)
         self.networks = Networks(settings, generator)
+        self.networks.start_at(self.samples.mean(generator))
         latents = torch.randn(sum(self.pyramid.counts), settings.channels, generator=generator)
         self.table = nn.Parameter(LATENT_SPREAD * latents)
         self.offset = nn.Parameter(torch.zeros(self.samples.texels, settings.channels)) if settings.offset else None

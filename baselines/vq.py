@@ -118,7 +118,7 @@ def _slices(btf: BTF, gain: float, fit: Fit, label: str) -> Iterator[Tensor]:
     for start in range(0, len(btf), step):
         block = torch.empty(min(step, len(btf) - start), 3, texels)
         for rows, picture in zip(block, pictures, strict=False):
-            rows.copy_(torch.from_numpy(picture.reshape(texels, 3)).T)
+            rows.numpy()[:] = picture.reshape(texels, 3).T
         yield block.flatten(0, 1).to(fit.device).clamp_min_(0).mul_(gain).log1p_()
 
 
@@ -135,12 +135,18 @@ def _reduced(btf: BTF, gain: float, components: int, fit: Fit) -> np.ndarray:
 
 
 def _cluster(points: np.ndarray, codes: int, seed: int) -> np.ndarray:
-    """The cluster (n,) of each point (n, k); no number below the highest is left out."""
+    """The cluster (n,) of each point (n, k); no number below the highest is left out.
+
+    Points that are no more than the codes have a cluster each; those nearer than halves can tell are one.
+    """
     from sklearn.cluster import MiniBatchKMeans
 
-    codes = min(codes, len(np.unique(points, axis=0)))
     if codes == 1 or points.shape[1] == 0:
         return np.zeros(len(points), np.int64)
+    step = 2.0**-12 * np.abs(points).max(initial=0) or 1.0
+    distinct, label = np.unique(np.round(points / step), axis=0, return_inverse=True)
+    if len(distinct) <= codes:
+        return label.reshape(-1)
     means = MiniBatchKMeans(codes, batch_size=CLUSTERING_BATCH, n_init=3, random_state=seed % 2**32)
     return np.unique(means.fit_predict(points), return_inverse=True)[1]
 

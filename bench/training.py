@@ -89,6 +89,10 @@ class Samples:
         texel = flat.div(self.pairs, rounding_mode="floor")
         return self.at(texel, flat - texel * self.pairs)
 
+    def mean(self, generator: torch.Generator) -> Tensor:
+        """The mean log radiance (3,), of a random sample."""
+        return self.draw(PROBE, generator).target.mean(0)
+
     def at(self, texel: Tensor, pair: Tensor) -> Batch:
         """The samples at some texels and pairs, both (n,)."""
         if self.kept is not None:

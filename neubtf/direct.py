@@ -49,6 +49,7 @@ class Direct(Objective):
         super().__init__(samples)
         self.settings = settings
         self.renderer = Decoder(settings.architecture, generator)
+        self.renderer.start_at(samples.mean(generator))
         first = torch.randn(samples.texels, settings.latents, generator=generator)
         self.texture = nn.Parameter(LATENT_SPREAD * first)
 

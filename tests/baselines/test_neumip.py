@@ -150,3 +150,11 @@ def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.Mo
 def test_settings_without_sense_are_refused() -> None:
     with pytest.raises(InputError, match="3 or 6 outputs"):
         NeuMIP(outputs=4)
+
+
+@pytest.mark.parametrize("outputs", [3, 6])
+def test_the_networks_start_at_one_colour(outputs: int) -> None:
+    networks, level = Networks(NeuMIP(outputs=outputs).settings), torch.tensor([0.2, 0.5, 1.1])
+    networks.start_at(level)
+    rgb = networks.colour(torch.randn(4, CHANNELS), torch.ones(4, 3), torch.ones(4, 3))
+    torch.testing.assert_close(rgb, level.expm1().expand(4, 3))

@@ -86,3 +86,10 @@ def test_an_index_beyond_the_codebook_is_refused() -> None:
 def test_settings_without_sense_are_refused(settings: dict[str, int]) -> None:
     with pytest.raises(InputError, match="needs"):
         VQ(**settings)
+
+
+def test_as_many_codes_as_texels_differ_are_exact_even_for_one_pair() -> None:
+    like = tiny_btf(5)
+    btf = BTF("one pair", like.wo[40:41], like.wi[40:41], ArraySource(np.stack(list(like))[40:41]))
+    # Half floats of a log value of up to 2.
+    assert error(btf, decoded(btf, codes=25)) < 1e-3 * btf[0].max()

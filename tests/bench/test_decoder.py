@@ -89,3 +89,12 @@ def test_outputs_have_the_dtype_of_the_inputs() -> None:
     assert short.dtype == torch.float32
     # Eight bits a number through four layers.
     torch.testing.assert_close(short, exact, rtol=0, atol=0.1)
+
+
+def test_a_network_starts_at_one_answer_and_can_leave_it() -> None:
+    network = Decoder(NEUBTF, torch.Generator().manual_seed(0))
+    network.start_at(torch.tensor([0.1, 0.2, 0.3]))
+    x = torch.randn(5, 18, generator=torch.Generator().manual_seed(1))
+    assert torch.equal(network(x), torch.tensor([0.1, 0.2, 0.3]).expand(5, 3))
+    network(x)[:, 0].sum().backward()
+    assert network.layers[-1].get_parameter("weight").grad.any()  # type: ignore[union-attr]
