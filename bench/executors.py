@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 from bench.errors import InputError
 
 T = TypeVar("T")
+PATIENCE = "10s"  # with a scheduler that is asked for the first time
 THREAD_COUNTS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
@@ -58,9 +59,12 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
         from distributed import Client
     except ImportError:
         raise InputError("--scheduler needs Dask: pip install 'neubtf-bench[dask]'") from None
-    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    file = address.endswith(".json")
     try:
-        client = Client(**where, timeout="10s", set_as_default=False)
+        if file and not os.path.exists(address):  # the client would wait for it, for ever
+            raise FileNotFoundError("no such file")
+        where = {"scheduler_file": address} if file else {"address": address}
+        client = Client(**where, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
     executor = client.get_executor(pure=False, resources=resources or None)

@@ -3,7 +3,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, wait
 
 import pytest
 
@@ -92,3 +92,37 @@ def test_dask_that_is_not_there_is_said(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"pip install 'neubtf-bench\[dask\]'"):
         dask("tcp://127.0.0.1:1", {}).__enter__()
+
+
+@pytest.fixture
+def cluster():
+    """A Dask cluster of one worker, in this process, that has a GPU to give."""
+    distributed = pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
+    kinds = {"threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
+    with distributed.LocalCluster(1, **kinds, resources={"GPU": 1}) as made:
+        yield made
+
+
+def test_dask_runs_jobs_on_workers_that_have_what_they_take(cluster):
+    with dask(cluster.scheduler_address, {"GPU": 1}) as workers:
+        futures = [workers.executor.submit(divmod, n, 2) for n in range(5)]
+        assert [future.result() for future in futures] == [divmod(n, 2) for n in range(5)]
+    with dask(cluster.scheduler_address, {"GPU": 2}) as workers:
+        future = workers.executor.submit(divmod, 7, 2)
+        assert wait([future], timeout=0.5).not_done == {future}
+
+
+def test_jobs_of_a_scheduler_that_is_gone_are_cancelled(cluster):
+    with dask(cluster.scheduler_address, {}) as workers:
+        future = workers.executor.submit(time.sleep, 1)
+        cluster.close()
+        with pytest.raises(CancelledError):
+            future.result(timeout=60)
+
+
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch, tmp_path):
+    pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
+    monkeypatch.setattr("bench.executors.PATIENCE", "1s")
+    for address in ("tcp://127.0.0.1:9", "nonsense", str(tmp_path / "scheduler.json")):
+        with pytest.raises(InputError, match=f"{address}: no Dask scheduler answers there"):
+            dask(address, {}).__enter__()
