@@ -53,6 +53,18 @@ class Window:
         )
         return (row[:, None] * shape[1] + col).flatten()
 
+    def taps(self, texel: Tensor) -> tuple[Tensor, Tensor]:
+        """The weighted mean that some texels (n,) of the window are: texels (n, k) of its source, weights (n, k)."""
+        axes = [
+            _taps(side, cut, place)
+            for side, cut, place in zip(
+                self.source, self.size, (texel // self.size[1], texel % self.size[1]), strict=True
+            )
+        ]
+        (row, high), (col, wide) = axes
+        index = row[:, :, None] * self.source[1] + col[:, None, :]
+        return index.flatten(1), (high[:, :, None] * wide[:, None, :]).flatten(1)
+
     @property
     def keeps_scale(self) -> bool:
         return self.source == self.size
@@ -64,6 +76,15 @@ class Window:
             if self.keeps_scale
             else functional.interpolate(pictures, self.size, mode="bilinear", antialias=True)
         )
+
+
+def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
+    """Of places (n,) on an axis: those of its `side` that a rescale to `cut` averages, and weights, both (n, k)."""
+    matrix = torch.eye(side)
+    if side != cut:
+        matrix = functional.interpolate(matrix[None, None], (cut, side), mode="bilinear", antialias=True)[0, 0]
+    weight, index = matrix.topk(int((matrix > 0).sum(1).max()))
+    return index.to(place.device)[place], weight.to(place.device)[place]
 
 
 def _fitting(side: int) -> int:

@@ -24,7 +24,7 @@ from neubtf.encoder import Encoder, displayed
 from neubtf.losses import Style, focal_frequency, shown
 from neubtf.renderer import RendererSettings, render
 
-LATENT_SPREAD = 0.1  # standard deviation of the first latents
+DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as if they had it
 BRIGHTNESS_SLICES = 64  # tell how bright the slices of a material are
 
 
@@ -34,19 +34,18 @@ class FitSettings(RendererSettings):
 
     steps: int = 8_000  # of the fit, in three stages
     direct: float = 0.5  # share of the steps that fit texture and renderer without the autoencoder
-    taught: float = 0.125  # share of the steps that teach the autoencoder this texture; the rest is end to end
+    taught: float = 0.1  # share of the steps that teach the autoencoder this texture; the rest is end to end
     explore: float = 0.5  # share of the steps whose input is a random slice, disturbed; the others see the guidance
-    batch: int = 4_096  # single samples that a step at full scale compares
-    slices: int = 1  # whole slices that a step compares
+    batch: int = 4_096  # single samples whose pixels a step compares
+    slices: int = 1  # whole slices whose style and spectrum a step compares
     crop: int = 64  # texels a side that a step sees of a larger picture
     smallest: float = 0.5  # scale of an input; the material can then be guided at this scale, too
     rate: float = 1e-2  # highest learning rate of the renderer and of the first stage's texture
     encoder_rate: float = 2e-3  # highest learning rate of the autoencoder
-    guided_rate: float = 0.3  # both rates in the last stage, as a share of the above
     loss: Loss = "both"  # of a pixel's log radiance: absolute, squared, or their sum
     pixel: float = 1.0  # weight of the pixels' loss
-    style: float = 100.0  # weight of the difference of Gram matrices
-    frequency: float = 10.0  # weight of the focal frequency loss
+    style: float = 0.002  # weight of the difference of Gram matrices
+    frequency: float = 0.002  # weight of the focal frequency loss
     hue: float = 1.0  # largest turn of an input's hue, in turns
     blur: float = 1.0  # largest blur of an input, σ in texels
     noise: float = 0.05  # largest noise of an input, σ
@@ -56,8 +55,6 @@ class FitSettings(RendererSettings):
         super().__post_init__()
         if self.batch < 1 or self.slices < 0 or self.crop < STRIDE:
             raise InputError(f"neubtf needs at least one sample a step, slices ≥ 0, and a crop of at least {STRIDE}")
-        if self.slices < 1 and self.smallest < 1:
-            raise InputError("neubtf compares whole slices at other scales than the full: slices of at least 1")
         if not (0 <= self.explore <= 1 and 0 < self.smallest <= 1):
             raise InputError("neubtf needs explore in [0, 1] and smallest in (0, 1]")
         if min(self.direct, self.taught) < 0 or self.direct + self.taught >= 1 or (self.taught and not self.direct):
@@ -82,7 +79,8 @@ class Staged(Objective):
         super().__init__(samples)
         self.settings, self.encoder, self.style = settings, encoder, Style()
         self.renderer = Decoder(settings.architecture, generator)
-        self.texture = nn.Parameter(LATENT_SPREAD * torch.randn(samples.texels, settings.latents, generator=generator))
+        with torch.no_grad():  # what the encoder makes of the guidance is near what it can be taught
+            self.texture = nn.Parameter(by_texel(encoder(guidance)).contiguous())
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
         self.guidance: Tensor
         self.register_buffer("guidance", guidance, persistent=False)
@@ -101,7 +99,7 @@ class Staged(Objective):
     def rate(self, step: int, steps: int) -> float:
         stage = self.stage(step)
         start, end = [*self.ends, steps][stage : stage + 2]
-        return super().rate(step - start, end - start) * (self.settings.guided_rate if stage == 2 else 1.0)
+        return super().rate(step - start, end - start)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         direct = self.stage(round(progress * self.settings.steps)) == 0
@@ -149,12 +147,21 @@ class Staged(Objective):
     def _guided(self, generator: torch.Generator) -> Tensor:
         look = self.look(self.settings.smallest, generator)
         latents = by_texel(self.encoder(look.picture))
-        loss = torch.zeros((), device=latents.device)
-        if self.settings.slices:
+        loss = self.settings.pixel * self._samples(latents, look, generator)
+        if self.settings.slices and (self.settings.style or self.settings.frequency):
             loss = loss + self._slices(latents, look, self._targets(look.pair, generator))
-        if look.window.keeps_scale:
-            loss = loss + self._samples(latents, look.texels, generator)
         return loss
+
+    def _samples(self, latents: Tensor, look: Look, generator: torch.Generator) -> Tensor:
+        """The pixels' loss, of single random samples: a slice holds thousands of texels, but one pair only."""
+        size = (self.settings.batch,)
+        here = torch.randint(len(latents), size, generator=generator).to(latents.device)
+        pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device)
+        index, weight = look.window.taps(here)
+        each = pair.repeat_interleave(index.shape[1])
+        found = self.samples.at(look.texels[index].flatten(), each).target.expm1().unflatten(0, index.shape)
+        truth = (found * weight[..., None]).sum(1).log1p()
+        return distance(self.rendered(latents, here, pair), truth, self.settings.loss)
 
     def _targets(self, seen: int | None, generator: torch.Generator) -> Tensor:
         """Random pairs, none of which was seen, where there are others."""
@@ -164,25 +171,20 @@ class Staged(Objective):
         return (seen + 1 + torch.randint(count - 1, (self.settings.slices,), generator=generator)) % count
 
     def _slices(self, latents: Tensor, look: Look, pairs: Tensor) -> Tensor:
-        """The loss of whole slices: pixels, style, spectrum."""
-        truth = self.radiance(look.window, look.texels, pairs)
+        """The loss of whole slices: style and spectrum."""
+        truth = shown(self.radiance(look.window, look.texels, pairs))
         texel = torch.arange(len(latents), device=latents.device).repeat(len(pairs))
         pair = pairs.to(latents.device).repeat_interleave(len(latents))
-        ours = pictures(self.rendered(latents, texel, pair), look.window.size)
-        loss = self.settings.pixel * distance(ours, truth, self.settings.loss)
+        ours = shown(pictures(self.rendered(latents, texel, pair), look.window.size))
+        # The mirror's own direction would otherwise outweigh all others by orders of magnitude, and undo the fit.
+        brightness = truth.mean((1, 2, 3), keepdim=True).clamp_min(DIM)
+        ours, truth = ours / brightness, truth / brightness
+        loss = torch.zeros((), device=ours.device)
         if self.settings.style:
-            loss = loss + self.settings.style * self.style(shown(ours), shown(truth))
+            loss = loss + self.settings.style * self.style(ours, truth)
         if self.settings.frequency:
-            loss = loss + self.settings.frequency * focal_frequency(shown(ours), shown(truth))
+            loss = loss + self.settings.frequency * focal_frequency(ours, truth)
         return loss
-
-    def _samples(self, latents: Tensor, texels: Tensor, generator: torch.Generator) -> Tensor:
-        """The pixels' loss of single random samples: a slice holds thousands of texels, but one pair only."""
-        size = (self.settings.batch,)
-        here = torch.randint(len(texels), size, generator=generator).to(texels.device)
-        pair = torch.randint(self.samples.pairs, size, generator=generator).to(texels.device)
-        truth = self.samples.at(texels[here], pair).target
-        return self.settings.pixel * distance(self.rendered(latents, here, pair), truth, self.settings.loss)
 
 
 def by_texel(picture: Tensor) -> Tensor:

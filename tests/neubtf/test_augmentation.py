@@ -62,6 +62,16 @@ def test_half_the_scale_averages() -> None:
     assert window.rescaled(whole).mean() == pytest.approx(whole.mean().item(), abs=0.01)
 
 
+def test_taps_are_the_rescale_of_single_texels() -> None:
+    for window in (Window((3, 5), (21, 13), (16, 8)), Window((3, 5), (8, 8), (8, 8)), Window((0, 0), (9, 16), (4, 4))):
+        seen = torch.rand(1, 3, *window.source, generator=generator())
+        texel = torch.arange(window.size[0] * window.size[1])
+        index, weight = window.taps(texel)
+        mean = (seen.flatten(2)[0][:, index] * weight).sum(2)
+        torch.testing.assert_close(mean, window.rescaled(seen)[0].flatten(1))
+        assert (index.shape[1] == 1) == window.keeps_scale
+
+
 @pytest.mark.parametrize("turn", [0.0, 1 / 3, 0.25, 0.9])
 def test_hue_turns_by_its_share_of_the_wheel(turn: float) -> None:
     start = torch.tensor([0.6, 0.4, 0.4]).reshape(1, 3, 1, 1)

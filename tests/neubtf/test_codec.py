@@ -109,7 +109,7 @@ def test_any_size_is_fitted_and_padding_is_said(size: tuple[int, int], caplog: p
     "settings",
     [
         {"direct": 0.0, "taught": 0.0},
-        {"slices": 0, "smallest": 1.0},
+        {"slices": 0},
         {"slices": 3, "batch": 1},
         {"explore": 1.0, "smallest": 0.3},
         {"crop": 4},
@@ -138,7 +138,7 @@ def test_a_single_pair_is_fitted() -> None:
     [
         ({"steps": 0}, "at least 1 step"),
         ({"batch": 0}, "at least one sample"),
-        ({"slices": 0}, "slices of at least 1"),
+        ({"slices": -1}, "slices ≥ 0"),
         ({"crop": 3}, "crop of at least 4"),
         ({"explore": 1.5}, "explore in"),
         ({"direct": 0.9, "taught": 0.1}, "below 1"),
