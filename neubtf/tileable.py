@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.metrics.display import LOG_SCALE, to_display
-from bench.periodic import make_periodic, seams
+from bench.periodic import make_periodic
+from neubtf.autoencoder import STRIDE
 from neubtf.renderer import NeuBTFMaterial
 
 Array = np.ndarray
@@ -15,10 +16,17 @@ FRONTAL = np.array([[[0.0, 0, 1], [0, 0, 1]]])  # the pair of the normal alone
 def blended(picture: Array, margin: float) -> Array:
     """A linear picture (H, W, 3) whose far margins, that share of each side, are blended into its near ones.
 
-    It loses them. What the blend's contrast takes below 0 becomes 0.
+    It loses them, and up to three texels more, so that the autoencoder's cells fit into the period. What the blend's
+    contrast takes below 0 becomes 0.
     """
-    overlap = (round(picture.shape[0] * margin), round(picture.shape[1] * margin))
+    overlap = (_overlap(picture.shape[0], margin), _overlap(picture.shape[1], margin))
     return np.maximum(make_periodic(picture, overlap), 0).astype(np.float32) if any(overlap) else picture
+
+
+def _overlap(side: int, margin: float) -> int:
+    least = round(side * margin)
+    fitting = least + (side - least) % STRIDE
+    return fitting if least and 2 * fitting <= side else least
 
 
 class Seam(NamedTuple):
@@ -31,10 +39,25 @@ class Seam(NamedTuple):
 def seam_of(material: NeuBTFMaterial, pairs: Array) -> tuple[Seam, Seam]:
     """The seam at the left–right, and at the top–bottom border of a material, where slices of it are displayed.
 
-    `pairs` (n, 2, 3) are wo and wi; the ratios are of means over their slices.
+    `pairs` (n, 2, 3) are wo and wi; gradients are means over their slices. The border is compared with what lies
+    between two of the autoencoder's cells inside: nearest-neighbour upsampling makes each of these steps larger than
+    those within a cell. Where there is no such step, the ratios are infinite.
     """
     exposure = material.gain / LOG_SCALE
-    slices = (material.slice(wo.tolist(), wi.tolist()).numpy() for wo, wi in pairs)
-    means = np.mean([seams(to_display(each, exposure)) for each in slices], 0)
-    beside, below = (Seam(across / mean, across / largest) for across, mean, largest in np.maximum(means, 1e-12))
+    slices = [to_display(material.slice(wo.tolist(), wi.tolist()).numpy(), exposure) for wo, wi in pairs]
+    beside, below = (_seam(np.mean([_steps(each, axis) for each in slices], 0)) for axis in (1, 0))
     return beside, below
+
+
+def _steps(picture: Array, axis: int) -> Array:
+    """The mean |difference| between each column (or row) and the next, the last with the first."""
+    along = np.moveaxis(picture, axis, 0)
+    steps: Array = np.abs(np.diff(along, axis=0, append=along[:1])).mean((1, 2))
+    return steps
+
+
+def _seam(steps: Array) -> Seam:
+    inside = steps[STRIDE - 1 : -1 : STRIDE]
+    if not inside.any():
+        return Seam(np.inf, np.inf)
+    return Seam(float(steps[-1] / inside.mean()), float(steps[-1] / inside.max()))

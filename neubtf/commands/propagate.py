@@ -60,5 +60,5 @@ def run(options: argparse.Namespace) -> int:
     assert isinstance(material, NeuBTFMaterial)
     seams = zip(("left–right", "top–bottom"), seam_of(material, FRONTAL), strict=True)
     told = ", ".join(f"{side} {seam.of_mean:.2f}" for side, seam in seams)
-    console.say(f"seam, as the gradient across the border over the mean gradient inside: {told}")
+    console.say(f"seam, as the gradient across the border over those inside: {told}")
     return FINE
