@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
+import torch._dynamo
 from torch import Tensor, nn
 
 from bench.decoder import Decoder
@@ -146,8 +147,22 @@ class _Compiled(_Around):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         # A slice expands one direction to all texels: its strides would be compiled for apart.
         queries = [x.contiguous() for x in (uv, wo, wi, footprint)]
-        rgb: Tensor = (self.whole if len(uv) == self.chunk else self.rest)(*queries)
+        compute = self.whole if len(uv) == self.chunk else self.rest
+        try:
+            # Sizes vary, numbers do not: by default a kernel of any size would read each constant from memory.
+            with torch._dynamo.config.patch(specialize_float=True):
+                rgb: Tensor = compute(*queries)
+        except torch._dynamo.exc.TorchDynamoException as error:
+            last = str(error).strip().splitlines()[0]
+            raise InputError(f"torch.compile failed ({last}): remove its cache, {_cache()}, or use eager") from error
         return rgb
+
+
+def _cache() -> str:
+    """Where torch.compile keeps what it compiled; a process killed there leaves half a library behind."""
+    from torch._inductor.runtime.cache_dir_utils import cache_dir
+
+    return str(cache_dir())
 
 
 class _Tf32(_Around):
