@@ -47,7 +47,7 @@ UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
 SCALES = (1, 3 / 4, 1 / 2, 3 / 8, 1 / 4, 1 / 8)
-SCALED = BRIEF | {"steps": 2000, "explore": 0.15, "slices": 1, "smallest": 0.5}
+SCALED = BRIEF | {"smallest": 0.5}
 
 
 class Bench:

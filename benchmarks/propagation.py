@@ -39,7 +39,6 @@ BRIEF = {
     "steps": 1800,
     "direct": 0.0,
     "taught": 0.0,
-    "guided_rate": 1.0,
     "explore": 0.1,
     "slices": 0,
     "smallest": 1.0,
