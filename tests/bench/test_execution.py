@@ -108,3 +108,14 @@ def test_a_query_maps_no_memory_but_for_its_answers():
     rgb = material.query(*asked)
     mapped = (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) * resource.getpagesize()
     assert mapped <= rgb.numel() * rgb.element_size() + (1 << 20)
+
+
+def test_a_compiler_that_fails_is_told_with_the_remedy():
+    compiled = prepared(Textured(), Variant("compiled"))
+
+    def fail(*_):
+        raise torch._dynamo.exc.TorchDynamoException("file too short")
+
+    compiled.rest = fail
+    with pytest.raises(InputError, match=r"file too short.*remove its cache"):
+        compiled.query(*queries(3))
