@@ -15,6 +15,7 @@ from torch import Tensor
 
 from baselines.rainer import (
     BLOCK,
+    LEAST_DEVIATION,
     Activation,
     Autoencoder,
     Encoder,
@@ -91,7 +92,7 @@ class Rainer2020(Codec):
         resampled = Resampler(btf.layout, canonical).to(fit.device)
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
         rows = [
-            _channels(encoder.to(fit.device), resampled(samples.abrdfs(block)))
+            _channels(encoder.to(fit.device), samples.abrdfs(block), resampled)
             for block in fit.progress(blocks, "encoding")
         ]
         texture = torch.cat(rows).reshape(*btf.shape, -1)
@@ -132,10 +133,14 @@ def decoder_of(shared: Shared) -> Decoder:
 
 
 @torch.no_grad()
-def _channels(encoder: Encoder, abrdfs: Tensor) -> Tensor:
-    """Latents and statistics (n, D + 6) of log ABRDFs (n, canonical pairs, 3)."""
-    found = statistics(abrdfs)
-    return torch.cat([encoded(encoder, abrdfs, found), found.flatten(1)], 1)
+def _channels(encoder: Encoder, abrdfs: Tensor, resampled: "Resampler") -> Tensor:
+    """Latents and statistics (n, D + 6) of log ABRDFs (n, N, 3)."""
+    canonical, given = resampled(abrdfs), statistics(abrdfs)
+    found = statistics(canonical)
+    latents = encoded(encoder, canonical, found)
+    # What does not vary over its own pairs is its mean: between them interpolation varies, as it follows the cosine.
+    found = torch.where(given[:, 1:] > LEAST_DEVIATION, found, given)
+    return torch.cat([latents, found.flatten(1)], 1)
 
 
 class Resampler(torch.nn.Module):

@@ -85,6 +85,16 @@ def test_the_same_surface_at_other_directions_has_nearly_the_same_latents(traine
     assert (latents[0] - latents[1]).abs().max() < (0.01 if product else 0.2) * spread
 
 
+@pytest.mark.parametrize("pairs", [1, 81])
+def test_what_does_not_vary_over_its_pairs_is_its_mean(trained: Path, pairs: int) -> None:
+    base = tiny_btf()
+    btf = like(base, base.wo[:pairs], base.wi[:pairs], lambda wo, wi: np.full((len(wo), 3), [0.1, 0.2, 0.3]))
+    codec = Rainer2020()
+    material = codec.decode(codec.encode(btf, Fit(network=trained)), torch.device("cpu"))
+    answer = material.slice(btf.wo[0].tolist(), btf.wi[0].tolist())
+    assert (answer / torch.tensor([0.1, 0.2, 0.3]) - 1).abs().max() < 0.01
+
+
 def test_resampling_to_the_pairs_that_are_there_changes_nothing() -> None:
     btf = tiny_btf()
     abrdfs = torch.rand(5, len(btf), 3)
