@@ -64,7 +64,7 @@ def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
     if header.codec != "neubtf":
         raise InputError(f"{path}: a file of codec {header.codec}: only neubtf makes textures from guidance images")
     if not parts.encoder:
-        raise InputError(f"{path}: holds no autoencoder: encode the material with --set neubtf.keep_encoder=true")
+        raise InputError(f"{path}: holds no autoencoder: encode the material again, with --set keep_encoder=true")
     return load_encoder(parts.encoder, header.settings["latents"]), parts.encoder["guidance"]
 
 
