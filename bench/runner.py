@@ -223,6 +223,7 @@ def _results(tasks: Iterator[Task], workers: Workers, call: Callable[[Task], Res
             for future in wait(waiting, return_when=FIRST_COMPLETED).done:
                 task = waiting.pop(future)
                 answer = _answer(task, future)
+                del future  # while it is held, a cluster computes again what it loses, though it was answered
                 if isinstance(answer, Task):
                     again.append(answer)
                 else:
