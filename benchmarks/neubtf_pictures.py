@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from matplotlib.figure import Figure
 from propagation import BRIEF, fitted, guided, left_half
 from scipy.spatial import cKDTree
@@ -345,7 +344,7 @@ def main() -> None:
     chosen = parser.parse_args()
     chosen.keep.mkdir(parents=True, exist_ok=True)
     bench = Bench(chosen.out, chosen.keep)
-    with torch_threads(1), torch.no_grad():
+    with torch_threads(1):
         for name in chosen.names or DRAWINGS:
             DRAWINGS[name](bench)
 
