@@ -65,9 +65,9 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     with locked(options.folder, run_id):
         _tidy(options.folder)
         session = _Session(suite, options, run_id, _networks(suite, options))
-        session.start()
         try:
             with options.workers() as workers:
+                session.start()
                 yield from session.jobs(workers)
         finally:
             _tidy(options.folder)

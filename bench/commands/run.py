@@ -73,7 +73,8 @@ def run(options: argparse.Namespace) -> int:
                 console.say(job_line(outcome.record, outcome.cached))
         except KeyboardInterrupt:
             console.say(_summary(outcomes))
-            console.say(f"interrupted: what is finished is recorded in {folder}; the same command goes on from there")
+            total = len(suite.materials) * len(suite.codecs) * len(suite.seeds)
+            console.say(f"interrupted: {len(outcomes)} of {total} jobs are done; the same command goes on: {folder}")
             return INTERRUPTED
     from reports import write_report
 

@@ -1,0 +1,53 @@
+import pytest
+
+from bench import cli, runner
+
+SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
+WORDS = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--codec", "table", *SMALL]
+
+
+@pytest.fixture(autouse=True)
+def small(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+
+
+def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch, capsys):
+    work, calls = runner.work, []
+
+    def interrupted(task, show):
+        calls.append(task.name)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return work(task, show)
+
+    monkeypatch.setattr(runner, "work", interrupted)
+    words = [*WORDS, "--out", str(tmp_path / "run")]
+    assert cli.main(words) == 130
+    shown = capsys.readouterr()
+    assert "1 jobs: 1 ok" in shown.out
+    assert "interrupted: 1 of 2 jobs are done; the same command goes on" in shown.out
+    assert shown.err == ""
+    assert not (tmp_path / "run" / "lock").exists()
+    assert cli.main(words) == 0
+    assert "2 jobs: 2 ok; 1 cached whole" in capsys.readouterr().out
+
+
+def test_jobs_run_in_so_many_processes_of_the_threads_of_the_suite(tmp_path, capsys):
+    assert cli.main([*WORDS, "--out", str(tmp_path / "run"), "--jobs", "2"]) == 0
+    assert "2 jobs: 2 ok" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--jobs", "0"], "--jobs 0: must be at least 1"),
+        (["--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "give one of them"),
+        (["--resource", "GPU=1"], "for the workers of a Dask --scheduler only"),
+        (["--scheduler", "tcp://127.0.0.1:9", "--resource", "GPU"], "write NAME=COUNT"),
+    ],
+)
+def test_workers_that_make_no_sense_are_bad_usage(words, message, tmp_path, capsys):
+    assert cli.main([*WORDS, "--out", str(tmp_path / "run"), *words]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "run" / "records.jsonl").exists()
