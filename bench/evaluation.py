@@ -51,7 +51,7 @@ def evaluate(
         pictures = _pictures(bench, decoder)
     summary = summarise(scores, bench.btf.wo, bench.btf.wi, bench.groups)
     finest = summary[gate]["metrics"]["psnr_display"]
-    footprints["1"] = {"psnr_display": finest["pooled"], "exact": finest["exact"], "slices": finest["slices"]}
+    one = {"psnr_display": finest["pooled"], "exact": finest["exact"], "slices": finest["slices"]}
     angular: dict[str, Any] = {"bins": {name: group.pop("bins") for name, group in summary.items()}}
     angular["polar"] = polar_maps(scores, bench.btf.wo, bench.btf.wi)
     return {
@@ -64,7 +64,7 @@ def evaluate(
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: _described(name) for name in bench.scorer.names},
         "scores": summary,
-        "footprints": footprints,
+        "footprints": {"1": one} | footprints,
         "slices": keep(f"slices/{header.path.stem}.npz", _slices(bench, scores)),
         "angular": keep(f"angular/{header.path.stem}.json", angular),
         "pictures": keep(f"pictures/{header.path.stem}.npz", pictures),
