@@ -34,6 +34,7 @@ WARMUP = 100  # steps, or a tenth of a short fit
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
 SAVE_SECONDS = 5.0  # at least, between two states on disk: what a killed fit loses, beside KEEP_EVERY steps
 RESCUES = 3
+AWAY = 10.0  # root mean square error of log radiance of a fit that ran away: a factor of 22,000
 
 Loss = Literal["l1", "l2", "both"]
 
@@ -144,15 +145,12 @@ class Objective(nn.Module):
         """The loss of one step, a scalar; every random number comes from the generator, which lives on the CPU."""
         raise NotImplementedError
 
-    @torch.no_grad()
-    def psnr(self, probe: Batch, progress: float) -> float:
-        """Display-space PSNR in dB over a batch."""
-        truth, ours = (
-            to_display((x.double().expm1() / LOG_SCALE).cpu().numpy(), 1.0)
-            for x in (probe.target, self.predict(probe, progress))
-        )
-        # A constant material is met exactly; the curve then shows 120 dB, as infinity is no number in a record.
-        return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
+
+def display_psnr(level: Tensor, target: Tensor) -> float:
+    """Display-space PSNR in dB of log radiance against its target."""
+    ours, truth = (to_display((x.double().expm1() / LOG_SCALE).cpu().numpy(), 1.0) for x in (level, target))
+    # A constant material is met exactly; the curve then shows 120 dB, as infinity is no number in a record.
+    return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
 
 
 def rate(step: int, steps: int) -> float:
@@ -165,9 +163,9 @@ def train(objective: Objective, fit: Fit, steps: int) -> None:
     """Fit the parameters of an objective in place, in `steps` steps.
 
     Where `fit.checkpoint` names a file, the state is kept there, and a fit that finds one goes on from it; who named it
-    removes it, once what was fitted is stored. Where the loss or a parameter is no longer finite, the last good state
-    is restored and the learning rate halved; the fourth time, `DivergedError` is raised. `InputError` where the file
-    on disk belongs to another fit.
+    removes it, once what was fitted is stored. Where the loss or a parameter is no longer finite, or the fit `AWAY`
+    from its data, the last good state is restored and the learning rate halved; the fourth time, `DivergedError` is
+    raised. `InputError` where the file on disk belongs to another fit.
     """
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
@@ -255,10 +253,10 @@ class _Loop:
             total += loss.detach()
             self.step += 1
         # A gradient that is not finite leaves its parameter so, for good: looking once every so often misses nothing.
-        if not all(t.isfinite().all() for t in (total, *self.parameters)):
+        if not all(t.isfinite().all() for t in (total, *self.parameters)) or not self._measured():
             self._rescue()
             return
-        self._report()
+        self.fit.show(self.label, self.step, self.steps)
         self.good = self._state()
         if self.fit.checkpoint and time.perf_counter() - self.saved >= SAVE_SECONDS:
             state = {name: value.cpu() for name, value in self.good.items()}
@@ -276,14 +274,21 @@ class _Loop:
         self.halvings = halvings
         log.warning("the fit diverged near step %d: back to step %d with half the learning rate", failed, self.step)
 
-    def _report(self) -> None:
-        """Move the progress bar, and measure the PSNR at about `POINTS` steps of the fit and at its end."""
+    @torch.no_grad()
+    def _measured(self) -> bool:
+        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end; False where the fit ran away.
+
+        A rectifier can be dead, or a sine answer anything, and every number still be finite.
+        """
         last = self.curve[-1][0] if self.curve else 0
-        if self.step == self.steps or self.step - last >= self.steps / POINTS:
-            psnr = self.objective.psnr(self.probe, self.step / self.steps)
-            seconds = time.perf_counter() - self.started
-            self.curve.append((self.step, seconds, psnr))
-            self.fit.log(self.step, seconds=seconds, psnr=psnr)
-            self.fit.show(self.label, self.steps, self.steps)
-            self.label = f"fitting, {psnr:.1f} dB"
-        self.fit.show(self.label, self.step, self.steps)
+        if self.step < self.steps and self.step - last < self.steps / POINTS:
+            return True
+        level = self.objective.predict(self.probe, self.step / self.steps)
+        if not (level - self.probe.target).square().mean() <= AWAY**2:
+            return False
+        psnr, seconds = display_psnr(level, self.probe.target), time.perf_counter() - self.started
+        self.curve.append((self.step, seconds, psnr))
+        self.fit.log(self.step, seconds=seconds, psnr=psnr)
+        self.fit.show(self.label, self.steps, self.steps)
+        self.label = f"fitting, {psnr:.1f} dB"
+        return True

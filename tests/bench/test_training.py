@@ -144,6 +144,14 @@ def test_a_fit_that_keeps_diverging_gives_up(btf: BTF) -> None:
         train(mean, Fit(), 400)
 
 
+def test_a_fit_that_ran_away_has_diverged_though_every_number_is_finite(
+    btf: BTF, caplog: pytest.LogCaptureFixture
+) -> None:
+    with pytest.raises(DivergedError), caplog.at_level(logging.WARNING):
+        train(objective(btf, lr=1e6), Fit(), 200)
+    assert "half the learning rate" in caplog.text
+
+
 def test_a_budget_of_nothing_is_refused(btf: BTF) -> None:
     with pytest.raises(InputError, match="at least 1 step"):
         train(objective(btf), Fit(), 0)
