@@ -79,6 +79,7 @@ class Staged(Objective):
         super().__init__(samples)
         self.settings, self.encoder, self.style = settings, encoder, Style()
         self.renderer = Decoder(settings.architecture, generator)
+        self.renderer.start_at(samples.mean(generator))
         with torch.no_grad():  # what the encoder makes of the guidance is near what it can be taught
             self.texture = nn.Parameter(by_texel(encoder(guidance)).contiguous())
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
