@@ -275,7 +275,8 @@ def count(name: str) -> Record:
     A codec that is fitted in `steps` takes one, which changes no count.
     """
     found = load_codec(name)
-    codec = found(**({"steps": 1} if "steps" in {field.name for field in dataclasses.fields(found.Settings)} else {}))
+    fitted = "steps" in {field.name for field in dataclasses.fields(found.Settings)}
+    codec = found(steps=1) if fitted else found()
     with tempfile.TemporaryDirectory() as folder:
         material = Bench(codec, Path(folder), codec.network().brief() if codec.network else None).material
     return {
