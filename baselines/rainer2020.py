@@ -47,7 +47,7 @@ class Rainer2020Network(SharedNetwork):
 
     @dataclass(frozen=True)
     class Settings:
-        steps: int = 100_000  # of the training
+        steps: int = 40_000  # of the training
         texels: int = 64  # ABRDFs encoded in a step
         pairs: int = 32  # pairs decoded of each of them
         kept: int = 512  # ABRDFs of each material that are trained on
