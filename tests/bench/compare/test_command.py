@@ -1,0 +1,55 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from bench import cli
+
+
+@pytest.fixture
+def runs(make):
+    base = make.run("base", *(make.job(label, seed=seed) for label in ("pca", "vq") for seed in range(3)))
+    worse = make.run("worse", *(make.job(label, seed=seed, psnr=29.0) for label in ("pca", "vq") for seed in range(3)))
+    return str(base.folder), str(worse.folder)
+
+
+def test_a_comparison_is_printed_and_written_in_every_format(runs, tmp_path, capsys):
+    files = ["--markdown", str(tmp_path / "a.md"), "--junit", str(tmp_path / "a.xml"), "--tracker", str(tmp_path / "t")]
+    assert cli.main(["compare", *runs, *files, "--annotations"]) == 1
+    out = capsys.readouterr().out
+    assert "2 rows: 2 worse" in out
+    assert "::error title=satin/pca::PSNR" in out
+    assert (tmp_path / "a.md").read_text().startswith("### neubtf-bench: 2 rows: 2 worse")
+    assert '<testcase classname="satin/pca" name="satin/pca/PSNR"' in (tmp_path / "a.xml").read_text()
+    assert json.loads((tmp_path / "t" / "bigger-is-better.json").read_text())[0]["value"] == 29.0
+    assert not list(tmp_path.rglob("*.partial"))
+
+
+def test_rows_are_chosen_by_material_and_codec(runs, capsys):
+    assert cli.main(["compare", *runs, "--codec", "vq", "--material", "satin"]) == 1
+    assert "1 rows: 1 worse" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["/no/such/run", "{base}"], "/no/such/run: no run here"),
+        (["{base}", "/no/such.jsonl"], "/no/such.jsonl: no run here"),
+        (["{base}", "{base}", "--junit", "/proc/no/a.xml"], "/proc/no/a.xml: cannot be written"),
+        (["{base}", "{base}", "--codec", "pcaa"], "pcaa"),
+    ],
+)
+def test_bad_usage_is_one_line_and_2(runs, words, message, capsys):
+    assert cli.main(["compare", *(word.format(base=runs[0]) for word in words)]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", [["compare", "{0}", "{1}"], ["reference", "update", "{0}", "--out", "{0}/a.jsonl"]])
+def test_comparing_imports_neither_pytorch_nor_numpy_nor_pandas(runs, command):
+    words = [word.format(*runs) for word in command]
+    probe = f"from bench import cli; cli.main({words!r})\nimport sys, json; print(json.dumps(list(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert not {"torch", "numpy", "pandas", "rich"} & set(json.loads(done.stdout.splitlines()[-1]))

@@ -1,0 +1,141 @@
+import json
+import re
+
+import pytest
+from junitparser import Error, Failure, JUnitXml, Skipped
+
+from bench.compare import compare
+from bench.compare.annotations import annotations, command
+from bench.compare.junit import junit
+from bench.compare.markdown import markdown
+from bench.compare.terminal import terminal
+from bench.compare.tracker import FILES, tracker
+
+AWKWARD = 'my|codec <b>a</b> channels=7 name="π, 50 %: x" [1](2) and some more words'
+
+
+@pytest.fixture
+def base(make):
+    labels = ["mean-colour", "pca", "vq", "gone", "fails", "other"]
+    jobs = [make.job(label, seed=seed, psnr=30 + 0.1 * seed * (label == "vq")) for label in labels for seed in range(3)]
+    jobs += [make.job(AWKWARD, "a/material", seed) for seed in range(3)]
+    return make.run("base", *jobs, make.timing("mean-colour", ns=100), make.timing("pca", ns=300))
+
+
+@pytest.fixture
+def mixed(make, base):
+    """Every verdict there is, in two materials, with names that each format must escape."""
+    jobs = [make.job("mean-colour", seed=seed) for seed in range(3)]
+    jobs += [make.job("pca", seed=seed, psnr=29.5, size=65_920, ssim=0.89) for seed in range(3)]
+    jobs += [make.job("vq", seed=seed, psnr=31.0 + 0.1 * seed) for seed in range(3)]
+    jobs += [
+        make.unfinished("failed", "fails", seed=seed, error="E: \x1b[31mred\x00\nsecond, line: 5 %") for seed in (0, 1)
+    ]
+    jobs += [make.job("other", seed=seed, version=2) for seed in range(3)]
+    jobs += [make.job(AWKWARD, "a/material", seed, parameters=10**9) for seed in range(3)]
+    jobs += [make.job("brand-new", "a/material", seed) for seed in range(3)]
+    new = make.run("new", *jobs, make.timing("mean-colour", ns=100), make.timing("pca", ns=600))
+    return compare(base, new)
+
+
+def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
+    text = terminal(mixed)
+    assert max(map(len, text.splitlines())) <= 120
+    assert re.search(r"^pca +3,011 +65,920 \(\+1,920\) +29\.50 +−0\.50 +0\.02 .* WORSE$", text, re.M)
+    assert "WORSE   satin/pca: PSNR 30.00 → 29.50 dB (−0.50; up to 0.02 counts as the same)" in text
+    assert "better  satin/vq: PSNR 30.10 → 31.10 dB (+1.00" in text
+    assert "n/c     satin/other: codec version 2 instead of 1" in text
+    assert "GONE    satin/gone: no job of this name" in text
+    assert "advice  satin/pca: decodes slower, 3.00 → 6.00 × mean-colour (times advise only)" in text
+    assert "3.00 → 6.00" in text
+    assert text.splitlines()[-1] == ("8 rows: 1 failed, 1 gone, 2 worse, 1 not comparable, 1 better, 1 same, 1 new")
+
+
+def test_two_equal_runs_need_few_words(base):
+    text = terminal(compare(base, base))
+    assert "ssim" not in text
+    assert text.splitlines()[-1] == "7 rows: 7 same"
+
+
+def test_an_empty_comparison_has_a_text_too(make):
+    empty = compare(make.run("a"), make.run("b"))
+    assert terminal(empty) == "0 rows: nothing there"
+    assert "nothing there" in markdown(empty)
+    assert JUnitXml.fromstring(junit(empty).encode()).tests == 0
+    assert annotations(empty) == ""
+
+
+def test_markdown_keeps_its_tables_whole_and_shows_names_as_they_stand(mixed):
+    text = markdown(mixed)
+    assert text.startswith("### neubtf-bench: 8 rows: 1 failed")
+    for table in re.findall(r"(?:^\|.*\n?)+", text, re.M):
+        columns = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
+        assert len(columns) == 1, table
+    assert r"my\|codec \<b>a\</b>" in text
+    assert "**29.50 (−0.50), ± 0.02**" in text
+    assert text.count("<details>") == text.count("</details>") == 1
+
+
+def test_junit_is_read_by_another_program_as_it_was_meant(mixed):
+    found = JUnitXml.fromstring(junit(mixed).encode())
+    suites = list(found)
+    assert [suite.name for suite in suites] == ["satin", "a/material"]
+    cases = {case.name: case for suite in suites for case in suite}
+    assert (found.tests, found.failures, found.errors) == (len(cases), 5, 0)
+    assert sum(suite.failures for suite in suites) == 5
+    assert sum(suite.skipped for suite in suites) == 2
+    (failure,) = cases["satin/pca/PSNR"].result
+    assert isinstance(failure, Failure)
+    assert failure.type == "worse"
+    assert failure.message.startswith("PSNR 30.00 → 29.50 dB (−0.50")
+    assert cases["satin/pca/PSNR"].classname == "satin/pca"
+    assert cases["satin/pca/FLIP"].result == []
+    assert isinstance(cases["satin/other/result"].result[0], Skipped)
+    assert "[31mred" in cases["satin/fails/result"].result[0].message
+    assert cases[f"a/material/{AWKWARD}/parameters"].result[0].type == "worse"
+    assert not any(isinstance(result, Error) for case in cases.values() for result in case.result)
+
+
+def test_annotations_are_one_escaped_line_each(mixed):
+    lines = annotations(mixed).splitlines()
+    assert all(re.fullmatch(r"::(error|warning) title=[^:,\n]+::[^\n]+", line) for line in lines)
+    assert sum(line.startswith("::error ") for line in lines) == 4
+    assert any(line.startswith("::error title=satin/pca::bytes 64,000 → 65,920 (+1,920); PSNR") for line in lines)
+    assert any("red second, line: 5 %25" in line for line in lines)
+    assert any(line.startswith("::warning title=satin/other::codec version") for line in lines)
+    assert any(line.startswith("::warning title=satin/pca::decodes slower") for line in lines)
+
+
+def test_a_workflow_command_is_taken_apart_as_it_was_put_together():
+    """What the runner does: the first :: ends the properties, commas part them, %XX are put back."""
+    title, message = "a: b, 5 %0A", "c::d, 5 %\r\ne"
+    kind, properties, data = re.fullmatch(r"::(\w+) (.*?)::(.*)", command("error", title, message)).groups()
+    back = {"%0D": "\r", "%0A": "\n", "%3A": ":", "%2C": ",", "%25": "%"}
+    name, _, value = properties.partition("=")
+    unescaped = [re.sub("%[0-9A-F]{2}", lambda m: back[m[0]], text) for text in (value, data)]
+    assert (kind, name, *unescaped) == ("error", "title", title, message)
+
+
+def test_of_many_regressions_the_last_annotation_counts_the_rest(make):
+    jobs = [make.job(f"codec-{i}") for i in range(14)]
+    lines = annotations(compare(make.run("base", *jobs), make.run("new", make.job("codec-0")))).splitlines()
+    assert len(lines) == 10
+    assert lines[-1].startswith("::error title=4 more::satin/codec-10, satin/codec-11")
+
+
+def test_the_tracker_gets_numbers_by_direction(make):
+    jobs = [make.job("vq", seed=seed, psnr=30.0 + seed) for seed in range(3)] + [make.job("table", psnr=None)]
+    jobs += [make.job("mean-colour"), make.unfinished("failed", "pca")]
+    run = make.run("new", *jobs, make.timing("mean-colour", ns=100), make.timing("vq", ns=250))
+    files = {name: json.loads(text) for name, text in tracker(run).items()}
+    assert set(files) == set(FILES.values())
+    higher, lower = ({entry["name"]: entry for entry in files[FILES[side]]} for side in ("higher", "lower"))
+    psnr = {"name": "satin/vq/PSNR", "unit": "dB", "value": 31.0, "range": "± 1", "extra": "3 seeds"}
+    assert higher["satin/vq/PSNR"] == psnr
+    assert {"satin/vq/FLIP", "satin/vq/bytes", "satin/vq/parameters", "satin/vq/time"} <= set(lower)
+    assert (lower["satin/vq/time"]["value"], lower["satin/vq/time"]["unit"]) == (2.5, "× mean-colour")
+    assert "satin/table/PSNR" not in higher
+    assert not any("pca" in name for name in [*higher, *lower])
+    for entry in [*higher.values(), *lower.values()]:
+        assert isinstance(entry["value"], float | int)
+        assert isinstance(entry["unit"], str)

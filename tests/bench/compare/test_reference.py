@@ -1,0 +1,108 @@
+import json
+
+import pytest
+
+from bench import cli
+from bench.compare import compare
+from bench.compare.reference import few_seeds, reference
+from bench.compare.verdicts import Verdict
+from bench.errors import InputError
+from bench.records import load_run
+
+PSNRS = [30.0, 30.1234567891, 29.9]
+
+
+@pytest.fixture
+def run(make):
+    jobs = [*make.seeds(PSNRS), *make.seeds([28.0] * 3, "pca"), make.job("table", psnr=None), make.job("mean-colour")]
+    timings = [make.timing("mean-colour", ns=100), make.timing("vq", ns=250)]
+    return make.run("run", *jobs, *timings, git="abc", text="a suite", python="3.11")
+
+
+def written(run, path, before=None):
+    path.write_text(reference(run, before))
+    return load_run(path)
+
+
+def test_a_reference_stands_for_its_run(run, tmp_path):
+    found = compare(written(run, tmp_path / "reference.jsonl"), run)
+    assert {row.verdict for row in found.rows} == {Verdict.SAME}
+    assert found.exit_code == 0
+    changes = [change for row in found.rows for change in (*row.deciding, *row.shown)]
+    assert max(abs(change.difference) for change in changes) < 1e-4  # seven digits are kept
+    assert {"PSNR", "FLIP", "bytes", "parameters", "train PSNR", "ssim", "2 texels"} <= {
+        c.quantity.name for c in changes
+    }
+    assert found.rows[0].timing.base == pytest.approx(2.5)
+
+
+def test_the_same_records_give_the_same_bytes_in_whatever_order_they_were_written(make, run):
+    other = make.run("other", *reversed(list(run.jobs)), *run.timings, git="abc")
+    lines = [set(reference(each).splitlines()) for each in (run, other)]
+    assert lines[0] == lines[1]
+    again = make.run("again", *run.jobs, *run.timings, git="def")
+    assert reference(again) == reference(run)
+
+
+def test_a_reference_names_no_place_host_or_time(run):
+    text = reference(run)
+    assert str(run.folder) not in text
+    assert "Linux-host" not in text
+    assert "samples_ns" not in text
+    assert json.loads(text.splitlines()[0])["machine"] == {"processor": "P"}
+
+
+@pytest.mark.parametrize("status", ["failed", "unavailable"])
+def test_a_run_that_is_not_whole_makes_no_reference(make, status):
+    run = make.run("run", make.job(), make.unfinished(status, "vq"))
+    with pytest.raises(InputError, match=r"1 job.* without a result, the first satin/vq/0"):
+        reference(run)
+    with pytest.raises(InputError, match="nothing was measured"):
+        reference(make.run("empty"))
+
+
+def test_further_seeds_are_kept_while_the_others_give_the_same(make, tmp_path):
+    before = written(
+        make.run("nine", *make.seeds([*PSNRS, 30.3]), *make.seeds([28.0] * 4, "pca")), tmp_path / "a.jsonl"
+    )
+    now = make.run("three", *make.seeds(PSNRS), *make.seeds([28.5] * 3, "pca"))
+    after = written(now, tmp_path / "b.jsonl", before)
+    assert [job["job"] for job in after.jobs] == [
+        *(f"satin/vq/{seed}" for seed in range(4)),
+        *(f"satin/pca/{seed}" for seed in range(3)),  # it changed: what its fourth seed gave is not true any more
+    ]
+
+
+def test_rows_that_scatter_over_few_seeds_are_named(run):
+    assert few_seeds(run) == ["satin/vq"]
+
+
+def test_update_writes_the_file_and_prints_what_changed(make, run, tmp_path, capsys):
+    path = tmp_path / "kept" / "ours.jsonl"
+    assert cli.main(["reference", "update", str(run.folder), "--out", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert f"wrote {path}: 8 jobs" in out
+    assert "few seeds" in out
+    assert "margin" in out
+    changed = make.run("changed", *make.seeds(PSNRS), *make.seeds([27.0] * 3, "pca"))
+    assert cli.main(["reference", "update", str(changed.folder), "--out", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "PSNR 28.00 → 27.00 dB" in out
+    assert "GONE" in out
+    assert cli.main(["compare", str(path), str(changed.folder)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["{run}"], "not a run of a built-in suite: give --out FILE"),
+        (["{run}", "-o", "{tmp}/a.json"], "ends in .jsonl"),
+        (["{run}", "-o", "/proc/no/a.jsonl"], "cannot be written"),
+        (["{tmp}/none"], "no run here"),
+    ],
+)
+def test_bad_usage_is_one_line_and_2(run, tmp_path, words, message, capsys):
+    assert cli.main(["reference", "update", *(word.format(run=run.folder, tmp=tmp_path) for word in words)]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
