@@ -5,7 +5,6 @@ This process alone writes records, under the lock of the run's folder. What a jo
 """
 
 import dataclasses
-import itertools
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -128,8 +127,7 @@ class _Session:
         suite, options = self.suite, self.options
         fixed: dict[str, Any] = {"run": self.run_id, "folder": options.folder.absolute(), "data": suite.data}
         fixed |= {"threads": suite.threads, "device": options.device, "fresh": options.fresh}
-        cells = itertools.product(map(_anywhere, suite.materials), suite.codecs, suite.seeds)
-        return [Task(material=m, codec=c, repetition=seed, **fixed) for m, c, seed in cells]
+        return [Task(material=_anywhere(m), codec=c, repetition=seed, **fixed) for m, c, seed in suite.cells]
 
     def start(self) -> None:
         """Record what is run, and where: its jobs by name, as they end in another order."""

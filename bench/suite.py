@@ -17,6 +17,7 @@
     [[codecs]]
     codec = "pca"
     components = [8, 16]             # a list is a sweep: one job each
+    materials = ["satin"]            # of the suite's materials, those it is run on; all where the key is absent
 
 A path is looked up as it stands, then under `$NEUBTF_DATA`.
 """
@@ -70,6 +71,7 @@ class CodecSpec:
     codec: str
     settings: dict[str, Any] = field(default_factory=dict)
     swept: tuple[str, ...] = ()  # the settings that the suite varies in a list
+    materials: tuple[str, ...] = ()  # the names of those it is run on; empty: all of the suite
 
     @property
     def label(self) -> str:
@@ -101,6 +103,12 @@ class Suite:
     codecs: tuple[CodecSpec, ...] = ()
     pretrain: tuple[str, ...] = ()
     variants: tuple[str, ...] = ()
+
+    @property
+    def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:
+        """What the suite stands for: material, codec and seed of each job, in order."""
+        every = itertools.product(self.materials, self.codecs, self.seeds)
+        return [cell for cell in every if not cell[1].materials or cell[0].name in cell[1].materials]
 
 
 def builtin_suites() -> dict[str, str]:
@@ -138,6 +146,8 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     codecs = [spec for entry in _value(file, "codecs", table.get("codecs", []), list) for spec in _sweep(file, entry)]
     if twice := _repeated([spec.label for spec in codecs]) or _repeated([spec.name for spec in materials]):
         raise InputError(f"{file}: {twice!r} stands there twice")
+    if foreign := {name for spec in codecs for name in spec.materials} - {spec.name for spec in materials}:
+        raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is no material of this suite")
     if absent := set(pretrain) - {spec.codec for spec in codecs}:
         raise InputError(f"{file}: pretrain names {min(absent)!r}, which is no codec of this suite")
     return Suite(
@@ -159,12 +169,15 @@ def with_changes(
 ) -> Suite:
     """The suite with the command line's choices: only these materials and codecs, these settings, this seed.
 
-    A codec that the suite does not name is added with its defaults. A change is `data.KEY`, `CODEC.KEY`, or `KEY`
+    A codec that the suite does not name is added with its defaults. Materials that are chosen here are for every codec,
+    whatever the suite runs it on. A change is `data.KEY`, `CODEC.KEY`, or `KEY`
     alone for every codec of the suite that has that setting.
     """
     if materials:
         known = {spec.name: spec for spec in suite.materials}
-        suite = dataclasses.replace(suite, materials=tuple(known.get(name, named(name)) for name in materials))
+        everywhere = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
+        chosen_materials = tuple(known.get(name, named(name)) for name in materials)
+        suite = dataclasses.replace(suite, materials=chosen_materials, codecs=everywhere)
     if codecs:
         chosen = [[spec for spec in suite.codecs if spec.codec == c] or [CodecSpec(c)] for c in codecs]
         suite = dataclasses.replace(suite, codecs=tuple(itertools.chain(*chosen)))
@@ -225,9 +238,12 @@ def _sweep(file: str, entry: Any) -> list[CodecSpec]:
     """A codec's table with each list multiplied out."""
     entry = dict(_value(file, "codecs", entry, dict))
     codec = _value(file, "codecs.codec", entry.pop("codec", None), str)
+    key = "codecs.materials"
+    materials = tuple(_list(file, key, {key: entry.pop("materials", [])}, str, []))
     lists = [value if isinstance(value, list) else [value] for value in entry.values()]
     swept = tuple(key for key, value in entry.items() if isinstance(value, list))
-    return [CodecSpec(codec, dict(zip(entry, values, strict=True)), swept) for values in itertools.product(*lists)]
+    settings = (dict(zip(entry, values, strict=True)) for values in itertools.product(*lists))
+    return [CodecSpec(codec, each, swept, materials) for each in settings]
 
 
 def _typed(file: str, prefix: str, table: Any, kind: type) -> dict[str, Any]:

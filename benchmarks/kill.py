@@ -186,7 +186,7 @@ def main() -> int:
     if chosen.coordinate:
         folder, address = chosen.coordinate
         return go_on(suite, Path(folder), partial(executors.dask, address, {}))
-    jobs = len(suite.materials) * len(suite.codecs) * len(suite.seeds)
+    jobs = len(suite.cells)
     with tempfile.TemporaryDirectory() as place:
         undisturbed, folder = Path(place) / "undisturbed", Path(place) / "killed"
         begun = time.monotonic()

@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
                 console.say(job_line(outcome.record, outcome.cached))
         except KeyboardInterrupt:
             console.say(_summary(outcomes))
-            total = len(suite.materials) * len(suite.codecs) * len(suite.seeds)
+            total = len(suite.cells)
             console.say(f"interrupted: {len(outcomes)} of {total} jobs are done; the same command goes on: {folder}")
             return INTERRUPTED
     from reports import write_report

@@ -35,6 +35,14 @@ def test_lists_are_sweeps_and_labels_say_what_differs_from_the_defaults():
     assert [(m.name, m.path) for m in suite.materials] == [("satin", ""), ("fabric", "ubo/fabric.btf")]
 
 
+def test_a_codec_may_be_run_on_some_of_the_materials_but_the_command_line_asks_for_all_of_its_own():
+    suite = parse_suite("test", TEXT.replace('"mean-colour"', '"mean-colour"\nmaterials = ["fabric"]'))
+    of_mean = [(m.name, seed) for m, codec, seed in suite.cells if codec.codec == "mean-colour"]
+    assert of_mean == [("fabric", 0), ("fabric", 1)]
+    assert len(suite.cells) == 2 + 2 * 4 * 2
+    assert len(with_changes(suite, ["satin"], [], {}, None).cells) == 5 * 2
+
+
 def test_the_standard_suite_pretrains_what_it_needs_and_quick_takes_what_is_there():
     assert load_suite("standard").pretrain == ("rainer2020",)
     assert load_suite("quick").pretrain == ()
@@ -66,6 +74,11 @@ def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
         (('"satin", ', '"satin", "satin", '), "'satin' stands there twice"),
         (("threads = 1", "threads ="), "not TOML"),
         (("threads = 1", 'pretrain = ["pco"]'), "pretrain names 'pco', which is no codec of this suite"),
+        (
+            ('"mean-colour"', '"mean-colour"\nmaterials = ["silk"]'),
+            "codecs.materials names 'silk', which is no material",
+        ),
+        (('"mean-colour"', '"mean-colour"\nmaterials = [1]'), "codecs.materials must be of type str, not 1"),
         (("threads = 1", "pretrain = [1]"), "pretrain must be of type str, not 1"),
     ],
 )
