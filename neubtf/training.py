@@ -32,10 +32,11 @@ BRIGHTNESS_SLICES = 64  # tell how bright the slices of a material are
 class FitSettings(RendererSettings):
     """What a NeuBTF file is, and how it is fitted."""
 
-    steps: int = 8_000  # of the fit, in three stages
+    steps: int = 10_000  # of the fit, in three stages
     direct: float = 0.5  # share of the steps that fit texture and renderer without the autoencoder
     taught: float = 0.1  # share of the steps that teach the autoencoder this texture; the rest is end to end
     explore: float = 0.5  # share of the steps whose input is a random slice, disturbed; the others see the guidance
+    explore_weight: float = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
     batch: int = 4_096  # single samples whose pixels a step compares
     slices: int = 1  # whole slices whose style and spectrum a step compares
     crop: int = 64  # texels a side that a step sees of a larger picture
@@ -55,8 +56,8 @@ class FitSettings(RendererSettings):
         super().__post_init__()
         if self.batch < 1 or self.slices < 0 or self.crop < STRIDE:
             raise InputError(f"neubtf needs at least one sample a step, slices ≥ 0, and a crop of at least {STRIDE}")
-        if not (0 <= self.explore <= 1 and 0 < self.smallest <= 1):
-            raise InputError("neubtf needs explore in [0, 1] and smallest in (0, 1]")
+        if not (0 <= self.explore <= 1 and self.explore_weight >= 0 and 0 < self.smallest <= 1):
+            raise InputError("neubtf needs explore in [0, 1], explore_weight ≥ 0, and smallest in (0, 1]")
         if min(self.direct, self.taught) < 0 or self.direct + self.taught >= 1 or (self.taught and not self.direct):
             raise InputError("neubtf needs shares direct + taught below 1, and direct steps for what is taught")
 
@@ -151,7 +152,7 @@ class Staged(Objective):
         loss = self.settings.pixel * self._samples(latents, look, generator)
         if self.settings.slices and (self.settings.style or self.settings.frequency):
             loss = loss + self._slices(latents, look, self._targets(look.pair, generator))
-        return loss
+        return loss if look.pair is None else self.settings.explore_weight * loss
 
     def _samples(self, latents: Tensor, look: Look, generator: torch.Generator) -> Tensor:
         """The pixels' loss, of single random samples: a slice holds thousands of texels, but one pair only."""
