@@ -136,13 +136,13 @@ class _Compiled(_Around):
     """`evaluate` through torch.compile: for whole chunks one kernel of that size, for what is left one of any size."""
 
     def __init__(self, inner: Material):
-        from bench.fused.lean import Lean
+        from bench.fused.lean import Lean, compiled
 
         needs_compiler(inner.device)
         _replaced(inner, Lean)
         super().__init__(inner)
-        self.whole = torch.compile(inner.evaluate, dynamic=False)
-        self.rest = torch.compile(inner.evaluate, dynamic=True)
+        self.whole = compiled(inner.evaluate, dynamic=False)
+        self.rest = compiled(inner.evaluate, dynamic=True)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         # A slice expands one direction to all texels: its strides would be compiled for apart.

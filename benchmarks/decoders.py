@@ -22,7 +22,7 @@ from bench.codec import Fit, silent
 from bench.decoder import Architecture, Decoder
 from bench.errors import InputError
 from bench.execution import DTYPES, FUSED_CHUNK, Variant, needs_compiler, prepared
-from bench.fused.lean import Lean
+from bench.fused.lean import Lean, compiled
 from bench.material import CHUNK, Material, keep_buffers
 from bench.metrics.display import to_display
 from bench.open import open_material
@@ -52,7 +52,7 @@ def on_cpu(samples: int) -> dict[str, Call]:
     try:
         needs_compiler(x.device)
         for name in ("float32", "bfloat16"):
-            network = torch.compile(Lean(Decoder(NEUBTF).requires_grad_(False).to(DTYPES[name])), dynamic=False)
+            network = compiled(Lean(Decoder(NEUBTF).requires_grad_(False).to(DTYPES[name])), dynamic=False)
             calls["compiled" + f" {name}" * (name != "float32")] = partial(in_chunks, network, x, out, CHUNK)
     except InputError as error:
         print(f"not here: {error}")
