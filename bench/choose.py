@@ -1,12 +1,18 @@
-"""Picks, of the choices that `bench.trade` measured, the one that meets some wishes; or says how near any came."""
+"""Picks, of the choices that `bench.trade` measured, the one that meets some wishes; or says how near any came.
+
+Imports no PyTorch: what was measured is answered from at once.
+"""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from bench.errors import InputError
 
 Choice = dict[str, Any]
+PLAIN = "eager float32"  # how a choice is computed where nothing else is said
+NEAR_DB = 0.5  # a choice so near to the best is as good
 _SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
 
 
@@ -65,3 +71,29 @@ def parse_bytes(text: str) -> int:
     if not found or float(found[1]) <= 0:
         raise InputError(f"--max-bytes {text}: write a number, or one with k or M, as 300k")
     return round(float(found[1]) * _SUFFIXES[found[2]])
+
+
+def answers(material: str, choices: list[Choice]) -> Iterator[str]:
+    """In words: the best, and what is as good within `NEAR_DB` for the least time and for the fewest bytes."""
+    rows = usable(choices, material)
+    if not rows:
+        return
+    best = max(rows, key=psnr)
+    near = [row for row in rows if psnr(row) >= psnr(best) - NEAR_DB]
+    yield f"{material}: the best is {described(best)}."
+    fast = min(near, key=lambda row: row["ns_per_sample"])
+    small = min(near, key=lambda row: (row["bytes"], row["ns_per_sample"]))
+    yield f"{material}: within {NEAR_DB} dB of it, the fastest is {described(fast)}."
+    yield f"{material}: within {NEAR_DB} dB of it, the smallest is {described(small)}."
+
+
+def named(row: Choice) -> str:
+    """A choice by name: the codec's label, and how it is computed where that is not the default."""
+    how = f"{row['execution']} {row['precision']}"
+    return str(row["label"]) + ("" if how == PLAIN else f" [{how}]")
+
+
+def described(row: Choice) -> str:
+    """A choice with its figures, in words."""
+    quality = "exact" if row["psnr"] is None else f"{row['psnr']:.2f} dB"
+    return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:.0f} ns a sample"

@@ -22,6 +22,7 @@ from typing import Any, overload
 from bench.errors import InputError
 
 FILE = "records.jsonl"
+TRADE = "trade.json"  # beside the records: what `neubtf-bench trade` measured of the run; see `bench.trade`
 Record = dict[str, Any]
 
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
@@ -139,6 +140,17 @@ def load_run(folder: str | Path) -> Run:
                 run.unreadable.append(number)
     run.jobs.arrange(name for start in run.starts for name in start.get("jobs", []))
     return run
+
+
+def load_trade(folder: Path) -> Record | None:
+    """What `neubtf-bench trade` measured of a run; None where it did not. `InputError` where it cannot be read."""
+    try:
+        found: Record = json.loads((folder / TRADE).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder / TRADE}: cannot be read ({error}): remove it, and run trade again") from error
+    return found
 
 
 def _take(run: Run, line: bytes) -> bool:

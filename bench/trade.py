@@ -5,21 +5,21 @@ from the same one. What a run's records do not hold is written beside them, `tra
 """
 
 import json
-import logging
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from bench import atomic, container, timing
+from bench.choose import answers, psnr
 from bench.codec import Progress, silent
 from bench.errors import InputError
 from bench.evaluation import Decoder as Slices
 from bench.execution import Variant, networks, prepared
-from bench.material import DecoderCost, Material
-from bench.records import Record, Run
+from bench.material import Material
+from bench.records import TRADE, Record, Run
 from bench.scoring import summarise
 from bench.suite import MaterialSpec, Suite
 from bench.timing.machine import unrest
@@ -28,15 +28,11 @@ from bench.timing.queries import Queries
 from bench.timing.roofline import limit_ns, roofline
 from bench.workbench import Workbench, workbench
 
-log = logging.getLogger(__name__)
-
-FILE = "trade.json"
 BATCH = 65_536  # whole chunks of every execution
-NEAR_DB = 0.5  # a setting so near to the best is as good
-GOALS_DB = (30, 35)  # of a fit
 BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)
 ALL_BATCHES = (*BATCHES, 1 << 20, 1 << 22)
 PSNR, FLIP = "psnr_display", "flip_ldr"
+_BY_MATERIAL = ("choices", "profiles")
 
 
 def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progress = silent) -> dict[str, Any]:
@@ -44,39 +40,40 @@ def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progr
 
     `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more.
     """
-    import torch
-
-    threads, cores = suite.threads, torch.get_num_threads()
-    place = torch.device(device)
-    ceilings = [roofline(place, count) for count in dict.fromkeys((threads, cores))]
-    result: dict[str, Any] = {"suite": suite.name, "ceilings": ceilings, "choices": [], "profiles": [], "training": []}
+    cores = torch.get_num_threads()
+    ceilings = _ceilings(suite, torch.device(device), cores)
+    result: dict[str, Any] = {"suite": suite.name, "ceilings": ceilings, "choices": [], "profiles": []}
     for spec in suite.materials:
         jobs = _jobs(suite, spec, run)
         if jobs:
             bench = workbench("trade", spec, suite.data, None, show)
-            result["choices"] += _choices(bench, jobs, suite, run, device, ceilings[0], show)
+            result["choices"] += _choices(bench, jobs, suite, run, device, ceilings, show)
             plain = {job["label"]: _load(run, job, device) for job in jobs if _plain(suite, job)}
             found = profile(plain or {jobs[0]["label"]: _load(run, jobs[0], device)}, cores, _batches(full))
             result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in found]
-            result["training"] += [_training(job) for job in jobs if job.get("history")]
     result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
     return result
 
 
+def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, Any]:
+    """A result, and of an earlier one what it holds of other materials."""
+    here = {row["material"] for row in result["choices"]}
+    kept = {key: [row for row in (earlier or {}).get(key, ()) if row["material"] not in here] for key in _BY_MATERIAL}
+    together = {key: [*rows, *result[key]] for key, rows in kept.items()}
+    names = dict.fromkeys(row["material"] for row in together["choices"])
+    return result | together | {"answers": [text for name in names for text in answers(name, together["choices"])]}
+
+
+def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[dict[str, Any]]:
+    """What the device can do: on the suite's threads in float32 and, where a variant wants it, bfloat16; on all."""
+    half = any(Variant.parse(text).precision == "bfloat16" for text in suite.variants)
+    short = [roofline(device, suite.threads, torch.bfloat16)] if half else []
+    return [*(roofline(device, count) for count in dict.fromkeys((suite.threads, cores))), *short]
+
+
 def write(folder: Path, result: dict[str, Any]) -> None:
     """Store the result beside the records, in one move."""
-    atomic.write(folder / FILE, json.dumps(result, allow_nan=False).encode())
-
-
-def load(folder: Path) -> dict[str, Any] | None:
-    """What `write` stored, or None where there is nothing."""
-    try:
-        found: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{folder / FILE}: cannot be read ({error}): remove it, and run trade again") from error
-    return found
+    atomic.write(folder / TRADE, json.dumps(result, allow_nan=False).encode())
 
 
 def _batches(full: bool) -> tuple[int, ...]:
@@ -100,7 +97,13 @@ def _plain(suite: Suite, job: Record) -> bool:
 
 
 def _choices(
-    bench: Workbench, jobs: list[Record], suite: Suite, run: Run, device: str, ceiling: dict[str, Any], show: Progress
+    bench: Workbench,
+    jobs: list[Record],
+    suite: Suite,
+    run: Run,
+    device: str,
+    ceilings: list[dict[str, Any]],
+    show: Progress,
 ) -> list[dict[str, Any]]:
     """Each choice of one material: quality, bytes, time in turns with all the others, place on the two fronts."""
     rows, timed = [], {}
@@ -110,7 +113,7 @@ def _choices(
         for variant in (Variant(), *map(Variant.parse, wanted)):
             row = {"material": bench.name, "job": job["job"], "label": job["label"], "codec": job["codec"]}
             row |= {"settings": job["settings"], "execution": variant.execution, "precision": variant.precision}
-            row |= {"bytes": job["bytes"]["total"], "parameters": job["parameters"]}
+            row |= {"bytes": job["bytes"]["total"], "parameters": job["parameters"], "device": device}
             try:
                 ready = prepared(material, variant)
                 row |= _quality(bench, job, run) if variant == Variant() else _score(bench, ready, suite.threads, show)
@@ -122,9 +125,10 @@ def _choices(
     measured = timing.compare({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(BATCH))
     for i, ready in timed.items():
         summary = _summary(measured[str(i)])
-        least = limit_ns(_cost(ready), ceiling)
+        least = _limit(ready, ceilings)
         rows[i] |= summary | {"limit_ns": least, "of_limit": least / summary["ns_per_sample"], "batch": BATCH}
     floor = {"material": bench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
+    floor |= {"device": device}
     _mark([row for row in rows if "error" not in row])
     return [*rows, floor | _summary(measured[timing.FLOOR]) | {"batch": BATCH}]
 
@@ -134,10 +138,13 @@ def _summary(measured: timing.Timing) -> dict[str, Any]:
     return summary | {"unrest": unrest(summary)}
 
 
-def _cost(material: Material) -> DecoderCost:
-    """What a sample costs in the precision of the material: shorter numbers are fewer bytes."""
+def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
+    """The least ns a sample that the machine allows: shorter numbers are fewer bytes, and may be multiplied faster."""
     short = material.dtype.itemsize / 4
-    return replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * short))
+    cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * short))
+    usable = ("float32", str(material.dtype).removeprefix("torch."))
+    threads = ceilings[0]["threads"]
+    return min(limit_ns(cost, c) for c in ceilings if c["threads"] == threads and c["dtype"] in usable)
 
 
 def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, float | None]:
@@ -175,46 +182,5 @@ def _mark(rows: list[dict[str, Any]]) -> None:
 
 
 def _beats(other: dict[str, Any], row: dict[str, Any], cost: str) -> bool:
-    ours, theirs = ((_db(x), -x[cost]) for x in (row, other))
+    ours, theirs = ((psnr(x), -x[cost]) for x in (row, other))
     return theirs != ours and theirs[0] >= ours[0] and theirs[1] >= ours[1]
-
-
-def _db(row: dict[str, Any]) -> float:
-    """PSNR in dB; without any error, infinite."""
-    return float("inf") if row["psnr"] is None else float(row["psnr"])
-
-
-def _training(job: Record) -> dict[str, Any]:
-    """The curve of a fit, and the first of its points at each goal."""
-    curve = [[point["step"], point["seconds"], point["psnr"]] for point in job["history"] if "psnr" in point]
-    reached = {}
-    for goal in GOALS_DB:
-        first = next((point for point in curve if point[2] >= goal), None)
-        reached[str(goal)] = {"steps": first[0], "seconds": first[1]} if first else None
-    return {"material": job["material"], "label": job["label"], "curve": curve, "reached": reached}
-
-
-def answers(material: str, choices: list[dict[str, Any]]) -> Iterator[str]:
-    """In words: the best, and what is as good within `NEAR_DB` for the least time and for the fewest bytes."""
-    rows = [row for row in choices if row["material"] == material and row.get("psnr") is not None]
-    if not rows:
-        return
-    best = max(rows, key=_db)
-    near = [row for row in rows if row["psnr"] >= best["psnr"] - NEAR_DB]
-    yield f"{material}: the best is {described(best)}."
-    fast = min(near, key=lambda row: row["ns_per_sample"])
-    small = min(near, key=lambda row: (row["bytes"], row["ns_per_sample"]))
-    yield f"{material}: within {NEAR_DB} dB of it, the fastest is {described(fast)}."
-    yield f"{material}: within {NEAR_DB} dB of it, the smallest is {described(small)}."
-
-
-def named(row: dict[str, Any]) -> str:
-    """A choice by name: the codec's label, and how it is computed where that is not the default."""
-    variant = Variant(row["execution"], row["precision"])
-    return row["label"] + ("" if variant == Variant() else f" [{variant}]")
-
-
-def described(row: dict[str, Any]) -> str:
-    """A choice with its figures, in words."""
-    quality = "exact" if row["psnr"] is None else f"{row['psnr']:.2f} dB"
-    return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:.0f} ns a sample"

@@ -25,11 +25,11 @@ def table_text(run_folder: str | Path, format: str = "text", kind: str | None = 
     """The tables of a run as `text`, `markdown`, `latex` or `csv`.
 
     `kind` picks one kind of table, of `reports.tables.KINDS`; by default all are given, the text of them in a shorter
-    form. A CSV has one row a job and every number of its record, whatever the kind. Raises `InputError` where the
-    folder holds no run, `ValueError` for an unknown format or kind.
+    form. A CSV has one row a job and every number of its record, whatever the kind, but of `trade`: one row a choice.
+    Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
     """
     from bench.records import load_run
-    from reports import text
+    from reports import text, trade
     from reports.latex import latex
     from reports.raw import csv_text
     from reports.tables import KINDS, all_tables
@@ -39,7 +39,7 @@ def table_text(run_folder: str | Path, format: str = "text", kind: str | None = 
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     run = load_run(run_folder)
     if format == "csv":
-        return csv_text(run)
+        return trade.csv_text(run.folder) if kind == "trade" else csv_text(run)
     if format == "text" and kind is None:
         return text.terminal(run)
     tables = all_tables(run, narrow=format == "latex")

@@ -5,13 +5,15 @@ from collections.abc import Callable, Iterator, Sequence
 from bench.records import Record, Run
 from reports import columns
 from reports.columns import Column
+from reports.fits import fit_tables
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE, fixed
 from reports.parameters import parameters_table
 from reports.rows import Material, Row, materials
 from reports.table import Table
+from reports.trade import trade_tables
 
-KINDS = ("main", "angular", "radiance", "footprints", "rate", "parameters", "unfinished")
+KINDS = ("main", "angular", "radiance", "footprints", "rate", "fits", "trade", "parameters", "unfinished")
 
 
 def all_tables(run: Run, narrow: bool = False) -> list[Table]:
@@ -25,7 +27,8 @@ def all_tables(run: Run, narrow: bool = False) -> list[Table]:
     with_rates = {rate["material"] for rate in run.rates}
     points = [_table("rate", m, "rates", columns.RATES, common_notes(m)) for m in found if m.name in with_rates]
     rest = [parameters_table(run.jobs), unfinished_table(run)]
-    return [table for table in (*tables, *points, *rate_tables(run), *rest) if table]
+    more = [*rate_tables(run), *fit_tables(run), *trade_tables(run.folder)]
+    return [table for table in (*tables, *points, *more, *rest) if table]
 
 
 def main_table(material: Material, chosen: Sequence[Column] = columns.MAIN) -> Table | None:

@@ -1,63 +1,43 @@
-"""What `neubtf-bench trade` found, `trade.json`: tables, the two fronts as figures, and the answer in words.
+"""What `neubtf-bench trade` found, `trade.json` of a run's folder, as tables. Computes nothing new."""
 
-Computes nothing new: figures, fronts and answers are in the file.
-"""
-
+import csv
 import io
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from bench.records import load_trade
 from reports.numbers import EXACT, NONE, fixed, integer, significant
-from reports.tables import Table
-
-FILE = "trade.json"
+from reports.table import Table
 
 
-def tables(found: dict[str, Any]) -> Iterator[Table]:
-    """Choices, profiles and fits of each material, the ceilings last."""
+def trade_tables(folder: Path) -> Iterator[Table]:
+    """Choices and profiles of each material, the ceilings last; none where no trade was measured."""
+    found = load_trade(folder)
+    if found is None:
+        return
     for material in dict.fromkeys(row["material"] for row in found["choices"]):
-        yield _choices(material, [row for row in found["choices"] if row["material"] == material])
+        answers = [text for text in found["answers"] if text.startswith(f"{material}: ")]
+        yield _choices(material, [row for row in found["choices"] if row["material"] == material], answers)
         profiles = [record for record in found["profiles"] if record["material"] == material]
         if profiles:
             yield _profile(material, profiles)
-        fits = [fit for fit in found["training"] if fit["material"] == material]
-        if fits:
-            yield _fits(material, fits)
     yield _ceilings(found["ceilings"])
 
 
-def text(found: dict[str, Any], markdown: bool = False) -> str:
-    """The tables, then the answers."""
-    from reports.text import markdown as as_markdown
-    from reports.text import plain
-
-    shown = list(tables(found))
-    return (as_markdown(shown) if markdown else plain(shown)) + "\n\n" + "\n".join(found["answers"]) + "\n"
-
-
-def write(folder: Path) -> tuple[str, list[Path]]:
-    """Write tables and figures into a run's folder; the text for a terminal, and the files."""
-    from reports.figures.trade import figures
-    from reports.write import put
-
-    found = json.loads((folder / FILE).read_text(encoding="utf-8"))
-    files = [put(folder / "tables" / "trade.md", text(found, markdown=True).encode())]
-    for name, content in figures(found):
-        files.append(put(folder / "figures" / name, content))
-    return text(found), files
-
-
-def csv_text(found: dict[str, Any]) -> str:
-    """One row a choice, every figure in full precision."""
-    import csv
-
+def csv_text(folder: Path) -> str:
+    """One row a choice, every figure in full precision; "" where no trade was measured."""
+    found = load_trade(folder)
+    if found is None:
+        return ""
     columns = list(dict.fromkeys(name for row in found["choices"] for name in row))
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(found["choices"])
+    writer.writerows(
+        {k: json.dumps(v) if isinstance(v, dict) else v for k, v in row.items()} for row in found["choices"]
+    )
     return out.getvalue()
 
 
@@ -75,12 +55,14 @@ _CHOICES = [
 ]
 
 
-def _choices(material: str, rows: Sequence[dict[str, Any]]) -> Table:
+def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) -> Table:
     cells = [_choice(row) for row in rows]
-    notes = [_conditions(rows)]
+    notes = [*answers, _conditions(rows)]
     notes += [f"{_name(row)}: {row['error']}." for row in rows if "error" in row]
     notes += list(dict.fromkeys(_unrest(row) for row in rows if _unrest(row)))
-    return Table("trade", f"{material}: what each setting gives up, and gains", _CHOICES, cells, notes)
+    return Table(
+        "trade", f"{material}: what each setting gives up, and gains", _CHOICES, cells, notes, material=material
+    )
 
 
 def _choice(row: dict[str, Any]) -> list[str]:
@@ -136,22 +118,9 @@ def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
     note = "decoder: its networks alone; evaluate: with the texture's fetch; query: with every check."
     unrest = sorted({record["unrest"] for record in records if record.get("unrest")})
     notes = [note, *(["The machine was not quiet: " + "; ".join(unrest[:3]) + "."] if unrest else [])]
-    return Table("trade", f"{material}: time by part, batch, order and threads", headers, rows, notes, words=1)
-
-
-def _fits(material: str, fits: Sequence[dict[str, Any]]) -> Table:
-    goals = list(fits[0]["reached"])
-    headers = [("codec", ""), ("end", "dB ↑"), ("fit", "s")]
-    headers += [(f"to {goal} dB", unit) for goal in goals for unit in ("steps ↓", "s ↓")]
-    rows = []
-    for fit in fits:
-        cells = [fit["label"], fixed(fit["curve"][-1][2], 2), significant(fit["curve"][-1][1], 2)]
-        for goal in goals:
-            reached = fit["reached"][goal]
-            cells += [integer(reached["steps"]), significant(reached["seconds"], 2)] if reached else [NONE, NONE]
-        rows.append(cells)
-    note = "PSNR of training samples during the fit, seen about every twenty-fifth of it; seconds are this machine's."
-    return Table("trade", f"{material}: how soon a fit is good", headers, rows, [note])
+    return Table(
+        "trade", f"{material}: time by part, batch, order and threads", headers, rows, notes, material=material
+    )
 
 
 def _ceilings(ceilings: Sequence[dict[str, Any]]) -> Table:

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from bench.records import Run, load_run
-from reports import Written, figures
+from reports import Written, figures, trade
 from reports.latex import latex
 from reports.page import page
 from reports.raw import csv_text
@@ -17,13 +17,19 @@ def write(folder: Path) -> Written:
     run = load_run(folder)
     drawn = [figure for draw in figures.ALL for figure in draw(run)]
     files = _write_tables(run, folder / "tables")
-    files += [put(folder / "figures" / figure.name, figure.png) for figure in drawn]
+    for figure in drawn:
+        path = folder / "figures" / figure.name
+        files.append(put(path, figure.png))
+        if figure.svg:
+            files.append(put(path.with_suffix(".svg"), figure.svg))
     files.append(put(folder / "report.html", page(run, drawn).encode()))
     return Written(terminal(run), files)
 
 
 def _write_tables(run: Run, folder: Path) -> list[Path]:
     files = [put(folder / "results.csv", csv_text(run).encode())]
+    if choices := trade.csv_text(run.folder):
+        files.append(put(folder / "trade.csv", choices.encode()))
     writers = {".md": (markdown, all_tables(run)), ".tex": (latex, all_tables(run, narrow=True))}
     for kind in KINDS:
         for suffix, (text, tables) in writers.items():

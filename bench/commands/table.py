@@ -10,7 +10,7 @@ from pathlib import Path
 from bench.errors import InputError
 from bench.exits import FINE
 
-TABLES = ("main", "angular", "radiance", "footprints", "rate", "parameters", "unfinished")
+TABLES = ("main", "angular", "radiance", "footprints", "rate", "fits", "trade", "parameters", "unfinished")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -31,30 +31,31 @@ def run(options: argparse.Namespace) -> int:
     suite = with_changes(load_suite(options.suite), options.material, options.codec, assignments(options.set), None)
     folder = options.out or Path("runs") / suite.name
     with Console() as console:
-        failed = measure(suite, folder, usable_device(options.device), console, options.full)
-        if not (folder / "trade.json").exists():
+        states = measure(suite, folder, usable_device(options.device), console, options.full)
+        if "ok" not in states:
             return NOTHING
-        from reports.trade import write
+        from reports import table_text, write_report
 
-        text, files = write(folder)
-        console.say(text)
+        files = write_report(folder).files
+        console.say(table_text(folder, kind="trade"))
         console.say("\n".join(f"wrote {path}" for path in files))
-    return FAILED if failed else FINE
+    return FAILED if "failed" in states else FINE
 
 
-def measure(suite: "Suite", folder: Path, device: str, console: "Console", full: bool = False) -> int:
-    """Run a suite, then score and time its choices into `trade.json`; how many jobs failed."""
+def measure(suite: "Suite", folder: Path, device: str, console: "Console", full: bool = False) -> list[str]:
+    """Run a suite, then score and time its choices into `trade.json`; what became of each job."""
     from bench import runner, trade
     from bench.console import job_line
     from bench.execution import Variant
-    from bench.records import load_run
+    from bench.records import load_run, load_trade
 
     for variant in suite.variants:
         Variant.parse(variant)  # a wrong word stops here
-    status = []
+    states = []
     for outcome in runner.run(suite, runner.Options(folder, device, show=console.show)):
-        status.append(outcome.record["status"])
+        states.append(outcome.record["status"])
         console.say(job_line(outcome.record, outcome.cached))
-    if "ok" in status:
-        trade.write(folder, trade.measure(suite, load_run(folder), device, full, console.show))
-    return status.count("failed")
+    if "ok" in states:
+        found = trade.measure(suite, load_run(folder), device, full, console.show)
+        trade.write(folder, trade.merged(load_trade(folder), found))
+    return states

@@ -7,13 +7,17 @@ from reports.figures.abrdf import abrdf_maps
 from reports.figures.angles import angle_curves
 from reports.figures.canvas import Figure as Figure
 from reports.figures.contact import contact_sheets
+from reports.figures.fits import fit_curves
 from reports.figures.polar import polar_maps
 from reports.figures.scatter import rate_distortion, speed_accuracy
+from reports.figures.trade import trade_fronts
 
 ALL: tuple[Callable[[Run], Iterator[Figure]], ...] = (
     contact_sheets,
     rate_distortion,
     speed_accuracy,
+    trade_fronts,
+    fit_curves,
     angle_curves,
     polar_maps,
     abrdf_maps,

@@ -23,12 +23,13 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 
 @dataclass(frozen=True)
 class Figure:
-    """A drawn figure: the material it shows, its kind, its title, its PNG."""
+    """A drawn figure: the material it shows, its kind, its title, its PNG; its SVG, where that is kept too."""
 
     material: str
     kind: str
     title: str
     png: bytes
+    svg: bytes = b""
 
     @property
     def name(self) -> str:
@@ -52,6 +53,7 @@ def style() -> Iterator[None]:
         "grid.alpha": 0.25,
         "legend.frameon": False,
         "text.parse_math": False,
+        "svg.hashsalt": "",  # names inside an SVG are the same each time
         "axes.unicode_minus": True,
     }
     with matplotlib.rc_context(settings), warnings.catch_warnings():
@@ -70,6 +72,13 @@ def png(drawing: Drawing) -> bytes:
     """The figure as PNG; the same drawing gives the same bytes."""
     out = io.BytesIO()
     drawing.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()
+
+
+def svg(drawing: Drawing) -> bytes:
+    """The figure as SVG; the same drawing gives the same bytes."""
+    out = io.BytesIO()
+    drawing.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     return out.getvalue()
 
 

@@ -1,33 +1,23 @@
-"""The trades of `trade.json`: PSNR against time, against bytes, and against the seconds of a fit; fronts as lines."""
+"""The trades of `trade.json`: quality against time and against bytes, the two fronts as lines."""
 
-import io
-import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from reports.figures.canvas import legend, log_ticks, look, new, png, style
+from bench.records import Run, load_trade
+from reports.figures.canvas import Figure, legend, log_ticks, look, new, png, style, svg
 
 Choice = dict[str, Any]
 
 
-def figures(found: dict[str, Any]) -> Iterator[tuple[str, bytes]]:
-    """File names and contents, each figure as PNG and as SVG."""
+def trade_fronts(run: Run) -> Iterator[Figure]:
+    """One figure for each material whose choices were measured."""
+    found = load_trade(run.folder) or {"choices": []}
     for material in dict.fromkeys(row["material"] for row in found["choices"]):
         rows = [r for r in found["choices"] if r["material"] == material and r.get("psnr") is not None]
-        fits = [fit for fit in found["training"] if fit["material"] == material]
-        plain = re.sub("[^A-Za-z0-9.=_-]+", "-", material)
-        with style():
-            if rows:
-                yield from _both(f"trade-{plain}", _fronts(material, rows))
-            if fits:
-                yield from _both(f"training-{plain}", _curves(material, fits))
-
-
-def _both(name: str, drawing: Any) -> Iterator[tuple[str, bytes]]:
-    yield f"{name}.png", png(drawing)
-    out = io.StringIO()
-    drawing.savefig(out, format="svg", metadata={"Date": None})
-    yield f"{name}.svg", out.getvalue().encode()
+        if rows:
+            with style():
+                drawing = _fronts(material, rows)
+                yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), svg(drawing))
 
 
 def _fronts(material: str, rows: Sequence[Choice]) -> Any:
@@ -57,16 +47,3 @@ def _fronts(material: str, rows: Sequence[Choice]) -> Any:
 def _marks(axes: Any, index: int, group: Sequence[Choice], cost: str) -> Any:
     x, y = [row[cost] for row in group], [row["psnr"] for row in group]
     return axes.plot(x, y, **look(index), markersize=6, linestyle="none")[0]
-
-
-def _curves(material: str, fits: Sequence[dict[str, Any]]) -> Any:
-    drawing = new(8.2, 4.6, layout="constrained")
-    axes = drawing.add_subplot()
-    handles = []
-    for i, fit in enumerate(fits):
-        _, seconds, psnr = zip(*fit["curve"], strict=True)
-        handles += axes.plot(seconds, psnr, **look(i), markersize=3, linewidth=1)
-    axes.set(xlabel="seconds of the fit", ylabel="display PSNR, dB (training samples)")
-    axes.set_title(f"{material}: how soon a fit is good", loc="left")
-    legend(axes, handles, [fit["label"] for fit in fits])
-    return drawing

@@ -2,13 +2,13 @@ import argparse
 
 import pytest
 
-from bench import timing, trade
+from bench import choose, timing, trade
 from bench.check import tiny_btf
 from bench.commands import choose as choose_command
 from bench.records import load_run
 from bench.runner import Options, run
 from bench.suite import CodecSpec, MaterialSpec, Suite
-from reports.trade import csv_text, write
+from reports import table_text, write_report
 
 SUITE = Suite(
     "test",
@@ -43,7 +43,7 @@ def measured(tmp_path_factory):
 
 
 def by_name(found):
-    return {trade.named(row): row for row in found["choices"]}
+    return {choose.named(row): row for row in found["choices"]}
 
 
 def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(measured):
@@ -91,28 +91,49 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
         {"label": "poor", "psnr": 39.4, "ns_per_sample": 1.0, "bytes": 1},
     ]
     rows = [row | {"material": "m", "execution": "eager", "precision": "float32"} for row in rows]
-    best, fastest, smallest = trade.answers("m", rows)
+    best, fastest, smallest = choose.answers("m", rows)
     assert "the best is big: 40.00 dB, 1,000 bytes, 100 ns" in best
     assert "the fastest is fast" in fastest
     assert "the smallest is small" in smallest
 
 
-def test_a_fit_tells_when_it_reached_each_goal():
-    history = [{"step": 10, "seconds": 1.0, "psnr": 29.0}, {"step": 20, "seconds": 2.5, "psnr": 31.0}]
-    found = trade._training({"history": history, "material": "m", "label": "c"})
-    assert found["reached"] == {"30": {"steps": 20, "seconds": 2.5}, "35": None}
-    assert found["curve"] == [[10, 1.0, 29.0], [20, 2.5, 31.0]]
-
-
 def test_the_report_holds_tables_fronts_and_the_answer(measured):
     folder, found = measured
-    text, files = write(folder)
-    assert {file.name for file in files} >= {"trade.md", "trade-tiny.png", "trade-tiny.svg", "training-tiny.png"}
-    assert all(file.stat().st_size for file in files)
+    names = {file.name for file in write_report(folder).files}
+    assert {"trade.md", "trade.tex", "trade.csv", "trade-tiny.png", "trade-tiny.svg", "fits-tiny.svg"} <= names
+    text = table_text(folder, kind="trade")
     assert "within 0.5 dB of it, the smallest is" in text
     assert "floor" in text
     assert "ceilings" in text
-    assert len(csv_text(found).splitlines()) == 1 + len(found["choices"])
+    assert "the smallest is" in (folder / "report.html").read_text()
+    assert len((folder / "tables/trade.csv").read_text().splitlines()) == 1 + len(found["choices"])
+
+
+def test_time_is_told_by_part_batch_order_footprint_and_threads(measured):
+    records = [r for r in measured[1]["profiles"] if r["name"] == "neubtf-direct steps=20"]
+    assert {record["part"] for record in records} == {"decoder", "evaluate", "query"}
+    assert {record["batch"] for record in records} == {1, 128}
+    assert {record["coherent"] for record in records} == {False, True}
+    assert {record["footprint"] for record in records} == {0.0, 1}
+    assert all(len(record["samples_ns"]) == timing.SAMPLES for record in records)
+
+
+def test_the_limit_is_the_faster_of_the_precisions_that_could_be_used(measured):
+    ceilings = measured[1]["ceilings"]
+    assert {ceiling["dtype"] for ceiling in ceilings} == {"float32", "bfloat16"}
+    rows = by_name(measured[1])
+    assert rows["neubtf-direct steps=20 [eager bfloat16]"]["limit_ns"] < rows["neubtf-direct steps=20"]["limit_ns"]
+
+
+def test_another_material_is_measured_beside_those_that_are_there(measured):
+    found = measured[1]
+    other = found | {key: [row | {"material": "other"} for row in found[key]] for key in ("choices", "profiles")}
+    both = trade.merged(found, other)
+    assert {row["material"] for row in both["choices"]} == {"tiny", "other"}
+    assert {answer.partition(":")[0] for answer in both["answers"]} == {"tiny", "other"}
+    again = trade.merged(both, found)
+    assert sorted(map(str, again["choices"])) == sorted(map(str, both["choices"]))
+    assert trade.merged(None, found)["choices"] == found["choices"]
 
 
 @pytest.mark.parametrize(
@@ -128,3 +149,21 @@ def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, 
     options = {"material": "tiny", "min_psnr": None, "max_bytes": None, "max_ns": None, "device": "cpu"} | wish
     assert choose_command.run(argparse.Namespace(**options, out=measured[0])) == code
     assert says in capsys.readouterr().out
+
+
+def test_choose_measures_what_is_not_there_and_keeps_what_is(measured, tmp_path, monkeypatch, capsys):
+    found = measured[1]
+    trade.write(tmp_path, found)
+    asked = []
+
+    def measure(suite, out, device, console):
+        asked.append([material.name for material in suite.materials])
+        rows = [row | {"material": "brick"} for row in found["choices"]]
+        trade.write(out, trade.merged(found, found | {"choices": rows, "profiles": []}))
+
+    monkeypatch.setattr("bench.commands.trade.measure", measure)
+    options = {"min_psnr": 1.0, "max_bytes": None, "max_ns": None, "out": tmp_path, "device": "cpu"}
+    for material in ("brick", "brick", "tiny"):
+        assert choose_command.run(argparse.Namespace(material=material, **options)) == 0
+    assert asked == [["brick"]]
+    assert "brick on cpu is not in" in capsys.readouterr().out

@@ -43,6 +43,7 @@ class RunMaker:
         groups = ["all", "train", "heldout", "heldout, grazing view", "heldout, new view"]
         job["scores"] = {name: self._group(psnr) for name in [*groups, "heldout, new view, grazing light"]}
         job["footprints"] = {side: {"psnr_display": psnr, "exact": 0, "slices": 4} for side in ("1", "2", "4", "8")}
+        job["history"] = [{"step": 10, "seconds": 0.5, "psnr": 25.0}, {"step": 20, "seconds": 1.0, "psnr": 31.0}]
         job |= {"slices": self._slices(stem, psnr), "pictures": self._pictures(stem), "angular": self._angular(stem)}
         append(self.folder, job | changes)
         return self
@@ -57,6 +58,20 @@ class RunMaker:
         timing |= {"threads": 2, "device": "cpu", "execution": "eager", "queries": "random", "texture_fetch": True}
         timing |= {"ns_per_sample": 123.4, "iqr_ns": 2.0, "interval95_ns": [120.5, 130.5], "ratio_to_floor": 1.75}
         append(self.folder, timing | {"samples_ns": [1.0], "floor_ratios": [1.0]} | changes)
+        return self
+
+    def trade(self, *labels, material="satin"):
+        """What `neubtf-bench trade` would have measured of jobs with these labels."""
+        row = {"material": material, "execution": "eager", "precision": "float32", "device": "cpu", "settings": {}}
+        row |= {"ns_per_sample": 100.0, "interval95_ns": [90.0, 110.0], "ratio_to_floor": 2.0, "batch": 65536}
+        choice = row | {"codec": "pca", "psnr": 30.0, "worst": 25.0, "flip": 0.1, "bytes": 1000, "of_limit": 0.1}
+        choices = [choice | {"label": label, "fastest": True, "smallest": False} for label in labels]
+        profile = {"material": material, "name": "floor", "part": "query", "batch": 1, "coherent": False}
+        profile |= {"footprint": 0.0, "threads": 1, "ns_per_sample": 50.0}
+        ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
+        answers = [f"{material}: the best is {labels[0]}."]
+        found = {"choices": [*choices, row | {"label": "floor"}], "profiles": [profile], "ceilings": [ceiling]}
+        (self.folder / "trade.json").write_text(json.dumps(found | {"answers": answers}))
         return self
 
     def _group(self, psnr):

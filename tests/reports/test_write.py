@@ -11,19 +11,20 @@ def contents(folder):
 
 
 def test_a_report_is_tables_figures_and_a_page(made):
-    written = write_report(made.job().timing().folder)
+    written = write_report(made.job().timing().trade("pca").folder)
     names = {str(path.relative_to(made.folder)) for path in written.files}
     assert {"tables/main.md", "tables/main.tex", "tables/results.csv", "report.html"} <= names
-    kinds = ("contact", "rate", "speed", "angles", "polar", "abrdf")
+    kinds = ("contact", "rate", "speed", "angles", "polar", "abrdf", "fits", "trade")
     assert {f"figures/{kind}-satin.png" for kind in kinds} == {name for name in names if name.endswith(".png")}
-    for path in made.folder.glob("figures/*"):
+    assert {"figures/trade-satin.svg", "figures/fits-satin.svg", "tables/trade.csv"} <= names
+    for path in made.folder.glob("figures/*.png"):
         with Image.open(path) as picture:
             picture.verify()
     assert "satin" in written.text
 
 
 def test_running_twice_gives_the_same_files_and_leaves_nothing_else(made):
-    made.job().job("vq", psnr=25.0).timing()
+    made.job().job("vq", psnr=25.0).timing().trade("vq")
     before = set(contents(made.folder))
     written = write_report(made.folder)
     first = contents(made.folder)

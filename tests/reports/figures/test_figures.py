@@ -39,20 +39,23 @@ def test_a_contact_sheet_shows_every_texel_as_it_is_stored(made):
 def test_twelve_codecs_fit_any_figure(made, draw):
     for i in range(12):
         made.job(f"codec{i} setting={i}", psnr=20.0 + i).timing(f"codec{i} setting={i}", ns_per_sample=100.0 * (i + 1))
+    made.trade(*(f"codec{i} setting={i}" for i in range(12)))
     (picture,) = drawn(run_of(made), draw).values()
     assert max(picture.shape) < 2600
 
 
 @pytest.mark.parametrize("draw", figures.ALL)
 def test_odd_labels_are_drawn(made, draw):
-    for label in ("_hidden $x^2$", "编码", "a" * 200, "%d {0}"):
+    labels = ("_hidden $x^2$", "编码", "a" * 200, "%d {0}")
+    for label in labels:
         made.job(label, material="50 % $m_1$").timing(label, material="50 % $m_1$")
+    made.trade(*labels, material="50 % $m_1$")
     assert len(drawn(run_of(made), draw)) == 1
 
 
 @pytest.mark.parametrize("draw", figures.ALL)
 def test_exact_codecs_stop_no_figure(made, draw):
-    made.job("table", psnr=None).timing("table").job().timing()
+    made.job("table", psnr=None).timing("table").job().timing().trade("table", "pca")
     assert len(drawn(run_of(made), draw)) == 1
     list(draw(run_of(made)))
 
@@ -72,10 +75,10 @@ def test_artefacts_that_are_gone_cost_only_their_figure(made, draw):
 
 @pytest.mark.parametrize("draw", figures.ALL)
 def test_what_is_not_comparable_is_not_drawn(made, draw):
-    made.job("old", run="0", exposure=3.0).job("new").timing("new")
+    made.job("old", run="0", exposure=3.0).job("new").timing("new").trade("new")
     alone = drawn(run_of(made), draw)
     (name, picture), *_ = alone.items()
     made.folder = made.folder.parent / "other"
     made.__init__(made.folder)
-    other = drawn(run_of(made.start().job("new").timing("new")), draw)
+    other = drawn(run_of(made.start().job("new").timing("new").trade("new")), draw)
     np.testing.assert_array_equal(other[name], picture)

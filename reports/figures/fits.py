@@ -1,0 +1,39 @@
+"""PSNR over the seconds of a fit: how soon each codec is good."""
+
+from collections.abc import Iterator
+from itertools import cycle
+from typing import Any
+
+from bench.records import Run
+from reports.figures.canvas import Figure, legend, log_ticks, look, new, png, style, svg
+from reports.fits import GOALS_DB, Fit, fits
+
+_LINES = ("-", "--", ":", "-.")
+
+
+def fit_curves(run: Run) -> Iterator[Figure]:
+    """One figure for each material whose fits left curves; the goals are the grey lines."""
+    for name, curves in fits(run).items():
+        with style():
+            title = f"{name}: how soon a fit is good"
+            drawing = _drawn(title, curves)
+            yield Figure(name, "fits", title, png(drawing), svg(drawing))
+
+
+def _drawn(title: str, curves: list[Fit]) -> Any:
+    drawing = new(8.2, max(4.4, 1.6 + 0.2 * len(curves)), layout="constrained")
+    axes = drawing.add_subplot()
+    handles = []
+    for i, (fit, line) in enumerate(zip(curves, cycle(_LINES), strict=False)):
+        _, seconds, psnr = zip(*fit.points, strict=True)
+        handles += axes.plot(seconds, psnr, **look(i), markersize=3, linewidth=1, linestyle=line)
+    low, high = axes.get_ylim()
+    for goal in GOALS_DB:
+        if low < goal < high:
+            axes.axhline(goal, color="0.6", linewidth=0.8, zorder=0)
+    axes.set_xscale("log")
+    log_ticks(axes.xaxis)
+    axes.set(xlabel="seconds of the fit (less is better)", ylabel="display PSNR, dB (training samples)")
+    axes.set_title(title, loc="left")
+    legend(axes, handles, [fit.label for fit in curves])
+    return drawing

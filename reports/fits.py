@@ -1,0 +1,57 @@
+"""How soon a fit is good: the curves that fits left in their records."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from bench.records import Run
+from reports.numbers import NONE, fixed, integer, significant
+from reports.rows import materials
+from reports.table import Table
+
+GOALS_DB = (30, 35)
+NOTE = (
+    "Display PSNR of training samples during the fit, seen now and then: it is reached at the step named or before. "
+    "Seconds are this machine's; steps hold anywhere."
+)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One job's curve, from its beginning."""
+
+    label: str
+    points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
+
+    def reached(self, goal: float) -> tuple[int, float] | None:
+        """Step and seconds of the first point that is so good; None where none is."""
+        return next(((step, seconds) for step, seconds, psnr in self.points if psnr >= goal), None)
+
+
+def fits(run: Run) -> dict[str, list[Fit]]:
+    """The curves of each material whose jobs left some."""
+    found = {}
+    for material in materials(run):
+        curves = [
+            Fit(row.label, [(p["step"], p["seconds"], p["psnr"]) for p in row.job.get("history", ()) if "psnr" in p])
+            for row in material.measured
+        ]
+        found[material.name] = [fit for fit in curves if fit.points]
+    return {name: curves for name, curves in found.items() if curves}
+
+
+def fit_tables(run: Run) -> Iterator[Table]:
+    """Steps and seconds to each goal, for each material with curves."""
+    headers = [("codec", ""), ("end", "dB ↑"), ("steps", ""), ("time", "s ↓")]
+    headers += [(f"to {goal} dB", unit) for goal in GOALS_DB for unit in ("steps ↓", "s ↓")]
+    for name, curves in fits(run).items():
+        rows = [[fit.label, *_cells(fit)] for fit in curves]
+        yield Table("fits", f"{name}: how soon a fit is good", headers, rows, [NOTE], material=name)
+
+
+def _cells(fit: Fit) -> list[str]:
+    steps, seconds, psnr = fit.points[-1]
+    cells = [fixed(psnr, 2), integer(steps), significant(seconds, 2)]
+    for goal in GOALS_DB:
+        found = fit.reached(goal)
+        cells += [integer(found[0]), significant(found[1], 2)] if found else [NONE, NONE]
+    return cells
