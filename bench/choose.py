@@ -81,10 +81,13 @@ def answers(material: str, choices: list[Choice]) -> Iterator[str]:
     best = max(rows, key=psnr)
     near = [row for row in rows if psnr(row) >= psnr(best) - NEAR_DB]
     yield f"{material}: the best is {described(best)}."
-    fast = min(near, key=lambda row: row["ns_per_sample"])
-    small = min(near, key=lambda row: (row["bytes"], row["ns_per_sample"]))
-    yield f"{material}: within {NEAR_DB} dB of it, the fastest is {described(fast)}."
-    yield f"{material}: within {NEAR_DB} dB of it, the smallest is {described(small)}."
+    for word, key in (("faster", "ns_per_sample"), ("smaller", "bytes")):
+        least = min(near, key=lambda row: (row[key], row["ns_per_sample"]))
+        within = f"{material}: within {NEAR_DB} dB of it,"
+        if least[key] == best[key]:
+            yield f"{within} none is {word}."
+        else:
+            yield f"{within} the {word[:-1]}st is {described(least)}."
 
 
 def named(row: Choice) -> str:
@@ -96,4 +99,4 @@ def named(row: Choice) -> str:
 def described(row: Choice) -> str:
     """A choice with its figures, in words."""
     quality = "exact" if row["psnr"] is None else f"{row['psnr']:.2f} dB"
-    return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:.0f} ns a sample"
+    return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"

@@ -1,4 +1,7 @@
-"""pick the codec and settings that meet a wish for quality, bytes or time"""
+"""pick the codec and settings that meet a wish for quality, bytes or time
+
+Where nothing that was measured meets it, and not all of the suite was, the rest is fitted and measured first.
+"""
 
 import argparse
 from pathlib import Path
@@ -11,6 +14,7 @@ from bench.exits import FAILED, FINE, NO
 
 if TYPE_CHECKING:
     from bench.choose import Choice
+    from bench.suite import Suite
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,24 +22,29 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--min-psnr", type=float, metavar="DB", help="the held-out PSNR to reach")
     parser.add_argument("--max-bytes", metavar="BYTES", help="what the file may take: 300k, 1.5M, 20000")
     parser.add_argument("--max-ns", type=float, metavar="NS", help="what a sample may take, as a whole query")
-    parser.add_argument("--out", type=Path, help="the folder of a `trade` (default: runs/trade), extended if need be")
+    parser.add_argument("--suite", default=trade.SUITE, help="what is fitted where it is missing (default: trade)")
+    parser.add_argument("--out", type=Path, help="the folder of a `trade` (default: runs/SUITE), extended if need be")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
 
 
 def run(options: argparse.Namespace) -> int:
     from bench.choose import Wishes, choose, described, nearest, parse_bytes
-    from bench.suite import named
+    from bench.suite import load_suite, with_changes
 
     size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
     wishes = Wishes(options.min_psnr, size, options.max_ns)
     if wishes == Wishes():
         raise InputError("choose: give a wish: --min-psnr, --max-bytes or --max-ns")
-    folder, material = options.out or Path("runs") / trade.SUITE, named(options.material).name
-    rows = _measured(folder, material, options.device) or _measure(folder, options)
+    suite = with_changes(load_suite(options.suite), [options.material], [], {}, None)
+    folder, material = options.out or Path("runs") / suite.name, suite.materials[0].name
+    rows, missing = _measured(folder, suite, options.device)
+    best = choose(rows, wishes)
+    if best is None and missing:
+        rows, _ = _measure(folder, suite, options.device, missing)
+        best = choose(rows, wishes)
     if not rows:
         print(f"{material}: nothing could be measured; the reasons are in {folder}")
         return FAILED
-    best = choose(rows, wishes)
     if best is None:
         print(f"{material}: no setting meets that; the nearest is {described(nearest(rows, wishes))}")
         return NO
@@ -45,23 +54,24 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _measured(folder: Path, material: str, device: str) -> list["Choice"]:
-    """The choices of a material that an earlier trade measured on a device."""
+def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Choice"], list[str]]:
+    """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
     from bench.choose import usable
     from bench.records import load_trade
 
+    material = suite.materials[0].name
     found = load_trade(folder) or {"choices": []}
-    return [row for row in usable(found["choices"], material) if row["device"] == device]
+    rows = [row for row in usable(found["choices"], material) if row["device"] == device]
+    tried = {row["label"] for row in found["choices"] if row["material"] == material and row["device"] == device}
+    return rows, [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
-def _measure(folder: Path, options: argparse.Namespace) -> list["Choice"]:
-    """The same, after a trade over that material."""
+def _measure(folder: Path, suite: "Suite", device: str, missing: list[str]) -> tuple[list["Choice"], list[str]]:
+    """The same, after a trade over the suite, which fits only what is missing."""
     from bench.console import Console
-    from bench.suite import load_suite, named, with_changes
 
-    suite = with_changes(load_suite(trade.SUITE), [options.material], [], {}, None)
-    material = named(options.material).name
     with Console() as console:
-        console.say(f"{material} on {options.device} is not in {folder}: its settings are fitted and measured first")
-        trade.measure(suite, folder, usable_device(options.device), console)
-    return _measured(folder, material, options.device)
+        several = f"{len(missing)} of {len(suite.codecs)} settings" if missing[1:] else missing[0]
+        console.say(f"{suite.materials[0].name}: {several} of {suite.name} are not in {folder}: measured first")
+        trade.measure(suite, folder, usable_device(device), console)
+    return _measured(folder, suite, device)

@@ -1,11 +1,12 @@
 import argparse
+from dataclasses import replace
 
 import pytest
 
 from bench import choose, timing, trade
 from bench.check import tiny_btf
 from bench.commands import choose as choose_command
-from bench.records import load_run
+from bench.records import append, load_run
 from bench.runner import Options, run
 from bench.suite import CodecSpec, MaterialSpec, Suite
 from reports import table_text, write_report
@@ -34,7 +35,6 @@ def measured(tmp_path_factory):
         patch.setattr(trade, "BATCH", 256)
         patch.setattr(trade, "BATCHES", (1,))
         patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
-        patch.setattr("bench.timing.profile.BATCH", 128)
         patch.setattr("bench.timing.roofline.COPIED", 1 << 20)
         assert {outcome.record["status"] for outcome in run(SUITE, Options(folder))} == {"ok"}
         found = trade.measure(SUITE, load_run(folder), "cpu")
@@ -77,10 +77,11 @@ def test_a_choice_is_on_a_front_where_nothing_is_as_good_for_less():
         {"psnr": 30.0, "ns_per_sample": 90.0, "bytes": 20},
         {"psnr": None, "ns_per_sample": 900.0, "bytes": 900},
         {"psnr": 29.0, "ns_per_sample": 95.0, "bytes": 5},
+        {"psnr": 30.001, "ns_per_sample": 110.0, "bytes": 10},  # the first, computed otherwise
     ]
     trade._mark(rows)
-    assert [row["fastest"] for row in rows] == [False, True, True, False]
-    assert [row["smallest"] for row in rows] == [True, False, True, True]
+    assert [row["fastest"] for row in rows] == [False, True, True, False, False]
+    assert [row["smallest"] for row in rows] == [True, False, True, True, True]
 
 
 def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
@@ -95,6 +96,16 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
     assert "the best is big: 40.00 dB, 1,000 bytes, 100 ns" in best
     assert "the fastest is fast" in fastest
     assert "the smallest is small" in smallest
+    _, fastest, smallest = choose.answers("m", rows[2:3])
+    assert fastest == "m: within 0.5 dB of it, none is faster."
+    assert smallest == "m: within 0.5 dB of it, none is smaller."
+
+
+def test_a_job_that_failed_is_a_row_that_says_why(tmp_path):
+    job = {"kind": "job", "job": "tiny/mean-colour/0", "material": "tiny", "status": "failed", "error": "no\nmemory"}
+    append(tmp_path, job)
+    (row,) = trade.measure(replace(SUITE, variants=()), load_run(tmp_path), "cpu")["choices"]
+    assert (row["label"], row["error"]) == ("mean-colour", "failed: no memory")
 
 
 def test_the_report_holds_tables_fronts_and_the_answer(measured):
@@ -102,17 +113,17 @@ def test_the_report_holds_tables_fronts_and_the_answer(measured):
     names = {file.name for file in write_report(folder).files}
     assert {"trade.md", "trade.tex", "trade.csv", "trade-tiny.png", "trade-tiny.svg", "fits-tiny.svg"} <= names
     text = table_text(folder, kind="trade")
-    assert "within 0.5 dB of it, the smallest is" in text
+    assert "within 0.5 dB of it, " in text
     assert "floor" in text
     assert "ceilings" in text
-    assert "the smallest is" in (folder / "report.html").read_text()
+    assert "within 0.5 dB of it, " in (folder / "report.html").read_text()
     assert len((folder / "tables/trade.csv").read_text().splitlines()) == 1 + len(found["choices"])
 
 
 def test_time_is_told_by_part_batch_order_footprint_and_threads(measured):
     records = [r for r in measured[1]["profiles"] if r["name"] == "neubtf-direct steps=20"]
     assert {record["part"] for record in records} == {"decoder", "evaluate", "query"}
-    assert {record["batch"] for record in records} == {1, 128}
+    assert {record["batch"] for record in records} == {1, timing.BATCH}
     assert {record["coherent"] for record in records} == {False, True}
     assert {record["footprint"] for record in records} == {0.0, 1}
     assert all(len(record["samples_ns"]) == timing.SAMPLES for record in records)
@@ -136,6 +147,13 @@ def test_another_material_is_measured_beside_those_that_are_there(measured):
     assert trade.merged(None, found)["choices"] == found["choices"]
 
 
+def choosing(monkeypatch, out, **wish):
+    """`choose` with a wish, of the suite above."""
+    monkeypatch.setattr("bench.suite.load_suite", lambda name: SUITE)
+    options = {"material": "tiny", "min_psnr": None, "max_bytes": None, "max_ns": None}
+    return choose_command.run(argparse.Namespace(**options | wish, suite="trade", out=out, device="cpu"))
+
+
 @pytest.mark.parametrize(
     ("wish", "code", "says"),
     [
@@ -145,25 +163,30 @@ def test_another_material_is_measured_beside_those_that_are_there(measured):
         ({"max_bytes": "1"}, 1, "the nearest is mean-colour"),
     ],
 )
-def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, capsys, wish, code, says):
-    options = {"material": "tiny", "min_psnr": None, "max_bytes": None, "max_ns": None, "device": "cpu"} | wish
-    assert choose_command.run(argparse.Namespace(**options, out=measured[0])) == code
+def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, monkeypatch, capsys, wish, code, says):
+    monkeypatch.delattr("bench.commands.trade.measure")
+    assert choosing(monkeypatch, measured[0], **wish) == code
     assert says in capsys.readouterr().out
 
 
-def test_choose_measures_what_is_not_there_and_keeps_what_is(measured, tmp_path, monkeypatch, capsys):
+def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_path, monkeypatch, capsys):
     found = measured[1]
-    trade.write(tmp_path, found)
+    one = found | {"choices": [row for row in found["choices"] if row["label"] == "mean-colour"]}
+    trade.write(tmp_path, one)
     asked = []
 
     def measure(suite, out, device, console):
         asked.append([material.name for material in suite.materials])
-        rows = [row | {"material": "brick"} for row in found["choices"]]
-        trade.write(out, trade.merged(found, found | {"choices": rows, "profiles": []}))
+        rows = [row | {"material": asked[-1][0]} for row in found["choices"]]
+        trade.write(out, trade.merged(one, found | {"choices": rows, "profiles": []}))
 
     monkeypatch.setattr("bench.commands.trade.measure", measure)
-    options = {"min_psnr": 1.0, "max_bytes": None, "max_ns": None, "out": tmp_path, "device": "cpu"}
-    for material in ("brick", "brick", "tiny"):
-        assert choose_command.run(argparse.Namespace(material=material, **options)) == 0
-    assert asked == [["brick"]]
-    assert "brick on cpu is not in" in capsys.readouterr().out
+    best = max(choose.usable(found["choices"], "tiny"), key=choose.psnr)["psnr"]
+    assert choosing(monkeypatch, tmp_path, min_psnr=1.0) == 0  # what is there meets it
+    assert asked == []
+    assert choosing(monkeypatch, tmp_path, min_psnr=best - 0.01) == 0
+    assert choosing(monkeypatch, tmp_path, min_psnr=99.0) == 1  # all was tried
+    assert asked == [["tiny"]]
+    assert "2 of 3 settings of test are not in" in capsys.readouterr().out
+    assert choosing(monkeypatch, tmp_path, material="brick", min_psnr=1.0) == 0
+    assert asked == [["tiny"], ["brick"]]
