@@ -100,10 +100,14 @@ def test_what_cannot_be_computed_is_refused_with_the_remedy(monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts the page faults of Linux")
-def test_a_query_maps_no_memory_but_for_its_answers():
-    """Buffers are used again: a batch of any size needs new pages for its answers alone."""
-    material, asked = Textured(), queries(8 * CHUNK)
-    material.query(*asked)
+@pytest.mark.parametrize("execution", ["eager", "fused"])
+def test_a_query_maps_no_memory_but_for_its_answers(execution):
+    """After two chunks, sixteen need new pages for their answers alone: buffers are used again, whatever the batch."""
+    if execution == "fused":
+        pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
+    material = prepared(Textured(), Variant(execution))
+    material.query(*queries(2 * material.chunk))
+    asked = queries(16 * material.chunk)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     rgb = material.query(*asked)
     mapped = (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) * resource.getpagesize()
