@@ -36,7 +36,8 @@ DTYPES = {
 # |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half
 # precisions promise it to networks with a layer norm or without a sine: a phase of hundreds of turns is beyond them.
 TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
-FUSED_CHUNK = 65_536  # on the CPU: a call of a fused kernel has no intermediates, but some overhead
+# On the CPU, of fused kernels and of compiled half precisions: small intermediates, but some overhead a call.
+LONG_CHUNK = 65_536
 GPU_CHUNK = 1 << 22  # a chunk must fill a GPU
 
 
@@ -115,7 +116,7 @@ def _fused(material: Material, variant: Variant) -> Material:
         from bench.fused.with_drjit import DrJitNetwork, drjit
 
         drjit()
-        make, material.chunk = DrJitNetwork, FUSED_CHUNK
+        make, material.chunk = DrJitNetwork, LONG_CHUNK
     if not _replaced(material, make):
         raise InputError("fused computes decoder networks, and this codec has none: use eager")
     return material
@@ -140,6 +141,8 @@ class _Compiled(_Around):
 
         needs_compiler(inner.device)
         _replaced(inner, Lean)
+        if inner.device.type == "cpu" and inner.dtype.itemsize < 4:
+            inner.chunk = LONG_CHUNK
         super().__init__(inner)
         self.whole = compiled(inner.evaluate, dynamic=False)
         self.rest = compiled(inner.evaluate, dynamic=True)

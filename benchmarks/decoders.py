@@ -21,7 +21,7 @@ from torch import Tensor
 from bench.codec import Fit, silent
 from bench.decoder import Architecture, Decoder
 from bench.errors import InputError
-from bench.execution import DTYPES, FUSED_CHUNK, Variant, needs_compiler, prepared
+from bench.execution import DTYPES, LONG_CHUNK, Variant, needs_compiler, prepared
 from bench.fused.lean import Lean, compiled
 from bench.material import CHUNK, Material, keep_buffers
 from bench.metrics.display import to_display
@@ -52,15 +52,15 @@ def on_cpu(samples: int) -> dict[str, Call]:
     calls: dict[str, Call] = {"one batch": partial(decoder, x), "eager": partial(in_chunks, decoder, x, out, CHUNK)}
     try:
         needs_compiler(x.device)
-        for name in ("float32", "bfloat16"):
-            network = compiled(Lean(Decoder(NEUBTF).requires_grad_(False).to(DTYPES[name])), dynamic=False)
-            calls["compiled" + f" {name}" * (name != "float32")] = partial(in_chunks, network, x, out, CHUNK)
+        for name, precision, chunk in (("", "float32", CHUNK), (" bfloat16", "bfloat16", LONG_CHUNK)):
+            network = compiled(Lean(Decoder(NEUBTF).requires_grad_(False).to(DTYPES[precision])), dynamic=False)
+            calls["compiled" + name] = partial(in_chunks, network, x, out, chunk)
     except InputError as error:
         print(f"not here: {error}")
     try:
         from bench.fused.with_drjit import DrJitNetwork
 
-        calls["fused"] = partial(in_chunks, DrJitNetwork(decoder), x, out, FUSED_CHUNK)
+        calls["fused"] = partial(in_chunks, DrJitNetwork(decoder), x, out, LONG_CHUNK)
     except InputError as error:
         print(f"not here: {error}")
     return calls

@@ -4,6 +4,7 @@ Where nothing that was measured meets it, and not all of the suite was, the rest
 """
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from bench.exits import FAILED, FINE, NO
 
 if TYPE_CHECKING:
     from bench.choose import Choice
-    from bench.suite import Suite
+    from bench.suite import Data, Suite
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,10 +49,16 @@ def run(options: argparse.Namespace) -> int:
     if best is None:
         print(f"{material}: no setting meets that; the nearest is {described(nearest(rows, wishes))}")
         return NO
-    settings = "".join(f" --set {key}={value}" for key, value in best["settings"].items())
+    settings = "".join(f" --set {key}={value}" for key, value in (best["settings"] | _changed(suite.data)).items())
     print(f"{material}: {described(best)}")
     print(f"neubtf-bench encode {options.material} --codec {best['codec']}{settings} -o {material}.nbtf")
     return FINE
+
+
+def _changed(data: "Data") -> dict[str, object]:
+    """How a suite prepares its materials, where that is not the default: as `--set` wants it."""
+    found = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
+    return {f"data.{key}": str(value).lower() if value is True else value for key, value in found.items()}
 
 
 def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Choice"], list[str]]:

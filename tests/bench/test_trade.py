@@ -8,7 +8,7 @@ from bench.check import tiny_btf
 from bench.commands import choose as choose_command
 from bench.records import append, load_run
 from bench.runner import Options, run
-from bench.suite import CodecSpec, MaterialSpec, Suite
+from bench.suite import CodecSpec, Data, MaterialSpec, Suite
 from reports import table_text, write_report
 
 SUITE = Suite(
@@ -126,7 +126,7 @@ def test_time_is_told_by_part_batch_order_footprint_and_threads(measured):
     assert {record["batch"] for record in records} == {1, timing.BATCH}
     assert {record["coherent"] for record in records} == {False, True}
     assert {record["footprint"] for record in records} == {0.0, 1}
-    assert all(len(record["samples_ns"]) == timing.SAMPLES for record in records)
+    assert all(len(record["samples_ns"]) == 3 for record in records)  # as many as the fixture lets it take
 
 
 def test_the_limit_is_the_faster_of_the_precisions_that_could_be_used(measured):
@@ -147,9 +147,9 @@ def test_another_material_is_measured_beside_those_that_are_there(measured):
     assert trade.merged(None, found)["choices"] == found["choices"]
 
 
-def choosing(monkeypatch, out, **wish):
+def choosing(monkeypatch, out, suite=SUITE, **wish):
     """`choose` with a wish, of the suite above."""
-    monkeypatch.setattr("bench.suite.load_suite", lambda name: SUITE)
+    monkeypatch.setattr("bench.suite.load_suite", lambda name: suite)
     options = {"material": "tiny", "min_psnr": None, "max_bytes": None, "max_ns": None}
     return choose_command.run(argparse.Namespace(**options | wish, suite="trade", out=out, device="cpu"))
 
@@ -190,3 +190,9 @@ def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_p
     assert "2 of 3 settings of test are not in" in capsys.readouterr().out
     assert choosing(monkeypatch, tmp_path, material="brick", min_psnr=1.0) == 0
     assert asked == [["tiny"], ["brick"]]
+
+
+def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
+    small = replace(SUITE, data=Data(size=12, repair=True))
+    assert choosing(monkeypatch, measured[0], small, min_psnr=1.0) == 0
+    assert " --set data.size=12 --set data.repair=true -o tiny.nbtf" in capsys.readouterr().out
