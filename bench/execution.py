@@ -62,6 +62,12 @@ class Variant:
         return Variant(execution, precision or "float32")
 
 
+def exists_on(variant: Variant, device: torch.device) -> bool:
+    """Whether a kind of device has such a variant at all; what is merely not installed, `prepared` says."""
+    of_gpus = variant.precision == "tf32" or (variant.execution == "fused" and variant.precision != "float32")
+    return device.type == "cuda" or not of_gpus
+
+
 def prepared(material: Material, variant: Variant) -> Material:
     """A copy of a material that is computed so. `InputError` says what is missing, or why it cannot be."""
     if variant.precision == "tf32" and material.device.type != "cuda":

@@ -17,7 +17,7 @@ from bench.choose import answers, psnr
 from bench.codec import Progress, silent
 from bench.errors import InputError
 from bench.evaluation import Decoder as Slices
-from bench.execution import Variant, networks, prepared
+from bench.execution import Variant, exists_on, networks, prepared
 from bench.material import Material
 from bench.records import TRADE, Record, Run
 from bench.scoring import summarise
@@ -121,8 +121,7 @@ def _choices(
     rows, timed = [], {}
     for job in jobs:
         material = _load(run, job, device)
-        wanted = suite.variants if _plain(suite, job) and networks(material) else ()
-        for variant in (Variant(), *map(Variant.parse, wanted)):
+        for variant in (Variant(), *_variants(suite, job, material)):
             row = {"material": bench.name, "job": job["job"], "label": job["label"], "codec": job["codec"]}
             row |= {"settings": job["settings"], "execution": variant.execution, "precision": variant.precision}
             row |= {"bytes": job["bytes"]["total"], "parameters": job["parameters"], "device": device}
@@ -135,14 +134,21 @@ def _choices(
             rows.append(row)
             timed[len(rows) - 1] = ready
     measured = timing.compare({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(BATCH))
+    shared = {"batch": BATCH, "threads": suite.threads, "device": device}
     for i, ready in timed.items():
         summary = _summary(measured[str(i)])
         least = _limit(ready, ceilings)
-        rows[i] |= summary | {"limit_ns": least, "of_limit": least / summary["ns_per_sample"], "batch": BATCH}
+        rows[i] |= summary | shared | {"limit_ns": least, "of_limit": least / summary["ns_per_sample"]}
     floor = {"material": bench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
-    floor |= {"device": device}
     _mark([row for row in rows if "error" not in row])
-    return [*rows, floor | _summary(measured[timing.FLOOR]) | {"batch": BATCH}]
+    return [*rows, floor | shared | _summary(measured[timing.FLOOR])]
+
+
+def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
+    """Those of the suite that the device has, for a material with a network whose entry sweeps nothing."""
+    if not (_plain(suite, job) and networks(material)):
+        return []
+    return [variant for variant in map(Variant.parse, suite.variants) if exists_on(variant, material.device)]
 
 
 def _summary(measured: timing.Timing) -> dict[str, Any]:

@@ -48,8 +48,8 @@ _CHOICES = [
     ("FLIP", "↓"),
     ("total", "bytes ↓"),
     ("time", "ns ↓"),
-    ("95 % interval", "ns"),
     ("time", "× floor"),
+    ("95 % interval", "× floor"),
     ("of the", "limit, %"),
     ("on the front", "of"),
 ]
@@ -77,8 +77,8 @@ def _choice(row: dict[str, Any]) -> list[str]:
         quality += [integer(row["bytes"])]
         limit = fixed(100 * row["of_limit"], 1)
         fronts = ", ".join(word for word, key in (("speed", "fastest"), ("rate", "smallest")) if row[key])
-    time = [significant(row["ns_per_sample"]), " to ".join(map(significant, row["interval95_ns"]))]
-    return [_name(row), *quality, *time, significant(row["ratio_to_floor"]), limit, fronts or NONE]
+    time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
+    return [_name(row), *quality, *time, " to ".join(map(significant, row["ratio_interval95"])), limit, fronts or NONE]
 
 
 def _name(row: dict[str, Any]) -> str:
@@ -87,11 +87,14 @@ def _name(row: dict[str, Any]) -> str:
 
 
 def _conditions(rows: Sequence[dict[str, Any]]) -> str:
-    batch = next((row["batch"] for row in rows if "batch" in row), 0)
+    timed = next((row for row in rows if "batch" in row), None)
+    if timed is None:
+        return "Nothing could be timed."
     return (
-        f"Quality is of the held-out pairs, from the file. Time is of the whole query of {batch:,} random samples in "
-        "turns with all the others; eager, float32 where nothing else is said. Floor: one bilinear fetch of a colour. "
-        "Limit: the arithmetic or the reads of a sample at this machine's measured rates."
+        "Quality is of the held-out pairs, from the file. Time is of the whole query of "
+        f"{timed['batch']:,} random samples in turns with all the others, on {timed['device']}, threads: "
+        f"{timed['threads']}; eager, float32 where nothing else is said. Floor: one bilinear fetch of a colour. Limit: "
+        "the arithmetic or the reads of a sample at this machine's measured rates."
     )
 
 
@@ -115,7 +118,10 @@ def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
         rows.append([*words, *(significant(record["ns_per_sample"]) if record else NONE for record in found)])
     headers = [("part", ""), ("batch", ""), ("queries", ""), ("footprint", "texels"), ("threads", "")]
     headers += [(name, "ns ↓") for name in names]
-    note = "decoder: its networks alone; evaluate: with the texture's fetch; query: with every check."
+    note = (
+        "Eager, float32. decoder: its networks alone; evaluate: with the texture's fetch; query: with every check. "
+        "slice: all texels of one pair; random: places and directions up to 75°."
+    )
     unrest = sorted({record["unrest"] for record in records if record.get("unrest")})
     notes = [note, *(["The machine was not quiet: " + "; ".join(unrest[:3]) + "."] if unrest else [])]
     return Table(

@@ -21,29 +21,41 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
 
 
 def _fronts(material: str, rows: Sequence[Choice]) -> Any:
-    drawing = new(11.5, 5.0, layout="constrained")
     groups: dict[str, list[Choice]] = {}
     for row in rows:
-        variant = f"{row['execution']} {row['precision']}"
-        groups.setdefault(row["codec"] + ("" if variant == "eager float32" else f" [{variant}]"), []).append(row)
-    both = drawing.subplots(1, 2, sharey=True)
-    sides = (("ns_per_sample", "fastest", "ns a sample (less is better)", ""),
-             ("bytes", "smallest", "size of the file (less is better)", "B"))  # fmt: skip
-    for axes, (cost, front, label, unit) in zip(both, sides, strict=True):
-        handles = [_marks(axes, i, group, cost) for i, group in enumerate(groups.values())]
-        best = sorted((row[cost], row["psnr"]) for row in rows if row[front])
-        axes.plot(*zip(*best, strict=True), color="0.4", linewidth=1, drawstyle="steps-post", zorder=0)
-        axes.set_xscale("log")
-        log_ticks(axes.xaxis, unit)
-        axes.set_xlabel(label)
-        axes.margins(0.08)
-    both[0].set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
-    both[0].set_title(f"{material}: speed and accuracy", loc="left")
-    both[1].set_title("rate and accuracy; grey: nothing else is as good for less", loc="left")
-    legend(both[1], handles, list(groups))
+        groups.setdefault(row["codec"] + ("" if _plain(row) else f" [{_how(row)}]"), []).append(row)
+    drawing = new(11.5, max(5.0, 1.4 + 0.2 * len(groups)), layout="constrained")
+    speed, rate = drawing.subplots(1, 2, sharey=True)
+    handles = [_marks(speed, i, group, "ns_per_sample") for i, group in enumerate(groups.values())]
+    for i, group in enumerate(groups.values()):
+        _marks(rate, i, list(filter(_plain, group)), "bytes")  # executions change no byte
+    _front(speed, [row for row in rows if row["fastest"]], "ns_per_sample", "ns a sample (less is better)", "")
+    _front(rate, [row for row in rows if row["smallest"]], "bytes", "size of the file (less is better)", "B")
+    speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
+    speed.set_title(f"{material}: speed and accuracy", loc="left")
+    rate.set_title("rate and accuracy; grey: nothing else is as good for less", loc="left")
+    legend(rate, handles, list(groups))
     return drawing
+
+
+def _how(row: Choice) -> str:
+    return f"{row['execution']} {row['precision']}"
+
+
+def _plain(row: Choice) -> bool:
+    return _how(row) == "eager float32"
 
 
 def _marks(axes: Any, index: int, group: Sequence[Choice], cost: str) -> Any:
     x, y = [row[cost] for row in group], [row["psnr"] for row in group]
     return axes.plot(x, y, **look(index), markersize=6, linestyle="none")[0]
+
+
+def _front(axes: Any, best: Sequence[Choice], cost: str, label: str, unit: str) -> None:
+    """The front as a stair, and the axis of its cost."""
+    stair = sorted((row[cost], row["psnr"]) for row in best)
+    axes.plot([x for x, _ in stair], [y for _, y in stair], color="0.4", linewidth=1, drawstyle="steps-post", zorder=0)
+    axes.set_xscale("log")
+    log_ticks(axes.xaxis, unit)
+    axes.set_xlabel(label)
+    axes.margins(0.08)

@@ -6,6 +6,7 @@ import pytest
 from bench import choose, timing, trade
 from bench.check import tiny_btf
 from bench.commands import choose as choose_command
+from bench.errors import InputError
 from bench.records import append, load_run
 from bench.runner import Options, run
 from bench.suite import CodecSpec, Data, MaterialSpec, Suite
@@ -20,8 +21,12 @@ SUITE = Suite(
         CodecSpec("pca", {"components": 2}, ("components",)),
         CodecSpec("neubtf-direct", {"steps": 20}),
     ),
-    variants=("eager bfloat16", "fused bfloat16"),
+    variants=("eager bfloat16", "fused float32", "fused bfloat16", "compiled tf32"),  # the last two are of GPUs
 )
+
+
+def without_drjit():
+    raise InputError("pip install neubtf-bench[mitsuba]")
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +35,7 @@ def measured(tmp_path_factory):
     folder = tmp_path_factory.mktemp("trade")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.workbench.open_material", lambda spec, data, show: tiny_btf(12, 6, 6))
+        patch.setattr("bench.fused.with_drjit.drjit", without_drjit)
         patch.setattr(timing, "SAMPLES", 3)
         patch.setattr("bench.timing.clock.SPAN_NS", 10_000)
         patch.setattr(trade, "BATCH", 256)
@@ -49,7 +55,7 @@ def by_name(found):
 def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(measured):
     names = list(by_name(measured[1]))
     plain = ["mean-colour", "pca components=2", "neubtf-direct steps=20"]
-    variants = ["neubtf-direct steps=20 [eager bfloat16]", "neubtf-direct steps=20 [fused bfloat16]"]
+    variants = ["neubtf-direct steps=20 [eager bfloat16]", "neubtf-direct steps=20 [fused float32]"]
     assert names == [*plain, *variants, timing.FLOOR]
 
 
@@ -66,8 +72,8 @@ def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_fil
 
 
 def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
-    row = by_name(measured[1])["neubtf-direct steps=20 [fused bfloat16]"]
-    assert "float32, not bfloat16" in row["error"]
+    row = by_name(measured[1])["neubtf-direct steps=20 [fused float32]"]
+    assert "pip install neubtf-bench[mitsuba]" in row["error"]
     assert "ns_per_sample" not in row
 
 

@@ -63,7 +63,8 @@ class RunMaker:
     def trade(self, *labels, material="satin"):
         """What `neubtf-bench trade` would have measured of jobs with these labels."""
         row = {"material": material, "execution": "eager", "precision": "float32", "device": "cpu", "settings": {}}
-        row |= {"ns_per_sample": 100.0, "interval95_ns": [90.0, 110.0], "ratio_to_floor": 2.0, "batch": 65536}
+        row |= {"ns_per_sample": 100.0, "ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]}
+        row |= {"batch": 65536, "threads": 1}
         choice = row | {"codec": "pca", "psnr": 30.0, "worst": 25.0, "flip": 0.1, "bytes": 1000, "of_limit": 0.1}
         choices = [choice | {"label": label, "fastest": True, "smallest": False} for label in labels]
         profile = {"material": material, "name": "floor", "part": "query", "batch": 1, "coherent": False}
