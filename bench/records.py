@@ -143,14 +143,24 @@ def load_run(folder: str | Path) -> Run:
 
 
 def load_trade(folder: Path) -> Record | None:
-    """What `neubtf-bench trade` measured of a run; None where it did not. `InputError` where it cannot be read."""
+    """What `neubtf-bench trade` measured of a run; None where it did not. `InputError` where it cannot be read.
+
+    Choices whose files were fitted again since are left out.
+    """
     try:
         found: Record = json.loads((folder / TRADE).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
         raise InputError(f"{folder / TRADE}: cannot be read ({error}): remove it, and run trade again") from error
-    return found
+    run = load_run(folder)
+    return found | {"choices": [row for row in found["choices"] if _stands(row, run)]}
+
+
+def _stands(choice: Record, run: Run) -> bool:
+    """Whether a choice is of the file that its job's record is of; what is of no file stands."""
+    job = run.job(choice.get("job", "")) or {}
+    return "sha256" not in choice or job.get("score_key", {}).get("sha256") == choice["sha256"]
 
 
 def _take(run: Run, line: bytes) -> bool:

@@ -125,6 +125,7 @@ def _choices(
             row = {"material": bench.name, "job": job["job"], "label": job["label"], "codec": job["codec"]}
             row |= {"settings": job["settings"], "execution": variant.execution, "precision": variant.precision}
             row |= {"bytes": job["bytes"]["total"], "parameters": job["parameters"], "device": device}
+            row |= {"sha256": job["score_key"]["sha256"]}
             try:
                 ready = prepared(material, variant)
                 row |= _quality(bench, job, run) if variant == Variant() else _score(bench, ready, suite.threads, show)

@@ -1,4 +1,5 @@
 import argparse
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -7,7 +8,7 @@ from bench import choose, timing, trade
 from bench.check import tiny_btf
 from bench.commands import choose as choose_command
 from bench.errors import InputError
-from bench.records import append, load_run
+from bench.records import append, load_run, load_trade
 from bench.runner import Options, run
 from bench.suite import CodecSpec, Data, MaterialSpec, Suite
 from reports import table_text, write_report
@@ -153,6 +154,17 @@ def test_another_material_is_measured_beside_those_that_are_there(measured):
     assert trade.merged(None, found)["choices"] == found["choices"]
 
 
+def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
+    folder, found = measured
+    shutil.copy(folder / "records.jsonl", tmp_path)
+    trade.write(tmp_path, found)
+    job = load_run(folder).job("tiny/mean-colour/0")
+    assert load_trade(tmp_path)["choices"] == found["choices"]
+    append(tmp_path, job | {"score_key": job["score_key"] | {"sha256": "another"}})
+    labels = [row["label"] for row in load_trade(tmp_path)["choices"]]
+    assert labels == [row["label"] for row in found["choices"] if row["label"] != "mean-colour"]
+
+
 def choosing(monkeypatch, out, suite=SUITE, **wish):
     """`choose` with a wish, of the suite above."""
     monkeypatch.setattr("bench.suite.load_suite", lambda name: suite)
@@ -178,6 +190,7 @@ def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, 
 def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_path, monkeypatch, capsys):
     found = measured[1]
     one = found | {"choices": [row for row in found["choices"] if row["label"] == "mean-colour"]}
+    shutil.copy(measured[0] / "records.jsonl", tmp_path)
     trade.write(tmp_path, one)
     asked = []
 
