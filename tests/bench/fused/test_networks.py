@@ -3,6 +3,9 @@
 import copy
 import importlib.util
 import itertools
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -109,14 +112,26 @@ def test_a_network_too_large_for_literals_is_refused(monkeypatch):
 
 
 @pytest.fixture
-def triton_network(monkeypatch):
+def triton_network():
     """The Triton network, in Triton's interpreter: on the CPU, operation by operation."""
     if importlib.util.find_spec("triton") is None:
         pytest.skip("Triton is not installed (pip install triton)")
-    monkeypatch.setenv("TRITON_INTERPRET", "1")
+    if os.environ.get("TRITON_INTERPRET") != "1":
+        pytest.skip("Triton decides as it is imported whether it interprets: see the test below, which runs this one")
     from bench.fused.with_triton import TritonNetwork
 
     return TritonNetwork
+
+
+@pytest.mark.timeout(400)
+def test_triton_passes_the_tests_below_in_a_process_that_interprets():
+    if importlib.util.find_spec("triton") is None or os.environ.get("TRITON_INTERPRET") == "1":
+        pytest.skip("Triton is not installed (pip install triton), or interprets already")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "kernel_for_a_gpu", __file__]
+    done = subprocess.run(command, env=os.environ | {"TRITON_INTERPRET": "1"}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout
+    assert "skipped" not in done.stdout
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::RuntimeWarning")  # Triton's own
