@@ -104,17 +104,23 @@ class Decoder(Network):
             if self.norms is not None:
                 hidden = _saturated(self.norms[depth](hidden))
             hidden = self._activate(hidden)
-            x = _saturated(x + hidden) if self.architecture.residual and x.shape == hidden.shape else hidden
+            if self.architecture.residual and x.shape == hidden.shape:
+                hidden = _saturated(x + hidden if hidden.requires_grad else hidden.add_(x))
+            x = hidden
         return _saturated(self.layers[-1](x)).to(inputs.dtype)
 
     def _activate(self, x: Tensor) -> Tensor:
+        """The activation of a layer's own numbers; where no gradient needs them, in their place: that spares memory."""
+        free = not x.requires_grad
         match self.architecture.activation:
             case "sine":
-                return torch.sin(x if self.architecture.omega == 1 else _saturated(x * self.architecture.omega))
+                if self.architecture.omega != 1:
+                    x = _saturated(x.mul_(self.architecture.omega) if free else x * self.architecture.omega)
+                return x.sin_() if free else x.sin()
             case "leaky-relu":
-                return functional.leaky_relu(x, LEAK)
+                return functional.leaky_relu(x, LEAK, inplace=free)
             case "relu":
-                return functional.relu(x)
+                return functional.relu(x, inplace=free)
 
 
 def _saturated(x: Tensor) -> Tensor:
