@@ -23,6 +23,7 @@ from bench.errors import InputError
 
 FILE = "records.jsonl"
 TRADE = "trade.json"  # beside the records: what `neubtf-bench trade` measured of the run; see `bench.trade`
+TRADE_FORMAT = 1
 Record = dict[str, Any]
 
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
@@ -153,6 +154,8 @@ def load_trade(folder: Path) -> Record | None:
         return None
     except (OSError, ValueError) as error:
         raise InputError(f"{folder / TRADE}: cannot be read ({error}): remove it, and run trade again") from error
+    if not isinstance(found, dict) or found.get("format") != TRADE_FORMAT:
+        raise InputError(f"{folder / TRADE}: not of format {TRADE_FORMAT}: remove it, and run trade again")
     run = load_run(folder)
     return found | {"choices": [row for row in found["choices"] if _stands(row, run)]}
 

@@ -19,7 +19,7 @@ from bench.errors import InputError
 from bench.evaluation import Decoder as Slices
 from bench.execution import Variant, exists_on, networks, prepared
 from bench.material import Material
-from bench.records import TRADE, Record, Run
+from bench.records import TRADE, TRADE_FORMAT, Record, Run
 from bench.scoring import summarise
 from bench.suite import MaterialSpec, Suite
 from bench.timing.machine import unrest
@@ -42,7 +42,13 @@ def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progr
     """
     cores = torch.get_num_threads()
     ceilings = _ceilings(suite, torch.device(device), cores)
-    result: dict[str, Any] = {"suite": suite.name, "ceilings": ceilings, "choices": [], "profiles": []}
+    result: dict[str, Any] = {
+        "format": TRADE_FORMAT,
+        "suite": suite.name,
+        "ceilings": ceilings,
+        "choices": [],
+        "profiles": [],
+    }
     for spec in suite.materials:
         jobs = _jobs(suite, spec, run)
         if jobs:

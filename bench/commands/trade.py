@@ -51,6 +51,7 @@ def measure(suite: "Suite", folder: Path, device: str, console: "Console", full:
 
     for variant in suite.variants:
         Variant.parse(variant)  # a wrong word stops here
+    load_trade(folder)  # and so does a file that could not be extended
     states = []
     for outcome in runner.run(suite, runner.Options(folder, device, show=console.show)):
         states.append(outcome.record["status"])

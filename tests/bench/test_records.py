@@ -5,7 +5,7 @@ import pytest
 
 from bench import records
 from bench.errors import InputError
-from bench.records import FILE, append, load_run
+from bench.records import FILE, append, load_run, load_trade
 
 
 def test_records_come_back_the_latest_of_each_job(tmp_path):
@@ -123,3 +123,12 @@ def test_a_disk_that_fills_up_while_a_record_is_written_keeps_what_was_there(tmp
     assert (tmp_path / FILE).read_bytes() == before
     append(tmp_path, {"kind": "job", "job": "y"})
     assert [job["job"] for job in load_run(tmp_path).jobs] == ["x", "y"]
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"choices": []}', '{"format": 0, "choices": []}'])
+def test_a_trade_of_another_version_is_refused_with_the_remedy(tmp_path, text):
+    append(tmp_path, {"kind": "run", "run": "1"})
+    assert load_trade(tmp_path) is None
+    (tmp_path / "trade.json").write_text(text)
+    with pytest.raises(InputError, match=r"trade\.json: .*remove it, and run trade again"):
+        load_trade(tmp_path)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from bench.records import append
+from bench.records import TRADE_FORMAT, append
 
 METRICS = {
     "psnr_display": {"unit": "dB", "direction": "higher", "space": "display", "version": 1},
@@ -71,7 +71,12 @@ class RunMaker:
         profile |= {"footprint": 0.0, "threads": 1, "ns_per_sample": 50.0}
         ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
         answers = [f"{material}: the best is {labels[0]}."]
-        found = {"choices": [*choices, row | {"label": "floor"}], "profiles": [profile], "ceilings": [ceiling]}
+        found = {
+            "format": TRADE_FORMAT,
+            "choices": [*choices, row | {"label": "floor"}],
+            "profiles": [profile],
+            "ceilings": [ceiling],
+        }
         (self.folder / "trade.json").write_text(json.dumps(found | {"answers": answers}))
         return self
 
