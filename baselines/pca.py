@@ -14,7 +14,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.errors import InputError
-from bench.material import DecoderCost, Material, at_least_float32, sample_texture, to_radiance
+from bench.material import DecoderCost, Material, at_least_float32, sample_texture, saturated, to_radiance
 from bench.quantise import half_scale
 from bench.scoring import exposure
 
@@ -96,6 +96,7 @@ class PCAMaterial(Material):
     def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · table row · coefficients, (n, 3), without the rows (n, pairs, 3, k) ever standing in memory."""
         rows = functional.embedding_bag(pair, self.table, per_sample_weights=weight.to(self.table.dtype), mode="sum")
+        rows = saturated(rows)  # shares of halves may add up to a little more than 1
         # Products of halves may be beyond halves, and of either sign: they are added in float32.
         dtype = at_least_float32(rows.dtype)
         return (rows.reshape(len(pair), 3, -1).to(dtype) * coefficients[:, None].to(dtype)).sum(-1)

@@ -12,12 +12,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.material import sample_texture
+from bench.material import sample_texture, saturated
 
 Activation = Literal["relu", "leaky-relu", "sine"]
 
 LEAK = 0.01  # slope of the leaky ReLU below 0
-HALF_MAX = 65504.0
 
 
 @dataclass(frozen=True)
@@ -100,14 +99,14 @@ class Decoder(Network):
         """Outputs (n, outputs) of inputs (n, inputs), in their dtype; between them all is in that of the weights."""
         x = inputs.to(next(self.parameters()).dtype)
         for depth, layer in enumerate(self.layers[:-1]):
-            hidden = _saturated(layer(x))
+            hidden = saturated(layer(x))
             if self.norms is not None:
-                hidden = _saturated(self.norms[depth](hidden))
+                hidden = saturated(self.norms[depth](hidden))
             hidden = self._activate(hidden)
             if self.architecture.residual and x.shape == hidden.shape:
-                hidden = _saturated(x + hidden if hidden.requires_grad else hidden.add_(x))
+                hidden = saturated(x + hidden if hidden.requires_grad else hidden.add_(x))
             x = hidden
-        return _saturated(self.layers[-1](x)).to(inputs.dtype)
+        return saturated(self.layers[-1](x)).to(inputs.dtype)
 
     def _activate(self, x: Tensor) -> Tensor:
         """The activation of a layer's own numbers; where no gradient needs them, in their place: that spares memory."""
@@ -115,17 +114,12 @@ class Decoder(Network):
         match self.architecture.activation:
             case "sine":
                 if self.architecture.omega != 1:
-                    x = _saturated(x.mul_(self.architecture.omega) if free else x * self.architecture.omega)
+                    x = saturated(x.mul_(self.architecture.omega) if free else x * self.architecture.omega)
                 return x.sin_() if free else x.sin()
             case "leaky-relu":
                 return functional.leaky_relu(x, LEAK, inplace=free)
             case "relu":
                 return functional.relu(x, inplace=free)
-
-
-def _saturated(x: Tensor) -> Tensor:
-    """The same numbers; of halves, which end at 65,504, the infinite ones replaced by the largest finite ones."""
-    return x.clamp(-HALF_MAX, HALF_MAX) if x.dtype == torch.float16 else x
 
 
 def _initialise(layer: nn.Module, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:

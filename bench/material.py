@@ -15,6 +15,7 @@ from bench.errors import InputError
 
 CHUNK = 16_384  # queries evaluated at once: intermediates stay in cache, and memory does not grow with the batch
 UNIT_TOLERANCE = 1e-3
+HALF_MAX = 65504.0
 HIGHEST_LEVEL = 60.0  # of log radiance: 1e26 times the brightest percent, and still far from the end of float32
 
 
@@ -142,6 +143,11 @@ def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor, start: int) ->
 def at_least_float32(dtype: torch.dtype) -> torch.dtype:
     """The dtype, or float32 where it is shorter."""
     return torch.promote_types(dtype, torch.float32)
+
+
+def saturated(x: Tensor) -> Tensor:
+    """The same numbers; of halves, which end at 65,504, the infinite ones replaced by the largest finite ones."""
+    return x.clamp(-HALF_MAX, HALF_MAX) if x.dtype == torch.float16 else x
 
 
 def to_radiance(level: Tensor, gain: float) -> Tensor:

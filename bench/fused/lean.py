@@ -6,8 +6,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.decoder import HALF_MAX, LEAK, Decoder, Network
+from bench.decoder import LEAK, Decoder, Network
 from bench.fused.layers import Layer, Norm, layers_of, sine_of_turns
+from bench.material import HALF_MAX
 
 _CONTRACT = "cpp.enable_floating_point_contract_flag"
 _SINE = sine_of_turns()[::-1]  # from the highest power down
