@@ -15,7 +15,6 @@ from torch import Tensor
 
 from baselines.rainer import (
     BLOCK,
-    LEAST_DEVIATION,
     Activation,
     Autoencoder,
     Encoder,
@@ -23,6 +22,7 @@ from baselines.rainer import (
     architecture,
     directions,
     encoded,
+    radiance,
     statistics,
 )
 from bench.btf import BTF, Layout
@@ -37,6 +37,8 @@ from bench.shared import Shared
 from bench.training import Batch, Loss, Samples, gain_of, train
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
+ASKED = 128  # pairs of a material that the decoder's answers are held against, while it is encoded
+FIREFLY = 2.0  # times the brightest sample of an ABRDF: what the decoder answers beyond it is wrong
 TARGETS = 375  # pairs of each training material that the decoder is asked for
 
 
@@ -87,14 +89,10 @@ class Rainer2020(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         shared, gain = fit.shared(self.name), gain_of(btf, fit)
-        encoder, canonical = encoder_of(shared)
         samples = Samples(btf, gain, fit)
-        resampled = Resampler(btf.layout, canonical).to(fit.device)
+        coder = Coder(shared, samples).to(fit.device)
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
-        rows = [
-            _channels(encoder.to(fit.device), samples.abrdfs(block), resampled)
-            for block in fit.progress(blocks, "encoding")
-        ]
+        rows = [coder(samples.abrdfs(block)) for block in fit.progress(blocks, "encoding")]
         texture = torch.cat(rows).reshape(*btf.shape, -1)
         return Parts(
             texture=pack("latents", texture, self.settings.precision),
@@ -132,15 +130,41 @@ def decoder_of(shared: Shared) -> Decoder:
     return decoder
 
 
-@torch.no_grad()
-def _channels(encoder: Encoder, abrdfs: Tensor, resampled: "Resampler") -> Tensor:
-    """Latents and statistics (n, D + 6) of log ABRDFs (n, N, 3)."""
-    canonical, given = resampled(abrdfs), statistics(abrdfs)
-    found = statistics(canonical)
-    latents = encoded(encoder, canonical, found)
-    # What does not vary over its own pairs is its mean: between them interpolation varies, as it follows the cosine.
-    found = torch.where(given[:, 1:] > LEAST_DEVIATION, found, given)
-    return torch.cat([latents, found.flatten(1)], 1)
+class Coder(torch.nn.Module):
+    """Log ABRDFs (n, N, 3) of one material → its texture's channels (n, D + 6): latents, means, deviations.
+
+    Where the decoder's answer at the material's own pairs is further from the truth than the mean of these is, the mean
+    is stored, with a deviation of 0: the network has not seen everything, and an ABRDF that does not vary seems to once
+    it is interpolated at the canonical pairs, as interpolation follows the cosine.
+    """
+
+    def __init__(self, shared: Shared, samples: Samples):
+        super().__init__()
+        self.encoder, canonical = encoder_of(shared)
+        self.decoder = decoder_of(shared)
+        self.resampled = Resampler(samples.btf.layout, canonical)
+        self.register_buffer("asked", torch.linspace(0, samples.pairs - 1, min(samples.pairs, ASKED)).round().long())
+        self.register_buffer("where", directions(samples.wo, samples.wi).cpu()[self.asked])
+
+    asked: Tensor  # (P,)
+    where: Tensor  # (P, 4)
+
+    @torch.no_grad()
+    def forward(self, abrdfs: Tensor) -> Tensor:
+        canonical, own = self.resampled(abrdfs), statistics(abrdfs)
+        found = statistics(canonical)
+        latents = encoded(self.encoder, canonical, found)
+        answers, truth, mean = self.answers(latents, found), abrdfs[:, self.asked], own[:, :1]
+        told = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)
+        told &= answers.amax(1).expm1() <= FIREFLY * abrdfs.amax(1).expm1()
+        plain = torch.cat([mean, torch.zeros_like(mean)], 1)
+        return torch.cat([latents, found.where(told[:, None], plain).flatten(1)], 1)
+
+    def answers(self, latents: Tensor, found: Tensor) -> Tensor:
+        """What the decoder says at the pairs that are asked, (n, P, 3)."""
+        count, where = len(self.where), self.where.repeat(len(latents), 1)
+        latent, statistic = (x.repeat_interleave(count, 0) for x in (latents, found.flatten(1)))
+        return radiance(self.decoder, latent, statistic, where).unflatten(0, (-1, count))
 
 
 class Resampler(torch.nn.Module):
