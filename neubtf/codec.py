@@ -17,7 +17,9 @@ from bench.training import Samples, gain_of, train
 from neubtf.autoencoder import STRIDE, Autoencoder
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
 from neubtf.renderer import load, store
-from neubtf.training import FitSettings, Staged, brightness, slice_of
+from neubtf.training import BRIGHTNESS_SLICES, FitSettings, Staged, brightness, slice_of
+
+TELLING = 0.1  # share of the best slice's contrast that the guidance needs
 
 log = logging.getLogger(__name__)
 
@@ -34,7 +36,7 @@ class NeuBTF(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
         samples = Samples(btf, gain, fit)
-        picture = eight_bits(displayed(slice_of(samples, most_frontal(btf))))
+        picture = eight_bits(displayed(slice_of(samples, guiding_pair(samples))))
         encoder = Encoder(Autoencoder(settings.latents, generator), *brightness(samples))
         staged = Staged(samples, settings, encoder, as_guidance(picture), generator)
         train(staged, fit, settings.steps)
@@ -60,3 +62,20 @@ def texture_of(stored: dict[str, Tensor], channels: int, device: torch.device) -
 def most_frontal(btf: BTF) -> int:
     """The pair whose view and light are nearest to the normal: what a photograph with a flash shows."""
     return int((btf.wo[:, 2] + btf.wi[:, 2]).argmax())
+
+
+def guiding_pair(samples: Samples) -> int:
+    """The pair whose slice is the guidance: the most frontal one that tells texels apart.
+
+    That is the most frontal of all but where its slice shows next to nothing, `TELLING` times the contrast of the best
+    of others. A texture made of it would be the same everywhere.
+    """
+    some = range(0, samples.pairs, -(-samples.pairs // BRIGHTNESS_SLICES))
+    least = TELLING * max(_contrast(samples, pair) for pair in some)
+    frontal = (samples.wo[:, 2] + samples.wi[:, 2]).argsort(descending=True, stable=True)
+    return next(pair for pair in frontal.tolist() if _contrast(samples, pair) >= least)
+
+
+def _contrast(samples: Samples, pair: int) -> float:
+    """The deviation over the texels of a slice as it is displayed, the mean of its channels'."""
+    return displayed(slice_of(samples, pair))[0].flatten(1).std(1, correction=0).mean().item()

@@ -15,7 +15,8 @@ from bench.codec import Fit, Parts
 from bench.counting import parameters
 from bench.errors import InputError
 from bench.quantise import unpack
-from neubtf.codec import NeuBTF, most_frontal
+from bench.training import Samples
+from neubtf.codec import NeuBTF, guiding_pair, most_frontal
 from neubtf.direct import NeuBTFDirect
 from neubtf.encoder import as_guidance, displayed, eight_bits, read_encoder
 
@@ -68,6 +69,22 @@ def test_the_guidance_is_the_most_frontal_slice_as_it_is_displayed() -> None:
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     # Log radiance is kept as half floats.
     np.testing.assert_allclose(parts.encoder["guidance"].numpy() / 255, srgb, atol=0.5 / 255 + 1e-3)
+
+
+def test_where_the_most_frontal_slice_shows_nothing_the_next_that_does_is_the_guidance() -> None:
+    like = tiny_btf()
+    values = np.stack(list(like))
+    values[like.wo[:, 2] > 0.9] = 0.1  # one colour, from above
+    btf = BTF("flat", like.wo, like.wi, ArraySource(values), periodic=True)
+    _, parts = fitted(btf, keep_encoder=True)
+    pair = guiding_pair(Samples(btf, parts.other["gain"].item(), Fit()))
+    lit = like.wo[:, 2] < 0.9
+    assert lit[pair]
+    assert like.wo[pair, 2] + like.wi[pair, 2] == (like.wo[:, 2] + like.wi[:, 2])[lit].max()
+    assert parts.encoder["guidance"].float().std((0, 1)).min() > 10
+    assert guiding_pair(Samples(like, 1.0, Fit())) == most_frontal(like)
+    black = BTF("black", like.wo, like.wi, ArraySource(np.zeros_like(values)))
+    assert guiding_pair(Samples(black, 1.0, Fit())) == most_frontal(like)
 
 
 def test_the_autoencoder_is_a_part_of_its_own_and_left_out_unless_wanted(tmp_path: Path) -> None:
