@@ -6,7 +6,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from baselines.neumip import Fitting, Networks, NeuMIP, NeuMIPMaterial, Pyramid, blur, level_count
+from baselines.neumip import LOSSES, Fitting, Networks, NeuMIP, NeuMIPMaterial, Pyramid, blur, level_count
 from bench import container, training
 from bench.btf import BTF, ArraySource
 from bench.check import tiny_btf
@@ -158,3 +158,18 @@ def test_the_networks_start_at_one_colour(outputs: int) -> None:
     networks.start_at(level)
     rgb = networks.colour(torch.randn(4, CHANNELS), torch.ones(4, 3), torch.ones(4, 3))
     torch.testing.assert_close(rgb, level.expm1().expand(4, 3))
+
+
+@pytest.mark.parametrize("loss", sorted(LOSSES))
+@pytest.mark.parametrize("shade", [0.0, 1.0])
+def test_losses_of_black_and_white_have_gradients_at_equality_and_away_from_it(loss: str, shade: float) -> None:
+    like, generator = tiny_btf(), torch.Generator().manual_seed(0)
+    btf = BTF("flat", like.wo, like.wi, ArraySource(np.full((81, 8, 8, 3), shade, np.float32)), periodic=True)
+    settings = NeuMIP.Settings(loss=loss, batch=64)  # type: ignore[arg-type]
+    fitting = Fitting([Samples(btf, 8.0, Fit())], settings, generator)
+    for level in (fitting.samples.mean(generator), torch.zeros(3), torch.ones(3)):
+        fitting.networks.start_at(level)
+        value = fitting.loss(generator, 0.5)
+        value.backward()
+        assert value.isfinite()
+        assert all(p.grad is None or p.grad.isfinite().all() for p in fitting.parameters())

@@ -1,6 +1,9 @@
 """The terms of the loss, each against the same equation written in NumPy and SciPy."""
 
+import math
+
 import numpy as np
+import pytest
 import torch
 from scipy.ndimage import correlate
 from torch import Tensor
@@ -78,6 +81,17 @@ def test_equal_pictures_are_at_no_distance() -> None:
     assert loss.item() == 0
     assert ours.grad is not None
     assert not ours.grad.any()
+
+
+@pytest.mark.parametrize(("ours", "theirs"), [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)])
+def test_black_and_white_have_gradients(ours: float, theirs: float) -> None:
+    level = torch.full((1, 3, 8, 8), math.log1p(8 * ours), requires_grad=True)
+    truth = torch.full((1, 3, 8, 8), theirs)
+    loss = focal_frequency(shown(level), truth) + Style()(shown(level), truth)
+    loss.backward()
+    assert loss.item() == pytest.approx(0, abs=1e-9) if ours == theirs else loss.item() > 0.01
+    assert level.grad is not None
+    assert level.grad.isfinite().all()
 
 
 def test_log_radiance_is_shown_linear_and_clipped() -> None:
