@@ -1,8 +1,8 @@
 """The records of a run: one JSON object a line, appended and synced the moment it is true.
 
-`RUN/records.jsonl` holds four kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
-encoded, its bytes, its errors, or why it failed), `timing` (one codec timed beside the others of its material) and
-`rate` (one codec's ladder of rates against that of log PCA).
+`RUN/records.jsonl` holds five kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
+encoded, its bytes, its errors, or why it failed), `timing` (one codec timed beside the others of its material),
+`rate` (one codec's ladder of rates against that of log PCA) and `stress` (one extreme tried on one codec or metric).
 Paths in records are relative to the run's folder. Imports neither PyTorch nor pandas.
 
 A line begins with a checksum of what follows it, its kind, and, of jobs and timings, the job's name: so a line that
@@ -24,6 +24,7 @@ from bench.errors import InputError
 FILE = "records.jsonl"
 TRADE = "trade.json"  # beside the records: what `neubtf-bench trade` measured of the run; see `bench.trade`
 TRADE_FORMAT = 1
+STRESS = "stress"  # the folder, beside those of runs, that `neubtf-bench stress` writes to
 Record = dict[str, Any]
 
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
@@ -115,6 +116,7 @@ class Run:
     jobs: Records = field(default_factory=Records)
     timings: Records = field(default_factory=Records)
     rates: Records = field(default_factory=Records)
+    stress: Records = field(default_factory=Records)
     unreadable: list[int] = field(default_factory=list)  # line numbers, from 1
 
     def job(self, name: str) -> Record | None:
@@ -188,6 +190,8 @@ def _sort(run: Run, record: Record) -> bool:
             run.timings.put(name, record)
         case {"kind": "rate"}:
             run.rates.put((record.get("material"), record.get("curve")), record)
+        case {"kind": "stress", "subject": subject, "extreme": extreme}:
+            run.stress.put((subject, extreme), record)
         case _:
             return False
     return True

@@ -58,6 +58,14 @@ def parameters_text(jobs: Sequence["Record"], format: str = "text") -> str:
     return writers[format]([table] if table else [])
 
 
+def stress_text(records: Sequence["Record"], format: str = "text") -> str:
+    """The tables of the stress test alone, of records of the kind `stress`."""
+    from reports import text
+    from reports.stress import tables
+
+    return (text.markdown if format == "markdown" else text.plain)(tables(records))
+
+
 def write_report(run_folder: str | Path) -> Written:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file whole or not at all.
 

@@ -14,3 +14,4 @@ class Table:
     notes: list[str] = field(default_factory=list)
     words: int = 1  # how many columns, from the left, hold words
     material: str = ""  # where the table is of one
+    fold: int = 22  # the width at which a terminal folds the first column, where that alone holds words

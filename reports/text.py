@@ -12,6 +12,7 @@ from bench.records import Run
 from reports import columns
 from reports.notes import run_notes
 from reports.rows import Material, materials
+from reports.stress import summary
 from reports.table import Table
 from reports.tables import main_table, rate_tables, unfinished_table
 
@@ -28,7 +29,8 @@ def terminal(run: Run) -> str:
     shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []
     shown = [replace(table, notes=[note for note in table.notes if note not in shared]) for table in shown]
     nothing = [] if main else ["Nothing was measured in this run."]
-    return "\n\n".join([*nothing, *map(_plain, shown), "\n".join(map(_wrapped, [*shared, *run_notes(run)]))]).rstrip()
+    notes = [note for note in (*shared, summary(run), *run_notes(run)) if note]
+    return "\n\n".join([*nothing, *map(_plain, shown), "\n".join(map(_wrapped, notes))]).rstrip()
 
 
 def _detail(material: Material) -> Table | None:
@@ -72,12 +74,12 @@ def _width(text: str) -> int:
 
 def _split(name: str, unit: str) -> list[str]:
     """A header on two or three lines: words first where the name is long, the unit last."""
-    return [*textwrap.wrap(name, 9), *textwrap.wrap(unit, 8)]
+    return [*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)]
 
 
 def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
     """The lines of one row: long words are folded."""
-    widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (22,)
+    widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (table.fold,)
     folded = [textwrap.wrap(cell, width) or [""] for cell, width in zip(row, widths, strict=False)]
     cells = [*folded, *([cell] for cell in row[table.words :])]
     for i in range(max(map(len, cells))):

@@ -18,6 +18,7 @@ def run(options: argparse.Namespace) -> int:
     failed = 0
     for result in check(load_codec(options.codec)(**assignments(options.set))):
         failed += bool(result.failure)
-        print(f"{'FAIL' if result.failure else 'pass'}  {result.name}" + (f": {result.failure}" * bool(result.failure)))
+        word = "FAIL" if result.failure else "n/a " if result.reason else "pass"
+        print(f"{word}  {result.name}" + "".join(f": {more}" for more in (result.failure, result.reason) if more))
     print(f"{options.codec}: " + (f"{failed} checks failed" if failed else "every check passed"))
     return NO if failed else FINE

@@ -10,7 +10,7 @@ from pathlib import Path
 from bench.errors import InputError
 from bench.exits import FINE
 
-TABLES = ("main", "angular", "radiance", "footprints", "rate", "fits", "trade", "parameters", "unfinished")
+TABLES = ("main", "angular", "radiance", "footprints", "rate", "fits", "trade", "parameters", "stress", "unfinished")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
         return FINE
     from reports import table_text
 
-    print(table_text(folders[0] if folders else _newest_run(), options.format, kinds[0] if kinds else None))
+    print(table_text(folders[0] if folders else _newest_run(kinds), options.format, kinds[0] if kinds else None))
     return FINE
 
 
@@ -55,15 +55,20 @@ def _parameters(folder: Path | None, format: str) -> str:
     return parameters_text(jobs, format)
 
 
-def _newest_run() -> Path:
+def _newest_run(kinds: list[str]) -> Path:
+    from bench.records import FILE, STRESS
+
     found = _runs()
+    if kinds == [STRESS] and (Path("runs") / STRESS / FILE).is_file():
+        return Path("runs") / STRESS
     if not found:
         raise InputError("table: there is no run under runs/: give the folder that `neubtf-bench run` wrote")
     return found[-1]
 
 
 def _runs() -> list[Path]:
-    """The folders of runs under runs/, the newest last."""
-    from bench.records import FILE
+    """The folders of runs under runs/, the newest last; that of the stress test is none."""
+    from bench.records import FILE, STRESS
 
-    return [path.parent for path in sorted(Path("runs").glob(f"*/{FILE}"), key=lambda path: path.stat().st_mtime)]
+    found = [path for path in Path("runs").glob(f"*/{FILE}") if path.parent.name != STRESS]
+    return [path.parent for path in sorted(found, key=lambda path: path.stat().st_mtime)]

@@ -1,0 +1,104 @@
+"""What the stress test found: extremes × codecs, and metrics × extreme pictures."""
+
+import re
+from collections.abc import Iterable
+
+from bench.records import FILE, STRESS, Record, Run, load_run
+from reports.numbers import NONE
+from reports.table import Table
+
+PICTURES = "pictures"  # the group whose subjects are metrics and losses
+FOLD = 36  # columns of a terminal for the name of an extreme
+
+
+def stress_tables(run: Run) -> list[Table]:
+    """The tables of a run's own stress records, or of those beside it as far as the codecs are those of the run."""
+    if len(run.stress):
+        return tables(run.stress)
+    beside = run.folder.parent / STRESS
+    if beside.resolve() == run.folder.resolve() or not (beside / FILE).is_file():
+        return []
+    versions = {(job["codec"], (job.get("fit_key") or {}).get("version")) for job in run.jobs if job["status"] == "ok"}
+    return tables(r for r in load_run(beside).stress if (r["subject"], r.get("version")) in versions)
+
+
+def tables(records: Iterable[Record]) -> list[Table]:
+    """Extremes × codecs, and metrics and losses × extreme pictures; each only where it has a record."""
+    found = sorted(records, key=lambda record: record["order"])  # as in the catalogue; else they stay as they are
+    codecs = [record for record in found if record["group"] != PICTURES]
+    pictures = [record for record in found if record["group"] == PICTURES]
+    made = [_of_codecs(codecs)] if codecs else []
+    return [*made, _of_pictures(pictures)] if pictures else made
+
+
+def summary(run: Run) -> str:
+    """One line: how many cells passed; "" where nothing was tried."""
+    shown = stress_tables(run)
+    cells = [cell for table in shown for row in table.rows for cell in row[1:] if cell and cell != NONE]
+    if not cells:
+        return ""
+    failed, without = (sum(cell.startswith(word) for cell in cells) for word in ("FAIL", "n/a"))
+    passed = len(cells) - failed - without
+    return f"Extremes (table stress): {passed} pass, {failed} fail, {without} not applicable."
+
+
+def _of_codecs(records: list[Record]) -> Table:
+    cells = _Cells(records)
+    subjects = sorted({record["subject"] for record in records})
+    rows = []
+    for group in dict.fromkeys(record["group"] for record in records):
+        rows.append([f"{group}:", *[""] * len(subjects)])
+        names = dict.fromkeys(record["extreme"] for record in records if record["group"] == group)
+        rows += [[name, *(cells.of(subject, name) for subject in subjects)] for name in names]
+    headers = [("extreme", ""), *((subject, "") for subject in subjects)]
+    return Table("stress", "Extremes that codecs must survive", headers, rows, cells.notes(), fold=FOLD)
+
+
+def _of_pictures(records: list[Record]) -> Table:
+    cells = _Cells(records)
+    names = dict.fromkeys(record["extreme"] for record in records)
+    subjects = dict.fromkeys(record["subject"] for record in records)
+    rows = [[subject, *(cells.of(subject, name) for name in names)] for subject in subjects]
+    headers = [("metric or loss", ""), *((name, "") for name in names)]
+    return Table("stress", "Extreme pictures for metrics and losses", headers, rows, cells.notes(), fold=FOLD)
+
+
+class _Cells:
+    """Cells by subject and extreme; the reasons of those that do not apply are lettered."""
+
+    def __init__(self, records: list[Record]):
+        self.records = {(record["subject"], record["extreme"]): record for record in records}
+        reasons = dict.fromkeys(_reason(record) for record in records if record["verdict"] == "n/a")
+        self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}
+
+    def of(self, subject: str, extreme: str) -> str:
+        record = self.records.get((subject, extreme))
+        if record is None:
+            return NONE
+        match record["verdict"]:
+            case "n/a":
+                return f"n/a {self.letters[_reason(record)]}"
+            case "fail":
+                return f"FAIL {record['figure']}"
+        return record["figure"] or "pass"
+
+    def notes(self) -> list[str]:
+        failed = [record for record in self.records.values() if record["verdict"] == "fail"]
+        told = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
+        if any(record["group"] != PICTURES for record in failed):
+            told.append('One cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
+        return [*told, *self._nearest(), *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
+
+    def _nearest(self) -> list[str]:
+        """Of each extreme whose records say how much of the bound is used: where most of it is."""
+        worst: dict[str, Record] = {}
+        for record in self.records.values():
+            used, extreme = record.get("used"), record["extreme"]
+            if used is not None and (extreme not in worst or used > worst[extreme]["used"]):
+                worst[extreme] = record
+        return [f"{name}, worst of all: {record['subject']}: {record['detail']}" for name, record in worst.items()]
+
+
+def _reason(record: Record) -> str:
+    """Why a case does not apply, without the sizes that differ from cell to cell."""
+    return re.sub(r"^reference is [^,]*, and ", "", record["detail"])

@@ -1,0 +1,92 @@
+"""The stress test's tables: rows of extremes, columns of codecs, reasons and figures below."""
+
+from bench.records import append, load_run
+from reports import stress_text, table_text, write_report
+from reports.stress import stress_tables, summary, tables
+
+
+def record(subject, extreme, verdict="pass", figure="", detail="", order=0, group="data", version=1):
+    return {
+        "kind": "stress",
+        "subject": subject,
+        "extreme": extreme,
+        "verdict": verdict,
+        "figure": figure,
+        "detail": detail,
+        "order": order,
+        "group": group,
+        "version": version,
+        "holds": "finite",
+        "seconds": 0.1,
+    }
+
+
+RECORDS = [
+    record("vq", "sine", "n/a", "n/a", "has no sine", order=2, group="networks"),
+    record("pca", "constant", "fail", "3.2%", "a value is off by 3.2 %", order=1),
+    record("vq", "constant", order=1),
+    record("pca", "zero", order=0),
+    record("vq", "zero", order=0),
+    record("vq", "reciprocity", figure="12%", order=3, group="invariants"),
+    record("ssim", "one texel", "n/a", "n/a", "reference is 1 × 1, and SSIM needs at least 11 × 11", 9, "pictures"),
+    record("psnr", "one texel", order=9, group="pictures"),
+]
+
+
+def test_extremes_are_rows_in_the_catalogue_s_order_and_codecs_columns():
+    of_codecs, of_pictures = tables(RECORDS)
+    assert [name for name, _ in of_codecs.headers] == ["extreme", "pca", "vq"]
+    assert of_codecs.rows == [
+        ["data:", "", ""],
+        ["zero", "pass", "pass"],
+        ["constant", "FAIL 3.2%", "pass"],
+        ["networks:", "", ""],
+        ["sine", "—", "n/a a"],
+        ["invariants:", "", ""],
+        ["reciprocity", "—", "12%"],
+    ]
+    assert of_codecs.notes == [
+        "FAIL pca, constant: a value is off by 3.2 %",
+        'One cell again: neubtf-bench stress --codec CODEC --case "EXTREME"',
+        "a: has no sine",
+    ]
+    assert of_pictures.rows == [["ssim", "n/a a"], ["psnr", "pass"]]
+    assert of_pictures.notes == ["a: SSIM needs at least 11 × 11"]
+
+
+def test_where_most_of_a_bound_is_used_is_told_below():
+    near, far = (
+        record(name, "fp16", detail=f"at {name}") | {"used": used} for name, used in (("pca", 0.9), ("vq", 0.2))
+    )
+    (table,) = tables([near, far])
+    assert table.notes == ["fp16, worst of all: pca: at pca"]
+
+
+def test_text_and_markdown():
+    assert "constant     FAIL 3.2%   pass" in stress_text(RECORDS)
+    assert "| constant" in stress_text(RECORDS, "markdown")
+
+
+def test_a_run_shows_its_own_records(made):
+    made.job("pca components=8")
+    for one in RECORDS:
+        append(made.folder, one)
+    append(made.folder, record("pca", "constant", order=1))
+    text = table_text(made.folder, kind="stress")
+    assert "FAIL" not in text  # the latest counts
+    assert "Extremes (table stress): 6 pass, 0 fail, 2 not applicable." in table_text(made.folder)
+    written = {file.name for file in write_report(made.folder).files}
+    assert {"stress.md", "stress.tex"} <= written
+    assert "Extremes that codecs must survive" in (made.folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_run_without_records_shows_those_beside_it_of_its_codecs_and_versions(made, tmp_path):
+    made.job("pca components=8", fit_key={"version": 1})
+    assert stress_tables(load_run(made.folder)) == []
+    assert summary(load_run(made.folder)) == ""
+    (tmp_path / "stress").mkdir()
+    for one in (*RECORDS, record("pca", "sine", order=2, version=2)):
+        append(tmp_path / "stress", one)
+    (table,) = stress_tables(load_run(made.folder))
+    assert table.rows == [["data:", ""], ["zero", "pass"], ["constant", "FAIL 3.2%"]]
+    assert summary(load_run(made.folder)).endswith("1 pass, 1 fail, 0 not applicable.")
