@@ -133,8 +133,8 @@ class Objective(nn.Module):
         """Parameter groups for Adam, each with its highest learning rate, `lr`."""
         raise NotImplementedError
 
-    def rate(self, step: int, steps: int) -> float:
-        """The share of the highest learning rates at a step; a fit of several stages has a curve for each."""
+    def rate(self, step: int, steps: int, group: int) -> float:
+        """The share of its highest learning rate that a group has at a step; each stage of a fit has its curve."""
         return rate(step, steps)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
@@ -243,9 +243,8 @@ class _Loop:
         """Steps up to `end`, then keep the state, or go back to the last good one."""
         total = torch.zeros((), device=self.fit.device)
         while self.step < end:
-            share = self.objective.rate(self.step, self.steps) / 2**self.halvings
-            for group, highest in zip(self.adam.param_groups, self.highest, strict=True):
-                group["lr"] = highest * share
+            for i, (group, highest) in enumerate(zip(self.adam.param_groups, self.highest, strict=True)):
+                group["lr"] = highest * self.objective.rate(self.step, self.steps, i) / 2**self.halvings
             loss = self.objective.loss(self.generator, self.step / self.steps)
             self.adam.zero_grad(set_to_none=True)
             loss.backward()

@@ -25,6 +25,8 @@ from neubtf.losses import Style, focal_frequency, shown
 from neubtf.renderer import RendererSettings, render
 
 DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as if they had it
+RENDERER = 0  # its group of parameters, before the encoder
+GOING_ON = 0.3  # share of the renderer's rate in the last stage: at all of it, what the first stage found is lost again
 BRIGHTNESS_SLICES = 64  # tell how bright the slices of a material are
 
 
@@ -98,10 +100,11 @@ class Staged(Objective):
         """The stage, from 0 to 2, that a step belongs to."""
         return bisect.bisect(self.ends, step) - 1
 
-    def rate(self, step: int, steps: int) -> float:
+    def rate(self, step: int, steps: int, group: int) -> float:
         stage = self.stage(step)
         start, end = [*self.ends, steps][stage : stage + 2]
-        return super().rate(step - start, end - start)
+        share = super().rate(step - start, end - start, group)
+        return GOING_ON * share if stage == 2 and group == RENDERER and self.settings.direct else share
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         direct = self.stage(round(progress * self.settings.steps)) == 0
