@@ -25,6 +25,7 @@ class Rainer2019(Codec):
     """Rainer 2019: an encoder from ABRDFs to latents and a wide decoder, one pair of networks a material."""
 
     name, version = "rainer2019", 1
+    sizes = ("latents",)
 
     @dataclass(frozen=True)
     class Settings:

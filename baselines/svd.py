@@ -9,6 +9,7 @@ Faster Approximate Singular Value Decomposition", NeurIPS 2015; Halko, Martinsso
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -17,6 +18,7 @@ OVERSAMPLE = 10  # rows beyond the rank: Halko et al. recommend five to ten
 EPSILON = torch.finfo(torch.float32).eps
 CHUNK = 1 << 15  # columns converted to double at once
 EXACT_SIDE, EXACT_BYTES = 1024, 64 << 20  # a smaller side and a matrix up to these are decomposed exactly: 0.4 s
+LEAST_WEIGHT = 1e-6  # rows that weigh nothing are stored too, and divided by the root of their weight
 SPACE_BYTES = 512 << 20  # of images kept: with more texels only those of the last passes, at least two
 
 Blocks = Callable[[str], Iterator[Tensor]]
@@ -35,15 +37,26 @@ class Factors:
 
 
 def truncated_svd(
-    read: Blocks, shape: tuple[int, int], rank: int, passes: int, generator: torch.Generator, device: torch.device
+    read: Blocks,
+    shape: tuple[int, int],
+    rank: int,
+    passes: int,
+    generator: torch.Generator,
+    device: torch.device,
+    weight: Tensor | None = None,
 ) -> Factors:
     """The `rank` strongest components of a matrix of `shape` (F, T), or all that stand above rounding if fewer.
 
+    With a `weight` (F,) the squared error of each row counts so much.
     `read(label)` yields the matrix in float32 blocks of rows, in order, which will be overwritten; it is called
     `passes` ≥ 2 times. Memory: images of (rank + 10) · T numbers, one a pass but the last, as many as `SPACE_BYTES`
     holds and at least two; one or two of them more; and the like of F. A small matrix, and one that all images would
     hold (as many rows as its smaller side), is read once and decomposed exactly.
     """
+    if weight is not None:
+        root = weight.clamp_min(LEAST_WEIGHT).sqrt().to(device)
+        found = truncated_svd(partial(_scaled, read, root), shape, rank, passes, generator, device)
+        return Factors(found.mean / root, found.basis / root[:, None], found.coefficients)
     features, texels = shape
     size = rank + OVERSAMPLE
     small = min(shape) <= EXACT_SIDE and 4 * features * texels <= EXACT_BYTES
@@ -70,6 +83,13 @@ def truncated_svd(
     floor = EPSILON * (energy + texels * float(mean.square().sum())) ** 0.5
     turn = vectors[:, _largest(values, rank, floor)].float()
     return _balanced(mean, projected @ turn, turn.T @ rows_of_space)
+
+
+def _scaled(read: Blocks, root: Tensor, label: str) -> Iterator[Tensor]:
+    start = 0
+    for block in read(label):
+        yield block.mul_(root[start : start + len(block), None])
+        start += len(block)
 
 
 def _exact(read: Blocks, shape: tuple[int, int], rank: int, device: torch.device) -> Factors:

@@ -145,6 +145,28 @@ class _BoxFiltered(Source):
         return hashlib.sha256(f"{self.source.fingerprint()} box {self.factor}".encode()).hexdigest()
 
 
+class _Cropped(Source):
+    """A window of another source, which may reach around its border."""
+
+    def __init__(self, source: Source, top: int, left: int, height: int, width: int):
+        self.source, self.count, self.shape = source, source.count, (height, width)
+        self.rows = (top + np.arange(height)) % source.shape[0]
+        self.cols = (left + np.arange(width)) % source.shape[1]
+
+    def slice(self, pair: int) -> Array:
+        return self.source.slice(pair)[self.rows[:, None], self.cols]
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        return self.source.texels(self.rows[rows], self.cols[cols], pairs)
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        return self.source.gather(pair, self.rows[row], self.cols[col])
+
+    def fingerprint(self) -> str:
+        says = f"{self.source.fingerprint()} window {self.rows[0]} {self.cols[0]} {self.shape}"
+        return hashlib.sha256(says.encode()).hexdigest()
+
+
 def box_filter(picture: Array, factor: int) -> Array:
     """The mean of each factor × factor box of a picture (H, W, C); an incomplete last row or column is left out."""
     height, width = picture.shape[0] // factor, picture.shape[1] // factor
@@ -264,6 +286,15 @@ class BTF:
         if factor == 1:
             return self
         return self.over(_BoxFiltered(self.source, factor), downsampled=factor)
+
+    def crop(self, top: int, left: int, height: int, width: int) -> "BTF":
+        """The BTF of a window of texels, which may reach around the border; it is not periodic."""
+        if not (1 <= height <= self.shape[0] and 1 <= width <= self.shape[1]):
+            raise ValueError(f"a window of {height} × {width} does not fit into {self.shape}")
+        source = _Cropped(self.source, top, left, height, width)
+        cropped = self.over(source, window=[top, left, height, width])
+        cropped.periodic = False
+        return cropped
 
     def over(self, source: Source, **provenance: Any) -> "BTF":
         """The same pairs of another source, which has as many; `provenance` says what was done."""

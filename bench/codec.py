@@ -16,6 +16,7 @@ from bench.suggest import did_you_mean
 from bench.zstd import ZSTD
 
 if TYPE_CHECKING:
+    from bench.demand.density import Density
     from bench.shared import Shared
 
 T = TypeVar("T")
@@ -44,6 +45,7 @@ class Fit:
     show: Progress = silent
     checkpoint: Path | None = None  # where a long fit keeps its state, to go on from it when it is started again
     history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; goes into the record
+    density: "Density | None" = None  # where the scene that is fitted to looks; without one, everywhere alike
     network: Path | None = None  # the file of the network that the codec shares; by default where `pretrain` puts it
 
     def shared(self, name: str) -> "Shared":
@@ -60,6 +62,11 @@ class Fit:
         """The same items, while a progress bar follows; `total` where they have no length."""
         return followed(self.show, items, label, len(items) if total is None else total)  # type: ignore[arg-type]
 
+    @property
+    def row_weights(self) -> Tensor | None:
+        """How much each row (3 · pairs,) of the matrix of ABRDFs counts, 1 on average; None where all count alike."""
+        return None if self.density is None else self.density.weights.repeat_interleave(3)
+
     def generator(self) -> torch.Generator:
         """A generator on the CPU, seeded by this fit."""
         return torch.Generator().manual_seed(self.seed)
@@ -73,6 +80,7 @@ class Parts:
     texture: dict[str, Tensor] = field(default_factory=dict)  # what varies over the texels
     encoder: dict[str, Tensor] = field(default_factory=dict)  # what makes new textures; no query needs it
     other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, what else decoding needs
+    scene: dict[str, Any] = field(default_factory=dict)  # what was fitted to, where it was one scene's demand
     shared: "Shared | None" = None  # the network that was used, of those trained once: the file names it by its hash
 
 
@@ -115,6 +123,8 @@ class Codec(Configured):
     """A codec: `name`, `version`, `Settings`, `encode`, `decode`. Its docstring's first line describes it in lists."""
 
     network: ClassVar[type[SharedNetwork] | None] = None  # where it trains one for all materials
+    draws: ClassVar[bool] = False  # fitted by `bench.training.Samples.draw` alone, its file no larger for more pairs
+    sizes: ClassVar[tuple[str, ...]] = ()  # the settings, whole numbers ≥ 1, that its bytes grow with; the first leads
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit a BTF, training pairs only; the tensors that the file will hold."""

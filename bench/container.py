@@ -1,7 +1,8 @@
 """The codec file: safetensors, tensors named `part/name`, one metadata key of canonical JSON, one hash over all.
 
 The JSON holds {format, codec, version, settings, sha256}, and `provenance` where a file was made from others. Where a
-codec shares a network over materials, `shared` is the hash of its file, and that file's own `kind` is "shared". The
+codec shares a network over materials, `shared` is the hash of its file, and that file's own `kind` is "shared". Where
+a file was fitted to a scene, `scene` says what of the BTF it holds. The
 hash is that of the whole file with its own 64 digits replaced by zeros, so that no byte of the file can change unseen.
 Nothing is ever unpickled. Where the setting `zstd` is true, each part is one uint8 tensor `part/zstd`: the bytes of a
 safetensors file of its tensors, compressed by Zstandard.
@@ -49,6 +50,7 @@ class Header:
     tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, bytes
     file_bytes: int
     kind: str = MATERIAL
+    scene: dict[str, Any] = field(default_factory=dict)  # the demand that it was fitted to: see `bench.demand.need`
     shared: str = ""  # the hash of the shared network's file, where one is needed to decode
     provenance: dict[str, Any] = field(default_factory=dict)  # what else than a BTF the file was made from
 
@@ -96,6 +98,7 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
     says |= {"provenance": provenance} if provenance else {}
     says |= {"kind": SHARED} if isinstance(codec, SharedNetwork) else {}
     says |= {"shared": parts.shared.header.sha256} if parts.shared else {}
+    says |= {"scene": parts.scene} if parts.scene else {}
     data = serialise(tensors, {KEY: json.dumps(says, sort_keys=True, separators=(",", ":"))})
     return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
 
@@ -143,10 +146,17 @@ def load(path: Path, device: "torch.device | str" = "cpu") -> "tuple[Header, Mat
     if header.shared:
         parts = dataclasses.replace(parts, shared=shared.named_by(header))
     try:
-        return header, codec_class(**header.settings).decode(parts, torch.device(device))
+        material = codec_class(**header.settings).decode(parts, torch.device(device))
+        return header, _of_scene(material, header) if header.scene else material
     except (KeyError, ValueError, RuntimeError, IndexError, TypeError) as error:
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
+
+
+def _of_scene(material: "Material", header: Header) -> "Material":
+    from bench.demand.scene_material import SceneMaterial
+
+    return SceneMaterial(material, header.scene, str(header.path)).to(material.device)
 
 
 def _read(path: Path) -> bytes:
@@ -171,6 +181,7 @@ def _parse(path: Path, data: bytes) -> Header:
         {name: _tensor(path, name, entry) for name, entry in header.items()},
         len(data),
         says.get("kind", MATERIAL),
+        says.get("scene", {}),
         says.get("shared", ""),
         says.get("provenance", {}),
     )
@@ -202,7 +213,7 @@ def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         newer = int(says["format"]) > FORMAT
         whole = {"format", "codec", "version", "settings", "sha256"} <= says.keys() and len(says["sha256"]) == 64
         whole &= isinstance(says.get("provenance", {}), dict) and says.get("kind", MATERIAL) in (MATERIAL, SHARED)
-        whole &= len(says.get("shared", "")) in (0, 64)
+        whole &= len(says.get("shared", "")) in (0, 64) and isinstance(says.get("scene", {}), dict)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:

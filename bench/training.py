@@ -74,6 +74,7 @@ class Samples:
         self.shape, self.pairs = btf.shape, len(btf)
         self.texels = btf.shape[0] * btf.shape[1]
         self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
+        self.density = fit.density
         self.kept: Tensor | None = None  # (texels, pairs, 3)
         if self.texels * self.pairs * 6 <= memory_limit:
             kept = torch.empty(self.texels, self.pairs, 3, dtype=torch.float16)
@@ -85,7 +86,10 @@ class Samples:
         return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: a source may be read-only
 
     def draw(self, count: int, generator: torch.Generator) -> Batch:
-        """`count` samples, uniform over texels and pairs."""
+        """`count` samples, uniform over texels and pairs; of a fit to a scene, by its density."""
+        if self.density:
+            texel, pair = self.density.draw(count, self.shape, generator)
+            return self.at(texel.to(self.device), pair.to(self.device))
         flat = torch.randint(self.texels * self.pairs, (count,), generator=generator).to(self.device)
         texel = flat.div(self.pairs, rounding_mode="floor")
         return self.at(texel, flat - texel * self.pairs)

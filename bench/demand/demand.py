@@ -1,5 +1,6 @@
 """A demand: the queries that the pictures of a scene make of one material, weighted by what they contribute."""
 
+import hashlib
 import json
 import zipfile
 from dataclasses import dataclass, field
@@ -32,6 +33,7 @@ class Demand:
     pixel: np.ndarray  # (n,) int32 into the frames, row by row
     frames: tuple[int, int, int]  # how many, and the height and width of each
     provenance: dict[str, Any] = field(default_factory=dict)
+    fingerprint: str = ""  # of the file it was read from: a hex digest of its content
 
     def __len__(self) -> int:
         return len(self.pixel)
@@ -41,6 +43,11 @@ class Demand:
         """(n,) float64 that sum to 1: the luminance that each query would add if the material were a white diffuser."""
         share = (self.weight.astype(np.float64) @ LUMA) * self.wi[:, 2]
         return share / share.sum()
+
+    @property
+    def name(self) -> str:
+        """What it is called in tables: its scene."""
+        return str(self.provenance.get("scene", "scene"))
 
     def pictures(self, answers: np.ndarray) -> np.ndarray:
         """The frames (frames, H, W, 3), float64 linear RGB, that answers (n, 3) of a material add up to."""
@@ -83,9 +90,21 @@ def load(path: Path) -> Demand:
         raise InputError(f"{path}: not a demand: make one with `neubtf-bench demand` ({error})") from error
     if about["format"] > FORMAT:
         raise InputError(f"{path}: format {about['format']} is newer than this version reads ({FORMAT}): upgrade")
+    if not len(named["pixel"]):
+        raise InputError(f"{path}: asks for nothing: make it again with `neubtf-bench demand`")
+    fingerprint = _digest(about["frames"], named)
     for name in ("wo", "wi"):
         named[name] = unit(named[name].astype(np.float32))
-    return Demand(**named, frames=tuple(about["frames"]), provenance=about["provenance"])
+    return Demand(
+        **named, frames=tuple(about["frames"]), provenance=about["provenance"], fingerprint=fingerprint
+    )
+
+
+def _digest(frames: list[int], arrays: dict[str, np.ndarray]) -> str:
+    digest = hashlib.sha256(json.dumps(frames).encode())
+    for name in sorted(arrays):
+        digest.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
+    return digest.hexdigest()
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

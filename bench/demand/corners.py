@@ -1,0 +1,35 @@
+"""Which pairs of a BTF a demand's queries lie between, and how much of the demand falls on each."""
+
+import numpy as np
+import torch
+
+from bench.btf import Layout
+from bench.demand.demand import Demand
+from bench.directions import PairInterpolator, Weights
+
+CHUNK = 8_192  # queries at once: scattered pairs are searched by their distances to all
+
+Array = np.ndarray
+
+
+def corners(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:
+    """Pairs and shares (n, k) of each query, as `bench.directions` interpolates between them.
+
+    Shares add up to one; with `radiance` they are the weights that radiance is interpolated with, cosines included.
+    """
+    interpolator = PairInterpolator(layout)
+    search = interpolator if radiance else interpolator.shares
+    wo, wi = torch.from_numpy(demand.wo), torch.from_numpy(demand.wi)
+    found = [search(o, i) for o, i in zip(wo.split(CHUNK), wi.split(CHUNK), strict=True)]
+    return Weights(torch.cat([f.sample for f in found]).int(), torch.cat([f.weight for f in found]).float())
+
+
+def pair_shares(layout: Layout, demand: Demand) -> Array:
+    """The share (N,) of the demand that falls on each pair; they add up to one."""
+    return share_of(corners(layout, demand), demand.importance, len(layout.view))
+
+
+def share_of(found: Weights, importance: Array, count: int) -> Array:
+    """The same of corners that are at hand."""
+    weight = found.weight.numpy() * importance[:, None]
+    return np.bincount(found.sample.numpy().ravel(), weight.ravel(), count)

@@ -1,0 +1,230 @@
+"""Fits codecs to a scene: what its demand needs of the BTF, drawn and weighed as it asks, in the smallest size that does.
+
+No codec knows of it: what it is given is a smaller BTF, and a `Fit` with a density.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from bench import container, timing
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts, settings_dict
+from bench.container import Header
+from bench.demand.demand import Demand
+from bench.demand.density import Density
+from bench.demand.judge import FLIP, PSNR, Judge
+from bench.demand.need import Need
+from bench.demand.scene_material import unreported
+from bench.errors import InputError
+from bench.material import Material
+from bench.metrics.display import to_display
+from bench.metrics.psnr import psnr
+
+UNIFORM = 0.05  # of the samples are drawn from everywhere alike
+EQUAL_DB = 0.2  # a scene model so near to the full one is as good
+OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
+
+
+def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
+    """What `codec.encode` finds where it is given what a demand needs of a BTF, and the demand's density."""
+    if not 0 <= uniform <= 1:
+        raise InputError(f"--uniform {uniform}: a share lies between 0 and 1")
+    need = Need.of(btf, demand, every_pair=codec.draws)
+    cut = need.cut(btf)
+    density = Density.of(demand, cut.layout, need.window, uniform)
+    parts = codec.encode(cut, dataclasses.replace(fit, density=density))
+    return dataclasses.replace(parts, scene=need.says(demand) | {"uniform": uniform})
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What the frames of a scene must reach: PSNR in dB or more, FLIP or less."""
+
+    psnr: float | None = None
+    flip: float | None = None
+
+    def met(self, model: "Model") -> bool:
+        """Whether a model reaches it; without any error, PSNR is None."""
+        enough = self.psnr is None or model.psnr is None or model.psnr >= self.psnr
+        return enough and (self.flip is None or model.flip is None or model.flip <= self.flip)
+
+
+@dataclass(frozen=True)
+class Model:
+    """One fitted codec file, and how it does in the scene."""
+
+    header: Header
+    material: Material
+    psnr: float | None  # dB, of the frames
+    flip: float | None
+    steps: int  # of the fit; 0 where it has none
+    seconds: float  # of the fit
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search came to: the full model, the one fitted to the scene or None, and what the search took."""
+
+    full: Model
+    scene: Model | None
+    why: str  # why there is no scene model, or what it leaves out
+    met: bool  # whether the goal is reached
+    fits: int
+    seconds: float  # of all fits but the full one's
+
+    @property
+    def chosen(self) -> Model:
+        """The scene model, or where it is none, the full one."""
+        return self.scene or self.full
+
+
+@dataclass
+class Search:
+    """Looks for the smallest model of a codec that does in a scene what the full one does, or reaches a goal."""
+
+    codec: Codec
+    btf: BTF  # training pairs
+    judge: Judge
+    fit: Callable[[], Fit]  # a fresh one for each fit
+    folder: Path  # for the files of the search
+    uniform: float = UNIFORM
+
+    def run(self, goal: Goal | None = None) -> Found:
+        """See the class; without a goal it is the PSNR of the full model, less `EQUAL_DB`."""
+        full = self._model(self.codec, "full", None)
+        if goal is None:
+            goal = Goal(psnr=None if full.psnr is None else full.psnr - EQUAL_DB)
+        tried = list(self._ladder(goal))
+        seconds = sum(model.seconds for model in tried)
+        meeting = [model for model in tried if goal.met(model)]
+        best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
+        need = Need.of(self.btf, self.judge.demand, self.codec.draws)
+        if best is None:
+            return Found(full, None, "no smaller model does as well", goal.met(full), len(tried), seconds)
+        if best.header.file_bytes >= full.header.file_bytes:
+            return Found(full, None, "the scene needs everything", goal.met(full), len(tried), seconds)
+        return Found(full, best, left_out(need, self.btf), True, len(tried), seconds)
+
+    def _ladder(self, goal: Goal) -> Iterator[Model]:
+        """Models of falling or rising size, halving the range of sizes with each, as quality rises with size."""
+        low, high = 1, steps_of(self.codec)
+        largest = self._model(sized(self.codec, high), f"scene{high}", self.judge.demand)
+        yield largest
+        if not goal.met(largest):
+            return
+        while low < high:
+            middle = (low + high) // 2
+            model = self._model(sized(self.codec, middle), f"scene{middle}", self.judge.demand)
+            yield model
+            low, high = (low, middle) if goal.met(model) else (middle + 1, high)
+
+    def _model(self, codec: Codec, name: str, demand: Demand | None) -> Model:
+        fit, start = self.fit(), time.perf_counter()
+        parts = codec.encode(self.btf, fit) if demand is None else encode(codec, self.btf, fit, demand, self.uniform)
+        seconds = time.perf_counter() - start
+        header = container.save(self.folder / f"{name}{container.SUFFIX}", codec, parts)
+        material = unreported(container.load(header.path, fit.device)[1])
+        score = self.judge.score(material, (PSNR, FLIP))
+        steps = int(fit.history[-1]["step"]) if fit.history else 0
+        return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
+
+
+def steps_of(codec: Codec) -> int:
+    """How many sizes a codec can be given: the value of the setting that leads."""
+    return int(getattr(codec.settings, codec.sizes[0])) if codec.sizes else 1
+
+
+def sized(codec: Codec, step: int) -> Codec:
+    """The codec with its leading size at `step`, and the others in proportion."""
+    if not codec.sizes or step == steps_of(codec):
+        return codec
+    share = step / steps_of(codec)
+    sizes = {name: max(1, round(share * getattr(codec.settings, name))) for name in codec.sizes}
+    return type(codec)(**(settings_dict(codec) | sizes))
+
+
+def left_out(need: Need, btf: BTF) -> str:
+    """In words, what of a BTF a demand does not need."""
+    words = []
+    window = need.window
+    if not window.full:
+        words.append(f"{window.height} × {window.width} of {btf.shape[0]} × {btf.shape[1]} texels are seen")
+    if window.factor > 1:
+        words.append(f"nothing finer than boxes of {window.factor} × {window.factor} texels is")
+    if len(need.pairs) < len(btf):
+        words.append(f"{len(need.pairs):,} of {len(btf):,} pairs lie around its directions")
+    return "; ".join(words) or "only its size"
+
+
+def outside(judge: Judge, material: Material) -> float | None:
+    """Display PSNR in dB of slices at pairs that the scene does not touch, against the BTF; None where there are none.
+
+    It is of `OUTSIDE_PAIRS` pairs evenly among them.
+    """
+    from bench.scoring import exposure
+
+    untouched = np.flatnonzero(judge.shares == 0)
+    if not len(untouched):
+        return None
+    some = untouched[np.linspace(0, len(untouched) - 1, min(OUTSIDE_PAIRS, len(untouched))).astype(int)]
+    btf, scale, errors = judge.btf, exposure(judge.btf), []
+    for pair in some:
+        decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
+        errors.append(np.square(to_display(btf[int(pair)], scale) - to_display(decoded, scale)).mean())
+    return float(psnr(np.mean(errors), peak=1.0))
+
+
+def rows(found: Found, judge: Judge, threads: int) -> list[dict[str, Any]]:
+    """What the full model and the scene model cost and give, each as named numbers."""
+    models = {"full": found.full} | ({"scene": found.scene} if found.scene else {})
+    timed = _timed(models, judge.demand, threads)
+    return [
+        {
+            "model": name,
+            "bytes": model.header.file_bytes,
+            "ns": timed[name],
+            "steps": model.steps,
+            "seconds": model.seconds,
+            "psnr": model.psnr,
+            "flip": model.flip,
+            "outside": outside(judge, model.material),
+            "settings": model.header.settings,
+        }
+        for name, model in models.items()
+    ]
+
+
+def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, float]:
+    """ns a sample of each model, whole queries of the scene in random order, in turns."""
+    order = np.random.default_rng(0).permutation(len(demand))[: timing.BATCH]
+    device = next(iter(models.values())).material.device
+    columns = (demand.uv, demand.wo, demand.wi, demand.footprint)
+    asked = [torch.from_numpy(column[order]).to(device) for column in columns]
+    calls = {name: partial(model.material.query, *asked) for name, model in models.items()}
+    size = next(iter(models.values())).material.size
+    found = timing.in_turns(calls, len(order), size, threads, device)
+    return {name: float(found[name].summary()["ns_per_sample"]) for name in models}
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The rows for a terminal, gain and price side by side."""
+    heads = ("model", "bytes", "ns/sample", "fit steps", "fit s", "scene PSNR", "scene FLIP", "PSNR outside")
+    lines = [heads]
+    for row in rows:
+        decibels = ("exact" if row["psnr"] is None else f"{row['psnr']:.2f}",)
+        flip = "0" if row["flip"] is None else f"{row['flip']:.4f}"
+        away = "-" if row["outside"] is None else f"{row['outside']:.2f}"
+        lines.append(
+            (row["model"], f"{row['bytes']:,}", f"{row['ns']:.0f}", f"{row['steps']:,}", f"{row['seconds']:.1f}")
+            + (*decibels, flip, away)
+        )
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)

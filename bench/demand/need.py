@@ -1,0 +1,225 @@
+"""What of a BTF a demand needs: a window of its texels, no finer than is seen, and the pairs that it looks between."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.btf import BTF, Layout
+from bench.demand.corners import corners, pair_shares, share_of
+from bench.demand.demand import Demand
+from bench.directions import Hemisphere
+
+FINEST = 0.01  # the share of the demand that may be finer than what is stored
+COVERED = 0.999  # of the demand lies between the directions that are kept
+CELLS = 16  # a side of the map of demanded directions, over the stereographic plane
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window of a periodic texture of `size` texels, from (top, left) on, stored over boxes of factor × factor."""
+
+    size: tuple[int, int]
+    top: int
+    left: int
+    height: int
+    width: int
+    factor: int = 1
+
+    @classmethod
+    def whole(cls, size: tuple[int, int], factor: int = 1) -> "Window":
+        """All of the texture, but for what does not fill a box."""
+        return cls(size, 0, 0, size[0] // factor * factor, size[1] // factor * factor, factor)
+
+    @property
+    def all(self) -> bool:
+        """Whether nothing is left out and nothing is coarser."""
+        return self == Window.whole(self.size)
+
+    @property
+    def full(self) -> bool:
+        """Whether it is the whole texture, but for what does not fill a box."""
+        return self.sides == Window.whole(self.size, self.factor).sides
+
+    @property
+    def stretch(self) -> float:
+        """What a footprint is multiplied with, so that it is as many texels of the window."""
+        return max(self.size) / max(self.height, self.width)
+
+    def cut(self, btf: BTF) -> BTF:
+        """The BTF of the window."""
+        if not self.full:
+            btf = btf.crop(self.top, self.left, self.height, self.width)
+        return btf.downsample(self.factor)
+
+    @property
+    def sides(self) -> tuple[int, int]:
+        """Height and width in texels of the whole texture."""
+        return self.height, self.width
+
+    def within(self, uv: Tensor) -> Tensor:
+        """uv (n, 2) of the whole texture in units of the window; beyond its border, the nearest texel of it."""
+        u = self._along(uv[:, 0], self.left, self.width, self.size[1])
+        v = self._along(1 - uv[:, 1], self.top, self.height, self.size[0])
+        return torch.stack([u, 1 - v], 1)
+
+    def _along(self, place: Tensor, start: int, length: int, side: int) -> Tensor:
+        if length == side:
+            return place
+        texels = (place * side - start).remainder(side)
+        half = self.factor / 2
+        # What is nearer to the start, the other way round, is clamped to it.
+        texels = torch.where(texels > (length + side) / 2, texels - side, texels)
+        return texels.clamp(half, length - half) / length
+
+    def holds(self, uv: Tensor) -> Tensor:
+        """Mask (n,) of the uv (n, 2) that lie in the window."""
+        across = (uv[:, 0] * self.size[1] - self.left).remainder(self.size[1]) <= self.width
+        down = ((1 - uv[:, 1]) * self.size[0] - self.top).remainder(self.size[0]) <= self.height
+        rest = Window.whole(self.size, self.factor)  # what does not fill a box is no loss
+        return (across | (self.width == rest.width)) & (down | (self.height == rest.height))
+
+
+@dataclass(frozen=True)
+class Need:
+    """See the module. `views` and `lights` are maps (CELLS, CELLS) of where the demand's directions lie."""
+
+    window: Window
+    pairs: Array  # indices of the BTF's
+    finest: float  # footprint in texture units that little of the demand is finer than
+    views: Array
+    lights: Array
+    whole: bool  # whether nothing of the BTF is left out
+
+    @classmethod
+    def of(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "Need":
+        """What a demand needs of a BTF; `every_pair` keeps them all."""
+        finest = _finest(demand)
+        factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
+        window = _window(btf.shape, demand, factor)
+        pairs = np.arange(len(btf)) if every_pair else needed_pairs(btf.layout, demand)
+        whole = window.all and len(pairs) == len(btf)
+        return cls(window, pairs, finest, _cells(demand.wo), _cells(demand.wi), whole)
+
+    def cut(self, btf: BTF) -> BTF:
+        """What is needed of the BTF."""
+        return self.window.cut(btf if len(self.pairs) == len(btf) else btf.subset(self.pairs))
+
+    def says(self, demand: Demand) -> dict[str, Any]:
+        """What a codec file records of it."""
+        window = self.window
+        return {
+            "name": demand.name,
+            "demand": demand.fingerprint,
+            "size": list(window.size),
+            "window": [window.top, window.left, window.height, window.width],
+            "factor": window.factor,
+            "pairs": len(self.pairs),
+            "finest": self.finest,
+            "views": _hex(self.views),
+            "lights": _hex(self.lights),
+        }
+
+
+def needed_pairs(layout: Layout, demand: Demand) -> Array:
+    """Indices of the pairs that a demand lies between, in order; of a product those that form a smaller one."""
+    if layout.grid is None:
+        return np.sort(_heaviest(pair_shares(layout, demand)))
+    found = corners(layout, demand)
+    share = share_of(found, demand.importance, len(layout.view))
+    views = _side(layout.views, np.bincount(layout.view, share, len(layout.views)))
+    lights = _side(layout.lights, np.bincount(layout.light, share, len(layout.lights)))
+    return np.sort(layout.grid[np.ix_(views, lights)].ravel())
+
+
+def _side(directions: Array, share: Array) -> Array:
+    """The fewest directions of one side that hold the demand, and so many more that they can be interpolated between.
+
+    A triangle between kept directions is a triangle of the whole set: what lies in it is answered as before.
+    """
+    middle = share @ directions
+    order = np.lexsort((-(directions @ middle), -share))
+    count = len(_heaviest(share))
+    while count < len(directions) and Hemisphere(directions[order[:count]]).flat:
+        count += 1
+    return np.sort(order[:count])
+
+
+def _heaviest(share: Array) -> Array:
+    """The fewest indices whose shares come to `COVERED` of all."""
+    order = np.argsort(-share, kind="stable")
+    running = np.cumsum(share[order])
+    return order[: int(np.searchsorted(running, COVERED * running[-1])) + 1]
+
+
+def _finest(demand: Demand) -> float:
+    order = np.argsort(demand.footprint, kind="stable")
+    place = np.searchsorted(np.cumsum(demand.importance[order]), FINEST)
+    return float(demand.footprint[order[min(int(place), len(order) - 1)]])
+
+
+def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
+    """The smallest window, in whole boxes, that holds what is seen of the texture and a box around it."""
+    height, width = size
+    whole = Window.whole(size, factor)
+    top, tall = _span(1 - demand.uv[:, 1], demand.footprint, height, factor, whole.height)
+    left, wide = _span(demand.uv[:, 0], demand.footprint, width, factor, whole.width)
+    return Window(size, top, left, tall, wide, factor)
+
+
+def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) -> tuple[int, int]:
+    """Start and length in texels of the shortest stretch, around the end, that holds all places; or (0, `whole`)."""
+    reach = footprint / 2 + factor / side
+    if float(reach.max()) >= 0.5:
+        return 0, whole
+    first, last = np.floor((place - reach) * side).astype(int), np.ceil((place + reach) * side).astype(int)
+    edges = np.zeros(3 * side + 1, int)
+    np.add.at(edges, first + side, 1)
+    np.add.at(edges, last + side, -1)
+    seen = (np.cumsum(edges)[:-1].reshape(3, side) > 0).any(0)
+    if seen.all():
+        return 0, whole
+    gap = _longest_run(~seen)
+    length = -(-(side - gap[1]) // factor) * factor
+    return ((gap[0] + gap[1]) % side, length) if length < whole else (0, whole)
+
+
+def _longest_run(mask: Array) -> tuple[int, int]:
+    """Start and length of the longest run of a mask (n,) with a False, around the end."""
+    side, first = len(mask), int(np.flatnonzero(~mask)[0])
+    turned = np.concatenate([np.roll(mask, -first), [False]]).astype(int)
+    steps = np.diff(turned)
+    starts, ends = np.flatnonzero(steps == 1) + 1, np.flatnonzero(steps == -1) + 1
+    best = int(np.argmax(ends - starts))
+    return (int(starts[best]) + first) % side, int(ends[best] - starts[best])
+
+
+def _cells(directions: Array) -> Array:
+    """Map (CELLS, CELLS) of the cells that hold directions (n, 3), and of those around them."""
+    row, col = np.divmod(cell_of(torch.from_numpy(directions)).numpy(), CELLS)
+    near = np.zeros((CELLS + 2, CELLS + 2), bool)
+    for down in range(3):
+        for across in range(3):
+            near[row + down, col + across] = True
+    return near[1:-1, 1:-1]
+
+
+def cell_of(directions: Tensor) -> Tensor:
+    """The number row · CELLS + column (n,) int32 of directions (n, 3) in a map of the stereographic plane."""
+    scale = CELLS / 2 / (1 + directions[:, 2])
+    col, row = ((directions[:, axis] * scale + CELLS / 2).int() for axis in (0, 1))
+    return (row * CELLS + col).clamp_(0, CELLS**2 - 1)
+
+
+def _hex(cells: Array) -> str:
+    return np.packbits(cells).tobytes().hex()
+
+
+def from_hex(text: str) -> Array:
+    """The map (CELLS, CELLS) that a file records. `ValueError` where it is none."""
+    bits = np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8))
+    return bits.reshape(CELLS, CELLS).astype(bool)

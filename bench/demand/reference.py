@@ -1,0 +1,59 @@
+"""What the reference table answers to a demand: the BTF between its texels, its pairs and its levels of detail.
+
+Radiance is interpolated over directions as `bench.directions` does it, and over the texture as a pyramid of box
+filters is: bilinear and periodic within the two levels around a footprint, linear between them.
+"""
+
+import numpy as np
+import torch
+
+from bench.btf import BTF, box_filter
+from bench.codec import Progress, silent
+from bench.demand.corners import corners
+from bench.demand.demand import Demand
+from bench.material import sample_texture
+
+Array = np.ndarray
+
+
+def reference(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
+    """Linear radiance (n, 3) float32, not negative, of the queries of a demand. Each slice is read once at most."""
+    found = corners(btf.layout, demand, radiance=True)
+    pair, weight = found.sample.numpy().ravel(), found.weight.numpy().ravel()
+    asked = np.flatnonzero(weight > 0)
+    asked = asked[np.argsort(pair[asked], kind="stable")]
+    places = np.searchsorted(pair[asked], np.arange(len(btf) + 1))
+    uv, level = torch.from_numpy(demand.uv), torch.from_numpy(_levels(demand, btf.shape))
+    answers = np.zeros((len(demand), 3), np.float32)
+    for index in range(len(btf)):
+        show(f"reference of {demand.name}", index + 1, len(btf))
+        rows = asked[places[index] : places[index + 1]]
+        if len(rows):
+            query = rows // found.sample.shape[1]
+            values = _filtered(btf[index], uv[query], level[query])
+            np.add.at(answers, query, values.numpy() * weight[rows, None])
+    return np.maximum(answers, 0)
+
+
+def _levels(demand: Demand, size: tuple[int, int]) -> Array:
+    """The level of detail (n,) of each query: log2 of its footprint in texels, within the pyramid."""
+    most = int(np.log2(min(size)))
+    return np.clip(np.log2(np.maximum(demand.footprint, 1e-9) * max(size)), 0, most).astype(np.float32)
+
+
+def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
+    """A slice (H, W, 3) at uv (n, 2) and levels (n,): (n, 3)."""
+    out = torch.zeros(len(uv), 3)
+    for number in range(int(level.max()) + 2):
+        share = (1 - (level - number).abs()).clamp_min(0)
+        some = share > 0
+        if some.any():
+            texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
+            out[some] += share[some, None] * sample_texture(texture, _within(uv[some], picture.shape, 2**number))
+    return out
+
+
+def _within(uv: torch.Tensor, shape: tuple[int, ...], factor: int) -> torch.Tensor:
+    """uv on a level that leaves out what does not fill a box; see `bench.btf` for the frame."""
+    height, width = (side / (side // factor * factor) for side in shape[:2])
+    return torch.stack([uv[:, 0] * width, 1 - (1 - uv[:, 1]) * height], 1)

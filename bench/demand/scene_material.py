@@ -1,0 +1,72 @@
+"""A material that was fitted to a scene: maps queries of the whole texture to what was stored, and counts the others."""
+
+import logging
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from bench.demand.need import Window, cell_of, from_hex
+from bench.material import Material
+
+log = logging.getLogger(__name__)
+
+FINER = 2.0  # a footprint this much below the finest demanded one lies far outside
+
+
+class SceneMaterial(Material):
+    """A decoded material around the one of a window of the texture; see `bench.demand.need`.
+
+    Queries far outside what the scene asks for, whose direction is over a cell of the map away from every demanded one
+    or whose place or footprint was left out, are answered as well as may be, counted, and reported once.
+    """
+
+    def __init__(self, inner: Material, says: dict[str, Any], name: str):
+        window = Window(tuple(says["size"]), *says["window"], says["factor"])
+        if inner.size != tuple(side // window.factor for side in window.sides):
+            raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
+        super().__init__(tuple(side // window.factor for side in window.size), inner.cost)
+        self.inner, self.window, self.name = inner, window, name
+        self.finest = float(says["finest"]) / FINER
+        self.views, self.lights = (torch.from_numpy(from_hex(says[side])).flatten() for side in ("views", "lights"))
+        self.device, self.dtype, self.chunk = inner.device, inner.dtype, inner.chunk
+        self.asked = self.outside = 0
+        self.reports = True
+
+    def modules(self) -> list[nn.Module]:
+        return list(self.inner.modules())
+
+    def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> Material:
+        self.inner.to(device, dtype)
+        return super().to(device, dtype)
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        if not torch.compiler.is_compiling():
+            self._count(uv, wo, wi, footprint)
+        return self.inner.evaluate(self.window.within(uv), wo, wi, footprint * self.window.stretch)
+
+    def _count(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
+        """Add to `asked` and `outside`; the first time, say so."""
+        inside = self.views.index_select(0, cell_of(wo)) & self.lights.index_select(0, cell_of(wi))
+        if not self.window.full:
+            inside &= self.window.holds(uv)
+        if self.window.factor > 1:
+            inside &= footprint >= self.finest
+        count = len(uv) - int(inside.count_nonzero())
+        self.asked, self.outside = self.asked + len(uv), self.outside + count
+        if count and self.reports:
+            self.reports = False
+            log.warning(
+                "%s: %d of %d queries lie far outside the scene that it was fitted to, and more may follow: take the "
+                "full model, or fit it to the demand of this scene",
+                self.name,
+                count,
+                len(uv),
+            )
+
+
+def unreported(material: Material) -> Material:
+    """The same material, its queries far outside its scene no more reported: it is asked everything on purpose."""
+    if isinstance(material, SceneMaterial):
+        material.reports = False
+    return material
