@@ -16,6 +16,7 @@ class MeanColour(Codec):
     """Each texel's mean over all pairs: what every codec must beat, and the floor of time."""
 
     name, version = "mean-colour", 1
+    interpolates = True  # it answers the same whatever the pair
 
     @dataclass(frozen=True)
     class Settings:

@@ -40,7 +40,7 @@ class NeuMIP(Codec):
     """NeuMIP: a pyramid of latents, a parallax offset and a decoder; answers at any footprint."""
 
     name, version = "neumip", 1
-    draws, sizes = True, ("channels",)
+    sizes = ("channels",)
 
     @dataclass(frozen=True)
     class Settings:

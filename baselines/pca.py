@@ -26,7 +26,7 @@ class PCA(Codec):
     """Principal components of the ABRDFs, interpolated over directions: the linear baseline."""
 
     name, version = "pca", 1
-    sizes = ("components",)
+    interpolates, sizes = True, ("components",)
 
     @dataclass(frozen=True)
     class Settings:
@@ -50,7 +50,9 @@ class PCA(Codec):
 
         shape = (3 * len(btf), texels)
         settings = self.settings
-        factors = truncated_svd(read, shape, settings.components, settings.passes, fit.generator(), fit.device, fit.row_weights)
+        factors = truncated_svd(
+            read, shape, settings.components, settings.passes, fit.generator(), fit.device, fit.row_weights
+        )
         return Parts(
             decoder=_tables(factors, settings.precision),
             texture=_coefficients(

@@ -15,6 +15,7 @@ class Table(Codec):
     """The half-float table itself, interpolated over directions: exact at its samples, and as large as the data."""
 
     name, version = "table", 1
+    interpolates = True
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         peak = max(float(np.abs(picture).max()) for picture in fit.progress(btf, "finding the range", len(btf)))

@@ -31,7 +31,7 @@ class VQ(Codec):
     """Vector quantisation of the log ABRDFs: an index image and a codebook, found by k-means."""
 
     name, version = "vq", 1
-    sizes = ("codes",)
+    interpolates, sizes = True, ("codes",)
 
     @dataclass(frozen=True)
     class Settings:
@@ -131,7 +131,9 @@ def _reduced(btf: BTF, gain: float, components: int, fit: Fit) -> np.ndarray:
 
     shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
     factors = truncated_svd(read, shape, components, PASSES, fit.generator(), fit.device, fit.row_weights)
-    weighted = factors.basis if fit.row_weights is None else factors.basis * fit.row_weights.to(fit.device).sqrt()[:, None]
+    weighted = (
+        factors.basis if fit.row_weights is None else factors.basis * fit.row_weights.to(fit.device).sqrt()[:, None]
+    )
     lengths = torch.linalg.vector_norm(weighted, dim=0)
     return (factors.coefficients.T * lengths).cpu().numpy()
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from bench.shared import Shared
 
 T = TypeVar("T")
+SCENE = "scene"
+COMMON = (ZSTD, SCENE)  # the settings of every codec, true or false
 Progress = Callable[[str, int, int], None]  # label, done, total
 
 
@@ -98,12 +100,14 @@ class Configured:
     class Settings:
         pass
 
-    def __init__(self, *, zstd: bool | str = False, **settings: Any):
+    def __init__(self, *, zstd: bool | str = False, scene: bool | str = False, **settings: Any):
         """With the default settings but for those named; strings are converted (`components="16"`).
 
-        `zstd` has every codec: its file is compressed by Zstandard, without loss.
+        Two has every codec: `zstd`, its file is compressed by Zstandard, without loss, and `scene`, it is fitted to
+        the demand of a scene instead of to the whole BTF.
         """
         self.zstd: bool = _convert(self.name, ZSTD, bool, zstd)
+        self.scene: bool = _convert(self.name, SCENE, bool, scene)
         self.settings: Any = parse_settings(self.name, self.Settings, settings)
 
 
@@ -123,7 +127,7 @@ class Codec(Configured):
     """A codec: `name`, `version`, `Settings`, `encode`, `decode`. Its docstring's first line describes it in lists."""
 
     network: ClassVar[type[SharedNetwork] | None] = None  # where it trains one for all materials
-    draws: ClassVar[bool] = False  # fitted by `bench.training.Samples.draw` alone, its file no larger for more pairs
+    interpolates: ClassVar[bool] = False  # between the pairs of the BTF: those no query lies between are not needed
     sizes: ClassVar[tuple[str, ...]] = ()  # the settings, whole numbers ≥ 1, that its bytes grow with; the first leads
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
@@ -172,9 +176,9 @@ def _convert(codec: str, name: str, kind: type, value: Any) -> Any:
 
 def settings_dict(codec: Configured) -> dict[str, Any]:
     """The settings of a codec as plain values, for files and records."""
-    return dataclasses.asdict(codec.settings) | ({ZSTD: True} if codec.zstd else {})
+    return dataclasses.asdict(codec.settings) | {name: True for name in COMMON if getattr(codec, name)}
 
 
 def setting_names(codec: type[Configured]) -> set[str]:
     """The names of the settings of a codec."""
-    return {field.name for field in dataclasses.fields(codec.Settings)} | {ZSTD}
+    return {field.name for field in dataclasses.fields(codec.Settings)} | set(COMMON)

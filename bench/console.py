@@ -66,10 +66,24 @@ def file_lines(header: Header) -> str:
         "bytes: " + ", ".join(f"{part} {size:,}" for part, size in parts.items()),
         *(_network_lines(header) if header.kind == SHARED else _material_lines(header)),
     ]
+    lines += _scene_lines(header)
     lines += [f"provenance: {key} = {value}" for key, value in header.provenance.items()]
     for name, (dtype, shape, size) in sorted(header.tensors.items()):
         lines.append(f"  {name}  {dtype} {' × '.join(map(str, shape)) or 'scalar'}  {size:,} bytes")
     return "\n".join([*lines, f"sha256: {header.sha256}"])
+
+
+def _scene_lines(header: Header) -> list[str]:
+    """What of a BTF a file that was fitted to a scene holds."""
+    if not (says := header.scene):
+        return []
+    top, left, height, width = says["window"]
+    across, sides = says["factor"], " × ".join(map(str, says["size"]))
+    return [
+        f"fitted to the scene {says['name']}, demand {says['demand'][:12]}: {height} × {width} texels of {sides} from "
+        f"row {top}, column {left} on, in boxes of {across} × {across}; {says['pairs']:,} pairs; "
+        f"{says['uniform']:.0%} spread evenly",
+    ]
 
 
 def _material_lines(header: Header) -> list[str]:

@@ -12,13 +12,14 @@ import numpy as np
 from bench import atomic, container, shared, timing
 from bench.codec import Progress
 from bench.counting import parameters
+from bench.demand.scene_material import unreported
 from bench.hemisphere import to_degrees
 from bench.material import Material
 from bench.metrics import get as get_metric
 from bench.metrics.display import to_display
 from bench.metrics.magma import magma
 from bench.records import Record
-from bench.scoring import Scores, polar_maps, score_footprints, summarise
+from bench.scoring import Scores, polar_maps, score_footprints, summarise, weighted
 from bench.workbench import Workbench
 
 COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices themselves, which are those of one
@@ -32,7 +33,7 @@ def score_key(bench: Workbench, header: container.Header) -> dict[str, Any]:
         "btf": bench.btf.fingerprint,
         "exposure": bench.exposure,
         "metrics": {name: get_metric(name).version for name in bench.scorer.names},
-    }
+    } | ({"demand": bench.demand.fingerprint} if bench.demand else {})
 
 
 def evaluate(
@@ -42,17 +43,20 @@ def evaluate(
 
     `keep(name, content)` stores what does not go into the record, and gives the name that the record says.
     """
-    material = container.load(header.path, device)[1]
+    material = unreported(container.load(header.path, device)[1])
     decoder = Decoder(bench, material, show)
     gate = "heldout" if "heldout" in bench.groups else "all"
     with timing.torch_threads(threads):
         scores = bench.scorer.score(bench.groups["all"], decoder.watched)
         footprints = score_footprints(bench.btf, bench.groups[gate], decoder.slice, bench.exposure, COARSE)
         pictures = _pictures(bench, decoder)
+        scene = bench.judge.record(material) if bench.judge else {}
     summary = summarise(scores, bench.btf.wo, bench.btf.wi, bench.groups)
     finest = summary[gate]["metrics"]["psnr_display"]
     one = {"psnr_display": finest["pooled"], "exact": finest["exact"], "slices": finest["slices"]}
-    angular: dict[str, Any] = {"bins": {name: group.pop("bins") for name, group in summary.items()}}
+    if bench.scene_shares is not None:
+        summary["scene"] = weighted(scores, bench.scene_shares)
+    angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
     angular["polar"] = polar_maps(scores, bench.btf.wo, bench.btf.wi)
     return {
         "shape": list(bench.btf.shape),
@@ -65,6 +69,7 @@ def evaluate(
         "metrics": {name: _described(name) for name in bench.scorer.names},
         "scores": summary,
         "footprints": {"1": one} | footprints,
+        **({"scene": scene} if scene else {}),
         "slices": keep(f"slices/{header.path.stem}.npz", _slices(bench, scores)),
         "angular": keep(f"angular/{header.path.stem}.json", angular),
         "pictures": keep(f"pictures/{header.path.stem}.npz", pictures),

@@ -24,13 +24,15 @@ import torch
 
 from bench import container, shared, timing
 from bench.codec import Codec, Fit, Parts, Progress, settings_dict, silent
+from bench.demand import fitting
+from bench.demand.demand import Demand
 from bench.errors import InputError, MissingDataError
 from bench.evaluation import evaluate, score_key
 from bench.place import Place
 from bench.provenance import processor
 from bench.records import Record
 from bench.registry import load_codec
-from bench.suite import CodecSpec, Data, MaterialSpec
+from bench.suite import UNIFORM, CodecSpec, Data, MaterialSpec
 from bench.workbench import Workbench, workbench
 
 STATE, FRESH_STATE = ".state", ".fresh"  # of a fit under way, to go on from; the latter within one run alone
@@ -49,6 +51,8 @@ class Task:
     codec: CodecSpec
     repetition: int
     threads: int
+    demand: str = ""  # the path of the demand that is judged by
+    uniform: float = UNIFORM
     device: str = "cpu"
     scorers: int | None = None  # threads that score; None: one a core
     fresh: bool = False
@@ -98,7 +102,7 @@ def work(task: Task, show: Progress = silent) -> Result:
     """Do one job. A failure is a record with its error; what no job can help (a full disk) is `InputError`."""
     with _ONE_AT_A_TIME:
         try:
-            bench = workbench(task.run, task.material, task.data, task.scorers, show)
+            bench = workbench(task.run, task.material, task.data, task.scorers, show, task.demand)
             return Job(task, bench, show).run()
         except MissingDataError as error:
             return Result(task.base | {"status": "unavailable", "error": str(error)})
@@ -136,7 +140,7 @@ class Job:
 
     @cached_property
     def fit_key(self) -> dict[str, Any]:
-        return {
+        key = {
             "codec": self.codec.name,
             "version": self.codec.version,
             "settings": settings_dict(self.codec),
@@ -146,6 +150,15 @@ class Job:
             "threads": self.task.threads,
             "torch": torch.__version__,
         } | ({"shared": self.network.header.sha256} if self.network else {})
+        if self.codec.scene:
+            key |= {"demand": self._demand.fingerprint, "uniform": self.task.uniform}
+        return key
+
+    @property
+    def _demand(self) -> Demand:
+        if self.bench.demand is None:
+            raise InputError(f"{self.task.name}: scene = true needs the demand of a scene: give one with --demand")
+        return self.bench.demand
 
     @property
     def file(self) -> str:
@@ -232,7 +245,10 @@ class Job:
         )
         with timing.torch_threads(self.task.threads):
             start = time.perf_counter()
-            parts = self.codec.encode(self.bench.training, fit)
+            if self.codec.scene:
+                parts = fitting.encode(self.codec, self.bench.training, fit, self._demand, self.task.uniform)
+            else:
+                parts = self.codec.encode(self.bench.training, fit)
             seconds = time.perf_counter() - start
         if fit.history:  # its clock goes on where an interrupted fit is taken up again
             seconds = max(seconds, fit.history[-1].get("seconds", 0.0))

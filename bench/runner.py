@@ -20,6 +20,7 @@ import torch
 
 from bench import atomic, container, records, shared, timing
 from bench.codec import Fit, Progress, silent
+from bench.demand import demand
 from bench.errors import InputError
 from bench.executors import Workers, in_process
 from bench.job import FACTS, FRESH_STATE, STATE, Result, Task, work
@@ -58,8 +59,11 @@ class Outcome:
 
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     """Run every job of a suite, yielding each as it ends. Records are on the disk before they are yielded."""
-    for spec in suite.codecs:
-        load_codec(spec.codec)(**spec.settings)  # bad settings stop here
+    codecs = [load_codec(spec.codec)(**spec.settings) for spec in suite.codecs]  # bad settings stop here
+    if suite.demand:
+        demand.load(Path(suite.demand))  # and so does what is no demand
+    elif scene := next((codec.name for codec in codecs if codec.scene), ""):
+        raise InputError(f"codec {scene}: scene = true needs the demand of a scene: give one with --demand")
     run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
     with locked(options.folder, run_id):
         _tidy(options.folder)
@@ -126,6 +130,7 @@ class _Session:
         """The jobs in the order of the suite."""
         suite, options = self.suite, self.options
         fixed: dict[str, Any] = {"run": self.run_id, "folder": options.folder.absolute(), "data": suite.data}
+        fixed |= {"demand": str(Path(suite.demand).absolute()) if suite.demand else "", "uniform": suite.uniform}
         fixed |= {"threads": suite.threads, "device": options.device, "fresh": options.fresh}
         return [Task(material=_anywhere(m), codec=c, repetition=seed, **fixed) for m, c, seed in suite.cells]
 

@@ -196,6 +196,37 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     }
 
 
+def weighted(scores: Scores, share: Array) -> dict[str, Any]:
+    """Statistics of all scored pairs, each counting as much as its share (N,), by pair of the BTF; ready for JSON.
+
+    As a group of `summarise`, without bins; `slices` and `exact` count pairs with a share.
+    """
+    share = share[scores.pairs]
+    radiance = as_number(np.average(scores.radiance, weights=share)) if share.any() else None
+    result: dict[str, Any] = {"slices": int((share > 0).sum()), "radiance": radiance, "metrics": {}}
+    for name, raw in scores.raw.items():
+        metric, some = registry.get(name).load(), ~np.isnan(raw) & (share > 0)
+        stats = _weighted(metric, raw[some], share[some])
+        if registry.get(name).unit == "radiance":
+            stats["relative"] = stats["pooled"] / radiance if radiance and stats["pooled"] is not None else None
+        result["metrics"][name] = stats
+    return result
+
+
+def _weighted(metric: SliceMetric, raw: Array, share: Array) -> dict[str, Any]:
+    values = metric.values(raw)
+    finite = np.isfinite(values)
+    mean = float(np.average(values[finite], weights=share[finite])) if finite.any() else None
+    spread = float(np.average((values[finite] - mean) ** 2, weights=share[finite])) ** 0.5 if finite.any() else None
+    return {
+        "mean": mean,
+        "std": spread,
+        "pooled": as_number(float(metric.values(np.average(raw, weights=share)))) if len(raw) else None,
+        "exact": int((raw == metric.perfect).sum()),
+        "slices": len(raw),
+    }
+
+
 def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]]:
     """For each metric, polar maps of its pooled number over the `view` and over the `light` hemisphere, for JSON.
 

@@ -5,6 +5,8 @@
     variants = ["eager bfloat16"]    # executions and precisions besides `eager float32` that `trade` tries
     threads = 1                      # CPU threads of a fit and of timing; part of what makes bytes the same
     seeds = [0]                      # repetitions
+    demand = "table-top.npz"         # of a scene, which every codec is judged by too, and fitted to where scene = true
+    uniform = 0.1                    # the share of such a fit that is spread over everything alike
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
 
     [data]                           # how built-in materials are rendered; of measured ones: pairs = 1000
@@ -19,7 +21,7 @@
     components = [8, 16]             # a list is a sweep: one job each
     materials = ["satin"]            # of the suite's materials, those it is run on; all where the key is absent
 
-A path is looked up as it stands, then under `$NEUBTF_DATA`.
+A path is looked up as it stands, then under `$NEUBTF_DATA`; that of a demand as it stands.
 """
 
 import dataclasses
@@ -33,6 +35,8 @@ from typing import Any
 
 from bench.errors import InputError
 from bench.suggest import did_you_mean
+
+UNIFORM = 0.1  # of the samples of a fit to a scene, or of the weights of its pairs, are spread over everything alike
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,8 @@ class Suite:
     codecs: tuple[CodecSpec, ...] = ()
     pretrain: tuple[str, ...] = ()
     variants: tuple[str, ...] = ()
+    demand: str = ""  # the path of one
+    uniform: float = UNIFORM
 
     @property
     def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:
@@ -139,6 +145,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{file}: not TOML: {error}") from error
     known = {"description", "pretrain", "variants", "threads", "seeds", "data", "materials", "codecs"}
+    known |= {"demand", "uniform"}
     _only(file, "", table, known)
     data = Data(**_typed(file, "data.", table.get("data", {}), Data))
     seeds, pretrain = _list(file, "seeds", table, int, [0]), _list(file, "pretrain", table, str, [])
@@ -161,6 +168,8 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         tuple(codecs),
         tuple(pretrain),
         tuple(_list(file, "variants", table, str, [])),
+        _value(file, "demand", table.get("demand", ""), str),
+        float(_value(file, "uniform", table.get("uniform", UNIFORM), float)),
     )
 
 
@@ -221,10 +230,11 @@ def _has(codec: str, scope: str, setting: str) -> bool:
 
 
 def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
+    from bench.codec import COMMON
     from bench.registry import load_codec
 
     codec = load_codec(spec.codec)(**{setting: value})
-    converted = getattr(codec.settings, setting, codec.zstd)
+    converted = getattr(codec if setting in COMMON else codec.settings, setting)
     return dataclasses.replace(spec, settings=spec.settings | {setting: converted})
 
 

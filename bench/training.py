@@ -55,7 +55,10 @@ def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
 
 
 class Batch(NamedTuple):
-    """Random samples of a BTF: texel (n,) as row · W + column, pair (n,), and log radiance (n, 3)."""
+    """Random samples of a BTF: texel (n,) as row · W + column, pair (n,), and log radiance (n, 3).
+
+    `pair` is an index of `Samples.wo` and `wi`: of a pair, or in a fit to a scene of a direction between some.
+    """
 
     texel: Tensor
     pair: Tensor
@@ -75,6 +78,9 @@ class Samples:
         self.texels = btf.shape[0] * btf.shape[1]
         self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
         self.density = fit.density
+        if self.density:  # after the pairs' directions come those of the scene
+            self.wo = torch.cat([self.wo, self.density.wo.to(fit.device)])
+            self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
         self.kept: Tensor | None = None  # (texels, pairs, 3)
         if self.texels * self.pairs * 6 <= memory_limit:
             kept = torch.empty(self.texels, self.pairs, 3, dtype=torch.float16)
@@ -88,8 +94,7 @@ class Samples:
     def draw(self, count: int, generator: torch.Generator) -> Batch:
         """`count` samples, uniform over texels and pairs; of a fit to a scene, by its density."""
         if self.density:
-            texel, pair = self.density.draw(count, self.shape, generator)
-            return self.at(texel.to(self.device), pair.to(self.device))
+            return self._between(*(drawn.to(self.device) for drawn in self.density.draw(count, self.shape, generator)))
         flat = torch.randint(self.texels * self.pairs, (count,), generator=generator).to(self.device)
         texel = flat.div(self.pairs, rounding_mode="floor")
         return self.at(texel, flat - texel * self.pairs)
@@ -104,6 +109,11 @@ class Samples:
             return Batch(texel, pair, self.kept.view(-1, 3)[texel * self.pairs + pair].float())
         row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
         return Batch(texel, pair, self._log(self.btf.gather(pair.cpu().numpy(), row, col)).to(self.device))
+
+    def _between(self, texel: Tensor, direction: Tensor, pair: Tensor, weight: Tensor) -> Batch:
+        """The samples at some texels (n,) and directions (n,), whose radiance is the weighted sum of pairs (n, k)."""
+        corners = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten()).target.unflatten(0, pair.shape)
+        return Batch(texel, direction, (corners.expm1() * weight[..., None]).sum(1).log1p())
 
     def abrdfs(self, texel: Tensor) -> Tensor:
         """The log ABRDFs (n, pairs, 3) of some texels (n,)."""

@@ -2,12 +2,17 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import torch
 
 from bench.btf import BTF, Split
 from bench.codec import Progress
+from bench.demand.corners import pair_shares
+from bench.demand.demand import Demand
+from bench.demand.demand import load as load_demand
+from bench.demand.judge import Judge, table_of
 from bench.directions import PairInterpolator
 from bench.errors import InputError
 from bench.hemisphere import to_degrees
@@ -15,6 +20,7 @@ from bench.open import open_material
 from bench.scoring import Scorer
 from bench.suite import Data, MaterialSpec
 
+OUTSIDE = "outside the scene"  # pairs that its demand does not touch
 SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that reports show
 
 
@@ -25,6 +31,7 @@ class Workbench:
     btf: BTF
     name: str
     scorers: int | None = None
+    demand: Demand | None = None  # of a scene to judge by
     split: Split = field(init=False)
 
     def __post_init__(self) -> None:
@@ -39,6 +46,16 @@ class Workbench:
     @cached_property
     def scorer(self) -> Scorer:
         return Scorer(self.btf, threads=self.scorers)
+
+    @cached_property
+    def judge(self) -> Judge | None:
+        """What scores materials by the scene, where there is one."""
+        return Judge(table_of(self.btf), self.demand) if self.demand else None
+
+    @cached_property
+    def scene_shares(self) -> np.ndarray | None:
+        """The share (N,) of the scene's demand on each pair."""
+        return pair_shares(self.btf.layout, self.demand) if self.demand else None
 
     @property
     def exposure(self) -> float:
@@ -55,6 +72,8 @@ class Workbench:
             directions = (torch.from_numpy(w[heldout]) for w in (self.btf.wo, self.btf.wi))
             outside = PairInterpolator(self.training.layout).outside(*directions).numpy()
             groups |= {"heldout, inside hull": heldout[~outside], "heldout, outside hull": heldout[outside]}
+        if self.scene_shares is not None:
+            groups[OUTSIDE] = np.flatnonzero(self.scene_shares == 0)
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
 
     @cached_property
@@ -69,10 +88,13 @@ class Workbench:
 _latest: dict[object, Workbench] = {}  # one: a scorer keeps hundreds of megabytes
 
 
-def workbench(run: str, spec: MaterialSpec, data: Data, scorers: int | None, show: Progress) -> Workbench:
+def workbench(
+    run: str, spec: MaterialSpec, data: Data, scorers: int | None, show: Progress, demand: str = ""
+) -> Workbench:
     """The workbench of a material, which the jobs of one run share as long as they follow each other."""
-    key = (run, spec, data, scorers)
+    key = (run, spec, data, scorers, demand)
     if key not in _latest:
         _latest.clear()
-        _latest[key] = Workbench(open_material(spec, data, show), spec.name, scorers)
+        asked = load_demand(Path(demand)) if demand else None
+        _latest[key] = Workbench(open_material(spec, data, show), spec.name, scorers, asked)
     return _latest[key]

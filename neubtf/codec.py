@@ -28,7 +28,7 @@ class NeuBTF(Codec):
     """NeuBTF: an autoencoder makes the neural texture from a guidance image; can be re-textured."""
 
     name, version = "neubtf", 1
-    draws, sizes = True, ("latents", "width")
+    sizes = ("latents", "width")
 
     @dataclass(frozen=True)
     class Settings(FitSettings):

@@ -23,7 +23,7 @@ class NeuBTFDirect(Codec):
     """NeuBTF's texture and renderer, fitted without the autoencoder: sooner done, cannot be re-textured."""
 
     name, version = "neubtf-direct", 1
-    draws, sizes = True, ("latents", "width")
+    sizes = ("latents", "width")
 
     @dataclass(frozen=True)
     class Settings(RendererSettings):

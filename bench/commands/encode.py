@@ -1,11 +1,22 @@
-"""encode one BTF, all its training pairs, into a codec file"""
+"""encode one BTF, all its training pairs, into a codec file
+
+With --demand the file is the smallest that does as well in the pictures of a scene: see docs/scenes.md.
+"""
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.arguments import assignments, usable_device
 from bench.errors import InputError
-from bench.exits import FINE
+from bench.exits import FINE, NO
+
+if TYPE_CHECKING:
+    from bench.btf import BTF
+    from bench.codec import Codec
+    from bench.console import Console
+    from bench.demand.demand import Demand
+    from bench.demand.fitting import Found
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -13,6 +24,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codec", required=True)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
     parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    parser.add_argument("--demand", type=Path, help="fit to a scene, an .npz of `neubtf-bench demand`: the smallest …")
+    parser.add_argument("--target-psnr", type=float, metavar="DB", help="… whose frames have this PSNR …")
+    parser.add_argument("--target-flip", type=float, metavar="FLIP", help="… or this FLIP (default: as the full model)")
+    parser.add_argument("--uniform", type=float, help="the share of such a fit that is spread evenly (default: 0.1)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--device", default="cpu")
@@ -25,19 +40,75 @@ def run(options: argparse.Namespace) -> int:
     from bench import container
     from bench.codec import Fit
     from bench.console import Console, file_lines
+    from bench.demand import demand
     from bench.open import open_named
     from bench.registry import load_codec
     from bench.timing import torch_threads
 
+    _check(options)
     changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
     codec = load_codec(options.codec)(**settings)
-    if not options.out.parent.is_dir():
-        raise InputError(f"{options.out}: its folder is not there: make it first")
+    asked = demand.load(options.demand) if options.demand else None
     device = torch.device(usable_device(options.device))
+    code = FINE
     with Console() as console, torch_threads(options.threads):
         btf = open_named(options.btf, changes, console.show)
-        fit = Fit(device, options.threads, options.seed, console.show)
-        header = container.save(options.out, codec, codec.encode(btf.subset(btf.split().train), fit))
-    console.say(file_lines(header))
-    return FINE
+        if asked:
+            code = _to_scene(options, codec, btf, asked, console)
+        else:
+            fit = Fit(device, options.threads, options.seed, console.show)
+            container.save(options.out, codec, codec.encode(btf.subset(btf.split().train), fit))
+    console.say(file_lines(container.read_header(options.out)))
+    return code
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse, before any work, what will not do."""
+    if not options.out.parent.is_dir():
+        raise InputError(f"{options.out}: its folder is not there: make it first")
+    words = {"--target-psnr": options.target_psnr, "--target-flip": options.target_flip, "--uniform": options.uniform}
+    for word, value in words.items():
+        if value is not None and not options.demand:
+            raise InputError(f"{word}: is of a fit to a scene: give its --demand")
+
+
+def _to_scene(options: argparse.Namespace, codec: "Codec", btf: "BTF", asked: "Demand", console: "Console") -> int:
+    """Write the smallest model that does in a scene, or the full one, and show what is gained and paid."""
+    import tempfile
+
+    import torch
+
+    from bench import atomic
+    from bench.codec import Fit
+    from bench.demand import fitting
+    from bench.demand.judge import Judge, table_of
+    from bench.suite import UNIFORM
+
+    judge = Judge(table_of(btf), asked, console.show)
+    uniform = UNIFORM if options.uniform is None else options.uniform
+    wanted = fitting.Goal(options.target_psnr, options.target_flip)
+    with tempfile.TemporaryDirectory() as folder:
+        search = fitting.Search(
+            codec,
+            btf.subset(btf.split().train),
+            judge,
+            lambda: Fit(torch.device(options.device), options.threads, options.seed, console.show),
+            Path(folder),
+            uniform,
+        )
+        found = search.run(None if wanted == fitting.Goal() else wanted)
+        console.say(fitting.table(fitting.rows(found, judge, options.threads)))
+        atomic.write(options.out, found.chosen.header.path.read_bytes())
+    console.say(_verdict(found))
+    return FINE if found.met else NO
+
+
+def _verdict(found: "Found") -> str:
+    words = f"{found.fits} fits to the scene took {found.seconds:.1f} s."
+    if not found.met:
+        return f"The target is not reached; this is the {'scene' if found.scene else 'full'} model. {words}"
+    if found.scene is None:
+        return f"This is the full model: {found.why}. {words}"
+    share = found.scene.header.file_bytes / found.full.header.file_bytes
+    return f"The scene model takes {share:.0%} of the bytes: {found.why}. {words}"

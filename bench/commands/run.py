@@ -6,6 +6,7 @@ A run that was stopped, by Ctrl-C, a kill or a full disk, goes on when the same 
 import argparse
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
     parser.add_argument("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
     parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    parser.add_argument("--demand", help="judge by a scene too, and fit to it where a codec has scene=true: an .npz")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     parser.add_argument("--seed", type=int, help="run this one seed instead of the suite's")
     parser.add_argument("--fresh", action="store_true", help="fit and score again what is already there")
@@ -61,6 +63,8 @@ def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
     changes |= {"data.repair": "true"} if options.repair else {}
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
+    if options.demand:
+        suite = replace(suite, demand=options.demand)
     folder = options.out or Path("runs") / suite.name
     device = options.device if options.scheduler else usable_device(options.device)
     workers = _workers(options, suite.threads)

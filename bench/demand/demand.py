@@ -95,9 +95,7 @@ def load(path: Path) -> Demand:
     fingerprint = _digest(about["frames"], named)
     for name in ("wo", "wi"):
         named[name] = unit(named[name].astype(np.float32))
-    return Demand(
-        **named, frames=tuple(about["frames"]), provenance=about["provenance"], fingerprint=fingerprint
-    )
+    return Demand(**named, frames=tuple(about["frames"]), provenance=about["provenance"], fingerprint=fingerprint)
 
 
 def _digest(frames: list[int], arrays: dict[str, np.ndarray]) -> str:

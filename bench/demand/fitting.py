@@ -1,4 +1,4 @@
-"""Fits codecs to a scene: what its demand needs of the BTF, drawn and weighed as it asks, in the smallest size that does.
+"""Fits codecs to a scene: what its demand needs of the BTF, weighed as it asks, in the smallest size that does.
 
 No codec knows of it: what it is given is a smaller BTF, and a `Fit` with a density.
 """
@@ -16,7 +16,7 @@ import torch
 
 from bench import container, timing
 from bench.btf import BTF
-from bench.codec import Codec, Fit, Parts, settings_dict
+from bench.codec import SCENE, Codec, Fit, Parts, settings_dict
 from bench.container import Header
 from bench.demand.demand import Demand
 from bench.demand.density import Density
@@ -27,8 +27,8 @@ from bench.errors import InputError
 from bench.material import Material
 from bench.metrics.display import to_display
 from bench.metrics.psnr import psnr
+from bench.suite import UNIFORM
 
-UNIFORM = 0.05  # of the samples are drawn from everywhere alike
 EQUAL_DB = 0.2  # a scene model so near to the full one is as good
 OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
 
@@ -36,8 +36,8 @@ OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
     """What `codec.encode` finds where it is given what a demand needs of a BTF, and the demand's density."""
     if not 0 <= uniform <= 1:
-        raise InputError(f"--uniform {uniform}: a share lies between 0 and 1")
-    need = Need.of(btf, demand, every_pair=codec.draws)
+        raise InputError(f"uniform = {uniform}: a share lies between 0 and 1")
+    need = Need.of(btf, demand, every_pair=not codec.interpolates)
     cut = need.cut(btf)
     density = Density.of(demand, cut.layout, need.window, uniform)
     parts = codec.encode(cut, dataclasses.replace(fit, density=density))
@@ -106,9 +106,11 @@ class Search:
         seconds = sum(model.seconds for model in tried)
         meeting = [model for model in tried if goal.met(model)]
         best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
-        need = Need.of(self.btf, self.judge.demand, self.codec.draws)
+        need = Need.of(self.btf, self.judge.demand, not self.codec.interpolates)
         if best is None:
-            return Found(full, None, "no smaller model does as well", goal.met(full), len(tried), seconds)
+            finest = max(tried, key=lambda model: np.inf if model.psnr is None else model.psnr)
+            better = None if goal.met(full) or not _beats(finest, full) else finest
+            return Found(full, better, "no model of the scene does as well", goal.met(full), len(tried), seconds)
         if best.header.file_bytes >= full.header.file_bytes:
             return Found(full, None, "the scene needs everything", goal.met(full), len(tried), seconds)
         return Found(full, best, left_out(need, self.btf), True, len(tried), seconds)
@@ -137,18 +139,20 @@ class Search:
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
 
 
+def _beats(one: Model, other: Model) -> bool:
+    return other.psnr is not None and (one.psnr is None or one.psnr > other.psnr)
+
+
 def steps_of(codec: Codec) -> int:
     """How many sizes a codec can be given: the value of the setting that leads."""
     return int(getattr(codec.settings, codec.sizes[0])) if codec.sizes else 1
 
 
 def sized(codec: Codec, step: int) -> Codec:
-    """The codec with its leading size at `step`, and the others in proportion."""
-    if not codec.sizes or step == steps_of(codec):
-        return codec
+    """The codec, fitted to a scene, with its leading size at `step` and the others in proportion."""
     share = step / steps_of(codec)
     sizes = {name: max(1, round(share * getattr(codec.settings, name))) for name in codec.sizes}
-    return type(codec)(**(settings_dict(codec) | sizes))
+    return type(codec)(**(settings_dict(codec) | sizes | {SCENE: True}))
 
 
 def left_out(need: Need, btf: BTF) -> str:
@@ -216,15 +220,16 @@ def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """The rows for a terminal, gain and price side by side."""
-    heads = ("model", "bytes", "ns/sample", "fit steps", "fit s", "scene PSNR", "scene FLIP", "PSNR outside")
-    lines = [heads]
+    lines = [("model", "bytes", "ns/sample", "fit steps", "fit s", "scene PSNR", "scene FLIP", "PSNR outside")]
     for row in rows:
-        decibels = ("exact" if row["psnr"] is None else f"{row['psnr']:.2f}",)
-        flip = "0" if row["flip"] is None else f"{row['flip']:.4f}"
-        away = "-" if row["outside"] is None else f"{row['outside']:.2f}"
+        cost = (f"{row['bytes']:,}", f"{row['ns']:.0f}", f"{row['steps']:,}", f"{row['seconds']:.1f}")
         lines.append(
-            (row["model"], f"{row['bytes']:,}", f"{row['ns']:.0f}", f"{row['steps']:,}", f"{row['seconds']:.1f}")
-            + (*decibels, flip, away)
+            (row["model"], *cost, _number(row["psnr"], 2), _number(row["flip"], 4), _number(row["outside"], 2))
         )
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
+
+
+def _number(value: float | None, digits: int) -> str:
+    """A number as it is shown; None is one without error, or of nothing."""
+    return "-" if value is None else f"{value:.{digits}f}"

@@ -87,7 +87,7 @@ class Judge:
                 sides = self._sides(name, metric)
                 maps = np.stack([metric.error_map(side, frame) for side, frame in zip(sides, frames, strict=True)])
                 values = maps[_inner(self.seen, maps.shape[1:])]
-                found[name] = as_number(metric.values(values.mean())) if len(values) else None
+                found[name] = as_number(float(metric.values(values.mean()))) if len(values) else None
         return found
 
     def _sides(self, name: str, metric: SliceMetric) -> list[Prepared]:

@@ -183,7 +183,7 @@ def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) ->
     seen = (np.cumsum(edges)[:-1].reshape(3, side) > 0).any(0)
     if seen.all():
         return 0, whole
-    gap = _longest_run(~seen)
+    gap = _longest_run(np.logical_not(seen))
     length = -(-(side - gap[1]) // factor) * factor
     return ((gap[0] + gap[1]) % side, length) if length < whole else (0, whole)
 

@@ -1,4 +1,4 @@
-"""A material that was fitted to a scene: maps queries of the whole texture to what was stored, and counts the others."""
+"""A material that was fitted to a scene: maps queries of the whole texture to what is stored, and counts the others."""
 
 import logging
 from typing import Any
@@ -22,10 +22,11 @@ class SceneMaterial(Material):
     """
 
     def __init__(self, inner: Material, says: dict[str, Any], name: str):
-        window = Window(tuple(says["size"]), *says["window"], says["factor"])
+        height, width = map(int, says["size"])
+        window = Window((height, width), *map(int, says["window"]), factor=int(says["factor"]))
         if inner.size != tuple(side // window.factor for side in window.sides):
             raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
-        super().__init__(tuple(side // window.factor for side in window.size), inner.cost)
+        super().__init__((height // window.factor, width // window.factor), inner.cost)
         self.inner, self.window, self.name = inner, window, name
         self.finest = float(says["finest"]) / FINER
         self.views, self.lights = (torch.from_numpy(from_hex(says[side])).flatten() for side in ("views", "lights"))
