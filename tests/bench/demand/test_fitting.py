@@ -1,0 +1,284 @@
+import logging
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.pca import PCA
+from baselines.table import Table
+from bench import cli, container
+from bench.btf import BTF, ArraySource
+from bench.check import tiny_btf
+from bench.codec import Fit
+from bench.demand.collect import collect
+from bench.demand.demand import Demand
+from bench.demand.density import Density
+from bench.demand.fitting import Goal, Search, encode, sized, steps_of
+from bench.demand.judge import Judge
+from bench.demand.need import Need, Window, from_hex, needed_pairs
+from bench.demand.scene import parse_scene
+from bench.demand.scene_material import SceneMaterial
+from bench.demand.text_scene import TextScene
+from bench.errors import InputError
+from bench.hemisphere import uniform
+from bench.material import texel_centres
+from bench.training import Samples
+from neubtf.direct import NeuBTFDirect
+
+NEAR = """
+[camera]
+width = 40
+height = 30
+fov_deg = 12
+position = [0, -0.8, 1.4]
+target = [0, 0, 0]
+[surface]
+size = [1, 1]
+[[lights]]
+kind = "directional"
+toward = [0.5, 0, 0.9]
+irradiance = [3, 3, 3]
+"""
+FAR = NEAR.replace("size = [1, 1]", "size = [2, 2]\nrepeat = [8, 8]").replace("fov_deg = 12", "fov_deg = 60")
+
+
+def demand(text):
+    return collect(TextScene(parse_scene("test", text)), 10**6)
+
+
+def random_demand(count=4000, footprint=0.0):
+    rng = np.random.default_rng(0)
+    ones = np.ones((count, 3), np.float32)
+    uv = rng.random((count, 2), np.float32)
+    sizes = np.full(count, footprint, np.float32)
+    pixel = np.arange(count, dtype=np.int32)
+    return Demand(uv, sizes, uniform(rng, count), uniform(rng, count), ones, pixel, (1, 50, count // 50))
+
+
+def loaded(codec, parts, folder):
+    return container.load(container.save(folder / "a.nbtf", codec, parts).path)[1]
+
+
+def test_a_near_scene_needs_a_window_of_the_texture_and_few_pairs():
+    need = Need.of(tiny_btf(64, 9, 9), demand(NEAR))
+    assert need.window.factor == 1
+    assert need.window.height < 40
+    assert need.window.width < 40
+    assert 9 <= len(need.pairs) <= 27
+    assert not need.whole
+
+
+def test_a_far_scene_needs_nothing_fine():
+    asked = demand(FAR)
+    need = Need.of(tiny_btf(64, 9, 9), asked)
+    assert need.window.full
+    assert need.window.factor == int(np.percentile(asked.footprint, 1) * 64) > 2
+
+
+def test_a_demand_from_everywhere_needs_everything():
+    need = Need.of(tiny_btf(16, 6, 6), random_demand())
+    assert need.whole
+    assert need.views.sum() > 100
+
+
+@pytest.mark.parametrize("start", [0.0, 0.7])
+def test_a_window_maps_its_texels_onto_its_own_around_the_border_too(start):
+    btf, asked = tiny_btf(32, 4, 4), random_demand(200)
+    asked = replace(asked, uv=((start + 0.4 * asked.uv) % 1).astype(np.float32))
+    window = Need.of(btf, asked).window
+    assert 12 <= window.height <= 17
+    uv = texel_centres(32, 32)
+    inside = window.holds(uv)
+    assert inside[torch.from_numpy(((uv.numpy() - start) % 1 < 0.4).all(1))].all()
+    cut = window.cut(btf)
+    assert not cut.periodic
+    place = window.within(uv[inside])
+    row, col = ((1 - place[:, 1]) * cut.shape[0]).long(), (place[:, 0] * cut.shape[1]).long()
+    whole = btf[3].reshape(-1, 3)[inside.numpy()]
+    np.testing.assert_array_equal(cut[3][row, col], whole)
+    np.testing.assert_array_equal(cut.texels([2], [3])[0, 5], cut[5][2, 3])
+    np.testing.assert_array_equal(cut.gather([5], [2], [3])[0], cut[5][2, 3])
+
+
+def test_beyond_a_window_the_nearest_texel_of_it_answers():
+    window = Window((32, 32), 8, 8, 16, 16)
+    uv = torch.tensor([[0.26, 0.5], [0.2, 0.5], [0.8, 0.5], [0.05, 0.5]])
+    np.testing.assert_allclose(window.within(uv)[:, 0], [0.5 / 16, 0.5 / 16, 15.5 / 16, 0.5 / 16], atol=1e-6)
+    assert window.holds(uv).tolist() == [True, False, False, False]
+
+
+def test_queries_between_needed_directions_are_answered_as_the_whole_table_answers_them(tmp_path):
+    btf, asked = tiny_btf(16, 25, 25), demand(NEAR)
+    full = Table().decode(Table().encode(btf, Fit()), torch.device("cpu"))
+    part = loaded(Table(), encode(Table(), btf, Fit(), asked), tmp_path)
+    columns = [torch.from_numpy(x) for x in (asked.uv, asked.wo, asked.wi, asked.footprint)]
+    difference = (full.query(*columns) - part.query(*columns)).abs().amax(1).numpy()
+    share = asked.importance
+    # 0.1 % of the demand may lie outside what is kept; a half float is off by 5e-4 of a value.
+    assert share[difference > 2e-3].sum() < 2e-3
+    assert len(part.inner.values) < len(full.values) / 5
+
+
+def test_one_direction_of_light_keeps_a_triangle_around_it():
+    btf = tiny_btf(4, 4, 25)
+    asked = random_demand(100)
+    light = btf.layout.lights[7]
+    lights = btf.layout.lights[
+        np.unique(btf.layout.light[needed_pairs(btf.layout, replace(asked, wi=np.repeat(light[None], 100, 0)))])
+    ]
+    assert 3 <= len(lights) <= 4
+    assert np.abs(lights - light).sum(1).min() == 0
+
+
+def test_samples_follow_the_demand_and_a_share_is_uniform():
+    btf, asked = tiny_btf(32, 9, 9), demand(NEAR)
+    window = Window.whole(btf.shape)
+    density = Density.of(asked, btf.layout, window, 0.25)
+    samples = Samples(btf, 2.0, Fit(density=density))
+    batch = samples.draw(20_000, torch.Generator().manual_seed(0))
+    drawn = batch.pair >= len(btf)
+    assert drawn.float().mean() == pytest.approx(0.75, abs=0.02)
+    seen = Need.of(btf, asked).window
+    assert seen.holds(samples.centres(batch.texel[drawn])).float().mean() > 0.99
+    assert seen.holds(samples.centres(batch.texel[~drawn])).float().mean() < 0.9
+    wo = samples.wo[batch.pair[drawn]].mean(0).numpy()
+    np.testing.assert_allclose(wo, asked.importance @ asked.wo, atol=5e-3)
+    pair, texel = batch.pair[~drawn][:50], batch.texel[~drawn][:50]
+    truth = np.stack([btf[int(p)].reshape(-1, 3)[int(t)] for p, t in zip(pair, texel, strict=True)])
+    np.testing.assert_allclose(batch.target[~drawn][:50].expm1() / 2, truth, rtol=2e-3, atol=1e-4)
+
+
+def test_samples_between_pairs_are_what_the_table_interpolates():
+    btf, asked = tiny_btf(16, 9, 9), demand(NEAR)
+    samples = Samples(btf, 1.0, Fit(density=Density.of(asked, btf.layout, Window.whole(btf.shape), 0.0)))
+    batch = samples.draw(500, torch.Generator().manual_seed(0))
+    full = Table().decode(Table().encode(btf, Fit()), torch.device("cpu"))
+    wo, wi = samples.wo[batch.pair], samples.wi[batch.pair]
+    np.testing.assert_allclose(
+        batch.target.expm1(), full.query(samples.centres(batch.texel), wo, wi), rtol=3e-3, atol=1e-3
+    )
+
+
+def test_pairs_that_weigh_more_are_met_better():
+    btf = noisy_btf()
+    codec = PCA(components=3, domain="rgb", precision="float32")
+    weights = torch.full((len(btf),), 0.1)
+    weights[40] = len(btf)
+
+    density = SimpleNamespace(weights=weights)
+    errors = []
+    for fit in (Fit(), Fit(density=density)):
+        material = codec.decode(codec.encode(btf, fit), torch.device("cpu"))
+        errors.append(np.abs(material.slice(btf.wo[40].tolist(), btf.wi[40].tolist()).numpy() - btf[40]).mean())
+    assert errors[1] < errors[0] / 3
+
+
+def test_queries_far_outside_are_counted_and_reported_once(tmp_path, caplog):
+    btf, asked = tiny_btf(32, 9, 9), demand(NEAR)
+    material = loaded(PCA(components=2), encode(PCA(components=2), btf, Fit(), asked), tmp_path)
+    assert isinstance(material, SceneMaterial)
+    inside = [torch.from_numpy(x) for x in (asked.uv, asked.wo, asked.wi, asked.footprint)]
+    with caplog.at_level(logging.WARNING):
+        material.query(*inside)
+        assert (material.asked, material.outside) == (len(asked), 0)
+        for _ in range(2):
+            material.query(inside[0] + 0.5, *inside[1:])
+        material.query(inside[0], -inside[1] * torch.tensor([1.0, 1.0, -1.0]), *inside[2:])
+    assert material.outside == 3 * len(asked)
+    assert len(caplog.records) == 1
+    assert "far outside the scene" in caplog.text
+    assert "a.nbtf" in caplog.text
+
+
+def test_a_file_says_what_it_was_fitted_to_and_a_wrong_window_is_an_error(tmp_path):
+    btf, asked = tiny_btf(32, 9, 9), replace(demand(NEAR), fingerprint="ab" * 32)
+    parts = encode(PCA(components=2), btf, Fit(), asked, 0.2)
+    header = container.save(tmp_path / "a.nbtf", PCA(components=2), parts)
+    assert header.scene["demand"] == "ab" * 32
+    assert (header.scene["name"], header.scene["uniform"]) == ("test", 0.2)
+    assert from_hex(header.scene["views"]).any()
+    parts.scene["window"][3] += 5
+    container.save(tmp_path / "b.nbtf", PCA(components=2), parts)
+    with pytest.raises(InputError, match="a window of"):
+        container.load(tmp_path / "b.nbtf")
+
+
+def test_sizes_shrink_together():
+    codec = NeuBTFDirect(latents=8, width=24, steps=7)
+    assert steps_of(codec) == 8
+    half = sized(codec, 4)
+    assert (half.settings.latents, half.settings.width, half.settings.steps) == (4, 12, 7)
+    assert half.scene
+    assert steps_of(Table()) == 1
+
+
+def noisy_btf():
+    """More components than any small model has, so that size buys quality."""
+    btf = tiny_btf(16, 9, 9)
+    values = np.stack(list(btf)) * np.random.default_rng(0).uniform(0.7, 1.3, (81, 16, 16, 3)).astype(np.float32)
+    return BTF("noisy", btf.wo, btf.wi, ArraySource(values), periodic=True)
+
+
+def search(tmp_path, asked, codec):
+    btf = noisy_btf()
+    return Search(codec, btf, Judge(btf, asked), Fit, tmp_path)
+
+
+def test_a_search_finds_the_smallest_that_does_as_well_as_the_full_model(tmp_path):
+    found = search(tmp_path, demand(NEAR), PCA(components=8)).run()
+    assert found.met
+    assert found.scene is not None
+    assert found.scene.psnr >= found.full.psnr - 0.2
+    assert found.scene.header.file_bytes < found.full.header.file_bytes / 2
+    assert "pairs lie around its directions" in found.why
+
+
+def test_a_scene_that_needs_everything_gets_the_full_model(tmp_path):
+    found = search(tmp_path, random_demand(), Table()).run()
+    assert found.scene is None
+    assert found.chosen is found.full
+    assert found.met
+    assert found.why == "the scene needs everything"
+
+
+def test_a_target_is_met_or_the_best_is_given(tmp_path):
+    looking = search(tmp_path, demand(NEAR), PCA(components=8))
+    low = looking.run(Goal(psnr=15.0))
+    assert low.met
+    assert low.chosen.header.settings["components"] == 1
+    high = looking.run(Goal(psnr=90.0))
+    assert not high.met
+    assert high.chosen.psnr == max(high.full.psnr, high.chosen.psnr)
+    assert not looking.run(Goal(flip=0.0)).met
+
+
+def test_encode_writes_the_scene_model_and_its_table(tmp_path, capsys):
+    np.savez(tmp_path / "no.npz", a=1)
+    demand(NEAR).save(tmp_path / "near.npz")
+    words = [
+        "encode",
+        "satin",
+        "--codec",
+        "pca",
+        "--set",
+        "components=8",
+        "--set",
+        "domain=rgb",
+        "--set",
+        "data.size=32",
+    ]
+    words += ["--set", "data.views=9", "--set", "data.lights=9", "-o", str(tmp_path / "out.nbtf")]
+    assert cli.main([*words, "--demand", str(tmp_path / "near.npz")]) == 0
+    out = capsys.readouterr().out
+    assert "PSNR outside" in out
+    assert "The scene model takes" in out
+    assert "fitted to the scene test" in out
+    assert container.read_header(tmp_path / "out.nbtf").settings["scene"] is True
+    assert cli.main([*words, "--demand", str(tmp_path / "near.npz"), "--target-psnr", "99"]) == 1
+    assert "The target is not reached" in capsys.readouterr().out
+    assert cli.main([*words, "--target-psnr", "30"]) == 2
+    assert "give its --demand" in capsys.readouterr().err
+    assert cli.main([*words, "--demand", str(tmp_path / "no.npz")]) == 2
+    assert "not a demand" in capsys.readouterr().err
