@@ -21,6 +21,7 @@ import torch
 from bench import atomic, container, records, shared, timing
 from bench.codec import Fit, Progress, silent
 from bench.demand import demand
+from bench.demand.scene_material import unreported
 from bench.errors import InputError
 from bench.executors import Workers, in_process
 from bench.job import FACTS, FRESH_STATE, STATE, Result, Task, work
@@ -198,7 +199,7 @@ class _Session:
 
     def _time(self, jobs: list[Record]) -> None:
         folder, device, threads = self.options.folder, self.options.device, self.suite.threads
-        decoded = {job["job"]: container.load(folder / job["file"], device)[1] for job in jobs}
+        decoded = {job["job"]: unreported(container.load(folder / job["file"], device)[1]) for job in jobs}
         conditions = timing.conditions(threads, device)
         for name, measured in timing.compare(decoded, threads).items():
             if name != timing.FLOOR:

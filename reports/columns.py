@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from functools import partial
 
 from bench.records import Record
-from reports.numbers import NONE, NOT_COMPARABLE, fixed, integer, pooled, significant, spread
-from reports.rows import NEW_RUN, Row
+from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, pooled, significant, spread
+from reports.rows import NEW_RUN, Row, metric_name
 
 PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
+OUTSIDE = "outside the scene"
 _DIGITS = {PSNR: 2, LOG_PSNR: 2, SSIM: 3, FLIP: 3}
 
 
@@ -166,6 +167,29 @@ def _bands(job: Record) -> list[tuple[str, str, int]]:
     order = list(_BAND_NAMES.values())
     found[1:] = sorted(found[1:], key=lambda item: order.index(item[0]) if item[0] in order else len(order))
     return [(name, group, job["scores"][group]["slices"]) for name, group in found]
+
+
+def scene(job: Record) -> list[Column]:
+    """How a material does in the frames of a scene, over the pairs it looks between, and over those it does not."""
+    if "scene" not in job:
+        return []
+    weighted = [(PSNR, "dB ↑"), (LOG_PSNR, "dB ↑"), (SSIM, "↑"), (FLIP, "↓")]
+    names = {PSNR: "PSNR", LOG_PSNR: "log PSNR", SSIM: "SSIM", FLIP: "FLIP"}
+    return [
+        _TOTAL,
+        *(Column(f"frames {names[f]}", unit, partial(_frames, family=f)) for f, unit in weighted),
+        *(Column(f"weighted {names[f]}", unit, partial(_pooled, family=f, group="scene")) for f, unit in weighted),
+        Column("outside PSNR", "dB ↑", partial(_pooled, family=PSNR, group=OUTSIDE)),
+        _HELDOUT,
+    ]
+
+
+def _frames(row: Row, family: str) -> str:
+    found = row.job.get("scene", {}).get("metrics", {})
+    name = metric_name(found, family)
+    if not name:
+        return NONE
+    return EXACT if found[name] is None else fixed(found[name], _DIGITS[family])
 
 
 _BAND_NAMES = {

@@ -104,7 +104,7 @@ def _difference(key: Record, wanted: Record) -> str:
     return ", ".join(reasons)
 
 
-_SHARED = {"btf": "BTF (its fingerprint differs)", "exposure": "exposure"}
+_SHARED = {"btf": "BTF (its fingerprint differs)", "exposure": "exposure", "demand": "demand of a scene"}
 
 
 def _version(version: object) -> str:

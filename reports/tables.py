@@ -14,7 +14,19 @@ from reports.stress import stress_tables
 from reports.table import Table
 from reports.trade import trade_tables
 
-KINDS = ("main", "angular", "radiance", "footprints", "rate", "fits", "trade", "parameters", "stress", "unfinished")
+KINDS = (
+    "main",
+    "angular",
+    "radiance",
+    "footprints",
+    "scene",
+    "rate",
+    "fits",
+    "trade",
+    "parameters",
+    "stress",
+    "unfinished",
+)
 
 
 def all_tables(run: Run, narrow: bool = False) -> list[Table]:
@@ -65,6 +77,21 @@ def footprint_table(material: Material) -> Table | None:
     chosen = columns.footprints(material.first) if material.first else []
     note = "Answers over a square of so many texels a side, against box-filtered truth."
     return _table("footprints", material, "display PSNR by footprint", chosen, [note, *common_notes(material)])
+
+
+def scene_table(material: Material) -> Table | None:
+    """How each codec does in the frames of a scene, where the run was judged by one."""
+    if material.first is None or not (says := material.first.get("scene")):
+        return None
+    count, height, width = says["frames"]
+    notes = [
+        f"Frames: the scene's {count} of {width} × {height}, rendered from the decoded file against the reference "
+        "table, over the pixels that show the material.",
+        "Weighted: the slices of all pairs, each counting as much as the scene looks at it. Outside: of the pairs that "
+        "it does not look at. PSNR: of the held-out pairs, as in the main table.",
+    ]
+    about = f"judged by the scene {says['name']}"
+    return _table("scene", material, about, columns.scene(material.first), [*notes, *common_notes(material)])
 
 
 def rate_tables(run: Run) -> Iterator[Table]:
@@ -142,4 +169,5 @@ _BY_DIRECTION: tuple[Callable[[Material], Table | None], ...] = (
     angular_table,
     radiance_table,
     footprint_table,
+    scene_table,
 )

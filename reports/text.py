@@ -14,7 +14,7 @@ from reports.notes import run_notes
 from reports.rows import Material, materials
 from reports.stress import summary
 from reports.table import Table
-from reports.tables import main_table, rate_tables, unfinished_table
+from reports.tables import main_table, rate_tables, scene_table, unfinished_table
 
 WIDTH = 120
 
@@ -23,7 +23,7 @@ def terminal(run: Run) -> str:
     """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
     tables = []
     for material in materials(run):
-        tables += [main_table(material, columns.SHORT), _detail(material)]
+        tables += [main_table(material, columns.SHORT), _detail(material), scene_table(material)]
     shown = [table for table in (*tables, *rate_tables(run), unfinished_table(run)) if table]
     main = [table.notes for table in shown if table.kind == "main"]
     shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []

@@ -1,0 +1,154 @@
+"""Full models against models of the scenes that ship: bytes at equal quality in the scene, over seeds.
+
+    python benchmarks/scenes.py [--material cable-knit] [--scene wall ...] [--seeds 3] CODEC[:SETTING=VALUE,...] ...
+    python benchmarks/scenes.py --pictures docs/images          # those of docs/scenes.md
+    python benchmarks/scenes.py --seconds                       # how long the demand of one frame takes
+
+For instance `python benchmarks/scenes.py pca vq neubtf-direct:steps=400`; the default is `pca vq`. The data are 64²
+texels and 25 × 25 training pairs. A seed is that of the fits and of the demand. Prints a Markdown table: what
+`neubtf-bench encode --demand` finds against the full model at the PSNR of the scene's frames, as mean ± standard
+deviation over the seeds, and what it costs outside the scene.
+"""
+
+import argparse
+import statistics
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bench import atomic
+from bench.btf import BTF
+from bench.codec import Codec, Fit
+from bench.demand import portrait
+from bench.demand.collect import collect
+from bench.demand.demand import Demand
+from bench.demand.fitting import Found, Search, rows
+from bench.demand.judge import Judge, table_of
+from bench.demand.scene import named_scene, shipped
+from bench.demand.text_scene import TextScene
+from bench.metrics.display import to_display
+from bench.open import open_material
+from bench.registry import load_codec
+from bench.suite import Data, named
+from bench.timing import torch_threads
+
+QUERIES = 100_000
+HEADS = (
+    "scene", "codec", "bytes full", "bytes scene", "share %", "PSNR full dB", "PSNR scene dB", "FLIP full",
+    "FLIP scene", "ns full", "ns scene", "outside full dB", "outside scene dB", "fit s full", "search s",
+)  # fmt: skip
+
+
+def parse(text: str) -> Codec:
+    """A codec from `name` or `name:key=value,key=value`."""
+    name, _, rest = text.partition(":")
+    return load_codec(name)(**dict(pair.split("=", 1) for pair in rest.split(",") if pair))
+
+
+def demand_of(scene: str, queries: int, seed: int = 0) -> Demand:
+    return collect(TextScene(named_scene(scene)), queries, seed)
+
+
+def search(codec: Codec, btf: BTF, judge: Judge, seed: int, folder: Path) -> Found:
+    """What a search for a model of the scene finds, with one thread."""
+    training = btf.subset(btf.split().train)
+    return Search(codec, training, judge, lambda: Fit(seed=seed), folder).run()
+
+
+def measure(codec: Codec, btf: BTF, judge: Judge, seed: int) -> list[float]:
+    """The numbers of one row, from `bytes full` on."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = search(codec, btf, judge, seed, Path(folder))
+        table = rows(found, judge, 1)
+    full, scene = table[0], table[-1]
+    both = [[row[name] for row in (full, scene)] for name in ("psnr", "flip", "ns", "outside")]
+    numbers = [np.nan if value is None else value for pair in both for value in pair]
+    sizes = [full["bytes"], scene["bytes"], 100 * scene["bytes"] / full["bytes"]]
+    return [*sizes, *numbers, full["seconds"], found.seconds]
+
+
+def written(values: Sequence[float]) -> str:
+    """Mean ± standard deviation."""
+    mean = statistics.fmean(values)
+    digits = 0 if abs(mean) >= 100 else 3 if abs(mean) < 1 else 1 if abs(mean) >= 30 else 2
+    spread = f" ± {statistics.stdev(values):.{digits}f}" if len(values) > 1 else ""
+    return "—" if np.isnan(mean) else f"{mean:,.{digits}f}{spread}"
+
+
+def compare(options: argparse.Namespace) -> None:
+    btf = open_material(named(options.material), Data(), lambda *_: None)
+    print("| " + " | ".join(HEADS) + " |\n|" + "---|" * len(HEADS), flush=True)
+    for scene in options.scene or sorted(shipped()):
+        judges = [Judge(table_of(btf), demand_of(scene, options.queries, seed)) for seed in range(options.seeds)]
+        for text in options.codecs or ["pca", "vq"]:
+            found = [measure(parse(text), btf, judge, seed) for seed, judge in enumerate(judges)]
+            print("| " + " | ".join([scene, text, *map(written, zip(*found, strict=True))]) + " |", flush=True)
+
+
+def pictures(options: argparse.Namespace) -> None:
+    """The demand of each scene, and frames of full and scene model, with their FLIP, as PNG."""
+    btf = open_material(named(options.material), Data(), lambda *_: None)
+    codec = parse(options.codecs[0] if options.codecs else "pca")
+    for scene in options.scene or sorted(shipped()):
+        portrait.draw(demand_of(scene, options.queries), options.pictures / f"demand-{scene}.png")
+        judge = Judge(table_of(btf), demand_of(scene, options.queries))
+        with tempfile.TemporaryDirectory() as folder:
+            found = search(codec, btf, judge, 0, Path(folder))
+            draw_models(judge, found, options.pictures / f"scene-{scene}.png")
+
+
+def draw_models(judge: Judge, found: Found, path: Path) -> None:
+    """The first frame: reference table, full model, scene model, and below their FLIP."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    models = {"full model": found.full} | ({"scene model": found.scene} if found.scene else {})
+    height, width = judge.demand.frames[1:]
+    figure = Figure(figsize=(15, 1 + 10 * height / width), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, 3)
+    for each in axes.flat:
+        each.axis("off")
+    axes[0, 0].imshow(to_display(judge.truth[0], judge.exposure))
+    axes[0, 0].set_title(f"{judge.demand.name}: reference table")
+    for column, (name, model) in enumerate(models.items(), 1):
+        frames = judge.frames(model.material)
+        axes[0, column].imshow(to_display(frames[0], judge.exposure))
+        axes[0, column].set_title(f"{name}: {model.header.file_bytes:,} bytes, {model.psnr:.1f} dB")
+        axes[1, column].imshow(judge.flip_map(frames))
+        axes[1, column].set_title(f"FLIP {model.flip:.3f}")
+    with atomic.replacing(path) as partial:
+        figure.savefig(partial, format="png", dpi=70)
+
+
+def seconds() -> None:
+    """The wall and processor time of the demand of a frame of 1280 × 720 pixels, as large as it can be asked for."""
+    for scene in ("table-top", "wall"):
+        for queries in (250_000, 1_000_000):
+            wall, processor = time.perf_counter(), time.process_time()
+            found = demand_of(scene, queries)
+            times = time.perf_counter() - wall, time.process_time() - processor
+            print(f"{scene}: {len(found):,} queries in {times[0]:.2f} s, {times[1]:.2f} s of processor time")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("codecs", nargs="*")
+    parser.add_argument("--material", default="cable-knit")
+    parser.add_argument("--scene", action="append", default=[])
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--queries", type=int, default=QUERIES)
+    parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--seconds", action="store_true")
+    options = parser.parse_args()
+    if options.seconds:
+        return seconds()
+    with torch_threads(1):
+        (pictures if options.pictures else compare)(options)
+
+
+if __name__ == "__main__":
+    main()
