@@ -347,3 +347,58 @@ def test_without_a_gpu_here_nothing_is_timed_and_that_is_said(tmp_path, caplog):
     assert [o.record["status"] for o in outcomes(tmp_path, device="cuda", **through(Lenient()))] == ["ok", "ok"]
     assert list(load_run(tmp_path).timings) == []
     assert "no decoder is timed" in caplog.text
+
+
+def demand_file(folder, name, light):
+    from bench.demand.collect import collect
+    from bench.demand.scene import parse_scene
+    from bench.demand.text_scene import TextScene
+
+    text = f"""
+    [camera]
+    width = 24
+    height = 18
+    fov_deg = 30
+    position = [0, -1, 2]
+    target = [0, 0, 0]
+    [[lights]]
+    kind = "directional"
+    toward = {light}
+    irradiance = [3, 3, 3]
+    """
+    collect(TextScene(parse_scene(name, text)), 1000).save(folder / f"{name}.npz")
+    return str(folder / f"{name}.npz")
+
+
+def test_a_run_is_judged_by_a_scene_and_fitted_to_it_where_a_codec_says_so(tmp_path):
+    codecs = (CodecSpec("pca", {"components": 4}), CodecSpec("pca", {"components": 4, "scene": True}))
+    suite = replace(SUITE, codecs=codecs, demand=demand_file(tmp_path, "noon", [0.3, 0.0, 1.0]))
+    plain, fitted = (o.record for o in outcomes(tmp_path / "run", suite))
+    assert plain["score_key"]["demand"] == fitted["fit_key"]["demand"] == fitted["score_key"]["demand"]
+    assert "demand" not in plain["fit_key"]
+    assert fitted["bytes"]["total"] < plain["bytes"]["total"]
+    for record in (plain, fitted):
+        assert record["scene"]["name"] == "noon"
+        assert record["scene"]["frames"] == [1, 18, 24]
+        assert record["scene"]["metrics"].keys() >= {"psnr_display", "flip_ldr_67ppd"}
+        assert record["scores"]["scene"]["slices"] + record["scores"]["outside the scene"]["slices"] == 36
+    assert [o.cached for o in outcomes(tmp_path / "run", suite)] == ["record", "record"]
+    evening = replace(suite, demand=demand_file(tmp_path, "evening", [1.0, 0.3, 0.3]))
+    again = outcomes(tmp_path / "run", evening)
+    assert [o.cached for o in again] == ["file", ""]
+    assert again[0].record["scene"]["name"] == "evening"
+
+
+def test_without_a_scene_no_record_speaks_of_one(tmp_path):
+    job = outcomes(tmp_path)[0].record
+    assert "scene" not in job
+    assert "demand" not in job["score_key"]
+    assert "scene" not in job["scores"]
+
+
+def test_a_fit_to_a_scene_needs_its_demand(tmp_path):
+    suite = replace(SUITE, codecs=(CodecSpec("pca", {"scene": True}),))
+    with pytest.raises(InputError, match="give one with --demand"):
+        outcomes(tmp_path, suite)
+    with pytest.raises(InputError, match=r"none\.npz: cannot be read"):
+        outcomes(tmp_path, replace(suite, demand=str(tmp_path / "none.npz")))

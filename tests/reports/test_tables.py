@@ -163,3 +163,25 @@ def test_the_measured_file_itself_is_a_row_of_reference(made):
     assert (shown["total bytes ↓"], shown["tex. chan."]) == ("800", "100")
     assert shown["bits per texel ↓"] == "100.0"  # 8 · 800 / 64
     assert shown["PSNR dB ↑"] == "—"
+
+
+def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
+    says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0}
+    says["metrics"] = {"psnr_display": 28.125, "psnr_log1p": 27.0, "ssim": None, "flip_ldr_67ppd": 0.0625}
+    stats = {"mean": 31.0, "std": 1.0, "pooled": 31.5, "exact": 0, "slices": 4}
+    group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": stats}}
+    scores = {"heldout": group, "all": group, "scene": group}
+    key = {"btf": "f", "exposure": 1.5, "sha256": "0", "metrics": {}, "demand": "a"}
+    made.job(scene=says, scores=scores, score_key=key)
+    made.job("vq", scene=says, scores=scores, score_key=key | {"demand": "b"}, run="0")
+    (table,) = tables(made, "scene")
+    assert "judged by the scene wall" in table.title
+    shown = cells(table)
+    assert (shown["frames PSNR dB ↑"], shown["frames SSIM ↑"], shown["frames FLIP ↓"]) == ("28.12", "exact", "0.062")
+    assert (shown["weighted PSNR dB ↑"], shown["outside PSNR dB ↑"]) == ("31.50", "—")
+    assert cells(table, 1)["frames PSNR dB ↑"] == "n/c"
+    assert any("another demand of a scene" in note for note in table.notes)
+
+
+def test_without_a_scene_there_is_no_such_table(made):
+    assert tables(made.job(), "scene") == []
