@@ -63,7 +63,10 @@ class NeuMIP(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
-        levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(level_count(btf.shape))]
+        count = level_count(btf.shape)
+        if fit.density:  # what the scene never sees from so far is left out
+            count = min(count, fit.density.levels(max(btf.shape)))
+        levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(count)]
         objective = Fitting(levels, self.settings, fit.generator())
         train(objective, fit, self.settings.steps)
         pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=1.0))
@@ -71,20 +74,20 @@ class NeuMIP(Codec):
         texture = pack("pyramid", pyramid, self.settings.precision)
         if offset is not None:
             texture |= pack("offset", offset.reshape(*btf.shape, -1), self.settings.precision)
-        size = torch.tensor(btf.shape, dtype=torch.int32)
-        return Parts(
-            decoder=pack("weights", to_vector(objective.networks), self.settings.weights),
-            texture=texture,
-            other={"gain": torch.tensor([gain]), "size": size},
-        )
+        other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
+        if count < level_count(btf.shape):
+            other["levels"] = torch.tensor([count], dtype=torch.uint8)
+        weights = pack("weights", to_vector(objective.networks), self.settings.weights)
+        return Parts(decoder=weights, texture=texture, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         networks = Networks(self.settings)
         load_vector(unpack("weights", parts.decoder), networks)
         height, width = parts.other["size"].tolist()
         offset = unpack("offset", parts.texture).flatten(0, 1) if self.settings.offset else None
-        pyramid = unpack("pyramid", parts.texture)
-        return NeuMIPMaterial((height, width), networks, pyramid, offset, float(parts.other["gain"])).to(device)
+        table = unpack("pyramid", parts.texture)
+        pyramid = Pyramid((height, width), int(parts.other["levels"]) if "levels" in parts.other else None)
+        return NeuMIPMaterial(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)
 
 
 def level_count(size: tuple[int, int]) -> int:
@@ -95,9 +98,9 @@ def level_count(size: tuple[int, int]) -> int:
 class Pyramid(nn.Module):
     """Where the texels of each level are: level i is (H // 2ⁱ, W // 2ⁱ), all in one table, the finest first."""
 
-    def __init__(self, size: tuple[int, int]):
+    def __init__(self, size: tuple[int, int], levels: int | None = None):
         super().__init__()
-        self.levels = [(size[0] >> level, size[1] >> level) for level in range(level_count(size))]
+        self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels or level_count(size))]
         counts = [height * width for height, width in self.levels]
         self.counts, self.side = counts, max(size)
         self.register_buffer("sizes", torch.tensor(self.levels), persistent=False)
@@ -190,7 +193,7 @@ class Fitting(Objective):
     def __init__(self, levels: list[Samples], settings: NeuMIP.Settings, generator: torch.Generator):
         super().__init__(levels[0])
         self.levels, self.settings = levels, settings
-        self.pyramid = Pyramid(self.samples.shape)
+        self.pyramid = Pyramid(self.samples.shape, len(levels))
         self.networks = Networks(settings, generator)
         self.networks.start_at(self.samples.mean(generator))
         latents = torch.randn(sum(self.pyramid.counts), settings.channels, generator=generator)
@@ -261,8 +264,8 @@ def blur(texture: Tensor, size: tuple[int, int], sigma: float) -> Tensor:
 class NeuMIPMaterial(Material):
     """A table of all levels, an offset texture (H · W, 7) or None, and the networks."""
 
-    def __init__(self, size: tuple[int, int], networks: Networks, table: Tensor, offset: Tensor | None, gain: float):
-        pyramid = Pyramid(size)
+    def __init__(self, pyramid: Pyramid, networks: Networks, table: Tensor, offset: Tensor | None, gain: float):
+        size = pyramid.levels[0]
         channels = networks.decoder.architecture.inputs - 4
         if table.shape != (sum(pyramid.counts), channels):
             raise InputError(f"a pyramid over {size} has {sum(pyramid.counts)} rows, not {tuple(table.shape)}")

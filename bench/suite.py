@@ -85,7 +85,7 @@ class CodecSpec:
     @property
     def curve(self) -> str:
         """The name of the ladder of rates that this job is a step of: the label without what is swept."""
-        return _label(self.codec, {k: v for k, v in self.settings.items() if k not in self.swept})
+        return _label(self.codec, {k: v for k, v in self.settings.items() if k not in self.swept or k == "scene"})
 
 
 def _label(codec: str, settings: dict[str, Any]) -> str:

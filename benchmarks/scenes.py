@@ -71,11 +71,13 @@ def measure(codec: Codec, btf: BTF, judge: Judge, seed: int) -> list[float]:
 
 
 def written(values: Sequence[float]) -> str:
-    """Mean ± standard deviation."""
+    """Mean ± standard deviation; a dash where there is nothing to measure."""
+    if np.isnan(values).any():
+        return "—"
     mean = statistics.fmean(values)
     digits = 0 if abs(mean) >= 100 else 3 if abs(mean) < 1 else 1 if abs(mean) >= 30 else 2
     spread = f" ± {statistics.stdev(values):.{digits}f}" if len(values) > 1 else ""
-    return "—" if np.isnan(mean) else f"{mean:,.{digits}f}{spread}"
+    return f"{mean:,.{digits}f}{spread}"
 
 
 def compare(options: argparse.Namespace) -> None:

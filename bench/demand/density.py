@@ -10,7 +10,7 @@ from torch import Tensor
 from bench.btf import Layout
 from bench.demand.corners import corners, share_of
 from bench.demand.demand import Demand
-from bench.demand.need import Window
+from bench.demand.need import COVERED, Window
 
 
 class Drawn(NamedTuple):
@@ -64,6 +64,11 @@ class Density:
         even = 1 / len(self.per_pair)
         mixed = self.uniform * even + (1 - self.uniform) * self.per_pair
         return (mixed / even).float()
+
+    def levels(self, side: int) -> int:
+        """How many levels of detail of a texture of `side` texels, from the finest on, the demand is seen at."""
+        coarsest = torch.quantile(self.footprint[:: max(1, len(self.footprint) // 100_000)], COVERED)
+        return max(0, math.ceil(math.log2(max(1.0, float(coarsest) * side)))) + 1
 
     def draw(self, count: int, shape: tuple[int, int], generator: torch.Generator) -> Drawn:
         """`count` random samples of the window at a resolution.

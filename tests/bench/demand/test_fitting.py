@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from baselines.neumip import NeuMIP
 from baselines.pca import PCA
 from baselines.table import Table
 from bench import cli, container
@@ -282,3 +283,18 @@ def test_encode_writes_the_scene_model_and_its_table(tmp_path, capsys):
     assert "give its --demand" in capsys.readouterr().err
     assert cli.main([*words, "--demand", str(tmp_path / "no.npz")]) == 2
     assert "not a demand" in capsys.readouterr().err
+
+
+def test_levels_that_a_scene_never_touches_are_left_out_of_a_pyramid(tmp_path):
+    btf, codec = tiny_btf(16, 6, 6), NeuMIP(steps=2, batch=64, offset=False)
+    near, far = (random_demand(footprint=side / 16) for side in (1.0, 4.0))
+    rows = {}
+    for name, asked in (("near", near), ("far", far)):
+        factor = Need.of(btf, asked, every_pair=True).window.factor
+        material = loaded(codec, encode(codec, btf, Fit(), asked), tmp_path)
+        rows[name] = (factor, material.inner.pyramid.levels)
+        assert material.query(*(torch.from_numpy(x) for x in (asked.uv, asked.wo, asked.wi))).isfinite().all()
+    assert rows == {"near": (1, [(16, 16)]), "far": (4, [(4, 4)])}
+    mixed = replace(near, footprint=np.where(np.arange(4000) % 2, 1 / 16, 3 / 16).astype(np.float32))
+    material = loaded(codec, encode(codec, btf, Fit(), mixed), tmp_path)
+    assert material.inner.pyramid.levels == [(16, 16), (8, 8), (4, 4)]
