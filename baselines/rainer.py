@@ -127,9 +127,8 @@ class Autoencoder(Objective):
         texels, pairs = self.step
         device = self.samples.device
         texel = torch.randint(self.samples.texels, (texels,), generator=generator).to(device)
-        pair = torch.randint(self.samples.pairs, (texels * pairs,), generator=generator).to(device)
+        batch = self.samples.draw_at(texel.repeat_interleave(pairs), generator)
         latents = self.latents(texel).repeat_interleave(pairs, 0)
-        batch = self.samples.at(texel.repeat_interleave(pairs), pair)
         return distance(self._decode(latents, batch), batch.target, self.distance)
 
 

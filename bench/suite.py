@@ -155,6 +155,9 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         raise InputError(f"{file}: {twice!r} stands there twice")
     if foreign := {name for spec in codecs for name in spec.materials} - {spec.name for spec in materials}:
         raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is no material of this suite")
+    uniform = float(_value(file, "uniform", table.get("uniform", UNIFORM), float))
+    if not 0 <= uniform <= 1:
+        raise InputError(f"{file}: uniform = {uniform}: a share lies between 0 and 1")
     if absent := set(pretrain) - {spec.codec for spec in codecs}:
         raise InputError(f"{file}: pretrain names {min(absent)!r}, which is no codec of this suite")
     return Suite(
@@ -169,7 +172,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         tuple(pretrain),
         tuple(_list(file, "variants", table, str, [])),
         _value(file, "demand", table.get("demand", ""), str),
-        float(_value(file, "uniform", table.get("uniform", UNIFORM), float)),
+        uniform,
     )
 
 

@@ -8,7 +8,7 @@ threads give the same parameters, whether or not the fit was interrupted.
 import logging
 import math
 import time
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -24,6 +24,9 @@ from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE, to_display
 from bench.metrics.psnr import psnr as decibels
 from bench.scoring import exposure
+
+if TYPE_CHECKING:
+    from bench.demand.density import Density
 
 log = logging.getLogger(__name__)
 
@@ -72,6 +75,8 @@ class Samples:
     far below any codec's error. `gain` is 8 × exposure: see `gain_of`.
     """
 
+    density: "Density | None" = None  # of the scene that is fitted to
+
     def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
         self.btf, self.gain, self.device = btf, gain, fit.device
         self.shape, self.pairs = btf.shape, len(btf)
@@ -98,6 +103,13 @@ class Samples:
         flat = torch.randint(self.texels * self.pairs, (count,), generator=generator).to(self.device)
         texel = flat.div(self.pairs, rounding_mode="floor")
         return self.at(texel, flat - texel * self.pairs)
+
+    def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
+        """A sample at each of some texels (n,), uniform over pairs; of a fit to a scene, by its density."""
+        if self.density:
+            _, *drawn = self.density.draw(len(texel), self.shape, generator)
+            return self._between(texel, *(each.to(self.device) for each in drawn))
+        return self.at(texel, torch.randint(self.pairs, (len(texel),), generator=generator).to(self.device))
 
     def mean(self, generator: torch.Generator) -> Tensor:
         """The mean log radiance (3,), of a random sample."""

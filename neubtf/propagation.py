@@ -48,7 +48,7 @@ class Source:
 
     def guided(self, texture: Tensor) -> tuple[NeuBTF, Parts]:
         """The file of this material with another neural texture (H, W, D), and without the encoder."""
-        codec = NeuBTF(**self.header.settings | {"keep_encoder": False})
+        codec = NeuBTF(**self.header.settings | {"keep_encoder": False, "scene": False})
         packed = pack("latents", texture, codec.settings.precision)
         return codec, Parts(decoder=self.parts.decoder, texture=packed, other=self.parts.other)
 

@@ -71,6 +71,8 @@ def _check(options: argparse.Namespace) -> None:
     for word, value in words.items():
         if value is not None and not options.demand:
             raise InputError(f"{word}: is of a fit to a scene: give its --demand")
+    if options.uniform is not None and not 0 <= options.uniform <= 1:
+        raise InputError(f"--uniform {options.uniform}: a share lies between 0 and 1")
 
 
 def _to_scene(options: argparse.Namespace, codec: "Codec", btf: "BTF", asked: "Demand", console: "Console") -> int:

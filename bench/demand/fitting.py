@@ -23,7 +23,6 @@ from bench.demand.density import Density
 from bench.demand.judge import FLIP, PSNR, Judge
 from bench.demand.need import Need
 from bench.demand.scene_material import unreported
-from bench.errors import InputError
 from bench.material import Material
 from bench.metrics.display import to_display
 from bench.metrics.psnr import psnr
@@ -35,8 +34,6 @@ OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
 
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
     """What `codec.encode` finds where it is given what a demand needs of a BTF, and the demand's density."""
-    if not 0 <= uniform <= 1:
-        raise InputError(f"uniform = {uniform}: a share lies between 0 and 1")
     need = Need.of(btf, demand, every_pair=not codec.interpolates)
     cut = need.cut(btf)
     density = Density.of(demand, cut.layout, need.window, uniform)

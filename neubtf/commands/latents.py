@@ -16,11 +16,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench import container
+    from bench.demand.scene_material import SceneMaterial
     from bench.errors import InputError
     from neubtf.latents import draw
     from neubtf.renderer import NeuBTFMaterial
 
     header, material = container.load(options.file)
+    if isinstance(material, SceneMaterial):
+        material = material.inner
     if not isinstance(material, NeuBTFMaterial):
         raise InputError(f"{options.file}: a file of codec {header.codec}: give one of neubtf or neubtf-direct")
     out = options.out or options.file.with_suffix(".latents.png")

@@ -137,3 +137,17 @@ def test_a_path_is_looked_up_under_the_data_folder(tmp_path, monkeypatch):
     assert (spec.name, spec.path) == ("icon", "rti/icon")
     assert spec.found() == tmp_path / "rti" / "icon"
     assert named("satin").path == ""
+
+
+def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it():
+    text = (
+        'demand = "wall.npz"\nuniform = 0.25\nmaterials = ["satin"]\n[[codecs]]\ncodec = "pca"\nscene = [false, true]\n'
+    )
+    suite = parse_suite("a", text)
+    assert (suite.demand, suite.uniform) == ("wall.npz", 0.25)
+    assert [spec.settings["scene"] for spec in suite.codecs] == [False, True]
+    assert len({spec.curve for spec in suite.codecs}) == 2  # no ladder of rates mixes the two
+    with pytest.raises(InputError, match="a share lies between 0 and 1"):
+        parse_suite("a", text.replace("0.25", "1.5"))
+    changed = with_changes(suite, [], [], {"scene": "true"}, None)
+    assert [spec.settings["scene"] for spec in changed.codecs] == [True]

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from baselines.mean_colour import MeanColour
 from baselines.neumip import NeuMIP
 from baselines.pca import PCA
+from baselines.rainer2019 import Rainer2019
 from baselines.table import Table
+from baselines.vq import VQ
 from bench import cli, container
 from bench.btf import BTF, ArraySource
 from bench.check import tiny_btf
@@ -26,6 +29,7 @@ from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import texel_centres
 from bench.training import Samples
+from neubtf.codec import NeuBTF
 from neubtf.direct import NeuBTFDirect
 
 NEAR = """
@@ -298,3 +302,21 @@ def test_levels_that_a_scene_never_touches_are_left_out_of_a_pyramid(tmp_path):
     mixed = replace(near, footprint=np.where(np.arange(4000) % 2, 1 / 16, 3 / 16).astype(np.float32))
     material = loaded(codec, encode(codec, btf, Fit(), mixed), tmp_path)
     assert material.inner.pyramid.levels == [(16, 16), (8, 8), (4, 4)]
+
+
+def test_the_latents_of_a_scene_model_can_be_drawn(tmp_path, capsys):
+    codec = NeuBTFDirect(steps=2, batch=64, latents=2, width=4)
+    container.save(tmp_path / "a.nbtf", codec, encode(codec, tiny_btf(32, 6, 6), Fit(), demand(NEAR)))
+    assert cli.main(["latents", str(tmp_path / "a.nbtf"), "-o", str(tmp_path / "a.png")]) == 0
+    assert "2 channels of" in capsys.readouterr().out
+
+
+def test_every_codec_is_fitted_to_a_scene_without_a_change(tmp_path):
+    asked = demand(NEAR)
+    codecs = [MeanColour(), VQ(codes=4), Rainer2019(steps=2, texels=4, pairs=4), NeuBTF(steps=2, batch=64)]
+    for codec in codecs:
+        material = loaded(codec, encode(codec, tiny_btf(32, 6, 6), Fit(), asked), tmp_path)
+        columns = (torch.from_numpy(x) for x in (asked.uv, asked.wo, asked.wi, asked.footprint))
+        assert material.query(*columns).isfinite().all()
+        assert material.window.height < 20
+        assert material.outside == 0
