@@ -1,6 +1,7 @@
 """Full models against models of the scenes that ship: bytes at equal quality in the scene, over seeds.
 
     python benchmarks/scenes.py [--material cable-knit] [--scene wall ...] [--seeds 3] CODEC[:SETTING=VALUE,...] ...
+    python benchmarks/scenes.py --control pca vq                # how far full models can shrink, for comparison
     python benchmarks/scenes.py --pictures docs/images          # those of docs/scenes.md
     python benchmarks/scenes.py --seconds                       # how long the demand of one frame takes
 
@@ -25,7 +26,7 @@ from bench.codec import Codec, Fit
 from bench.demand import portrait
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
-from bench.demand.fitting import Found, Search, rows
+from bench.demand.fitting import EQUAL_DB, Found, Goal, Search, rows
 from bench.demand.judge import Judge, table_of
 from bench.demand.scene import named_scene, shipped
 from bench.demand.text_scene import TextScene
@@ -36,6 +37,7 @@ from bench.suite import Data, named
 from bench.timing import torch_threads
 
 QUERIES = 100_000
+PICTURED = 1_000_000  # queries of the pictures: frames of an environment's samples are coarse and noisy with fewer
 HEADS = (
     "scene", "codec", "bytes full", "bytes scene", "share %", "PSNR full dB", "PSNR scene dB", "FLIP full",
     "FLIP scene", "ns full", "ns scene", "outside full dB", "outside scene dB", "fit s full", "search s",
@@ -90,16 +92,34 @@ def compare(options: argparse.Namespace) -> None:
             print("| " + " | ".join([scene, text, *map(written, zip(*found, strict=True))]) + " |", flush=True)
 
 
+def control(options: argparse.Namespace) -> None:
+    """Bytes of the smallest model of the whole BTF, of those of fewer sizes, that does as well as the full one."""
+    btf = open_material(named(options.material), Data(), lambda *_: None)
+    training = btf.subset(btf.split().train)
+    print("| scene | codec | bytes full | bytes smallest |\n|---|---|---|---|", flush=True)
+    for scene in options.scene or sorted(shipped()):
+        judge = Judge(table_of(btf), demand_of(scene, options.queries))
+        for text in options.codecs or ["pca", "vq"]:
+            codec = parse(text)
+            with tempfile.TemporaryDirectory() as folder:
+                look = Search(codec, training, judge, Fit, Path(folder))
+                full = look.model(codec, "full", None)
+                goal = Goal(None if full.psnr is None else full.psnr - EQUAL_DB)
+                size = min(model.header.file_bytes for model in look.ladder(goal, None) if goal.met(model))
+            print(f"| {scene} | {text} | {full.header.file_bytes:,} | {size:,} |", flush=True)
+
+
 def pictures(options: argparse.Namespace) -> None:
-    """The demand of each scene, and frames of full and scene model, with their FLIP, as PNG."""
+    """The demand of each scene, and frames of full and scene model, with their FLIP."""
     btf = open_material(named(options.material), Data(), lambda *_: None)
     codec = parse(options.codecs[0] if options.codecs else "pca")
     for scene in options.scene or sorted(shipped()):
-        portrait.draw(demand_of(scene, options.queries), options.pictures / f"demand-{scene}.png")
-        judge = Judge(table_of(btf), demand_of(scene, options.queries))
+        demand = demand_of(scene, PICTURED)
+        portrait.draw(demand, options.pictures / f"demand-{scene}.png")
+        judge = Judge(table_of(btf), demand)
         with tempfile.TemporaryDirectory() as folder:
             found = search(codec, btf, judge, 0, Path(folder))
-            draw_models(judge, found, options.pictures / f"scene-{scene}.png")
+            draw_models(judge, found, options.pictures / f"scene-{scene}.jpg")
 
 
 def draw_models(judge: Judge, found: Found, path: Path) -> None:
@@ -123,7 +143,7 @@ def draw_models(judge: Judge, found: Found, path: Path) -> None:
         axes[1, column].imshow(judge.flip_map(frames))
         axes[1, column].set_title(f"FLIP {model.flip:.3f}")
     with atomic.replacing(path) as partial:
-        figure.savefig(partial, format="png", dpi=70)
+        figure.savefig(partial, format="jpg", dpi=80, pil_kwargs={"quality": 85})
 
 
 def seconds() -> None:
@@ -143,13 +163,14 @@ def main() -> None:
     parser.add_argument("--scene", action="append", default=[])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--queries", type=int, default=QUERIES)
+    parser.add_argument("--control", action="store_true")
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--seconds", action="store_true")
     options = parser.parse_args()
     if options.seconds:
         return seconds()
     with torch_threads(1):
-        (pictures if options.pictures else compare)(options)
+        (pictures if options.pictures else control if options.control else compare)(options)
 
 
 if __name__ == "__main__":

@@ -96,10 +96,10 @@ class Search:
 
     def run(self, goal: Goal | None = None) -> Found:
         """See the class; without a goal it is the PSNR of the full model, less `EQUAL_DB`."""
-        full = self._model(self.codec, "full", None)
+        full = self.model(self.codec, "full", None)
         if goal is None:
             goal = Goal(psnr=None if full.psnr is None else full.psnr - EQUAL_DB)
-        tried = list(self._ladder(goal))
+        tried = list(self.ladder(goal, self.judge.demand))
         seconds = sum(model.seconds for model in tried)
         meeting = [model for model in tried if goal.met(model)]
         best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
@@ -112,20 +112,25 @@ class Search:
             return Found(full, None, "the scene needs everything", goal.met(full), len(tried), seconds)
         return Found(full, best, left_out(need, self.btf), True, len(tried), seconds)
 
-    def _ladder(self, goal: Goal) -> Iterator[Model]:
-        """Models of falling or rising size, halving the range of sizes with each, as quality rises with size."""
+    def ladder(self, goal: Goal, demand: Demand | None) -> Iterator[Model]:
+        """Models of a demand or of the whole BTF, the range of sizes halved with each, as quality rises with size."""
         low, high = 1, steps_of(self.codec)
-        largest = self._model(sized(self.codec, high), f"scene{high}", self.judge.demand)
+        largest = self._at(high, demand)
         yield largest
         if not goal.met(largest):
             return
         while low < high:
             middle = (low + high) // 2
-            model = self._model(sized(self.codec, middle), f"scene{middle}", self.judge.demand)
+            model = self._at(middle, demand)
             yield model
             low, high = (low, middle) if goal.met(model) else (middle + 1, high)
 
-    def _model(self, codec: Codec, name: str, demand: Demand | None) -> Model:
+    def _at(self, step: int, demand: Demand | None) -> Model:
+        scene = demand is not None
+        return self.model(sized(self.codec, step, scene), f"{scene}{step}", demand)
+
+    def model(self, codec: Codec, name: str, demand: Demand | None) -> Model:
+        """A codec fitted to a demand or, without one, to the whole BTF, as its file decodes."""
         fit, start = self.fit(), time.perf_counter()
         parts = codec.encode(self.btf, fit) if demand is None else encode(codec, self.btf, fit, demand, self.uniform)
         seconds = time.perf_counter() - start
@@ -145,11 +150,11 @@ def steps_of(codec: Codec) -> int:
     return int(getattr(codec.settings, codec.sizes[0])) if codec.sizes else 1
 
 
-def sized(codec: Codec, step: int) -> Codec:
-    """The codec, fitted to a scene, with its leading size at `step` and the others in proportion."""
+def sized(codec: Codec, step: int, scene: bool = True) -> Codec:
+    """The codec, fitted to a scene or not, with its leading size at `step` and the others in proportion."""
     share = step / steps_of(codec)
     sizes = {name: max(1, round(share * getattr(codec.settings, name))) for name in codec.sizes}
-    return type(codec)(**(settings_dict(codec) | sizes | {SCENE: True}))
+    return type(codec)(**(settings_dict(codec) | sizes | {SCENE: scene}))
 
 
 def left_out(need: Need, btf: BTF) -> str:

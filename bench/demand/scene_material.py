@@ -23,7 +23,8 @@ class SceneMaterial(Material):
 
     def __init__(self, inner: Material, says: dict[str, Any], name: str):
         height, width = map(int, says["size"])
-        window = Window((height, width), *map(int, says["window"]), factor=int(says["factor"]))
+        top, left, tall, wide = map(int, says["window"])
+        window = Window((height, width), top, left, tall, wide, int(says["factor"]))
         if inner.size != tuple(side // window.factor for side in window.sides):
             raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
         super().__init__((height // window.factor, width // window.factor), inner.cost)
