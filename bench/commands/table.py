@@ -10,7 +10,19 @@ from pathlib import Path
 from bench.errors import InputError
 from bench.exits import FINE
 
-TABLES = ("main", "angular", "radiance", "footprints", "rate", "fits", "trade", "parameters", "stress", "unfinished")
+TABLES = (
+    "main",
+    "angular",
+    "radiance",
+    "footprints",
+    "scene",
+    "rate",
+    "fits",
+    "trade",
+    "parameters",
+    "stress",
+    "unfinished",
+)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
