@@ -26,7 +26,7 @@ from bench.codec import Codec, Fit
 from bench.demand import portrait
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
-from bench.demand.fitting import EQUAL_DB, Found, Goal, Search, rows
+from bench.demand.fitting import Found, Search, as_good_as, rows
 from bench.demand.judge import Judge, table_of
 from bench.demand.scene import named_scene, shipped
 from bench.demand.text_scene import TextScene
@@ -103,9 +103,9 @@ def control(options: argparse.Namespace) -> None:
             codec = parse(text)
             with tempfile.TemporaryDirectory() as folder:
                 look = Search(codec, training, judge, Fit, Path(folder))
-                full = look.model(codec, "full", None)
-                goal = Goal(None if full.psnr is None else full.psnr - EQUAL_DB)
-                size = min(model.header.file_bytes for model in look.ladder(goal, None) if goal.met(model))
+                full = look.model(codec, "full")
+                goal = as_good_as(full)
+                size = min(model.header.file_bytes for model in look.ladder(goal, scene=False) if goal.met(model))
             print(f"| {scene} | {text} | {full.header.file_bytes:,} | {size:,} |", flush=True)
 
 

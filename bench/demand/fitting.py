@@ -7,7 +7,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +32,32 @@ EQUAL_DB = 0.2  # a scene model so near to the full one is as good
 OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
 
 
+@dataclass(frozen=True)
+class Problem:
+    """What a codec is given of a scene: what a demand needs of a BTF, the demand's density, and words for the file."""
+
+    need: Need
+    btf: BTF
+    density: Density
+    says: dict[str, Any]
+
+    @classmethod
+    def of(cls, codec: Codec, btf: BTF, demand: Demand, uniform: float = UNIFORM) -> "Problem":
+        """The problem of one codec, at whatever settings."""
+        need = Need.of(btf, demand, every_pair=not codec.interpolates)
+        cut = need.cut(btf)
+        density = Density.of(demand, cut.layout, need.window, uniform)
+        return cls(need, cut, density, need.says(demand) | {"uniform": uniform})
+
+    def encode(self, codec: Codec, fit: Fit) -> Parts:
+        """What the codec finds."""
+        parts = codec.encode(self.btf, dataclasses.replace(fit, density=self.density))
+        return dataclasses.replace(parts, scene=self.says)
+
+
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
-    """What `codec.encode` finds where it is given what a demand needs of a BTF, and the demand's density."""
-    need = Need.of(btf, demand, every_pair=not codec.interpolates)
-    cut = need.cut(btf)
-    density = Density.of(demand, cut.layout, need.window, uniform)
-    parts = codec.encode(cut, dataclasses.replace(fit, density=density))
-    return dataclasses.replace(parts, scene=need.says(demand) | {"uniform": uniform})
+    """What a codec finds of a BTF where it is fitted to a demand."""
+    return Problem.of(codec, btf, demand, uniform).encode(codec, fit)
 
 
 @dataclass(frozen=True)
@@ -94,51 +113,59 @@ class Search:
     folder: Path  # for the files of the search
     uniform: float = UNIFORM
 
+    @cached_property
+    def problem(self) -> Problem:
+        """What every fit to the scene is given."""
+        return Problem.of(self.codec, self.btf, self.judge.demand, self.uniform)
+
     def run(self, goal: Goal | None = None) -> Found:
         """See the class; without a goal it is the PSNR of the full model, less `EQUAL_DB`."""
-        full = self.model(self.codec, "full", None)
+        full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
         if goal is None:
-            goal = Goal(psnr=None if full.psnr is None else full.psnr - EQUAL_DB)
-        tried = list(self.ladder(goal, self.judge.demand))
+            goal = as_good_as(full)
+        tried = list(self.ladder(goal, scene=True))
         seconds = sum(model.seconds for model in tried)
         meeting = [model for model in tried if goal.met(model)]
         best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
-        need = Need.of(self.btf, self.judge.demand, not self.codec.interpolates)
         if best is None:
             finest = max(tried, key=lambda model: np.inf if model.psnr is None else model.psnr)
             better = None if goal.met(full) or not _beats(finest, full) else finest
             return Found(full, better, "no model of the scene does as well", goal.met(full), len(tried), seconds)
-        if best.header.file_bytes >= full.header.file_bytes:
-            return Found(full, None, "the scene needs everything", goal.met(full), len(tried), seconds)
-        return Found(full, best, left_out(need, self.btf), True, len(tried), seconds)
+        if best.header.file_bytes >= full.header.file_bytes and goal.met(full):
+            return Found(full, None, "the scene needs everything", True, len(tried), seconds)
+        return Found(full, best, left_out(self.problem.need, self.btf), True, len(tried), seconds)
 
-    def ladder(self, goal: Goal, demand: Demand | None) -> Iterator[Model]:
-        """Models of a demand or of the whole BTF, the range of sizes halved with each, as quality rises with size."""
+    def ladder(self, goal: Goal, scene: bool) -> Iterator[Model]:
+        """Models of the scene or of the whole BTF, the range of sizes halved with each, as quality rises with size."""
         low, high = 1, steps_of(self.codec)
-        largest = self._at(high, demand)
+        largest = self._at(high, scene)
         yield largest
         if not goal.met(largest):
             return
         while low < high:
             middle = (low + high) // 2
-            model = self._at(middle, demand)
+            model = self._at(middle, scene)
             yield model
             low, high = (low, middle) if goal.met(model) else (middle + 1, high)
 
-    def _at(self, step: int, demand: Demand | None) -> Model:
-        scene = demand is not None
-        return self.model(sized(self.codec, step, scene), f"{scene}{step}", demand)
+    def _at(self, step: int, scene: bool) -> Model:
+        return self.model(sized(self.codec, step, scene), f"{'scene' if scene else 'whole'}{step}")
 
-    def model(self, codec: Codec, name: str, demand: Demand | None) -> Model:
-        """A codec fitted to a demand or, without one, to the whole BTF, as its file decodes."""
+    def model(self, codec: Codec, name: str) -> Model:
+        """A codec fitted to the scene, where its settings say so, or to the whole BTF, as its file decodes."""
         fit, start = self.fit(), time.perf_counter()
-        parts = codec.encode(self.btf, fit) if demand is None else encode(codec, self.btf, fit, demand, self.uniform)
+        parts = self.problem.encode(codec, fit) if codec.scene else codec.encode(self.btf, fit)
         seconds = time.perf_counter() - start
         header = container.save(self.folder / f"{name}{container.SUFFIX}", codec, parts)
         material = unreported(container.load(header.path, fit.device)[1])
         score = self.judge.score(material, (PSNR, FLIP))
         steps = int(fit.history[-1]["step"]) if fit.history else 0
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
+
+
+def as_good_as(full: Model) -> Goal:
+    """The goal of a model that is to replace the full one: its PSNR less `EQUAL_DB`, or no error where it has none."""
+    return Goal(psnr=np.inf if full.psnr is None else full.psnr - EQUAL_DB)
 
 
 def _beats(one: Model, other: Model) -> bool:
