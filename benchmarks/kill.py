@@ -105,6 +105,8 @@ def dask_run(suite: Suite, folder: Path, kills: int, span: float, rng: random.Ra
     patient = {
         # By default a job is given up whose worker was lost four times, even one that had not begun it.
         "distributed.scheduler.allowed-failures": 10 * kills,
+        # A local cluster gives a worker up for good that is away this long after it was lost, be it for another kill.
+        "distributed.deploy.lost-worker-timeout": "1h",
         # A worker on a busy machine is not lost.
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": "300s",

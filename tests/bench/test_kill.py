@@ -1,5 +1,6 @@
 """Short forms of `benchmarks/kill.py`."""
 
+import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -21,4 +22,11 @@ def killed(*words):
 def test_a_run_killed_at_random_moments_ends_with_every_job_done_once():
     out = killed("--kills", "4")
     assert out.count("kill ") == 4
+    assert out.splitlines()[-1] == "4 good records, identical files, nothing left behind"
+
+
+@pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="needs Dask: pip install neubtf-bench[dask]")
+def test_a_cluster_that_loses_a_worker_in_mid_job_ends_with_every_job_done_once():
+    out = killed("--workers", "dask", "--kills", "1")
+    assert "kill 1 of a worker" in out
     assert out.splitlines()[-1] == "4 good records, identical files, nothing left behind"
