@@ -105,8 +105,9 @@ def look(index: int) -> dict[str, Any]:
 
 
 def log_ticks(axis: Any, unit: str = "") -> None:
-    """Ticks of a logarithmic axis at 1, 2 and 5 of each decade, thinned to what fits: `20 kB`."""
-    axis.set_major_locator(LogLocator(10, (1, 2, 5), numticks=9))
+    """Ticks of a logarithmic axis, `20 kB`: at 1, 2 and 5 of each decade, at 1 and 3 where more than two are shown."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(10, (1, 3) if high > 100 * low else (1, 2, 5), numticks=9))
     axis.set_major_formatter(EngFormatter(unit) if unit else FuncFormatter(lambda value, _: f"{value:,g}"))
     axis.set_minor_formatter(NullFormatter())
 
