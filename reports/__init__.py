@@ -12,6 +12,21 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bench.records import Record
 
+# The kinds of table, in the order of a report.
+KINDS = (
+    "main",
+    "angular",
+    "radiance",
+    "footprints",
+    "scene",
+    "rate",
+    "fits",
+    "trade",
+    "parameters",
+    "stress",
+    "unfinished",
+)
+
 
 @dataclass(frozen=True)
 class Written:
@@ -24,15 +39,15 @@ class Written:
 def table_text(run_folder: str | Path, format: str = "text", kind: str | None = None) -> str:
     """The tables of a run as `text`, `markdown`, `latex` or `csv`.
 
-    `kind` picks one kind of table, of `reports.tables.KINDS`; by default all are given, the text of them in a shorter
-    form. A CSV has one row a job and every number of its record, whatever the kind, but of `trade`: one row a choice.
+    `kind` picks one kind of table, of `KINDS`; by default all are given, the text of them in a shorter form.
+    A CSV has one row a job and every number of its record, whatever the kind, but of `trade`: one row a choice.
     Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
     """
     from bench.records import load_run
     from reports import text, trade
     from reports.latex import latex
     from reports.raw import csv_text
-    from reports.tables import KINDS, all_tables
+    from reports.tables import all_tables
 
     writers: dict[str, Callable[..., str]] = {"markdown": text.markdown, "latex": latex, "text": text.plain}
     if format not in (*writers, "csv") or kind not in (None, *KINDS):

@@ -14,20 +14,6 @@ from reports.stress import stress_tables
 from reports.table import Table
 from reports.trade import trade_tables
 
-KINDS = (
-    "main",
-    "angular",
-    "radiance",
-    "footprints",
-    "scene",
-    "rate",
-    "fits",
-    "trade",
-    "parameters",
-    "stress",
-    "unfinished",
-)
-
 
 def all_tables(run: Run, narrow: bool = False) -> list[Table]:
     """Every table that has a row, by kind and then by material, with every column.

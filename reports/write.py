@@ -4,11 +4,11 @@ import os
 from pathlib import Path
 
 from bench.records import Run, load_run
-from reports import Written, figures, trade
+from reports import KINDS, Written, figures, trade
 from reports.latex import latex
 from reports.page import page
 from reports.raw import csv_text
-from reports.tables import KINDS, all_tables
+from reports.tables import all_tables
 from reports.text import markdown, terminal
 
 

@@ -10,42 +10,30 @@ from pathlib import Path
 from bench.errors import InputError
 from bench.exits import FINE
 
-TABLES = (
-    "main",
-    "angular",
-    "radiance",
-    "footprints",
-    "scene",
-    "rate",
-    "fits",
-    "trade",
-    "parameters",
-    "stress",
-    "unfinished",
-)
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    from reports import KINDS
+
     parser.add_argument(
         "what",
         nargs="*",
         metavar="KIND|RUN",
-        help=f"one kind of table ({', '.join(TABLES)}; default: "
+        help=f"one kind of table ({', '.join(KINDS)}; default: "
         "all) and the folder of a run (default: the newest under runs/)",
     )
     parser.add_argument("--format", default="text", choices=["text", "markdown", "latex", "csv"])
 
 
 def run(options: argparse.Namespace) -> int:
-    kinds = [word for word in options.what if word in TABLES]
-    folders = [Path(word) for word in options.what if word not in TABLES]
+    from reports import KINDS, table_text
+
+    kinds = [word for word in options.what if word in KINDS]
+    folders = [Path(word) for word in options.what if word not in KINDS]
     if len(kinds) > 1 or len(folders) > 1:
         raise InputError("table: give one kind of table and one folder of a run at most")
     if kinds == ["parameters"]:
         print(_parameters(folders[0] if folders else None, options.format))
         return FINE
-    from reports import table_text
-
     print(table_text(folders[0] if folders else _newest_run(kinds), options.format, kinds[0] if kinds else None))
     return FINE
 

@@ -8,7 +8,6 @@ import pytest
 
 from bench import cli, commands, container
 from bench.check import tiny_btf
-from bench.commands.table import TABLES
 from bench.readers import open_btf
 from bench.readers.folder import write_folder
 from bench.records import load_run
@@ -80,12 +79,6 @@ def run(options):
     monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("run", "shout", group)])
     assert cli.main(["list"]) == 2
     assert "two commands are named 'run'" in capsys.readouterr().err
-
-
-def test_the_tables_of_the_command_line_are_those_of_the_reports():
-    from reports.tables import KINDS
-
-    assert set(TABLES) == set(KINDS)
 
 
 def test_a_folder_of_pictures_runs_like_any_material(tmp_path, folder, capsys):
