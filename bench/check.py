@@ -1,15 +1,12 @@
-"""The conformance test that anyone can run against their own codec: `neubtf-bench check NAME`.
+"""What a renderer relies on, of any codec: each check is a function that raises `CheckError` with what is wrong.
 
-It encodes a small rendered-like BTF, writes the file, decodes it, here and in a fresh process, and asks what a
-renderer relies on. Each check is a function that raises `CheckError` with the figure that is wrong.
+A codec under test encodes a small rendered-like BTF, writes the file, and decodes it, here and in a fresh process.
 """
 
-import dataclasses
 import itertools
 import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,8 +22,6 @@ from bench.counting import parameters
 from bench.errors import InputError
 from bench.hemisphere import thin, ubo2003, uniform
 from bench.material import Material, texel_centres
-from bench.records import Record
-from bench.registry import load_codec
 from bench.timing import torch_threads
 
 # Float32 sums of some hundred terms in another order differ by about 1e-6 of their size; ten times that is allowed.
@@ -39,15 +34,6 @@ class CheckError(AssertionError):
     def __init__(self, message: str, figure: str = ""):
         super().__init__(message)
         self.figure = figure
-
-
-@dataclass(frozen=True)
-class Result:
-    """One check: its name, what was wrong, empty where it passed, and the reason where it does not apply."""
-
-    name: str
-    failure: str = ""
-    reason: str = ""
 
 
 def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
@@ -231,52 +217,3 @@ CHECKS: tuple[Callable[[Bench], None], ...] = (
     refuses,
     counted,
 )
-
-
-def check(codec: Codec, network: SharedNetwork | None = None) -> Iterator[Result]:
-    """Run every check against a codec, yielding each result; what a codec itself raises is a failed check.
-
-    The last of them are the quick extremes of `bench.stability`. A codec that shares a network over materials is tried
-    with a small one of its own, or that of `network`.
-    """
-    if network is None and codec.network is not None:
-        network = codec.network().brief()
-    with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(codec, Path(folder), network)
-        for one in CHECKS:
-            try:
-                one(bench)
-                yield Result(one.__doc__ or one.__name__)
-            except Exception as error:  # whatever a foreign codec raises is its failure, and the next check still runs
-                yield Result(one.__doc__ or one.__name__, f"{type(error).__name__}: {error}".splitlines()[0])
-        yield from _extremes(bench)
-
-
-def _extremes(bench: Bench) -> Iterator[Result]:
-    from bench import stability  # built on this module
-
-    subject = stability.Subject(bench)
-    for case in stability.CASES:
-        if case.cheap:
-            found = stability.judge(case, subject)
-            failure = found.detail if found.verdict == "fail" else ""
-            yield Result(f"{case.name}: {case.holds}", failure, found.detail if found.verdict == "n/a" else "")
-
-
-def count(name: str) -> Record:
-    """What a codec's decoder holds, counted in a file of the small material: `label`, `parameters`, `cost` of a record.
-
-    A codec that is fitted in `steps` takes one, which changes no count.
-    """
-    found = load_codec(name)
-    fitted = "steps" in {field.name for field in dataclasses.fields(found.Settings)}
-    codec = found(steps=1) if fitted else found()
-    with tempfile.TemporaryDirectory() as folder:
-        material = Bench(codec, Path(folder), codec.network().brief() if codec.network else None).material
-    return {
-        "codec": name,
-        "label": name,
-        "status": "ok",
-        "parameters": parameters(material),
-        "cost": dataclasses.asdict(material.cost),
-    }

@@ -12,7 +12,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.check import check
+    from bench.conformance import check
     from bench.registry import load_codec
 
     failed = 0

@@ -49,7 +49,7 @@ def _parameters(folder: Path | None, format: str) -> str:
     jobs = [job for folder in folders for job in load_run(folder).jobs if job["status"] == "ok"]
     wanted = [name for name in PUBLISHED if name in codec_entries() and name not in {job["codec"] for job in jobs}]
     if wanted:
-        from bench.check import count
+        from bench.conformance import count
 
         jobs += [count(name) for name in wanted]
     return parameters_text(jobs, format)

@@ -8,8 +8,9 @@ import torch
 
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench import stability
-from bench.check import CHECKS, check
+from bench.check import CHECKS
 from bench.codec import Codec, Parts
+from bench.conformance import check
 from bench.material import DecoderCost, Material
 from bench.quantise import unpack
 from bench.registry import load_codec
