@@ -3,12 +3,13 @@
     python benchmarks/neubtf_pictures.py --out docs/images --keep FOLDER [NAME ...]
 
 `--keep` holds the fitted files, which are not fitted again: NeuBTF on the left half of brick, gravel and satin (128²
-texels, as `benchmarks/propagation.py` fits them), once more on that of brick, at several scales, and on cable-knit
-(64²) what fails there. NAMEs choose among the pictures; by default all are drawn. Prints the figures that the page
-quotes.
+texels, as `benchmarks/propagation.py` fits them), once more on that of brick, at several scales; at 64² and in full,
+with the curves of the fits, what fails on cable-knit, and both codecs on satin. NAMEs choose among the pictures; by
+default all are drawn. Prints the figures that the page quotes.
 """
 
 import argparse
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,12 +42,13 @@ from neubtf.tileable import seam_of
 
 Array = np.ndarray
 SIZE = 128
-FAILING, FAILING_SIZE = "cable-knit", 64
+SMALL = 64  # of what is fitted in full
+FAILING = "cable-knit"
 UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
 SCALES = (1, 3 / 4, 1 / 2, 3 / 8, 1 / 4, 1 / 8)
-SCALED = BRIEF | {"smallest": 0.5}
+SCALED = BRIEF | {"smallest": 0.5, "explore": 0.5, "steps": 3600}  # half the steps show other slices, half of those a scale
 
 
 class Bench:
@@ -63,13 +65,15 @@ class Bench:
         path = self.keep / f"{name}-{SIZE}-left-{kind}.nbtf"
         return Source.read(fitted(left_half(self.btf(name)), NeuBTF(keep_encoder=True, **settings), path))
 
-    def other(self, codec: Codec) -> Material:
-        """Another codec, fitted to the whole of what NeuBTF fails at."""
-        path = self.keep / f"{FAILING}-{FAILING_SIZE}-{codec.name}.nbtf"
-        if not path.exists():
-            btf = load(FAILING, size=FAILING_SIZE)
-            container.save(path, codec, codec.encode(btf.subset(btf.split().train), Fit()))
-        return container.load(path)[1]
+    def whole(self, name: str, codec: Codec) -> tuple[Material, list[dict[str, float]]]:
+        """A codec, fitted to the whole of a material at 64², and the curve of its fit."""
+        path = self.keep / f"{name}-{SMALL}-{codec.name}.nbtf"
+        curve = path.with_suffix(".json")
+        if not curve.exists():
+            btf, fit = load(name, size=SMALL), Fit()
+            container.save(path, codec, codec.encode(btf.subset(btf.split().train), fit))
+            curve.write_text(json.dumps(fit.history))
+        return container.load(path)[1], json.loads(curve.read_text())
 
     def save(self, figure: Figure, name: str) -> None:
         path = self.out / f"neubtf-{name}"
@@ -280,27 +284,27 @@ def draw_latents(bench: Bench) -> None:
 
 def draw_failure(bench: Bench) -> None:
     """Relief so strong that it hides itself: NeuBTF without parallax against NeuMIP, which shifts its texels."""
-    btf = load(FAILING, size=FAILING_SIZE)
-    codecs = [load_codec(name)() for name in ("neubtf-direct", "neumip")]
-    materials = [bench.other(codec) for codec in codecs]
+    btf = load(FAILING, size=SMALL)
+    codecs = [load_codec(name)() for name in ("neubtf", "neubtf-direct", "neumip")]
+    materials = [bench.whole(FAILING, codec)[0] for codec in codecs]
     ssim = next(name for name in default_names(btf.periodic) if name.startswith("ssim"))
     scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
     held = btf.split().heldout["heldout"]
     ring = np.digitize(theta_deg(btf.wo[held]), THETA_EDGES_DEG[1:-1])
-    figure = Figure(figsize=(9, 4.7), layout="constrained")
-    top, bottom = figure.subfigures(2, 1, height_ratios=[1.15, 1])
+    figure = Figure(figsize=(9, 7), layout="constrained")
+    top, bottom = figure.subfigures(2, 1, height_ratios=[1, 1.5])
     panels: Any = top.subplots(1, 2)
     print("| θ_o in degrees | pairs | " + " | ".join(f"{c.name}, dB | {c.name}, SSIM" for c in codecs) + " |")
-    print("|" + " --- |" * 6)
+    print("|" + " --- |" * (2 + 2 * len(codecs)))
     columns = []
-    for codec, material in zip(codecs, materials, strict=True):
+    for codec, material, style in zip(codecs, materials, ("o-", "^:", "s--"), strict=True):
         scores = scorer.score(held, lambda i, m=material: m.slice(btf.wo[i].tolist(), btf.wi[i].tolist()).numpy())
         rings = [ring == i for i in range(5)]
         psnr = [-10 * np.log10(scores.raw["psnr_display"][here].mean()) for here in rings]
         alike = [scores.raw[ssim][here].mean() for here in rings]
         columns += [psnr, alike]
         for axes, values in zip(panels, (psnr, alike), strict=True):
-            axes.plot(np.arange(5) * 15 + 7.5, values, "o-" if codec is codecs[0] else "s--", label=codec.name)
+            axes.plot(np.arange(5) * 15 + 7.5, values, style, label=codec.name)
     for i, values in enumerate(zip(*columns, strict=True)):
         cells = [f"{15 * i}–{15 * i + 15}", str(int((ring == i).sum()))]
         print(
@@ -316,19 +320,33 @@ def draw_failure(bench: Bench) -> None:
 
 
 def _draw_slices(place: Any, btf: BTF, codecs: Sequence[Codec], materials: Sequence[Material]) -> None:
-    """Truth and both codecs, from above and from a grazing view."""
+    """Truth and codecs, from above and from a grazing view."""
     shown = exposure(btf)
-    every = place.subplots(1, 6)
-    for start, pair in ((0, _near(btf, (UP, (30.0, 45.0)))), (3, _near(btf, ((70.0, 270.0), (30.0, 45.0))))):
+    every = place.subplots(2, 1 + len(codecs))
+    for row, pair in enumerate((_near(btf, (UP, (30.0, 45.0))), _near(btf, ((70.0, 270.0), (30.0, 45.0))))):
         at = (btf.wo[pair].tolist(), btf.wi[pair].tolist())
         pictures = [btf[pair], *(material.slice(*at).numpy() for material in materials)]
         view = float(theta_deg(btf.wo[[pair]])[0])
-        for axes, picture, name in zip(
-            every[start : start + 3], pictures, ["truth", *(c.name for c in codecs)], strict=True
-        ):
+        for axes, picture, name in zip(every[row], pictures, ["truth", *(c.name for c in codecs)], strict=True):
             axes.imshow(to_display(picture, shown), interpolation="nearest")
             axes.set_axis_off()
             axes.set_title(f"{name}, θₒ = {view:.0f}°", fontsize=7)
+
+
+def draw_speed(bench: Bench) -> None:
+    """How soon each of the two codecs is how good: the curves of their fits, one thread each."""
+    figure = Figure(figsize=(6.4, 3), layout="constrained")
+    axes = figure.subplots()
+    for name, style in (("neubtf-direct", "--"), ("neubtf", "-")):
+        _, curve = bench.whole("satin", load_codec(name)())
+        steps, seconds, psnr = ([point[key] for point in curve] for key in ("step", "seconds", "psnr"))
+        axes.plot(seconds, psnr, style, label=name)
+        print(f"{name}: {psnr[-1]:.2f} dB after {steps[-1]} steps and {seconds[-1]:.0f} s")
+    axes.set(xlabel="seconds of the fit", ylabel="display PSNR, dB", xscale="log")
+    axes.legend(frameon=False)
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    bench.save(figure, "speed.png")
 
 
 DRAWINGS: dict[str, Callable[[Bench], None]] = {

@@ -37,7 +37,7 @@ class FitSettings(RendererSettings):
     steps: int = 10_000  # of the fit, in three stages
     direct: float = 0.5  # share of the steps that fit texture and renderer without the autoencoder
     taught: float = 0.1  # share of the steps that teach the autoencoder this texture; the rest is end to end
-    explore: float = 0.5  # share of the steps whose input is a random slice, disturbed; the others see the guidance
+    explore: float = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
     explore_weight: float = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
     batch: int = 4_096  # single samples whose pixels a step compares
     slices: int = 1  # whole slices whose style and spectrum a step compares
