@@ -48,7 +48,8 @@ UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
 SCALES = (1, 3 / 4, 1 / 2, 3 / 8, 1 / 4, 1 / 8)
-SCALED = BRIEF | {"smallest": 0.5, "explore": 0.5, "steps": 3600}  # half the steps show other slices, half of those a scale
+# Half the steps show other slices, and half of those another scale.
+SCALED = BRIEF | {"smallest": 0.5, "explore": 0.5, "steps": 3600}
 
 
 class Bench:
