@@ -1,5 +1,6 @@
 """The folded network in PyTorch operations that a compiler fuses: no library's layer norm, no library's sine."""
 
+import math
 from collections.abc import Callable
 
 import torch
@@ -7,8 +8,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.decoder import LEAK, Decoder, Network
-from bench.fused.layers import Layer, Norm, layers_of, sine_of_turns
-from bench.material import HALF_MAX
+from bench.fused.layers import Array, Layer, Norm, layers_of, sine_of_turns
+from bench.material import HALF_MAX, at_least_float32
 
 _CONTRACT = "cpp.enable_floating_point_contract_flag"
 _SINE = sine_of_turns()[::-1]  # from the highest power down
@@ -20,7 +21,7 @@ class Lean(Network):
     def __init__(self, decoder: Decoder):
         super().__init__()
         first = next(decoder.parameters())
-        self.layers = nn.ModuleList(_Layer(layer) for layer in layers_of(decoder)).to(first.device, first.dtype)
+        self.layers = nn.ModuleList(_Layer(layer, first.dtype) for layer in layers_of(decoder)).to(first.device)
 
     def forward(self, inputs: Tensor) -> Tensor:
         x = inputs
@@ -40,16 +41,16 @@ def compiled(call: Callable[..., Tensor], dynamic: bool) -> Callable[..., Tensor
 
 
 class _Layer(nn.Module):
-    def __init__(self, layer: Layer):
+    def __init__(self, layer: Layer, dtype: torch.dtype):
         super().__init__()
         self.activation, self.residual = layer.activation, layer.residual
-        self.weight, self.bias = _constant(layer.weight), _constant(layer.bias)
-        self.norm = None if layer.norm is None else _Norm(layer.norm)
+        self.weight, self.bias = _constant(layer.weight, dtype), _constant(layer.bias, dtype)
+        self.norm = None if layer.norm is None else _Norm(layer.norm, at_least_float32(dtype))
 
     def forward(self, x: Tensor) -> Tensor:
         dtype = self.weight.dtype
         hidden = functional.linear(x.to(dtype), self.weight, self.bias)
-        hidden = hidden.to(torch.promote_types(dtype, torch.float32))
+        hidden = hidden.to(at_least_float32(dtype))
         if dtype == torch.float16:
             hidden = hidden.clamp(-HALF_MAX, HALF_MAX)
         if self.norm is not None:
@@ -65,16 +66,23 @@ class _Layer(nn.Module):
 
 
 class _Norm(nn.Module):
-    def __init__(self, norm: Norm):
+    """The norm by the sum of squares, not by their mean: the gain is larger by √width, eps by the width."""
+
+    def __init__(self, norm: Norm, dtype: torch.dtype):
         super().__init__()
-        self.gain, self.offset, self.eps = _constant(norm.gain), _constant(norm.offset), norm.eps
+        width = len(norm.gain)
+        self.gain, self.offset = _constant(norm.gain * math.sqrt(width), dtype), _constant(norm.offset, dtype)
+        self.eps = norm.eps * width
 
     def forward(self, x: Tensor) -> Tensor:
-        return x * (x.square().mean(1, keepdim=True) + self.eps).rsqrt() * self.gain + self.offset
+        scale = (x.square().sum(1, keepdim=True) + self.eps).rsqrt()
+        # What is viewed by its strides is stored: else the root is taken anew for every vector of a sample.
+        scale = scale.as_strided(scale.shape, scale.stride())
+        return x * scale * self.gain + self.offset
 
 
-def _constant(values: object) -> nn.Parameter:
-    return nn.Parameter(torch.as_tensor(values), requires_grad=False)
+def _constant(values: Array, dtype: torch.dtype) -> nn.Parameter:
+    return nn.Parameter(torch.as_tensor(values, dtype=dtype), requires_grad=False)
 
 
 def _sine(turns: Tensor) -> Tensor:
