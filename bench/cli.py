@@ -1,6 +1,7 @@
 """The command line, `neubtf-bench`: finds the command, runs it, and turns what it raises into an exit code."""
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 
@@ -12,6 +13,9 @@ from bench.registry import first_line
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.exits`."""
+    if "OMP_WAIT_POLICY" not in os.environ:
+        # PyTorch's threads wait for work by turning in place: for 0.2 ms, not 8, in which Dr.Jit's need the cores.
+        os.environ.setdefault("GOMP_SPINCOUNT", "5000")
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         options = _parser(words[:1]).parse_args(words)

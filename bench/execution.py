@@ -4,7 +4,7 @@
 | --- | --- |
 | `eager` | PyTorch's operations one by one, in chunks that fit the cache: what a material does by itself |
 | `compiled` | `evaluate` through torch.compile, on the network folded by `bench.fused.lean` |
-| `fused` | the network as one kernel: Dr.Jit with literal weights on the CPU, Triton with the fetch inside on a GPU |
+| `fused` | the network and the fetch before it as one kernel: Dr.Jit with literal weights on the CPU, Triton on a GPU |
 
 Precisions are those of textures, weights and products; places and directions stay float32. `TOLERANCES` says how far
 the network's answer may lie from float64's.
@@ -36,8 +36,8 @@ DTYPES = {
 # |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half
 # precisions promise it to networks with a layer norm or without a sine: a phase of hundreds of turns is beyond them.
 TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
-# On the CPU, of fused kernels and of compiled half precisions: small intermediates, but some overhead a call.
-LONG_CHUNK = 65_536
+LONG_CHUNK = 65_536  # of compiled half precisions on the CPU: small intermediates, but some overhead a call
+FUSED_CHUNK = 1 << 17  # on the CPU: PyTorch's threads and Dr.Jit's hinder each other where one takes over
 GPU_CHUNK = 1 << 22  # a chunk must fill a GPU
 
 
@@ -122,7 +122,7 @@ def _fused(material: Material, variant: Variant) -> Material:
         from bench.fused.with_drjit import DrJitNetwork, drjit
 
         drjit()
-        make, material.chunk = DrJitNetwork, LONG_CHUNK
+        make, material.chunk = DrJitNetwork, FUSED_CHUNK
     if not _replaced(material, make):
         raise InputError("fused computes decoder networks, and this codec has none: use eager")
     return material

@@ -1,4 +1,4 @@
-"""The folded network as one kernel on the CPU, its weights literals in the code, by Dr.Jit and LLVM.
+"""The folded network and the texture's fetch as one kernel on the CPU, weights literals in the code: Dr.Jit and LLVM.
 
 Every intermediate stays in registers or the innermost cache. Dr.Jit comes with the extra `mitsuba`; LLVM is the
 system's. No minimum, maximum or arctangent is used: LLVM 15 and older cannot compile those of Dr.Jit on x86, and end
@@ -50,33 +50,68 @@ class DrJitNetwork(Network):
                 f"{decoder.architecture.parameters:,}: use compiled"
             )
         self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
-        self.kernels: dict[int, Any] = {}  # a recorded call holds for one size
+        # A recorded call holds for one size, and for one of the texture.
+        self.kernels: dict[tuple[int, tuple[int, ...] | None], Any] = {}
 
     def forward(self, inputs: Tensor) -> Tensor:
+        return self._run(inputs)
+
+    def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
+        return self._run(torch.cat([uv, first, second], 1), texture)
+
+    def _run(self, inputs: Tensor, texture: Tensor | None = None) -> Tensor:
+        """The outputs of inputs, or of (uv, other inputs) for a texture (H, W, C)."""
         dr, n = self.dr, len(inputs)
         if dr.thread_count() != torch.get_num_threads():
             dr.set_thread_count(torch.get_num_threads())
         size = 1 << max(n - 1, 15).bit_length()  # whole powers of two: few recordings, whatever the batches
         padded = inputs.float() if size == n else functional.pad(inputs.float(), (0, 0, 0, size - n))
-        if size not in self.kernels:
-            self.kernels[size] = dr.freeze(self._kernel)
-        out = self.kernels[size](dr.llvm.Float(padded.contiguous().reshape(-1)))
+        shape = None if texture is None else tuple(texture.shape)
+        if (size, shape) not in self.kernels:
+            self.kernels[size, shape] = dr.freeze(lambda *flat: self._kernel(size, shape, *flat))
+        tensors = (padded,) if texture is None else (padded, texture)
+        out = self.kernels[size, shape](*(dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in tensors))
         dr.eval(out)
         dr.sync_thread()
         return out.torch().reshape(size, -1)[:n].to(inputs.dtype)
 
-    def _kernel(self, flat: Any) -> Any:
-        """Row-major inputs (n · inputs) → row-major outputs (n · outputs)."""
+    def _kernel(self, n: int, shape: tuple[int, ...] | None, flat: Any, texture: Any = None) -> Any:
+        """Row-major inputs, or (uv, other inputs), of n samples → row-major outputs (n · outputs)."""
         dr, packet = self.dr, self.dr.llvm.ArrayXf
-        n = dr.width(flat) // self.inputs
         row = dr.arange(dr.llvm.UInt32, n)
-        x = dr.gather(packet, flat, row, shape=(self.inputs, n))
+        if shape is None:
+            x = self._rows(flat, row, self.inputs)
+        else:
+            u, v, *others = self._rows(flat, row, 2 + self.inputs - shape[2])
+            x = [*self._fetch(texture, shape, u, v), *others]
         # A switch of one case; its number, 0, must not be known before, else the function would be put into the loop.
         answer = dr.switch(row >> 31, [self._network], *x)
         out = dr.empty(dr.llvm.Float, n * len(answer))
         # One packet: a store a channel would compute the whole network again for each.
         dr.scatter(out, packet(answer), row)
         return out
+
+    def _fetch(self, texture: Any, shape: tuple[int, ...], u: Any, v: Any) -> Sequence[Any]:
+        """A texture (H, W, C) at a place, bilinear and periodic, as `bench.material.sample_texture`."""
+        height, width, channels = shape
+        columns, right = self._around(u * width - 0.5, width)
+        rows, below = self._around((1 - v) * height - 0.5, height)
+        found = [self.dr.llvm.Float(0)] * channels
+        for row, vertical in zip(rows, (1 - below, below), strict=True):
+            for column, horizontal in zip(columns, (1 - right, right), strict=True):
+                texel, weight = self._rows(texture, row * width + column, channels), vertical * horizontal
+                found = [self.dr.fma(value, weight, total) for value, total in zip(texel, found, strict=True)]
+        return found
+
+    def _around(self, place: Any, side: int) -> tuple[tuple[Any, Any], Any]:
+        """The two texels around a place, periodic, and how far it is from the first."""
+        dr = self.dr
+        before = dr.floor(place)
+        first = dr.llvm.UInt32(before - side * dr.floor(before / side))
+        return (first, dr.select(first == side - 1, 0, first + 1)), place - before
+
+    def _rows(self, flat: Any, row: Any, width: int) -> Any:
+        return self.dr.gather(self.dr.llvm.ArrayXf, flat, row, shape=(width, self.dr.width(row)))
 
     def _network(self, *inputs: Any) -> tuple[Any, ...]:
         x: Sequence[Any] = inputs

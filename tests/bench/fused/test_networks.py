@@ -51,6 +51,17 @@ def assert_close(fast: torch.nn.Module, network: Decoder, precision: str = "floa
         assert error <= absolute + relative * expected.abs().max().item(), (count, size, error)
 
 
+def assert_fetches(make: type[torch.nn.Module], size: tuple[int, int]) -> None:
+    """What a network answers for a texture of a size: at places within, at its corners, and periods away."""
+    network, generator = fitted("NeuBTF"), torch.Generator().manual_seed(2)
+    texture, uv = torch.randn(*size, 14, generator=generator), 3 * torch.rand(200, 2, generator=generator) - 1
+    uv[:4] = torch.tensor([[0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5]])
+    wo, wi = torch.randn(2, 200, 3, generator=generator).unbind()
+    ours = make(network).at(texture, uv, wo[:, :2], wi[:, :2])
+    expected = network(torch.cat([sample_texture(texture, uv), wo[:, :2], wi[:, :2]], 1))
+    torch.testing.assert_close(ours, expected, atol=3e-5, rtol=1e-4)  # uv · width rounds at 1e-6 of a texel
+
+
 @pytest.mark.parametrize("name", ARCHITECTURES)
 def test_the_folded_layers_are_the_network(name):
     """Computed by hand from the layers, in float64: folding is exact but for the norm's rounding."""
@@ -87,16 +98,27 @@ def test_the_default_network_and_the_lean_one_stay_within_tolerance(name, precis
     assert_close(Lean(network), network, precision)
 
 
-@pytest.mark.parametrize("name", ARCHITECTURES)
-def test_one_kernel_on_the_cpu_stays_within_tolerance(name):
+@pytest.fixture
+def drjit_network():
     pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
-    network = fitted(name)
     try:
-        fast = with_drjit.DrJitNetwork(network)
+        with_drjit.drjit()
     except InputError as error:
         pytest.skip(str(error))
+    return with_drjit.DrJitNetwork
+
+
+@pytest.mark.parametrize("name", ARCHITECTURES)
+def test_one_kernel_on_the_cpu_stays_within_tolerance(name, drjit_network):
+    network = fitted(name)
+    fast = drjit_network(network)
     assert_close(fast, network)
     assert fast(torch.zeros(0, network.architecture.inputs)).shape == (0, network.architecture.outputs)
+
+
+@pytest.mark.parametrize("size", [(5, 7), (1, 3)])
+def test_the_kernel_on_the_cpu_fetches_the_texture(size, drjit_network):
+    assert_fetches(drjit_network, size)
 
 
 def test_without_drjit_it_says_what_to_install(monkeypatch):
@@ -146,13 +168,7 @@ def test_one_kernel_for_a_gpu_stays_within_tolerance(name, precision, triton_net
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::RuntimeWarning")
 def test_the_kernel_for_a_gpu_fetches_the_texture(triton_network):
-    network = fitted("NeuBTF")
-    generator = torch.Generator().manual_seed(2)
-    texture, uv = torch.randn(5, 7, 14, generator=generator), 3 * torch.rand(200, 2, generator=generator) - 1
-    wo, wi = torch.randn(2, 200, 3, generator=generator).unbind()
-    ours = triton_network(network).at(texture, uv, wo[:, :2], wi[:, :2])
-    expected = network(torch.cat([sample_texture(texture, uv), wo[:, :2], wi[:, :2]], 1))
-    torch.testing.assert_close(ours, expected, atol=3e-5, rtol=1e-4)  # uv · width rounds at 1e-6 of a texel
+    assert_fetches(triton_network, (5, 7))
 
 
 def test_the_kernel_for_a_gpu_refuses_what_it_cannot_compute(triton_network):
