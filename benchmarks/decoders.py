@@ -1,12 +1,14 @@
 """The decoder of NeuBTF, 3,011 parameters, in every execution: ns a sample and the ratio to one eager batch.
 
-    python benchmarks/decoders.py [--samples 1048576] [--threads 0] [--rounds 15]
+    GOMP_SPINCOUNT=5000 python benchmarks/decoders.py [--samples 1048576] [--threads 0] [--rounds 15]
 
-All contestants take turns in one process and answer the same samples; a ratio is the median over the turns, with its
-bootstrap 95 % interval. The default is timed twice: on a quiet machine the two differ by at most 5 %. Targets, of the
-decoder alone on all threads of a CPU: the default at most 0.30 of one eager batch, compiled 0.15, compiled bfloat16
-0.10 with at most 0.1 dB lost, fused 0.08. On a GPU `--device cuda` times whole evaluations, the texture's fetch
-included. The dB are those of a fit of satin in `--fit` steps: the same file, scored in float32 and in bfloat16.
+One batch is the network as one writes it down, each operation into new memory. The variable is what `neubtf-bench`
+sets, see docs/trade.md. All contestants take turns in one process and answer the same samples; a ratio is the median
+over the turns, with its bootstrap 95 % interval. The default is timed twice: on a quiet machine the two differ by at
+most 5 %. Targets, of the decoder alone on all threads of a CPU: the default at most 0.30 of one batch, compiled 0.15,
+compiled bfloat16 0.10 with at most 0.1 dB lost, fused 0.08. On a GPU `--device cuda` times whole evaluations, the
+texture's fetch included. The dB are those of a fit of satin in `--fit` steps: the same file, scored in float32 and in
+bfloat16.
 """
 
 import argparse
@@ -21,7 +23,7 @@ from torch import Tensor
 from bench.codec import Fit, silent
 from bench.decoder import Architecture, Decoder
 from bench.errors import InputError
-from bench.execution import DTYPES, LONG_CHUNK, Variant, needs_compiler, prepared
+from bench.execution import DTYPES, FUSED_CHUNK, LONG_CHUNK, Variant, needs_compiler, prepared
 from bench.fused.lean import Lean, compiled
 from bench.material import CHUNK, Material, keep_buffers
 from bench.metrics.display import to_display
@@ -45,11 +47,25 @@ def in_chunks(network: Callable[[Tensor], Tensor], x: Tensor, out: Tensor, chunk
         out[start : start + chunk] = network(x[start : start + chunk])
 
 
+def textbook(decoder: Decoder, x: Tensor) -> Tensor:
+    """What the decoder answers, as one writes it down: an operation after the other, each into new memory."""
+    assert decoder.norms is not None
+    for layer, norm in zip(decoder.layers, decoder.norms, strict=False):
+        hidden = torch.sin(decoder.architecture.omega * norm(layer(x)))
+        x = x + hidden if x.shape == hidden.shape else hidden
+    answer: Tensor = decoder.layers[-1](x)
+    return answer
+
+
 def on_cpu(samples: int) -> dict[str, Call]:
     """The decoder alone, as each execution computes it. What cannot be computed here is told and left out."""
     decoder = Decoder(NEUBTF, torch.Generator().manual_seed(0)).requires_grad_(False)
     x, out = torch.randn(samples, 18, generator=torch.Generator().manual_seed(1)), torch.empty(samples, 3)
-    calls: dict[str, Call] = {"one batch": partial(decoder, x), "eager": partial(in_chunks, decoder, x, out, CHUNK)}
+    calls: dict[str, Call] = {
+        "one batch": partial(textbook, decoder, x),
+        "eager, one batch": partial(decoder, x),
+        "eager": partial(in_chunks, decoder, x, out, CHUNK),
+    }
     try:
         needs_compiler(x.device)
         for name, precision, chunk in (("", "float32", CHUNK), (" bfloat16", "bfloat16", LONG_CHUNK)):
@@ -60,7 +76,7 @@ def on_cpu(samples: int) -> dict[str, Call]:
     try:
         from bench.fused.with_drjit import DrJitNetwork
 
-        calls["fused"] = partial(in_chunks, DrJitNetwork(decoder), x, out, LONG_CHUNK)
+        calls["fused"] = partial(in_chunks, DrJitNetwork(decoder), x, out, FUSED_CHUNK)
     except InputError as error:
         print(f"not here: {error}")
     return calls
