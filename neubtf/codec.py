@@ -17,9 +17,10 @@ from bench.training import Samples, gain_of, train
 from neubtf.autoencoder import STRIDE, Autoencoder
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
 from neubtf.renderer import load, store
-from neubtf.training import BRIGHTNESS_SLICES, FitSettings, Staged, brightness, slice_of
+from neubtf.training import FitSettings, Staged, slice_of
 
 TELLING = 0.1  # share of the best slice's contrast that the guidance needs
+TRIED = 64  # slices of which the best is taken
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +39,7 @@ class NeuBTF(Codec):
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
         samples = Samples(btf, gain, fit)
         picture = eight_bits(displayed(slice_of(samples, guiding_pair(samples))))
-        encoder = Encoder(Autoencoder(settings.latents, generator), *brightness(samples))
+        encoder = Encoder.of(as_guidance(picture), Autoencoder(settings.latents, generator))
         staged = Staged(samples, settings, encoder, as_guidance(picture), generator)
         train(staged, fit, settings.steps)
         stored = store_encoder(encoder, picture)
@@ -71,7 +72,7 @@ def guiding_pair(samples: Samples) -> int:
     That is the most frontal of all but where its slice shows next to nothing, `TELLING` times the contrast of the best
     of others. A texture made of it would be the same everywhere.
     """
-    some = range(0, samples.pairs, -(-samples.pairs // BRIGHTNESS_SLICES))
+    some = range(0, samples.pairs, -(-samples.pairs // TRIED))
     least = TELLING * max(_contrast(samples, pair) for pair in some)
     frontal = (samples.wo[:, 2] + samples.wi[:, 2]).argsort(descending=True, stable=True)
     return next(pair for pair in frontal.tolist() if _contrast(samples, pair) >= least)

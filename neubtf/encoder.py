@@ -20,12 +20,13 @@ from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE, encode_srgb
 from neubtf.autoencoder import Autoencoder
 
+LEAST_SPREAD = 1 / 255  # a guidance image of one colour has none
+
 
 class Encoder(nn.Module):
     """Guidance images (B, 3, H, W), sRGB in [0, 1] → neural textures (B, D, H, W).
 
-    `centre` and `spread` are the mean and the standard deviation of the training slices as they are displayed; they
-    bring every guidance image to the same scale.
+    `centre` and `spread` bring every guidance image to the same scale.
     """
 
     def __init__(self, autoencoder: Autoencoder, centre: float, spread: float):
@@ -33,6 +34,16 @@ class Encoder(nn.Module):
         self.autoencoder = autoencoder
         self.normal: Tensor
         self.register_buffer("normal", torch.tensor([centre, spread]))
+
+    @classmethod
+    def of(cls, guidance: Tensor, autoencoder: Autoencoder) -> "Encoder":
+        """An encoder to which a guidance image (1, 3, H, W) has mean 0, and its texels deviation 1 in each channel.
+
+        The deviation is the mean of the channels'. That of all slices would mix in how much they differ among
+        themselves: next to it a slice of little contrast is the same everywhere.
+        """
+        spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
+        return cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
 
     def prepared(self, guidance: Tensor) -> Tensor:
         """What the autoencoder sees of a guidance image, in the same shape; each texel by itself."""

@@ -27,7 +27,6 @@ from neubtf.renderer import RendererSettings, render
 DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as if they had it
 RENDERER = 0  # its group of parameters, before the encoder
 GOING_ON = 0.3  # share of the renderer's rate in the last stage: at all of it, what the first stage found is lost again
-BRIGHTNESS_SLICES = 64  # tell how bright the slices of a material are
 
 
 @dataclass(frozen=True)
@@ -206,10 +205,3 @@ def slice_of(samples: Samples, pair: int) -> Tensor:
     """Log radiance (1, 3, H, W) of one pair."""
     whole = torch.arange(samples.texels, device=samples.device)
     return pictures(samples.at(whole, torch.full_like(whole, pair)).target, samples.shape)
-
-
-def brightness(samples: Samples) -> tuple[float, float]:
-    """Mean and standard deviation of the slices as they are displayed."""
-    some = range(0, samples.pairs, -(-samples.pairs // BRIGHTNESS_SLICES))
-    values = torch.cat([displayed(slice_of(samples, pair)).flatten() for pair in some])
-    return values.mean().item(), max(values.std(correction=0).item(), 1e-3)  # a black material has no spread

@@ -16,9 +16,10 @@ from bench.counting import parameters
 from bench.errors import InputError
 from bench.quantise import unpack
 from bench.training import Samples
+from neubtf.autoencoder import Autoencoder
 from neubtf.codec import NeuBTF, guiding_pair, most_frontal
 from neubtf.direct import NeuBTFDirect
-from neubtf.encoder import as_guidance, displayed, eight_bits, read_encoder
+from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, read_encoder
 
 FEW: dict[str, Any] = {"steps": 24, "batch": 256}
 
@@ -188,3 +189,12 @@ def test_guidance_survives_as_bytes() -> None:
     picture = torch.randint(0, 256, (5, 7, 3), dtype=torch.uint8)
     assert eight_bits(as_guidance(picture)).equal(picture)
     assert displayed(torch.tensor([0.0, 99.0])).tolist() == [0.0, 1.0]
+
+
+def test_the_encoder_sees_its_own_guidance_with_mean_0_and_deviation_1() -> None:
+    faint = 0.5 + 0.01 * torch.randn(1, 3, 16, 16, generator=torch.Generator().manual_seed(0))
+    seen = Encoder.of(faint, Autoencoder(2)).prepared(faint)
+    assert seen.mean().item() == pytest.approx(0, abs=1e-4)
+    assert seen[0].flatten(1).std(1, correction=0).mean().item() == pytest.approx(1, rel=1e-4)
+    of_one_colour = torch.full((1, 3, 16, 16), 0.2)
+    assert Encoder.of(of_one_colour, Autoencoder(2)).prepared(of_one_colour).abs().max() < 1e-3
