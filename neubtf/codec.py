@@ -39,8 +39,9 @@ class NeuBTF(Codec):
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
         samples = Samples(btf, gain, fit)
         picture = eight_bits(displayed(slice_of(samples, guiding_pair(samples))))
-        encoder = Encoder.of(as_guidance(picture), Autoencoder(settings.latents, generator))
-        staged = Staged(samples, settings, encoder, as_guidance(picture), generator)
+        guidance = as_guidance(picture)
+        encoder = Encoder.of(guidance, Autoencoder(settings.latents, generator))
+        staged = Staged(samples, settings, encoder, guidance, generator)
         train(staged, fit, settings.steps)
         stored = store_encoder(encoder, picture)
         parts = store(staged.renderer, texture_of(stored, settings.latents, fit.device), gain, settings)

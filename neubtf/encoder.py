@@ -37,10 +37,10 @@ class Encoder(nn.Module):
 
     @classmethod
     def of(cls, guidance: Tensor, autoencoder: Autoencoder) -> "Encoder":
-        """An encoder to which a guidance image (1, 3, H, W) has mean 0, and its texels deviation 1 in each channel.
+        """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
 
-        The deviation is the mean of the channels'. That of all slices would mix in how much they differ among
-        themselves: next to it a slice of little contrast is the same everywhere.
+        The deviation of all slices would mix in how much they differ among themselves: next to it a slice of little
+        contrast is the same everywhere.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
         return cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
