@@ -2,7 +2,8 @@
 
 1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are ten times as fast as the others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
-3. *Guided*: encoder and renderer, end to end. The texture of the first stage is forgotten.
+3. *Guided*: the encoder, by what the renderer makes of its texture, while the first stage's is forgotten. The renderer
+   stays as it is: it then answers better in directions not seen. Without a first stage both learn, end to end.
 
 A step of the last two shows the encoder a picture. The paper's is a random slice, disturbed, in a random window. Such
 steps alternate, at random, with steps that show the guidance of the file's own texture.
@@ -26,7 +27,6 @@ from neubtf.renderer import RendererSettings, render
 
 DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as if they had it
 RENDERER = 0  # its group of parameters, before the encoder
-GOING_ON = 0.3  # share of the renderer's rate in the last stage: at all of it, what the first stage found is lost again
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class FitSettings(RendererSettings):
 
     steps: int = 10_000  # of the fit, in three stages
     direct: float = 0.5  # share of the steps that fit texture and renderer without the autoencoder
-    taught: float = 0.1  # share of the steps that teach the autoencoder this texture; the rest is end to end
+    taught: float = 0.1  # share of the steps that teach the autoencoder this texture; the rest is guided
     explore: float = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
     explore_weight: float = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
     batch: int = 4_096  # single samples whose pixels a step compares
@@ -102,8 +102,8 @@ class Staged(Objective):
     def rate(self, step: int, steps: int, group: int) -> float:
         stage = self.stage(step)
         start, end = [*self.ends, steps][stage : stage + 2]
-        share = super().rate(step - start, end - start, group)
-        return GOING_ON * share if stage == 2 and group == RENDERER and self.settings.direct else share
+        fixed = stage == 2 and group == RENDERER and self.settings.direct > 0
+        return 0.0 if fixed else super().rate(step - start, end - start, group)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         direct = self.stage(round(progress * self.settings.steps)) == 0

@@ -143,7 +143,15 @@ def test_every_way_to_fit_gives_a_texture(settings: dict[str, Any]) -> None:
     "settings", [{"pixel": 0.5}, {"style": 0.0}, {"frequency": 0.0}, {"hue": 0.0}, {"blur": 0.0}, {"noise": 0.0}]
 )
 def test_every_weight_matters(settings: dict[str, Any]) -> None:
-    assert not fitted(**settings)[1].decoder["weights"].equal(fitted()[1].decoder["weights"])
+    ours, theirs = fitted(keep_encoder=True, **settings)[1], fitted(keep_encoder=True)[1]
+    assert not ours.encoder["weights"].equal(theirs.encoder["weights"])
+
+
+def test_the_renderer_is_the_first_stages() -> None:
+    ours, theirs = (fitted(keep_encoder=True, pixel=pixel)[1] for pixel in (1.0, 0.5))
+    assert ours.decoder["weights"].equal(theirs.decoder["weights"])
+    ours, theirs = (fitted(direct=0.0, taught=0.0, pixel=pixel)[1] for pixel in (1.0, 0.5))
+    assert not ours.decoder["weights"].equal(theirs.decoder["weights"])
 
 
 def test_a_single_pair_is_fitted() -> None:
