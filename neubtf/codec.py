@@ -1,6 +1,7 @@
-"""NeuBTF as in the paper: an autoencoder makes the neural texture from a guidance image, fitted end to end.
+"""NeuBTF as in the paper: an autoencoder makes the neural texture from a guidance image.
 
-The file's texture is what the autoencoder, with its weights as they are stored, makes of one slice of the BTF.
+The file's texture is what the autoencoder, with its weights as they are stored, makes of one slice of the BTF. The
+paper fits autoencoder and renderer end to end; `neubtf.training` takes stages that come further in as many seconds.
 """
 
 import dataclasses
