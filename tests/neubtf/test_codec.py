@@ -148,7 +148,7 @@ def test_every_weight_matters(settings: dict[str, Any]) -> None:
 
 
 def test_the_renderer_is_the_first_stages() -> None:
-    ours, theirs = (fitted(keep_encoder=True, pixel=pixel)[1] for pixel in (1.0, 0.5))
+    ours, theirs = (fitted(pixel=pixel)[1] for pixel in (1.0, 0.5))
     assert ours.decoder["weights"].equal(theirs.decoder["weights"])
     ours, theirs = (fitted(direct=0.0, taught=0.0, pixel=pixel)[1] for pixel in (1.0, 0.5))
     assert not ours.decoder["weights"].equal(theirs.decoder["weights"])
