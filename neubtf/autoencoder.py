@@ -35,7 +35,7 @@ WIDTHS = (24, 64, 96)  # channels at full, half and quarter resolution
 EXPANSIONS = (2, 4, 4)  # of the pointwise layers; full resolution is where the time goes
 REDUCTION = 8  # of the channels inside CBAM's perceptron
 SCALE = 1 / math.sqrt(2)  # keeps the variance of a sum of two
-FAINT = 0.1  # scale of the first texture: beside a strong one the renderer makes little of the directions
+FAINT = 0.05  # scale of the first texture: beside a strong one the renderer makes little of the directions
 
 
 class Features(NamedTuple):

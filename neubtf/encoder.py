@@ -43,7 +43,16 @@ class Encoder(nn.Module):
         contrast is the same everywhere.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
-        return cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
+        encoder = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
+        encoder._centre(guidance)
+        return encoder
+
+    @torch.no_grad()
+    def _centre(self, guidance: Tensor) -> None:
+        """Take each channel's mean out of the first texture: no texel differs by it, and it drowns the directions."""
+        bias = self.autoencoder.head.bias
+        assert bias is not None
+        bias.sub_(self(guidance).mean((0, 2, 3)))
 
     def prepared(self, guidance: Tensor) -> Tensor:
         """What the autoencoder sees of a guidance image, in the same shape; each texel by itself."""

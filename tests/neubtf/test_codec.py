@@ -16,7 +16,7 @@ from bench.counting import parameters
 from bench.errors import InputError
 from bench.quantise import unpack
 from bench.training import Samples
-from neubtf.autoencoder import Autoencoder
+from neubtf.autoencoder import FAINT, Autoencoder
 from neubtf.codec import NeuBTF, guiding_pair, most_frontal
 from neubtf.direct import NeuBTFDirect
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, read_encoder
@@ -206,3 +206,11 @@ def test_the_encoder_sees_its_own_guidance_with_mean_0_and_deviation_1() -> None
     assert seen[0].flatten(1).std(1, correction=0).mean().item() == pytest.approx(1, rel=1e-4)
     of_one_colour = torch.full((1, 3, 16, 16), 0.2)
     assert Encoder.of(of_one_colour, Autoencoder(2)).prepared(of_one_colour).abs().max() < 1e-3
+
+
+@pytest.mark.parametrize("size", [1, 3, 16])
+def test_the_first_texture_is_faint_and_every_channel_has_mean_0(size: int) -> None:
+    guidance = torch.rand(1, 3, size, size, generator=torch.Generator().manual_seed(0))
+    texture = Encoder.of(guidance, Autoencoder(5, torch.Generator().manual_seed(1)))(guidance)
+    assert texture.mean((0, 2, 3)).abs().max() < 1e-6
+    assert size == 1 or 0.5 * FAINT < texture.std() < 2 * FAINT

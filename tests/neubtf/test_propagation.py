@@ -15,7 +15,7 @@ from bench.codec import Fit
 from bench.counting import parameters
 from bench.readers import open_btf
 from bench.readers.folder import write_exr
-from neubtf.autoencoder import Autoencoder
+from neubtf.autoencoder import FAINT, Autoencoder
 from neubtf.codec import NeuBTF
 from neubtf.direct import NeuBTFDirect
 from neubtf.encoder import Encoder, as_guidance
@@ -54,9 +54,10 @@ def picture(height: int, width: int) -> Tensor:
 @pytest.mark.parametrize("size", [(96, 160), (97, 66), (3, 3), (1, 130)])
 def test_tiles_give_what_the_whole_gives(size: tuple[int, int]) -> None:
     encoder = Encoder(Autoencoder(14, torch.Generator().manual_seed(1)), 0.4, 0.2)
+    encoder.autoencoder.head.weight.div_(FAINT)  # stronger than a fitted texture, so that rounding counts
     guidance = picture(*size)
     whole = encoder(guidance)[0].movedim(0, -1)
-    assert whole.std() > 0.1
+    assert whole.std() > 0.5
     torch.testing.assert_close(textured(encoder, guidance, tile=32), whole, rtol=0, atol=ROUNDING)
 
 
