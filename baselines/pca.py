@@ -15,8 +15,8 @@ from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, at_least_float32, sample_texture, saturated, to_radiance
+from bench.metrics.scoring import exposure
 from bench.quantise import half_scale
-from bench.scoring import exposure
 
 BLOCK_BYTES = 16 << 20  # slices read together: many enough for fast products, few enough for the cache
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)

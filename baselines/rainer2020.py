@@ -27,13 +27,13 @@ from baselines.rainer import (
 )
 from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts, SharedNetwork
+from bench.codecs.shared import Shared
 from bench.decoder import Decoder, load_vector, to_vector
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.errors import InputError
 from bench.hemisphere import thin, ubo2003
 from bench.material import Material
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.shared import Shared
 from bench.training import Batch, Loss, Samples, gain_of, train
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees

@@ -6,9 +6,9 @@ import sys
 from collections.abc import Sequence
 
 from bench import commands
+from bench.codecs.registry import first_line
 from bench.errors import InputError
 from bench.exits import FINE, INTERNAL, INTERRUPTED, USAGE
-from bench.registry import first_line
 
 
 def main(argv: Sequence[str] | None = None) -> int:

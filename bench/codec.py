@@ -10,14 +10,14 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF
+from bench.codecs.zstd import ZSTD
 from bench.errors import InputError
 from bench.material import Material
 from bench.suggest import did_you_mean
-from bench.zstd import ZSTD
 
 if TYPE_CHECKING:
-    from bench.demand.density import Density
-    from bench.shared import Shared
+    from bench.codecs.shared import Shared
+    from bench.density import Density
 
 T = TypeVar("T")
 SCENE = "scene"
@@ -52,7 +52,7 @@ class Fit:
 
     def shared(self, name: str) -> "Shared":
         """The network that codec `name` shares over materials. `MissingDataError` says how to get it."""
-        from bench import shared
+        from bench.codecs import shared
 
         return shared.find(name, self.network)
 
@@ -112,7 +112,10 @@ class Configured:
 
 
 class SharedNetwork(Configured):
-    """A network that a codec trains once for all materials: see `bench.shared`. `name`, `version` are the codec's."""
+    """A network that a codec trains once for all materials: see `bench.codecs.shared`.
+
+    `name` and `version` are the codec's.
+    """
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         """Fit some BTFs, training pairs and held-out ones; the tensors that the shared file will hold."""

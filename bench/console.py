@@ -6,10 +6,10 @@ import numpy as np
 from rich.console import Console as RichConsole
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from bench.container import Header
+from bench.codecs.container import Header
 
 if TYPE_CHECKING:
-    from bench.portrait import Look
+    from bench.data.portrait import Look
 
 
 class Console:
@@ -57,7 +57,7 @@ def job_line(record: dict[str, Any], cached: str) -> str:
 
 def file_lines(header: Header) -> str:
     """A codec file: codec, settings, parts with bytes, tensors, and what its decoder costs."""
-    from bench.container import SHARED
+    from bench.codecs.container import SHARED
 
     parts = header.part_bytes()
     lines = [
@@ -88,9 +88,9 @@ def _scene_lines(header: Header) -> list[str]:
 
 def _material_lines(header: Header) -> list[str]:
     """What a codec file decodes to."""
-    from bench import shared
-    from bench.container import load
-    from bench.counting import parameters
+    from bench.codecs import shared
+    from bench.codecs.container import load
+    from bench.conformance.counting import parameters
 
     material = load(header.path)[1]
     lines = [
@@ -106,7 +106,7 @@ def _material_lines(header: Header) -> list[str]:
 
 def _network_lines(header: Header) -> list[str]:
     """What a shared network's file holds."""
-    from bench.shared import read
+    from bench.codecs.shared import read
 
     return [
         "no material, but the network that the codec shares over materials",

@@ -8,7 +8,7 @@ Array = np.ndarray
 
 
 class NotFiniteError(InputError):
-    """Radiance that is NaN or infinite; `values` are what was read, which `bench.repair` can mend."""
+    """Radiance that is NaN or infinite; `values` are what was read, which `bench.data.repair` can mend."""
 
     def __init__(self, message: str, values: Array):
         super().__init__(message)

@@ -22,7 +22,7 @@ from typing import Any, overload
 from bench.errors import InputError
 
 FILE = "records.jsonl"
-TRADE = "trade.json"  # beside the records: what `neubtf-bench trade` measured of the run; see `bench.trade`
+TRADE = "trade.json"  # beside the records: what `neubtf-bench trade` measured of the run; see `bench.runs.trade`
 TRADE_FORMAT = 1
 STRESS = "stress"  # the folder, beside those of runs, that `neubtf-bench stress` writes to
 Record = dict[str, Any]

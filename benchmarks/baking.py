@@ -17,11 +17,11 @@ import time
 
 import numpy as np
 
-from bench import materials
-from bench.bake.path_tracer import MAX_DEPTH, PathTracer, fastest_variant, path_trace, using
-from bench.materials.maps import Maps
-from bench.materials.renderer import render
-from bench.materials.store import sample_pairs
+from bench.data import materials
+from bench.data.bake.path_tracer import MAX_DEPTH, PathTracer, fastest_variant, path_trace, using
+from bench.data.materials.maps import Maps
+from bench.data.materials.renderer import render
+from bench.data.materials.store import sample_pairs
 
 AIM = 2e6
 SUB_POINTS = 4

@@ -21,18 +21,18 @@ import torch
 from torch import Tensor
 
 from bench.codec import Fit, silent
+from bench.codecs.registry import load_codec
+from bench.data.open import open_material
 from bench.decoder import Architecture, Decoder
 from bench.errors import InputError
-from bench.execution import DTYPES, FUSED_CHUNK, LONG_CHUNK, Variant, needs_compiler, prepared
-from bench.fused.lean import Lean, compiled
 from bench.material import CHUNK, Material, keep_buffers
 from bench.metrics.display import to_display
-from bench.open import open_material
-from bench.registry import load_codec
-from bench.scoring import exposure
-from bench.suite import Data, named
+from bench.metrics.scoring import exposure
+from bench.runs.suite import Data, named
 from bench.timing import interval95, torch_threads
 from bench.timing.clock import calibrated, elapsed
+from bench.timing.execution import DTYPES, FUSED_CHUNK, LONG_CHUNK, Variant, needs_compiler, prepared
+from bench.timing.fused.lean import Lean, compiled
 from bench.timing.machine import Watch, unrest
 from bench.timing.queries import Queries
 
@@ -74,7 +74,7 @@ def on_cpu(samples: int) -> dict[str, Call]:
     except InputError as error:
         print(f"not here: {error}")
     try:
-        from bench.fused.with_drjit import DrJitNetwork
+        from bench.timing.fused.with_drjit import DrJitNetwork
 
         calls["fused"] = partial(in_chunks, DrJitNetwork(decoder), x, out, FUSED_CHUNK)
     except InputError as error:

@@ -26,12 +26,12 @@ from types import FrameType
 import numpy as np
 
 from bench.btf import BTF, ArraySource
+from bench.data.readers import open_btf
+from bench.data.readers.folder import write_exr, write_folder
+from bench.data.readers.npz import write_npz
+from bench.data.readers.ubo2014_write import write_ubo2014
 from bench.errors import InputError
 from bench.hemisphere import from_degrees
-from bench.readers import open_btf
-from bench.readers.folder import write_exr, write_folder
-from bench.readers.npz import write_npz
-from bench.readers.ubo2014_write import write_ubo2014
 
 SECONDS, MEMORY, CHUNK = 2.0, 1 << 30, 500
 H, W = 8, 9

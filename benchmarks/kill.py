@@ -22,11 +22,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench import executors, records, runner, timing, training
-from bench.executors import Workers
-from bench.job import FACTS
-from bench.runner import Options
-from bench.suite import Suite, parse_suite
+from bench import records, timing
+from bench.codecs import training
+from bench.runs import executors, runner
+from bench.runs.executors import Workers
+from bench.runs.job import FACTS
+from bench.runs.runner import Options
+from bench.runs.suite import Suite, parse_suite
 
 if TYPE_CHECKING:
     from distributed import LocalCluster

@@ -20,14 +20,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bench import container
 from bench.btf import BTF
 from bench.codec import Codec, Fit, silent
+from bench.codecs import container
+from bench.codecs.registry import load_codec
+from bench.data.open import open_material
 from bench.metrics import default_names
-from bench.open import open_material
-from bench.registry import load_codec
-from bench.scoring import Scorer, summarise
-from bench.suite import Data, named
+from bench.metrics.scoring import Scorer, summarise
+from bench.runs.suite import Data, named
 from bench.timing import torch_threads
 
 TRAINING_PAIRS = 75  # scored of all

@@ -16,7 +16,7 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from bench.btf import BTF, ArraySource
 from bench.metrics.display import LUMA, to_display
 from bench.metrics.flip import LDR
-from bench.scoring import Scorer
+from bench.metrics.scoring import Scorer
 
 Array = np.ndarray
 

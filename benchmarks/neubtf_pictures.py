@@ -20,18 +20,18 @@ from propagation import BRIEF, fitted, guided, left_half
 from scipy.spatial import cKDTree
 from skimage import data
 
-from bench import container
 from bench.btf import BTF
 from bench.codec import Codec, Fit
+from bench.codecs import container
+from bench.codecs.registry import load_codec
+from bench.data.materials import load
+from bench.data.materials.maps import resize
 from bench.hemisphere import from_degrees
 from bench.material import Material
-from bench.materials import load
-from bench.materials.maps import resize
 from bench.metrics import default_names
 from bench.metrics.angular import THETA_EDGES_DEG, theta_deg
 from bench.metrics.display import decode_srgb, encode_srgb, to_display
-from bench.registry import load_codec
-from bench.scoring import Scorer, exposure
+from bench.metrics.scoring import Scorer, exposure
 from bench.timing import torch_threads
 from neubtf.codec import NeuBTF, most_frontal
 from neubtf.guidance import RADIANCE, Treatment

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench import container
 from bench.btf import BTF, Source
 from bench.codec import Fit
-from bench.materials import load
+from bench.codecs import container
+from bench.data.materials import load
 from bench.metrics.display import to_display
-from bench.scoring import exposure
+from bench.metrics.scoring import exposure
 from bench.timing import torch_threads
 from neubtf import propagation
 from neubtf.codec import NeuBTF, most_frontal

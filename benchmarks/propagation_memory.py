@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from bench import container
-from bench.check import tiny_btf
 from bench.codec import Fit
+from bench.codecs import container
+from bench.conformance.check import tiny_btf
 from neubtf.codec import NeuBTF
 
 AIM = 1.5e9

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.data.readers import open_btf
+from bench.data.readers.ubo2014_write import write_ubo2014
 from bench.hemisphere import to_degrees, ubo2014
-from bench.readers import open_btf
-from bench.readers.ubo2014_write import write_ubo2014
 
 PROCESSOR: list[float] = []
 SHAPE, SAMPLES, ABRDFS, SLICES = (400, 400), 65_536, 1_000, 30

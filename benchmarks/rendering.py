@@ -12,9 +12,9 @@ import os
 import statistics
 import time
 
-from bench import materials
-from bench.materials.renderer import SUB_POINTS, render
-from bench.materials.store import sample_pairs
+from bench.data import materials
+from bench.data.materials.renderer import SUB_POINTS, render
+from bench.data.materials.store import sample_pairs
 
 
 def seconds(name: str, size: int, repeat: int) -> list[tuple[float, float]]:

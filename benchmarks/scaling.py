@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from bench import executors, job, records, runner
-from bench.executors import Workers
-from bench.runner import Options
-from bench.suite import Suite, parse_suite
+from bench import records
+from bench.runs import executors, job, runner
+from bench.runs.executors import Workers
+from bench.runs.runner import Options
+from bench.runs.suite import Suite, parse_suite
 
 DATA = "data = {size = 32, views = 16, lights = 16, heldout = 20}"
 FITS = f'seeds = [0, 1, 2, 3, 4, 5, 6, 7]\nmaterials = ["satin"]\n{DATA}\ncodecs = [{{codec = "neubtf-direct"}}]'

@@ -23,6 +23,8 @@ import numpy as np
 from bench import atomic
 from bench.btf import BTF
 from bench.codec import Codec, Fit
+from bench.codecs.registry import load_codec
+from bench.data.open import open_material
 from bench.demand import portrait
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
@@ -31,9 +33,7 @@ from bench.demand.judge import Judge, table_of
 from bench.demand.scene import named_scene, shipped
 from bench.demand.text_scene import TextScene
 from bench.metrics.display import to_display
-from bench.open import open_material
-from bench.registry import load_codec
-from bench.suite import Data, named
+from bench.runs.suite import Data, named
 from bench.timing import torch_threads
 
 QUERIES = 100_000

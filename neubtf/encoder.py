@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from bench import container
+from bench.codecs import container
 from bench.decoder import load_vector, to_vector
 from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE, encode_srgb

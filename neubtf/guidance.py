@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.data.materials.maps import resize
+from bench.data.readers.files import FolderFiles, file_digest
+from bench.data.readers.pictures import picture_size, read_picture
 from bench.errors import InputError
-from bench.materials.maps import resize
 from bench.metrics.display import LUMA, decode_srgb, to_display
-from bench.readers.files import FolderFiles, file_digest
-from bench.readers.pictures import picture_size, read_picture
 from neubtf.tileable import blended
 
 Array = np.ndarray

@@ -11,9 +11,9 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from bench import container
 from bench.codec import Parts, Progress, followed, silent
-from bench.container import Header
+from bench.codecs import container
+from bench.codecs.container import Header
 from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE
 from bench.quantise import pack

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bench.data.periodic import make_periodic
 from bench.metrics.display import LOG_SCALE, to_display
-from bench.periodic import make_periodic
 from neubtf.autoencoder import STRIDE
 from neubtf.renderer import NeuBTFMaterial
 

@@ -27,9 +27,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.bake import bake, read_surface, recognise, table
     from bench.console import Console
-    from bench.suite import Data
+    from bench.data.bake import bake, read_surface, recognise, table
+    from bench.runs.suite import Data
 
     data = Data(options.size, options.directions, options.views, options.lights, options.heldout)
     with Console() as console:

@@ -12,8 +12,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.conformance import check
-    from bench.registry import load_codec
+    from bench.codecs.registry import load_codec
+    from bench.conformance.verdicts import check
 
     failed = 0
     for result in check(load_codec(options.codec)(**assignments(options.set))):

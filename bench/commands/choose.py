@@ -14,8 +14,8 @@ from bench.errors import InputError
 from bench.exits import FAILED, FINE, NO
 
 if TYPE_CHECKING:
-    from bench.choose import Choice
-    from bench.suite import Data, Suite
+    from bench.runs.choose import Choice
+    from bench.runs.suite import Data, Suite
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,8 +29,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.choose import Wishes, choose, described, nearest, parse_bytes
-    from bench.suite import load_suite, with_changes
+    from bench.runs.choose import Wishes, choose, described, nearest, parse_bytes
+    from bench.runs.suite import load_suite, with_changes
 
     size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
     wishes = Wishes(options.min_psnr, size, options.max_ns)
@@ -63,8 +63,8 @@ def _changed(data: "Data") -> dict[str, object]:
 
 def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Choice"], list[str]]:
     """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
-    from bench.choose import usable
     from bench.records import load_trade
+    from bench.runs.choose import usable
 
     material = suite.materials[0].name
     found = load_trade(folder) or {"choices": []}

@@ -17,8 +17,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.console import Console
-    from bench.convert import changed, check_place, write_btf
-    from bench.open import open_named
+    from bench.data.convert import changed, check_place, write_btf
+    from bench.data.open import open_named
 
     check_place(options.out)
     with Console() as console:

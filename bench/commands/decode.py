@@ -20,13 +20,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import numpy as np
 
-    from bench import container
     from bench.btf import BTF
+    from bench.codecs import container
     from bench.console import Console
-    from bench.decoded import DecodedSource
+    from bench.data.decoded import DecodedSource
+    from bench.data.open import open_named
+    from bench.data.readers.folder import write_folder
     from bench.hemisphere import DIRECTION_SETS, thin
-    from bench.open import open_named
-    from bench.readers.folder import write_folder
     from bench.suggest import did_you_mean
 
     header, material = container.load(options.file, usable_device(options.device))

@@ -37,12 +37,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import torch
 
-    from bench import container
     from bench.codec import Fit
+    from bench.codecs import container
+    from bench.codecs.registry import load_codec
     from bench.console import Console, file_lines
+    from bench.data.open import open_named
     from bench.demand import demand
-    from bench.open import open_named
-    from bench.registry import load_codec
     from bench.timing import torch_threads
 
     _check(options)
@@ -85,7 +85,7 @@ def _to_scene(options: argparse.Namespace, codec: "Codec", btf: "BTF", asked: "D
     from bench.codec import Fit
     from bench.demand import fitting
     from bench.demand.judge import Judge, table_of
-    from bench.suite import UNIFORM
+    from bench.runs.suite import UNIFORM
 
     judge = Judge(table_of(btf), asked, console.show)
     uniform = UNIFORM if options.uniform is None else options.uniform

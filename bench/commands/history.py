@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
     import warnings
 
     from bench.errors import InputError
-    from bench.history import load_runs
+    from bench.runs.history import load_runs
 
     if options.out and options.out.suffix not in (".csv", ".parquet"):
         raise InputError(f"--out {options.out}: the name must end in .csv or .parquet")

@@ -14,17 +14,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.console import btf_lines, file_lines
-    from bench.open import open_named
+    from bench.data.open import open_named
 
     path = Path(options.path)
     if path.is_file() and _is_codec_file(path):
         if options.picture:
             raise InputError(f"{path}: a codec file: decode it, and draw what it decodes to")
-        from bench.container import read_header
+        from bench.codecs.container import read_header
 
         print(file_lines(read_header(path)))
         return FINE
-    from bench.portrait import draw, look
+    from bench.data.portrait import draw, look
 
     seen = look(open_named(options.path, {}))
     print(btf_lines(seen))

@@ -10,7 +10,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench import materials, metrics, registry, suite
+    from bench import metrics
+    from bench.codecs import registry
+    from bench.data import materials
+    from bench.runs import suite
 
     listings: dict[str, dict[str, str]] = {
         "codecs": {name: registry.describe(entry) for name, entry in sorted(registry.codec_entries().items())},

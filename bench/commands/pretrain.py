@@ -30,12 +30,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import torch
 
-    from bench import shared
     from bench.codec import Fit
+    from bench.codecs import shared
+    from bench.codecs.registry import load_codec
     from bench.console import Console, file_lines
-    from bench.open import open_named
-    from bench.pretraining import MATERIALS, pretrain
-    from bench.registry import load_codec
+    from bench.data.open import open_named
+    from bench.runs.pretraining import MATERIALS, pretrain
 
     codec = load_codec(options.codec)
     if codec.network is None:

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
 def _committed(folder: str, starts: Sequence[dict[str, Any]]) -> Path:
     from bench.compare.reference import committed
     from bench.errors import InputError
-    from bench.suite import builtin_suites
+    from bench.runs.suite import builtin_suites
 
     suite = starts[-1]["suite"] if starts else ""
     if suite not in builtin_suites():

@@ -16,7 +16,7 @@ from bench.errors import InputError
 from bench.exits import FAILED, FINE, INTERRUPTED, NOTHING
 
 if TYPE_CHECKING:
-    from bench.executors import Workers
+    from bench.runs.executors import Workers
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,9 +56,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench import runner
     from bench.console import Console, job_line
-    from bench.suite import load_suite, with_changes
+    from bench.runs import runner
+    from bench.runs.suite import load_suite, with_changes
 
     changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
     changes |= {"data.repair": "true"} if options.repair else {}
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]]":
     """Where jobs run."""
-    from bench import executors
+    from bench.runs import executors
 
     if options.resource and not options.scheduler:
         raise InputError("--resource: for the workers of a Dask --scheduler only")

@@ -17,8 +17,8 @@ from bench.exits import FINE, NO
 from bench.records import STRESS
 
 if TYPE_CHECKING:
-    from bench.executors import Workers
     from bench.records import Record
+    from bench.runs.executors import Workers
 
 
 MOST = 81  # directions of a side to draw from
@@ -43,9 +43,9 @@ def run(options: argparse.Namespace) -> int:
     if options.query or options.data:
         return _again(options)
     from bench import records
+    from bench.conformance.stability import run as stress
     from bench.console import Console
-    from bench.provenance import provenance
-    from bench.stability import run as stress
+    from bench.runs.provenance import provenance
     from reports import stress_text
 
     codecs, cases = stress.chosen(options.codec, options.case)
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _all(of_codecs: "Iterator[Record]", pictures: bool) -> "Iterator[Record]":
-    from bench.stability.run import picture_records
+    from bench.conformance.stability.run import picture_records
 
     yield from of_codecs
     if pictures:
@@ -71,7 +71,7 @@ def _all(of_codecs: "Iterator[Record]", pictures: bool) -> "Iterator[Record]":
 
 
 def _workers(jobs: int, codecs: int) -> "AbstractContextManager[Workers]":
-    from bench.executors import in_process, processes
+    from bench.runs.executors import in_process, processes
 
     count = min(jobs, 2 * codecs)
     return in_process() if count == 1 else processes(count, threads=1)
@@ -85,7 +85,7 @@ def _make(folder: Path) -> None:
 
 
 def _list() -> int:
-    from bench.stability import CASES, metrics
+    from bench.conformance.stability import CASES, metrics
 
     width = max(len(case.name) for case in CASES)
     for case in CASES:
@@ -99,11 +99,11 @@ def _again(options: argparse.Namespace) -> int:
     """Try one query or one drawn material on each codec, as a failed property prints it."""
     import tempfile
 
-    from bench.check import CheckError
-    from bench.registry import load_codec
-    from bench.stability.case import subject_of
-    from bench.stability.properties import data_hold, query_holds
-    from bench.stability.run import chosen
+    from bench.codecs.registry import load_codec
+    from bench.conformance.check import CheckError
+    from bench.conformance.stability.case import subject_of
+    from bench.conformance.stability.properties import data_hold, query_holds
+    from bench.conformance.stability.run import chosen
 
     queries = _numbers("--query", options.query, float)
     data = _numbers("--data", options.data, int)

@@ -40,8 +40,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _parameters(folder: Path | None, format: str) -> str:
     """The table of parameters, from the records of a run as far as it goes."""
+    from bench.codecs.registry import codec_entries
     from bench.records import load_run
-    from bench.registry import codec_entries
     from reports import parameters_text
     from reports.parameters import PUBLISHED
 
@@ -49,7 +49,7 @@ def _parameters(folder: Path | None, format: str) -> str:
     jobs = [job for folder in folders for job in load_run(folder).jobs if job["status"] == "ok"]
     wanted = [name for name in PUBLISHED if name in codec_entries() and name not in {job["codec"] for job in jobs}]
     if wanted:
-        from bench.conformance import count
+        from bench.conformance.verdicts import count
 
         jobs += [count(name) for name in wanted]
     return parameters_text(jobs, format)

@@ -9,7 +9,7 @@ from bench.exits import FAILED, FINE, NOTHING
 
 if TYPE_CHECKING:
     from bench.console import Console
-    from bench.suite import Suite
+    from bench.runs.suite import Suite
 
 SUITE = "trade"
 
@@ -26,7 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.console import Console
-    from bench.suite import load_suite, with_changes
+    from bench.runs.suite import load_suite, with_changes
 
     suite = with_changes(load_suite(options.suite), options.material, options.codec, assignments(options.set), None)
     folder = options.out or Path("runs") / suite.name
@@ -44,10 +44,10 @@ def run(options: argparse.Namespace) -> int:
 
 def measure(suite: "Suite", folder: Path, device: str, console: "Console", full: bool = False) -> list[str]:
     """Run a suite, then score and time its choices into `trade.json`; what became of each job."""
-    from bench import runner, trade
     from bench.console import job_line
-    from bench.execution import Variant
     from bench.records import load_run, load_trade
+    from bench.runs import runner, trade
+    from bench.timing.execution import Variant
 
     for variant in suite.variants:
         Variant.parse(variant)  # a wrong word stops here

@@ -14,19 +14,20 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench import container, timing
+from bench import timing
 from bench.btf import BTF
 from bench.codec import SCENE, Codec, Fit, Parts, settings_dict
-from bench.container import Header
+from bench.codecs import container
+from bench.codecs.container import Header
+from bench.codecs.scene_material import unreported
 from bench.demand.demand import Demand
-from bench.demand.density import Density
 from bench.demand.judge import FLIP, PSNR, Judge
 from bench.demand.need import Need
-from bench.demand.scene_material import unreported
+from bench.density import Density
 from bench.material import Material
 from bench.metrics.display import to_display
 from bench.metrics.psnr import psnr
-from bench.suite import UNIFORM
+from bench.runs.suite import UNIFORM
 
 EQUAL_DB = 0.2  # a scene model so near to the full one is as good
 OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
@@ -202,7 +203,7 @@ def outside(judge: Judge, material: Material) -> float | None:
 
     It is of `OUTSIDE_PAIRS` pairs evenly among them.
     """
-    from bench.scoring import exposure
+    from bench.metrics.scoring import exposure
 
     untouched = np.flatnonzero(judge.shares == 0)
     if not len(untouched):

@@ -11,9 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from bench.execution import networks
 from bench.material import Material
 from bench.timing import BATCH, FLOOR, in_turns
+from bench.timing.execution import networks
 from bench.timing.queries import Queries
 
 BATCHES = (1, 64, 1024, BATCH, 1 << 18, 1 << 20, 1 << 22)

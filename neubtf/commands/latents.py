@@ -15,8 +15,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench import container
-    from bench.demand.scene_material import SceneMaterial
+    from bench.codecs import container
+    from bench.codecs.scene_material import SceneMaterial
     from bench.errors import InputError
     from neubtf.latents import draw
     from neubtf.renderer import NeuBTFMaterial

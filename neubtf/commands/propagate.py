@@ -42,8 +42,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from bench.codecs.container import load
     from bench.console import Console, file_lines
-    from bench.container import load
     from neubtf.guidance import Treatment
     from neubtf.propagation import propagate
     from neubtf.renderer import NeuBTFMaterial

@@ -7,9 +7,10 @@ import pytest
 import torch
 
 from baselines.mean_colour import MeanColour
-from bench import container, hemisphere
+from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
+from bench.codecs import container
 
 
 def made() -> BTF:

@@ -7,11 +7,11 @@ import torch
 from scipy.ndimage import gaussian_filter
 
 from baselines.neumip import LOSSES, Fitting, Networks, NeuMIP, NeuMIPMaterial, Pyramid, blur, level_count
-from bench import container, training
 from bench.btf import BTF, ArraySource
-from bench.check import tiny_btf
 from bench.codec import Fit
-from bench.counting import parameters
+from bench.codecs import container, training
+from bench.conformance.check import tiny_btf
+from bench.conformance.counting import parameters
 from bench.decoder import load_vector
 from bench.errors import InputError
 from bench.material import sample_texture

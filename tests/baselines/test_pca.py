@@ -10,12 +10,13 @@ from sklearn import decomposition
 
 from baselines.pca import PCA
 from baselines.svd import truncated_svd
-from bench import container, hemisphere
+from bench import hemisphere
 from bench.btf import BTF, ArraySource, Source
 from bench.codec import Fit, Parts
+from bench.codecs import container
 from bench.errors import InputError
 from bench.material import Material
-from bench.scoring import exposure
+from bench.metrics.scoring import exposure
 
 CPU = torch.device("cpu")
 

@@ -7,11 +7,11 @@ import torch
 
 from baselines.rainer import Encoder
 from baselines.rainer2019 import Fitting, Rainer2019
-from bench import container, training
 from bench.btf import BTF, ArraySource
-from bench.check import tiny_btf
 from bench.codec import Fit
-from bench.counting import parameters
+from bench.codecs import container, training
+from bench.conformance.check import tiny_btf
+from bench.conformance.counting import parameters
 from bench.errors import InputError
 from bench.training import Samples
 

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from baselines.rainer2020 import Pool, Rainer2020, Rainer2020Network, Resampler, canonical_pairs
-from bench import container, shared, training
 from bench.btf import BTF, ArraySource
-from bench.check import others, tiny_btf
 from bench.codec import Fit
-from bench.counting import parameters
+from bench.codecs import container, shared, training
+from bench.conformance.check import others, tiny_btf
+from bench.conformance.counting import parameters
 from bench.errors import InputError
 from bench.hemisphere import from_degrees
 

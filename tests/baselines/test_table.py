@@ -7,9 +7,10 @@ import pytest
 import torch
 
 from baselines.table import Table
-from bench import container, hemisphere
+from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
+from bench.codecs import container
 from bench.material import Material, texel_centres
 
 

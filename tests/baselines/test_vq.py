@@ -6,8 +6,8 @@ import torch
 
 from baselines.vq import VQ, pack_index, unpack_index
 from bench.btf import BTF, ArraySource
-from bench.check import tiny_btf
 from bench.codec import Fit
+from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import Material
 

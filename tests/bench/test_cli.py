@@ -6,10 +6,11 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 
-from bench import cli, commands, container
-from bench.check import tiny_btf
-from bench.readers import open_btf
-from bench.readers.folder import write_folder
+from bench import cli, commands
+from bench.codecs import container
+from bench.conformance.check import tiny_btf
+from bench.data.readers import open_btf
+from bench.data.readers.folder import write_folder
 from bench.records import load_run
 
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]

@@ -6,7 +6,7 @@ import torch
 
 from bench import hemisphere
 from bench.btf import Layout
-from bench.check import tiny_btf
+from bench.conformance.check import tiny_btf
 from bench.directions import Hemisphere, PairInterpolator, stereographic
 
 SETS = {

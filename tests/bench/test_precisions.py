@@ -7,8 +7,8 @@ from typing import get_args, get_type_hints
 import pytest
 import torch
 
-from bench.check import Bench, batches, counted, slices, wraps
-from bench.registry import codec_entries, load_codec
+from bench.codecs.registry import codec_entries, load_codec
+from bench.conformance.check import Bench, batches, counted, slices, wraps
 
 BRIEF = {"steps": 3, "texels": 4, "pairs": 4, "batch": 64, "kept": 8, "components": 4}
 

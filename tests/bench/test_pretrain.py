@@ -2,9 +2,10 @@
 
 import pytest
 
-from bench import cli, shared
-from bench.check import others, tiny_btf
-from bench.readers.npz import write_npz
+from bench import cli
+from bench.codecs import shared
+from bench.conformance.check import others, tiny_btf
+from bench.data.readers.npz import write_npz
 
 BRIEF = ["--materials", "0", "--steps", "2", "--set", "texels=2", "--set", "pairs=2", "--set", "kept=8"]
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from bench import timing
-from bench.decoder import Architecture, Decoder
+from bench.codecs.decoder import Architecture, Decoder
 from bench.material import DecoderCost, Material
 from bench.timing import BATCH, FLOOR, SAMPLES, Timing, compare, conditions, torch_threads
 from bench.timing.clock import calibrated

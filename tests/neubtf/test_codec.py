@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from bench import container, training
 from bench.btf import BTF, ArraySource
-from bench.check import tiny_btf
 from bench.codec import Fit, Parts
-from bench.counting import parameters
+from bench.codecs import container, training
+from bench.conformance.check import tiny_btf
+from bench.conformance.counting import parameters
 from bench.errors import InputError
 from bench.quantise import unpack
 from bench.training import Samples

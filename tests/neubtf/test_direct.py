@@ -4,10 +4,10 @@ from typing import Any
 import pytest
 import torch
 
-from bench import container, training
-from bench.check import tiny_btf
 from bench.codec import Fit, Parts
-from bench.counting import parameters
+from bench.codecs import container, training
+from bench.conformance.check import tiny_btf
+from bench.conformance.counting import parameters
 from bench.errors import InputError
 from bench.material import Material
 from neubtf.direct import NeuBTFDirect

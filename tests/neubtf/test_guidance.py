@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
+from bench.data.periodic import seams
 from bench.metrics.display import LUMA, decode_srgb, encode_srgb
-from bench.periodic import seams
 from neubtf.encoder import as_guidance
 from neubtf.guidance import Treatment, guidance_of
 from neubtf.tileable import blended

@@ -5,10 +5,11 @@ import pytest
 import torch
 from PIL import Image
 
-from bench import cli, container
-from bench.check import tiny_btf
+from bench import cli
 from bench.codec import Fit
-from bench.registry import load_codec
+from bench.codecs import container
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
 from neubtf.latents import sheet, standardised
 
 

@@ -9,12 +9,13 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from bench import cli, container
-from bench.check import tiny_btf
+from bench import cli
 from bench.codec import Fit
-from bench.counting import parameters
-from bench.readers import open_btf
-from bench.readers.folder import write_exr
+from bench.codecs import container
+from bench.conformance.check import tiny_btf
+from bench.conformance.counting import parameters
+from bench.data.readers import open_btf
+from bench.data.readers.folder import write_exr
 from neubtf.autoencoder import FAINT, Autoencoder
 from neubtf.codec import NeuBTF
 from neubtf.direct import NeuBTFDirect

@@ -1,6 +1,7 @@
 import pytest
 
-from bench import cli, runner
+from bench import cli
+from bench.runs import runner
 
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
 WORDS = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--codec", "table", *SMALL]

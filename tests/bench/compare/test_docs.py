@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bench import cli
-from bench.suite import parse_suite
+from bench.runs.suite import parse_suite
 
 TEXT = (Path(__file__).parents[3] / "docs" / "ci.md").read_text()
 

@@ -12,23 +12,24 @@ from baselines.pca import PCA
 from baselines.rainer2019 import Rainer2019
 from baselines.table import Table
 from baselines.vq import VQ
-from bench import cli, container
+from bench import cli
 from bench.btf import BTF, ArraySource
-from bench.check import tiny_btf
 from bench.codec import Fit
+from bench.codecs import container
+from bench.codecs.scene_material import SceneMaterial
+from bench.codecs.training import Samples
+from bench.conformance.check import tiny_btf
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
-from bench.demand.density import Density
 from bench.demand.fitting import Goal, Search, encode, sized, steps_of
 from bench.demand.judge import Judge
 from bench.demand.need import Need, Window, from_hex, needed_pairs
 from bench.demand.scene import parse_scene
-from bench.demand.scene_material import SceneMaterial
 from bench.demand.text_scene import TextScene
+from bench.density import Density
 from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import texel_centres
-from bench.training import Samples
 from neubtf.codec import NeuBTF
 from neubtf.direct import NeuBTFDirect
 

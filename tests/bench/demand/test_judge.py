@@ -4,8 +4,8 @@ import torch
 
 from baselines.mean_colour import MeanColour
 from baselines.table import Table
-from bench.check import tiny_btf
 from bench.codec import Fit
+from bench.conformance.check import tiny_btf
 from bench.demand.collect import collect
 from bench.demand.corners import pair_shares
 from bench.demand.judge import FLIP, PSNR, Judge, table_of
@@ -14,7 +14,7 @@ from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
 from bench.hemisphere import uniform
 from bench.metrics.display import to_display
-from bench.scoring import Scorer, summarise, weighted
+from bench.metrics.scoring import Scorer, summarise, weighted
 
 SCENE = """
 [camera]

@@ -122,7 +122,7 @@ def test_what_will_not_do_says_why(tmp_path):
 def test_a_mesh_without_texture_coordinates_is_refused(tmp_path):
     import mitsuba as mi
 
-    from bench.bake.path_tracer import using
+    from bench.data.bake.path_tracer import using
     from bench.demand.mitsuba_scene import _chosen
 
     (tmp_path / "bare.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")

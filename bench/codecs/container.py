@@ -1,0 +1,235 @@
+"""The codec file: safetensors, tensors named `part/name`, one metadata key of canonical JSON, one hash over all.
+
+The JSON holds {format, codec, version, settings, sha256}, and `provenance` where a file was made from others. Where a
+codec shares a network over materials, `shared` is the hash of its file, and that file's own `kind` is "shared". Where
+a file was fitted to a scene, `scene` says what of the BTF it holds. The
+hash is that of the whole file with its own 64 digits replaced by zeros, so that no byte of the file can change unseen.
+Nothing is ever unpickled. Where the setting `zstd` is true, each part is one uint8 tensor `part/zstd`: the bytes of a
+safetensors file of its tensors, compressed by Zstandard.
+"""
+
+import dataclasses
+import hashlib
+import json
+import math
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench import atomic
+from bench.codecs.zstd import ZSTD, compressed, expanded
+from bench.errors import ContainerError
+
+if TYPE_CHECKING:
+    import torch
+
+    from bench.codec import Codec, Parts, SharedNetwork
+    from bench.material import Material
+
+FORMAT = 1
+KEY = "neubtf"
+SUFFIX = ".nbtf"
+MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or the network that a codec shares over them
+ZEROS = b"0" * 64
+HEADER_LIMIT = 1 << 24
+PARTS = ("decoder", "texture", "encoder", "other")
+# Bytes a number of the dtypes that safetensors names and a codec may write.
+ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a codec file says of itself, read without PyTorch and checked against its hash."""
+
+    path: Path
+    codec: str
+    version: int
+    settings: dict[str, Any]
+    sha256: str
+    tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, bytes
+    file_bytes: int
+    kind: str = MATERIAL
+    scene: dict[str, Any] = field(default_factory=dict)  # the demand that it was fitted to: see `bench.demand.need`
+    shared: str = ""  # the hash of the shared network's file, where one is needed to decode
+    provenance: dict[str, Any] = field(default_factory=dict)  # what else than a BTF the file was made from
+
+    def part_bytes(self) -> dict[str, int]:
+        """Bytes of the tensors by part, and `header`: what the file needs besides. They add up to the file.
+
+        `encoder` stands there only where the file has one.
+        """
+        sums = {"decoder": 0, "texture": 0, "other": 0}
+        for name, (_, _, size) in self.tensors.items():
+            part = name.split("/")[0]
+            sums[part] = sums.get(part, 0) + size
+        return sums | {"header": self.file_bytes - sum(sums.values())}
+
+
+def save(
+    path: Path, codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[str, Any] | None = None
+) -> Header:
+    """Write a codec file whole or not at all (a temporary name, then a rename), and read its header back."""
+    atomic.write(Path(path), to_bytes(codec, parts, provenance))
+    return read_header(path)
+
+
+def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[str, Any] | None = None) -> bytes:
+    """The bytes of a codec file. The same parts give the same bytes."""
+    from safetensors.torch import save as serialise
+
+    from bench.codec import SharedNetwork, settings_dict
+
+    by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
+    for part, found in by_part.items():
+        for name, tensor in found.items():
+            if tensor.is_floating_point() and not tensor.isfinite().all():
+                raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {part}/{name}")
+    if codec.zstd:
+        by_part = {part: {ZSTD: compressed(serialise(found))} for part, found in by_part.items() if found}
+    tensors = {f"{part}/{name}": tensor for part, found in by_part.items() for name, tensor in found.items()}
+    says = {
+        "format": FORMAT,
+        "codec": codec.name,
+        "version": codec.version,
+        "settings": settings_dict(codec),
+        "sha256": ZEROS.decode(),
+    }
+    says |= {"provenance": provenance} if provenance else {}
+    says |= {"kind": SHARED} if isinstance(codec, SharedNetwork) else {}
+    says |= {"shared": parts.shared.header.sha256} if parts.shared else {}
+    says |= {"scene": parts.scene} if parts.scene else {}
+    data = serialise(tensors, {KEY: json.dumps(says, sort_keys=True, separators=(",", ":"))})
+    return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
+
+
+def read_header(path: Path) -> Header:
+    """Check a codec file against its own hash and read its header. `ContainerError` says what is wrong."""
+    return _parse(Path(path), _read(path))
+
+
+def read_parts(path: Path) -> "tuple[Header, Parts]":
+    """Check a codec file against its own hash and read its tensors. `ContainerError` says what is wrong."""
+    from safetensors.torch import load as deserialise
+
+    from bench.codec import Parts
+
+    data = _read(Path(path))
+    header, parts = _parse(Path(path), data), Parts()
+    for full, tensor in deserialise(data).items():
+        part, name = full.split("/", 1)
+        found = expanded(tensor, path) if header.settings.get(ZSTD) else {name: tensor}
+        getattr(parts, part).update(found)
+    return header, parts
+
+
+def load(path: Path, device: "torch.device | str" = "cpu") -> "tuple[Header, Material]":
+    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong.
+
+    The shared network that a file names is looked for beside it and where `bench.codecs.shared` keeps such files.
+    """
+    import torch
+
+    from bench.codecs import shared
+    from bench.codecs.registry import load_codec
+
+    path = Path(path)
+    header, parts = read_parts(path)
+    if header.kind == SHARED:
+        raise ContainerError(f"{path}: no material, but the network that codec {header.codec} shares over materials")
+    codec_class = load_codec(header.codec, wanted_by=str(path))
+    if header.version != codec_class.version:
+        raise ContainerError(
+            f"{path}: written by version {header.version} of codec {header.codec}, this is version "
+            f"{codec_class.version}: encode it again, or install the version that wrote it"
+        )
+    if header.shared:
+        parts = dataclasses.replace(parts, shared=shared.named_by(header))
+    try:
+        material = codec_class(**header.settings).decode(parts, torch.device(device))
+        return header, _of_scene(material, header) if header.scene else material
+    except (KeyError, ValueError, RuntimeError, IndexError, TypeError) as error:
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
+
+
+def _of_scene(material: "Material", header: Header) -> "Material":
+    from bench.codecs.scene_material import SceneMaterial
+
+    return SceneMaterial(material, header.scene, str(header.path)).to(material.device)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _parse(path: Path, data: bytes) -> Header:
+    header = _json_header(path, data)
+    says = _metadata(path, header)
+    digits = str(says["sha256"]).encode()
+    if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
+        raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
+    return Header(
+        path,
+        says["codec"],
+        says["version"],
+        says["settings"],
+        says["sha256"],
+        {name: _tensor(path, name, entry) for name, entry in header.items()},
+        len(data),
+        says.get("kind", MATERIAL),
+        says.get("scene", {}),
+        says.get("shared", ""),
+        says.get("provenance", {}),
+    )
+
+
+def _json_header(path: Path, data: bytes) -> dict[str, Any]:
+    """The safetensors header: 8 bytes of length, then JSON of name → {dtype, shape, data_offsets}."""
+    length = struct.unpack("<Q", data[:8])[0] if len(data) >= 8 else 0
+    if not 2 <= length <= HEADER_LIMIT or data[8:9] != b"{":
+        raise ContainerError(f"{path}: not a codec file (no safetensors header)")
+    if 8 + length > len(data):
+        raise ContainerError(
+            f"{path}: truncated: {len(data)} bytes, the header alone needs {8 + length}: copy it again"
+        )
+    try:
+        header = json.loads(data[8 : 8 + length])
+        end = max((entry["data_offsets"][1] for name, entry in header.items() if name != "__metadata__"), default=0)
+        missing = 8 + length + end - len(data)
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
+        raise ContainerError(f"{path}: not a codec file (its safetensors header is not sound)") from error
+    if missing > 0:
+        raise ContainerError(f"{path}: truncated: {missing} bytes are missing at its end: copy it again")
+    return header
+
+
+def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
+    try:
+        says = json.loads(header.pop("__metadata__")[KEY])
+        newer = int(says["format"]) > FORMAT
+        whole = {"format", "codec", "version", "settings", "sha256"} <= says.keys() and len(says["sha256"]) == 64
+        whole &= isinstance(says.get("provenance", {}), dict) and says.get("kind", MATERIAL) in (MATERIAL, SHARED)
+        whole &= len(says.get("shared", "")) in (0, 64) and isinstance(says.get("scene", {}), dict)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
+    if newer:
+        raise ContainerError(f"{path}: format {says['format']} is newer than this version reads ({FORMAT}): upgrade")
+    if not whole:
+        raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete")
+    return says
+
+
+def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
+    try:
+        begin, end = entry["data_offsets"]
+        shape = tuple(int(n) for n in entry["shape"])
+        sound = name.split("/")[0] in PARTS and "/" in name
+        if not sound or end - begin != ITEM_BYTES[entry["dtype"]] * math.prod(shape):
+            raise ValueError
+    except (KeyError, ValueError, TypeError) as error:
+        raise ContainerError(f"{path}: tensor {name!r} is not sound") from error
+    return entry["dtype"], shape, end - begin

@@ -1,0 +1,165 @@
+"""The small network of every learned codec: one class, so that it is counted, timed, quantised and exported once.
+
+NeuBTF's renderer, Rainer's decoders and NeuMIP's two networks are settings of it; see `Architecture`.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.material import sample_texture, saturated
+
+Activation = Literal["relu", "leaky-relu", "sine"]
+
+LEAK = 0.01  # slope of the leaky ReLU below 0
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """What a network is: `inputs` numbers → hidden layers of `widths` → `outputs` numbers, the last layer linear.
+
+    A hidden layer is linear → layer norm with gain and offset, if `norm` → activation; `omega` is the sine's frequency.
+    With `residual`, a hidden layer whose input has its own width adds that input.
+    """
+
+    inputs: int
+    widths: tuple[int, ...]
+    outputs: int = 3
+    activation: Activation = "relu"
+    omega: float = 1.0
+    norm: bool = False
+    residual: bool = False
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """The widths of all layers, from the inputs to the outputs."""
+        return (self.inputs, *self.widths, self.outputs)
+
+    @property
+    def parameters(self) -> int:
+        """Trainable numbers: weights and biases, and two a channel of each layer norm."""
+        linear = sum(a * b + b for a, b in pairwise(self.sizes))
+        return linear + (2 * sum(self.widths) if self.norm else 0)
+
+    @property
+    def flops(self) -> int:
+        """Operations of one sample, a fused multiply-add counted as two.
+
+        An activation counts as one a channel and a layer norm as eight: mean, variance, two of each to apply.
+        """
+        linear = sum(2 * a * b for a, b in pairwise(self.sizes))
+        added = sum(b for a, b in zip(self.sizes, self.widths, strict=False) if self.residual and a == b)
+        return linear + added + sum(self.widths) * (9 if self.norm else 1)
+
+
+class Network(nn.Module):
+    """What stands for a network (n, inputs) → (n, outputs): a `Decoder`, or what an execution makes of it."""
+
+    def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
+        """The outputs for a texture (H, W, C) at uv (n, 2), bilinear, followed by the numbers `first` and `second`."""
+        outputs: Tensor = self(torch.cat([sample_texture(texture, uv), first, second], 1))
+        return outputs
+
+
+class Decoder(Network):
+    """The network of an architecture: (n, inputs) → (n, outputs). Initialised from a generator, in float32.
+
+    Sine layers start as in SIREN (Sitzmann et al., "Implicit neural representations with periodic activation
+    functions", 2020, section 3.2), the others after He et al. 2015; the last layer is drawn like a hidden one, its bias
+    is 0. A layer norm starts with gain 1 and offset 0.
+    """
+
+    def __init__(self, architecture: Architecture, generator: torch.Generator | None = None):
+        super().__init__()
+        self.architecture = architecture
+        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(architecture.sizes))
+        self.norms = nn.ModuleList(nn.LayerNorm(b) for b in architecture.widths) if architecture.norm else None
+        with torch.no_grad():
+            for depth, layer in enumerate(self.layers):
+                _initialise(layer, architecture, depth, generator)
+
+    @torch.no_grad()
+    def start_at(self, outputs: Tensor) -> None:
+        """Answer `outputs` (outputs,) whatever the inputs, by the bias of the last layer; its weights become 0.
+
+        A fit that begins at the mean of its data need not first unlearn what random weights say: it is sooner done, and
+        a constant material is met from the start.
+        """
+        last = self.layers[-1]
+        assert isinstance(last, nn.Linear)
+        last.weight.zero_()
+        last.bias.copy_(outputs)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Outputs (n, outputs) of inputs (n, inputs), in their dtype; between them all is in that of the weights."""
+        x = inputs.to(next(self.parameters()).dtype)
+        for depth, layer in enumerate(self.layers[:-1]):
+            hidden = self._activate(saturated(layer(x)) if self.norms is None else self._normed(x, depth))
+            if self.architecture.residual and x.shape == hidden.shape:
+                hidden = saturated(x + hidden if hidden.requires_grad else hidden.add_(x))
+            x = hidden
+        return saturated(self.layers[-1](x)).to(inputs.dtype)
+
+    def _normed(self, x: Tensor, depth: int) -> Tensor:
+        """A linear layer and its norm; where no gradient is kept, in fewer passes over the samples.
+
+        There the mean is taken from the weights before, not from each answer after; half precisions would round it.
+        """
+        assert self.norms is not None
+        layer, norm = self.layers[depth], self.norms[depth]
+        assert isinstance(layer, nn.Linear)
+        assert isinstance(norm, nn.LayerNorm)
+        if torch.is_grad_enabled() or x.dtype.itemsize < 4:
+            normed: Tensor = norm(saturated(layer(x)))
+            return saturated(normed)
+        hidden = functional.linear(x, layer.weight - layer.weight.mean(0), layer.bias - layer.bias.mean())
+        length = torch.linalg.vector_norm(hidden, dim=1, keepdim=True)
+        hidden *= length.square_().div_(hidden.shape[1]).add_(norm.eps).rsqrt_()
+        return torch.addcmul(norm.bias, hidden, norm.weight, out=hidden)
+
+    def _activate(self, x: Tensor) -> Tensor:
+        """The activation of a layer's own numbers; where no gradient needs them, in their place: that spares memory."""
+        free = not x.requires_grad
+        match self.architecture.activation:
+            case "sine":
+                if self.architecture.omega != 1:
+                    x = saturated(x.mul_(self.architecture.omega) if free else x * self.architecture.omega)
+                return x.sin_() if free else x.sin()
+            case "leaky-relu":
+                return functional.leaky_relu(x, LEAK, inplace=free)
+            case "relu":
+                return functional.relu(x, inplace=free)
+
+
+def _initialise(layer: nn.Module, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:
+    assert isinstance(layer, nn.Linear)
+    bound = math.sqrt(6 / layer.in_features)
+    if architecture.activation == "sine":
+        bound = 1 / layer.in_features if depth == 0 else bound / architecture.omega
+    layer.weight.uniform_(-bound, bound, generator=generator)
+    layer.bias.zero_()
+    if depth < len(architecture.widths):
+        # A bias spreads the kinks, or the phases, of a layer over its inputs.
+        spread = 1 / math.sqrt(layer.in_features)
+        layer.bias.uniform_(-spread, spread, generator=generator)
+
+
+def to_vector(*networks: nn.Module) -> Tensor:
+    """Every parameter of some networks, one after the other: what a codec file stores, one tensor without names."""
+    return torch.cat([p.detach().reshape(-1) for network in networks for p in network.parameters()])
+
+
+def load_vector(vector: Tensor, *networks: nn.Module) -> None:
+    """The inverse of `to_vector`, from any float dtype. Raises `ValueError` where the count differs."""
+    parameters = [p for network in networks for p in network.parameters()]
+    wanted = sum(p.numel() for p in parameters)
+    if vector.shape != (wanted,):
+        raise ValueError(f"the networks have {wanted} parameters, the file {tuple(vector.shape)}")
+    with torch.no_grad():
+        for p, values in zip(parameters, vector.split([p.numel() for p in parameters]), strict=True):
+            p.copy_(values.reshape(p.shape))

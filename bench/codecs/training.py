@@ -1,0 +1,319 @@
+"""How a learned codec is fitted: seeded random samples of a BTF, and one loop that every network goes through.
+
+The loop is Adam (Kingma and Ba 2015) with a linear warm-up and a cosine to 0, a budget in steps, a curve of PSNR over
+steps and seconds, a state on disk to go on from, and a guard against divergence. The same seed, machine, versions and
+threads give the same parameters, whether or not the fit was interrupted.
+"""
+
+import logging
+import math
+import time
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+from safetensors.torch import load_file
+from safetensors.torch import save as serialise
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench import atomic
+from bench.btf import BTF
+from bench.codec import Fit
+from bench.errors import InputError
+from bench.metrics.display import LOG_SCALE, to_display
+from bench.metrics.psnr import psnr as decibels
+from bench.metrics.scoring import exposure
+
+if TYPE_CHECKING:
+    from bench.density import Density
+
+log = logging.getLogger(__name__)
+
+MEMORY_LIMIT = 640 << 20  # bytes of log radiance that are kept in memory; beyond, each batch is read from the BTF
+PROBE = 8_192  # samples that the curve's PSNR is measured on
+POINTS = 25  # of the curve
+WARMUP = 100  # steps, or a tenth of a short fit
+KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
+SAVE_SECONDS = 5.0  # at least, between two states on disk: what a killed fit loses, beside KEEP_EVERY steps
+RESCUES = 3
+AWAY = 10.0  # root mean square error of log radiance of a fit that ran away: a factor of 22,000
+
+Loss = Literal["l1", "l2", "both"]
+
+
+class DivergedError(RuntimeError):
+    """A fit whose loss stopped being finite, again after each remedy."""
+
+
+def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
+    """The mean distance of two log radiances: absolute, squared, or the sum of both."""
+    match loss:
+        case "l1":
+            return functional.l1_loss(ours, target)
+        case "l2":
+            return functional.mse_loss(ours, target)
+        case "both":
+            return functional.l1_loss(ours, target) + functional.mse_loss(ours, target)
+
+
+class Batch(NamedTuple):
+    """Random samples of a BTF: texel (n,) as row · W + column, pair (n,), and log radiance (n, 3).
+
+    `pair` is an index of `Samples.wo` and `wi`: of a pair, or in a fit to a scene of a direction between some.
+    """
+
+    texel: Tensor
+    pair: Tensor
+    target: Tensor
+
+
+class Samples:
+    """A BTF as log radiance, log1p(gain · radiance), for random reads; negative radiance counts as 0.
+
+    Within `MEMORY_LIMIT` it is read once, slice by slice, and kept as half floats, whose rounding (5e-4 of a value) is
+    far below any codec's error. `gain` is 8 × exposure: see `gain_of`.
+    """
+
+    density: "Density | None" = None  # of the scene that is fitted to
+
+    def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
+        self.btf, self.gain, self.device = btf, gain, fit.device
+        self.shape, self.pairs = btf.shape, len(btf)
+        self.texels = btf.shape[0] * btf.shape[1]
+        self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
+        self.density = fit.density
+        if self.density:  # after the pairs' directions come those of the scene
+            self.wo = torch.cat([self.wo, self.density.wo.to(fit.device)])
+            self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
+        self.kept: Tensor | None = None  # (texels, pairs, 3)
+        if self.texels * self.pairs * 6 <= memory_limit:
+            kept = torch.empty(self.texels, self.pairs, 3, dtype=torch.float16)
+            for pair, picture in enumerate(fit.progress(btf, total=len(btf))):
+                kept[:, pair] = self._log(picture).reshape(-1, 3)
+            self.kept = kept.to(fit.device)
+
+    def _log(self, radiance: np.ndarray) -> Tensor:
+        return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: a source may be read-only
+
+    def draw(self, count: int, generator: torch.Generator) -> Batch:
+        """`count` samples, uniform over texels and pairs; of a fit to a scene, by its density."""
+        if self.density:
+            return self._between(*(drawn.to(self.device) for drawn in self.density.draw(count, self.shape, generator)))
+        flat = torch.randint(self.texels * self.pairs, (count,), generator=generator).to(self.device)
+        texel = flat.div(self.pairs, rounding_mode="floor")
+        return self.at(texel, flat - texel * self.pairs)
+
+    def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
+        """A sample at each of some texels (n,), uniform over pairs; of a fit to a scene, by its density."""
+        if self.density:
+            _, *drawn = self.density.draw(len(texel), self.shape, generator)
+            return self._between(texel, *(each.to(self.device) for each in drawn))
+        return self.at(texel, torch.randint(self.pairs, (len(texel),), generator=generator).to(self.device))
+
+    def mean(self, generator: torch.Generator) -> Tensor:
+        """The mean log radiance (3,), of a random sample."""
+        return self.draw(PROBE, generator).target.mean(0)
+
+    def at(self, texel: Tensor, pair: Tensor) -> Batch:
+        """The samples at some texels and pairs, both (n,)."""
+        if self.kept is not None:
+            return Batch(texel, pair, self.kept.view(-1, 3)[texel * self.pairs + pair].float())
+        row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
+        return Batch(texel, pair, self._log(self.btf.gather(pair.cpu().numpy(), row, col)).to(self.device))
+
+    def _between(self, texel: Tensor, direction: Tensor, pair: Tensor, weight: Tensor) -> Batch:
+        """The samples at some texels (n,) and directions (n,), whose radiance is the weighted sum of pairs (n, k)."""
+        corners = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten()).target.unflatten(0, pair.shape)
+        return Batch(texel, direction, (corners.expm1() * weight[..., None]).sum(1).log1p())
+
+    def abrdfs(self, texel: Tensor) -> Tensor:
+        """The log ABRDFs (n, pairs, 3) of some texels (n,)."""
+        if self.kept is not None:
+            return self.kept[texel].float()
+        return self._log(self.btf.texels(*np.divmod(texel.cpu().numpy(), self.shape[1]))).to(self.device)
+
+    def centres(self, texel: Tensor) -> Tensor:
+        """uv (n, 2) of the centres of some texels (n,); see `bench.btf` for the frame."""
+        height, width = self.shape
+        row = texel.div(width, rounding_mode="floor")
+        return torch.stack([(texel - row * width + 0.5) / width, 1 - (row + 0.5) / height], 1)
+
+
+def gain_of(btf: BTF, fit: Fit) -> float:
+    """8 × the exposure of the training pairs: a codec predicts log1p(gain · radiance), and stores the gain."""
+    return LOG_SCALE * exposure(btf, fit.seed)
+
+
+class Objective(nn.Module):
+    """What is fitted: parameters, their learning rates, and the loss of one step. A codec writes one.
+
+    Everything that must survive an interruption is a parameter or a buffer.
+    """
+
+    def __init__(self, samples: Samples):
+        super().__init__()
+        self.samples = samples
+
+    def groups(self) -> list[dict[str, Any]]:
+        """Parameter groups for Adam, each with its highest learning rate, `lr`."""
+        raise NotImplementedError
+
+    def rate(self, step: int, steps: int, group: int) -> float:
+        """The share of its highest learning rate that a group has at a step; each stage of a fit has its curve."""
+        return rate(step, steps)
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) at the texels and pairs of a batch; `progress` goes from 0 to 1."""
+        raise NotImplementedError
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss of one step, a scalar; every random number comes from the generator, which lives on the CPU."""
+        raise NotImplementedError
+
+
+def display_psnr(level: Tensor, target: Tensor) -> float:
+    """Display-space PSNR in dB of log radiance against its target."""
+    ours, truth = (to_display((x.double().expm1() / LOG_SCALE).cpu().numpy(), 1.0) for x in (level, target))
+    # A constant material is met exactly; the curve then shows 120 dB, as infinity is no number in a record.
+    return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
+
+
+def rate(step: int, steps: int) -> float:
+    """The share of the highest learning rate at a step: a linear warm-up, then a cosine from 1 to 0."""
+    warm = min(1.0, (step + 1) / (min(WARMUP, steps // 10) + 1))
+    return warm * (1 + math.cos(math.pi * step / steps)) / 2
+
+
+def train(objective: Objective, fit: Fit, steps: int) -> None:
+    """Fit the parameters of an objective in place, in `steps` steps.
+
+    Where `fit.checkpoint` names a file, the state is kept there, and a fit that finds one goes on from it; who named it
+    removes it, once what was fitted is stored. Where the loss or a parameter is no longer finite, or the fit `AWAY`
+    from its data, the last good state is restored and the learning rate halved; the fourth time, `DivergedError` is
+    raised. `InputError` where the file on disk belongs to another fit.
+    """
+    if steps < 1:
+        raise InputError(f"a fit needs at least 1 step, not {steps}")
+    loop = _Loop(objective.to(fit.device), fit, steps)
+    loop.resume()
+    while loop.step < steps:
+        loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
+
+
+class _Loop:
+    """The state of a fit under way: parameters, Adam's moments, generator, step, halvings, and the curve."""
+
+    def __init__(self, objective: Objective, fit: Fit, steps: int):
+        self.objective, self.fit, self.steps = objective, fit, steps
+        self.generator = fit.generator()
+        groups = objective.groups()
+        fused = fit.device.type in ("cpu", "cuda")
+        self.adam = torch.optim.Adam(groups, lr=0.0, fused=fused)
+        self.highest = [group["lr"] for group in groups]
+        self.parameters = [p for group in self.adam.param_groups for p in group["params"]]
+        for p in self.parameters:
+            self.adam.state[p] = {
+                "step": torch.zeros((), device=fit.device if fused else "cpu"),
+                "exp_avg": torch.zeros_like(p),
+                "exp_avg_sq": torch.zeros_like(p),
+            }
+        self.step, self.halvings, self.curve = 0, 0, list[tuple[int, float, float]]()
+        self.probe = objective.samples.draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
+        self.started = self.saved = time.perf_counter()
+        self.label = "fitting"
+        self.good = self._state()
+
+    def _tensors(self) -> dict[str, Tensor]:
+        """Every tensor that a step changes, by name; not copies."""
+        moments = {
+            f"adam.{i}.{name}": value
+            for i, p in enumerate(self.parameters)
+            for name, value in self.adam.state[p].items()
+        }
+        return {f"model.{k}": v for k, v in self.objective.state_dict().items()} | moments
+
+    def _state(self) -> dict[str, Tensor]:
+        progress = torch.tensor([self.step, self.halvings])
+        curve = torch.tensor(self.curve, dtype=torch.float64).reshape(-1, 3)
+        loop = {"loop.progress": progress, "loop.curve": curve, "loop.generator": self.generator.get_state()}
+        return {name: value.detach().clone() for name, value in self._tensors().items()} | loop
+
+    def _restore(self, state: dict[str, Tensor]) -> None:
+        ours = self._tensors()
+        if {k: v.shape for k, v in ours.items()} != {k: v.shape for k, v in state.items() if k[:5] != "loop."}:
+            raise InputError(f"{self.fit.checkpoint}: the state of another fit: remove it")
+        with torch.no_grad():
+            for name, value in ours.items():
+                value.copy_(state[name])
+        self.generator.set_state(state["loop.generator"].cpu())
+        self.step, self.halvings = state["loop.progress"].tolist()
+        self.curve = [(int(step), seconds, psnr) for step, seconds, psnr in state["loop.curve"].tolist()]
+
+    def resume(self) -> None:
+        """Go on from the state on disk, where there is one."""
+        path = self.fit.checkpoint
+        if path is None or not path.exists():
+            return
+        try:
+            self.good = load_file(path)
+        except Exception as error:  # safetensors raises its own kinds; whatever it is, the remedy is the same
+            raise InputError(f"{path}: not the state of a fit: remove it ({error})") from error
+        self._restore(self.good)
+        log.info("going on from step %d of %d: %s", self.step, self.steps, path)
+        for step, seconds, psnr in self.curve:
+            self.fit.log(step, seconds=seconds, psnr=psnr)
+        self.started -= self.curve[-1][1] if self.curve else 0.0
+
+    def advance(self, end: int) -> None:
+        """Steps up to `end`, then keep the state, or go back to the last good one."""
+        total = torch.zeros((), device=self.fit.device)
+        while self.step < end:
+            for i, (group, highest) in enumerate(zip(self.adam.param_groups, self.highest, strict=True)):
+                group["lr"] = highest * self.objective.rate(self.step, self.steps, i) / 2**self.halvings
+            loss = self.objective.loss(self.generator, self.step / self.steps)
+            self.adam.zero_grad(set_to_none=True)
+            loss.backward()
+            self.adam.step()
+            total += loss.detach()
+            self.step += 1
+        # A gradient that is not finite leaves its parameter so, for good: looking once every so often misses nothing.
+        if not all(t.isfinite().all() for t in (total, *self.parameters)) or not self._measured():
+            self._rescue()
+            return
+        self.fit.show(self.label, self.step, self.steps)
+        self.good = self._state()
+        if self.fit.checkpoint and time.perf_counter() - self.saved >= SAVE_SECONDS:
+            state = {name: value.cpu() for name, value in self.good.items()}
+            atomic.write(self.fit.checkpoint, serialise(state))  # a kill leaves the old state or the new one
+            self.saved = time.perf_counter()
+
+    def _rescue(self) -> None:
+        if self.halvings == RESCUES:
+            raise DivergedError(
+                f"the fit diverged {RESCUES + 1} times, the last near step {self.step}, at a learning rate of "
+                f"{self.highest[0] / 2**self.halvings:.2g}: choose a lower one"
+            )
+        failed, halvings = self.step, self.halvings + 1
+        self._restore(self.good)
+        self.halvings = halvings
+        log.warning("the fit diverged near step %d: back to step %d with half the learning rate", failed, self.step)
+
+    @torch.no_grad()
+    def _measured(self) -> bool:
+        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end; False where the fit ran away.
+
+        A rectifier can be dead, or a sine answer anything, and every number still be finite.
+        """
+        last = self.curve[-1][0] if self.curve else 0
+        if self.step < self.steps and self.step - last < self.steps / POINTS:
+            return True
+        level = self.objective.predict(self.probe, self.step / self.steps)
+        if not (level - self.probe.target).square().mean() <= AWAY**2:
+            return False
+        psnr, seconds = display_psnr(level, self.probe.target), time.perf_counter() - self.started
+        self.curve.append((self.step, seconds, psnr))
+        self.fit.log(self.step, seconds=seconds, psnr=psnr)
+        self.fit.show(self.label, self.steps, self.steps)
+        self.label = f"fitting, {psnr:.1f} dB"
+        return True

@@ -1,0 +1,1 @@
+"""Tests of codecs that anyone can run: conformance, and behaviour at the extremes."""

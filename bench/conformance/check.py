@@ -1,0 +1,219 @@
+"""What a renderer relies on, of any codec: each check is a function that raises `CheckError` with what is wrong.
+
+A codec under test encodes a small rendered-like BTF, writes the file, and decodes it, here and in a fresh process.
+"""
+
+import itertools
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.btf import BTF, ArraySource
+from bench.codec import Codec, Fit, SharedNetwork
+from bench.codecs import container, shared
+from bench.conformance.counting import parameters
+from bench.errors import InputError
+from bench.hemisphere import thin, ubo2003, uniform
+from bench.material import Material, texel_centres
+from bench.timing import torch_threads
+
+# Float32 sums of some hundred terms in another order differ by about 1e-6 of their size; ten times that is allowed.
+ROUNDING = 1e-5
+
+
+class CheckError(AssertionError):
+    """A promise of the interface that a codec does not keep; `figure` is the number that is wrong, for a table."""
+
+    def __init__(self, message: str, figure: str = ""):
+        super().__init__(message)
+        self.figure = figure
+
+
+def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
+    """A small smooth material in closed form: coloured checks, Lambert plus a broad highlight; periodic."""
+    directions = ubo2003()
+    grid = directions[thin(directions, views)], directions[thin(directions, lights)]
+    wo, wi = np.repeat(grid[0], lights, 0), np.tile(grid[1], (views, 1))
+    row, col = np.mgrid[:size, :size] / size
+    albedo = 0.4 + 0.3 * np.stack(
+        [np.sin(2 * np.pi * row), np.cos(2 * np.pi * col), np.sin(2 * np.pi * (row + col))], -1
+    )
+    half = (wo + wi) / np.linalg.norm(wo + wi, axis=1, keepdims=True)
+    gloss = 0.5 * half[:, 2, None, None, None] ** 20 * (1 + np.sin(2 * np.pi * col))[..., None]
+    values = ((albedo / np.pi + gloss) * wi[:, 2, None, None, None]).astype(np.float32)
+    return BTF("check", wo, wi, ArraySource(values), periodic=True)
+
+
+def others(btf: BTF) -> list[BTF]:
+    """Five materials beside a BTF: its colours in every other order."""
+    values = np.stack(list(btf))
+    orders = list(itertools.permutations(range(3)))[1:]
+    return [BTF(f"colours {order}", btf.wo, btf.wi, ArraySource(values[..., order]), periodic=True) for order in orders]
+
+
+@dataclass
+class Bench:
+    """One codec under test, encoded once."""
+
+    codec: Codec
+    folder: Path
+    shared: SharedNetwork | None = None  # the network that the codec shares over materials, to be trained
+
+    @cached_property
+    def btf(self) -> BTF:
+        return tiny_btf()
+
+    @cached_property
+    def network(self) -> Path | None:
+        """The file of the shared network, trained on other materials; None where the codec shares none."""
+        if self.shared is None:
+            return None
+        with torch_threads(1):
+            return shared.make(self.shared, others(self.btf), Fit(seed=1), self.folder / f"{self.codec.name}.nbtf").path
+
+    def encode(self, name: str) -> container.Header:
+        with torch_threads(1):
+            parts = self.codec.encode(self.btf, Fit(seed=1, network=self.network))
+            return container.save(self.folder / name, self.codec, parts)
+
+    @cached_property
+    def header(self) -> container.Header:
+        return self.encode("a" + container.SUFFIX)
+
+    @cached_property
+    def material(self) -> Material:
+        return container.load(self.header.path)[1]
+
+    @cached_property
+    def queries(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """500 random queries: uv over several periods, directions up to 89°, footprints up to half the picture."""
+        rng = np.random.default_rng(0)
+        uv = torch.from_numpy(rng.uniform(-3, 3, (500, 2)).astype(np.float32))
+        wo, wi = (torch.from_numpy(uniform(rng, 500, 89)) for _ in range(2))
+        return uv, wo, wi, torch.from_numpy(rng.uniform(0, 0.5, 500).astype(np.float32))
+
+    @cached_property
+    def answers(self) -> Tensor:
+        with torch_threads(1):
+            return self.material.query(*self.queries)
+
+
+def _same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:
+    worst = (ours - theirs).abs().max().item() if len(ours) else 0.0
+    allowed = tolerance * max(1.0, theirs.abs().max().item())
+    if ours.shape != theirs.shape or not worst <= allowed:
+        raise CheckError(f"{what}: answers differ by {worst:.3g}, allowed {allowed:.3g}", f"{worst:.2g}")
+
+
+FRESH = """
+import sys, torch
+from safetensors.torch import load_file, save_file
+from bench.codecs import container
+torch.set_num_threads(1)
+queries = load_file(sys.argv[2])
+rgb = container.load(sys.argv[1])[1].query(*(queries[k] for k in ("uv", "wo", "wi", "footprint")))
+save_file({"rgb": rgb}, sys.argv[3])
+"""
+
+
+def fresh_process(bench: Bench) -> None:
+    """a fresh process decodes the file to the same answers, bit for bit"""
+    from safetensors.torch import load_file, save_file
+
+    asked, answered = bench.folder / "queries", bench.folder / "answers"
+    save_file(dict(zip(("uv", "wo", "wi", "footprint"), bench.queries, strict=True)), asked)
+    command = [sys.executable, "-c", FRESH, str(bench.header.path), str(asked), str(answered)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise CheckError(f"the fresh process failed: {(done.stderr.splitlines() or ['no message'])[-1]}")
+    _same("fresh process", load_file(answered)["rgb"], bench.answers, 0.0)
+
+
+def same_bytes(bench: Bench) -> None:
+    """the same seed and threads give the same bytes"""
+    if bench.encode("b" + container.SUFFIX).sha256 != bench.header.sha256:
+        raise CheckError("two fits of the same seed gave different files")
+
+
+def batches(bench: Bench) -> None:
+    """one batch answers as many small ones do"""
+    pieces = [bench.material.query(*(q[i : i + 7] for q in bench.queries)) for i in range(0, 500, 7)]
+    _same("batches of 7", torch.cat(pieces), bench.answers, ROUNDING)
+    if bench.material.query(*(q[:0] for q in bench.queries)).shape != (0, 3):
+        raise CheckError("an empty batch must give (0, 3)")
+
+
+def order(bench: Bench) -> None:
+    """the order of queries does not matter"""
+    _same("reversed", bench.material.query(*(q.flip(0) for q in bench.queries)).flip(0), bench.answers, ROUNDING)
+
+
+def wraps(bench: Bench) -> None:
+    """uv is periodic"""
+    # Quarters of a texel are exact in float32 a few periods out, so the answers may differ by rounding alone.
+    uv, wo, wi, footprint = bench.queries
+    uv = (uv * 32).round() / 32
+    there = bench.material.query(uv + torch.tensor([2.0, -3.0]), wo, wi, footprint)
+    _same("uv + (2, −3)", there, bench.material.query(uv, wo, wi, footprint), ROUNDING)
+
+
+def refuses(bench: Bench) -> None:
+    """a query that is not finite is refused, and the row is named"""
+    uv, wo, wi, footprint = (q.clone() for q in bench.queries)
+    wo[123, 1] = float("nan")
+    try:
+        bench.material.query(uv, wo, wi, footprint)
+    except InputError as error:
+        if "row 123" not in str(error):
+            raise CheckError(f"the error names no row: {error}") from error
+        return
+    raise CheckError("a direction that is not a number was answered")
+
+
+def counted(bench: Bench) -> None:
+    """declared parameters are those that are counted"""
+    declared, found = bench.material.cost.parameters, parameters(bench.material)
+    if declared != found:
+        raise CheckError(f"declares {declared} parameters, holds {found}")
+
+
+def follows_data(bench: Bench) -> None:
+    """it follows the data: nearer to the training slices than their one mean colour"""
+    btf = bench.btf
+    truth = torch.from_numpy(np.stack(list(btf)))
+    decoded = torch.stack([bench.material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()) for i in range(len(btf))])
+    error, floor = ((decoded - truth) ** 2).mean().item(), truth.var(dim=(0, 1, 2), correction=0).mean().item()
+    if not error < floor:
+        raise CheckError(f"mean squared error {error:.3g}, that of one constant colour is {floor:.3g}")
+
+
+def slices(bench: Bench) -> None:
+    """a slice holds the answers at its texel centres, row 0 on top"""
+    height, width = bench.material.size
+    if (height, width) != bench.btf.shape:
+        raise CheckError(f"size is {(height, width)}, the BTF's is {bench.btf.shape}")
+    wo, wi = bench.btf.wo[5], bench.btf.wi[5]
+    uv = texel_centres(height, width)
+    view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
+    asked = bench.material.query(uv, view, light, 1 / max(height, width))
+    _same("slice", bench.material.slice(wo.tolist(), wi.tolist()), asked.reshape(height, width, 3), 0.0)
+
+
+CHECKS: tuple[Callable[[Bench], None], ...] = (
+    same_bytes,
+    fresh_process,
+    follows_data,
+    batches,
+    order,
+    slices,
+    wraps,
+    refuses,
+    counted,
+)

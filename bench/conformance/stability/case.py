@@ -1,0 +1,178 @@
+"""A case of the catalogue, the codec that it is tried on, and what came of it."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts, settings_dict
+from bench.codecs import container, shared
+from bench.conformance.check import Bench, CheckError
+from bench.material import Material
+from bench.timing import torch_threads
+
+Array = np.ndarray
+
+# A fit of the catalogue is short: whichever of these knobs a codec has is turned down to this from its default, so that
+# a verdict does not depend on how long a fit is asked for.
+SHORT = {"steps": 200, "batch": 1024, "texels": 16}
+
+
+class NotApplicable(Exception):  # noqa: N818  (it is no error)
+    """The reason for which a case says nothing of a codec."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a test that passed has to tell: a figure for the cell, how much of the bound is used, and where."""
+
+    figure: str = ""
+    used: float | None = None
+    detail: str = ""
+
+
+Test = Callable[["Subject"], Measured | None]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row: what it is called, what must hold in one sentence, and the test.
+
+    The test raises `CheckError` with the figure that is wrong, or `NotApplicable` with a reason; else the case passed.
+    """
+
+    group: str
+    name: str
+    holds: str
+    test: Test
+    cheap: bool = False  # quick enough for `neubtf-bench check`
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of a case: the figure that stands in the cell, the whole story or the reason, and see `Measured`."""
+
+    verdict: Literal["pass", "fail", "n/a"]
+    figure: str = ""
+    detail: str = ""
+    used: float | None = None
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """A BTF that went through a codec file, and what was decoded from it."""
+
+    btf: BTF
+    material: Material
+
+    @cached_property
+    def truth(self) -> Array:
+        """The slices (N, H, W, 3), negative radiance counting as 0."""
+        return np.maximum(np.stack(list(self.btf)), 0)
+
+    @cached_property
+    def decoded(self) -> Array:
+        """The decoded slices (N, H, W, 3)."""
+        pairs = zip(self.btf.wo.tolist(), self.btf.wi.tolist(), strict=True)
+        return torch.stack([self.material.slice(wo, wi) for wo, wi in pairs]).numpy()
+
+
+@dataclass
+class Subject:
+    """A codec under stress: its conformance bench holds the ordinary small material, encoded once."""
+
+    bench: Bench
+    stored: Parts | None = None  # tensors to look at in place of those of the ordinary material's file
+
+    @property
+    def fits(self) -> bool:
+        """Whether the codec is fitted in steps."""
+        return "steps" in vars(self.bench.codec.settings)
+
+    def codec(self, **changes: Any) -> Codec:
+        """The codec with short fits and some settings changed."""
+        return shortened(self.bench.codec, **changes)
+
+    def fit(self) -> Fit:
+        """What each fit is given."""
+        return Fit(seed=1, network=self.bench.network)
+
+    def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
+        """Encode by a short fit, or one of `stretch` times its steps, write, read and decode."""
+        if stretch > 1 and self.fits:
+            changes = {"steps": stretch * SHORT["steps"]} | changes
+        codec, path = self.codec(**changes), self.bench.folder / f"stress{container.SUFFIX}"
+        container.save(path, codec, codec.encode(btf, self.fit()))
+        return Encoded(btf, container.load(path)[1])
+
+    @cached_property
+    def usual(self) -> Encoded:
+        """The ordinary material, encoded as the extremes are."""
+        return self.encode(self.bench.btf)
+
+    @cached_property
+    def brightest(self) -> float:
+        """The largest sample of the ordinary material."""
+        return float(max(picture.max() for picture in self.bench.btf))
+
+    @cached_property
+    def parts(self) -> Parts:
+        """The tensors of the ordinary material's file."""
+        if self.stored is not None:
+            return self.stored
+        header, parts = container.read_parts(self.bench.header.path)
+        return dataclasses.replace(parts, shared=shared.named_by(header)) if header.shared else parts
+
+    def decode(self, parts: Parts) -> Material:
+        """The material of some tensors, which need not be those of a file."""
+        return self.bench.codec.decode(parts, torch.device("cpu"))
+
+
+def subject_of(kind: type[Codec], folder: Path) -> Subject:
+    """A codec under stress with its default settings but for short fits; its files go into a folder.
+
+    One that shares a network over materials is tried with the one that is there, else with one trained in seconds.
+    """
+    network = None
+    if kind.network is not None and not shared.place(kind.name).exists():
+        network = kind.network().brief()
+    return Subject(Bench(shortened(kind()), folder, network))
+
+
+def shortened(codec: Codec, **changes: Any) -> Codec:
+    """The codec with short fits (`SHORT`) and some settings changed."""
+    settings, defaults = settings_dict(codec), settings_dict(type(codec)())
+    short = {name: min(defaults[name], most) for name, most in SHORT.items() if name in settings}
+    return type(codec)(**settings | short | changes)
+
+
+def judge(case: Case, subject: Subject) -> Verdict:
+    """Try a case on a codec. Whatever a codec raises is its failure."""
+    try:
+        with torch_threads(1):
+            found = case.test(subject) or Measured()
+        return Verdict("pass", found.figure, found.detail, found.used)
+    except NotApplicable as reason:
+        return Verdict("n/a", "n/a", str(reason))
+    except CheckError as error:
+        return Verdict("fail", error.figure or "failed", str(error))
+    except Exception as error:  # whatever a foreign codec raises is its failure, and the next case still runs
+        return Verdict("fail", type(error).__name__, f"{type(error).__name__}: {error}".splitlines()[0])
+
+
+def applicable(condition: object, reason: str) -> None:
+    """`NotApplicable` for that reason unless the condition holds."""
+    if not condition:
+        raise NotApplicable(reason)
+
+
+def require(condition: object, figure: str, detail: str) -> None:
+    """`CheckError` with that figure unless the condition holds."""
+    if not condition:
+        raise CheckError(detail, figure)

@@ -1,0 +1,1 @@
+"""Opens materials: built in, measured or given as maps; converts, thins and repairs them."""

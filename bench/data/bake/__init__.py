@@ -1,0 +1,162 @@
+"""A folder of PBR maps becomes a BTF: recognised by name, turned the right way, rendered by
+`bench.data.materials.renderer`, or path-traced with inter-reflections by Mitsuba 3.
+
+`neubtf-bench bake` writes it where it is told; a suite or `run --material FOLDER` bakes into the cache.
+"""
+
+import hashlib
+import json
+import logging
+import os
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.btf import BTF, ArraySource
+from bench.cache import cache_dir
+from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
+from bench.data.bake.partial import Partial
+from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
+from bench.data.convert import check_place, write_btf
+from bench.data.materials.renderer import RENDERER_VERSION, render
+from bench.data.materials.store import sample_pairs
+from bench.data.readers import open_btf
+from bench.data.readers.files import FolderFiles
+from bench.errors import InputError
+from bench.runs.suite import Data
+
+__all__ = ["RENDERERS", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
+RENDERERS = ("builtin", "mitsuba")
+BAKE_VERSION = 1  # raised whenever a map is read otherwise; part of the key of every cached bake
+log = logging.getLogger(__name__)
+Array = np.ndarray
+
+
+def bake(
+    surface: Surface,
+    data: Data,
+    out: Path,
+    progress: Callable[[int, int], None],
+    seed: int = 0,
+    renderer: str = "builtin",
+) -> None:
+    """Render a surface at the pairs that `data` asks for and write it: `.npz`, or a folder of EXR pictures.
+
+    Pairs are those of the built-in materials (`bench.data.materials.load`): a product, then held-out pairs drawn by
+    `seed`. Values are linear Rec. 709 f_r · cos θ_i. The result appears under its name when it is complete.
+    `renderer` is one of `RENDERERS`; what "mitsuba" had finished when it was killed is kept beside `out`, and taken up
+    by the same call.
+    Raises `InputError` where `out` cannot be written, counts are out of range or Mitsuba is not installed.
+    """
+    check_place(out)
+    wo, wi, grid = sample_pairs(data.directions, (data.views, data.lights), data.heldout, seed)
+    heldout = np.arange(len(wo)) >= grid if data.heldout else None
+    described = _described(surface, data, seed)
+
+    def write(values: Array, notes: dict[str, Any]) -> None:
+        source = ArraySource(values)
+        write_btf(BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=notes), out)
+
+    if renderer == "mitsuba":
+        _path_traced(surface, wo, wi, seed, described, out, progress, write)
+        return
+    if renderer != "builtin":
+        raise InputError(f"no renderer {renderer!r}: there are {' and '.join(RENDERERS)}")
+    scratch = out.with_name(f".{out.name}.{os.getpid()}.values")
+    try:
+        values = np.lib.format.open_memmap(scratch, "w+", dtype=np.float32, shape=(len(wo), *surface.shape, 3))
+        render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, progress)
+        write(values, described)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+def _path_traced(
+    surface: Surface,
+    wo: Array,
+    wi: Array,
+    seed: int,
+    described: dict[str, Any],
+    out: Path,
+    progress: Callable[[int, int], None],
+    write: Callable[[Array, dict[str, Any]], None],
+) -> None:
+    """The bake by Mitsuba: launch after launch into a partial folder, then written as one."""
+    try:
+        from bench.data.bake import path_tracer
+    except ImportError as error:
+        raise InputError(
+            f"the renderer mitsuba needs Mitsuba 3, which cannot be imported ({error}): "
+            'pip install "neubtf-bench[mitsuba]"'
+        ) from error
+    described = described | path_tracer.described()
+    partial = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
+    progress(partial.done, len(wo))
+
+    def keep(slices: Array) -> None:
+        partial.add(slices)
+        progress(partial.done, len(wo))
+
+    path_tracer.path_trace(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed=seed, start=partial.done, keep=keep)
+    write(partial.values, described)
+    partial.remove()
+
+
+def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -> str:
+    """All that shapes the values of a surface at the pairs `wo`, `wi`, as one hash."""
+    hashed = hashlib.sha256(json.dumps(described, sort_keys=True, default=str).encode())
+    maps = (getattr(surface.maps, f.name) for f in fields(surface.maps))
+    for array in (wo, wi, *(m for m in maps if m is not None)):
+        hashed.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+    return hashed.hexdigest()
+
+
+def open_svbrdf(folder: Path, data: Data, progress: Callable[[int, int], None]) -> BTF:
+    """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped.
+
+    Raises `InputError` for maps that cannot be recognised or read, and for counts out of range.
+    """
+    found = recognise(folder)
+    path = cache_dir() / "materials" / f"{folder.resolve().name}-{data.size}-{_key(found, data)[:24]}.npz"
+    if not path.exists():
+        surface = read_surface(found, data.size)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        log.warning("baking %s\n%s", folder, table(surface))
+        bake(surface, data, path, progress)
+    btf = open_btf(path)
+    btf.name = folder.resolve().name
+    return btf
+
+
+def table(surface: Surface) -> str:
+    """What was recognised, a line a map or picture."""
+    width = max(map(len, surface.notes))
+    return "\n".join(f"  {role:<{width}}  {text}" for role, text in surface.notes.items())
+
+
+def _key(found: MapFiles, data: Data) -> str:
+    """Everything that shapes the values of a bake with its defaults."""
+    sampling = [data.size, data.directions, data.views, data.lights, data.heldout]
+    content = [FolderFiles(found.folder).digest(found.files.values()), sorted(found.files.items())]
+    described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, sampling, content])
+    return hashlib.sha256(described.encode()).hexdigest()
+
+
+def _described(surface: Surface, data: Data, seed: int) -> dict[str, Any]:
+    return {
+        "source": "baked from maps by bench.bake",
+        "maps": surface.notes,
+        "bake_version": BAKE_VERSION,
+        "renderer_version": RENDERER_VERSION,
+        "sub_points": SUB_POINTS,
+        "seed": seed,
+        "directions": f"{data.directions}: {data.views} views, {data.lights} lights",
+        "heldout": f"{data.heldout} pairs uniform in solid angle, theta_deg <= 75",
+        "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
+        "reference_plane": "mean height",
+        "transport": "direct light, self-shadowing; no inter-reflection",
+        "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
+    }

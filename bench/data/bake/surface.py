@@ -1,0 +1,190 @@
+"""The maps of a folder as a surface to render: decoded, turned the right way, at the size that the bake needs.
+
+Albedo is decoded from sRGB, every other map is read as its plain codes. Pictures are shrunk by area averages of those
+values, normals as vectors and renormalised.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bench.data.bake.agreement import Agreement, agreement
+from bench.data.bake.naming import MapFiles
+from bench.data.materials.maps import Maps, resize
+from bench.data.readers.files import FolderFiles
+from bench.data.readers.pictures import kind_of, picture_size, read_picture
+from bench.errors import InputError
+from bench.metrics.display import encode_srgb
+
+Array = np.ndarray
+SUB_POINTS = 4  # points a side that make a texel; see docs/baking.md for what 2 and 8 would change
+JUDGED = 256  # longest side at which normals and displacement are compared, whatever the bake's size
+DEFAULT_DEPTH = 0.02
+DEFAULT_ROUGHNESS = 0.5
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A periodic surface ready to bake; `shape` (H, W) is the bake's, `notes` say what each map was taken for."""
+
+    name: str
+    shape: tuple[int, int]
+    maps: Maps
+    notes: dict[str, str] = field(default_factory=dict)
+
+
+def read_surface(found: MapFiles, size: int, depth: float | None = None) -> Surface:
+    """The surface of a folder's maps for a bake whose longer side has `size` texels; square map texels stay square.
+
+    `depth` is the height of code 1 (white) over code 0 (black) of the displacement, in units of the picture's width. By
+    default it is the one whose slopes fit those of the normal map best, else 0.02.
+    Raises `InputError` that names the file for pictures that cannot be read or differ in proportion.
+    """
+    reader = _Reader(found, size)
+    notes = {role: name for role, name in found.files.items() if role != "packed"}
+    roughness = reader.channel("roughness", 1, notes, DEFAULT_ROUGHNESS)
+    metalness = reader.channel("metalness", 2, notes, 0.0)
+    normal, height = _relief(reader, notes, depth)
+    if normal is not None:
+        length = np.linalg.norm(normal, axis=-1)
+        roughness, normal = _roughened(roughness, length), _unit(normal)
+    anisotropy, angle = _anisotropy(reader)
+    maps = Maps(
+        0.0 if height is None else height,
+        reader.shrunk(reader.albedo),
+        roughness,
+        metalness,
+        anisotropy=anisotropy,
+        angle=angle,
+        normal=normal,
+    )
+    notes |= {name: f"not used: {why}" for name, why in found.unused.items()}
+    return Surface(found.folder.resolve().name, reader.shape, maps, notes)
+
+
+class _Reader:
+    """Reads the maps of one folder, all to the size of the working grid."""
+
+    def __init__(self, found: MapFiles, size: int):
+        if size < 1:
+            raise InputError(f"size must be at least 1, not {size}")
+        self.files, self.roles = FolderFiles(found.folder), found.files
+        self.albedo = self._albedo()
+        self.full = self.albedo.shape[:2]
+        self.shape = _fitted(self.full, size)
+        self.grid = self.limited(SUB_POINTS * size)  # a map texel a sub-point: nothing between them is skipped
+
+    def limited(self, longest: int) -> tuple[int, int]:
+        """The maps' own size, shrunk where its longer side exceeds `longest`."""
+        return _fitted(self.full, min(longest, max(self.full)))
+
+    def shrunk(self, picture: Array) -> Array:
+        return resize(picture, self.grid)
+
+    def _albedo(self) -> Array:
+        name = self.roles["albedo"]
+        picture = read_picture(self.files, name)
+        if picture.min() < 0 or picture.max() > 1:
+            raise InputError(f"{self.files.label(name)}: an albedo must lie in [0, 1]: scale it")
+        return picture
+
+    def codes(self, role: str) -> Array | None:
+        """A map that is no colour, (H, W, 3) at full size: codes as fractions of white, EXR as stored."""
+        if role not in self.roles:
+            return None
+        name = self.roles[role]
+        height, width = picture_size(self.files, name)
+        if abs(height * self.full[1] / (width * self.full[0]) - 1) > 0.01:
+            other = self.files.label(self.roles["albedo"])
+            raise InputError(
+                f"{self.files.label(name)}: {width} x {height} pixels are not of the same proportion as the "
+                f"{self.full[1]} x {self.full[0]} of {other}: bring both to one"
+            )
+        picture = read_picture(self.files, name)
+        stored = kind_of(self.files.head(name, 8)) in ("exr", "hdr")
+        return picture if stored else encode_srgb(picture).astype(np.float32)
+
+    def channel(self, role: str, packed: int, notes: dict[str, str], default: float) -> Array | float:
+        """A scalar map in [0, 1] from its own file, else from that channel of the packed one, else a number."""
+        own = self.codes(role)
+        picture = self.codes("packed") if own is None else own
+        if picture is None:
+            notes[role] = f"{default:g} (no map)"
+            return default
+        if own is None:
+            notes[role] = f"{self.roles['packed']} ({('red', 'green', 'blue')[packed]})"
+        return np.clip(self.shrunk(picture[..., 0 if own is not None else packed]), 0, 1)
+
+
+def _fitted(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
+    """(H, W) of the same proportion whose longer side is `longest`."""
+    height, width = (max(1, round(side * longest / max(shape))) for side in shape[:2])
+    return height, width
+
+
+def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tuple[Array | None, Array | None]:
+    """Mean normals (H, W, 3), the shorter the more they vary, and displacement (H, W) in units of the width; None where
+    there is no map."""
+    normal_role = next((role for role in ("normal_gl", "normal_dx", "normal") if role in reader.roles), "")
+    height_role = next((role for role in ("displacement", "depth") if role in reader.roles), "")
+    codes = reader.codes(normal_role)
+    normal = None if codes is None else _vectors(codes, reader.files.label(reader.roles[normal_role]))
+    picture = reader.codes(height_role)
+    height = None if picture is None else picture[..., 0]
+    found = Agreement()
+    if normal is not None and height is not None:
+        judged = reader.limited(JUDGED)
+        found = agreement(resize(normal, judged), resize(height, judged))
+    inverted, downward = found.verdict(height_role == "depth", normal_role)
+    if normal is not None:
+        notes[normal_role] += f": green {'down (DX)' if downward else 'up (GL)'}, {found.told(normal_role)}"
+        if downward:
+            normal[..., 1] *= -1
+        normal = reader.shrunk(normal)
+    if height is not None:
+        fitted = depth is None and found.depth is not None
+        depth = depth if depth is not None else found.depth if found.depth is not None else DEFAULT_DEPTH
+        if not 0 <= depth <= 1:
+            raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
+        notes[height_role] += f": {'dark' if inverted else 'bright'} is high, depth {depth:.4f} of the width"
+        notes[height_role] += ", fitted to the normal map" if fitted else ""
+        height = reader.shrunk(height) * np.float32(-depth if inverted else depth)
+    return normal, height
+
+
+def _roughened(roughness: Array | float, length: Array) -> Array:
+    """Roughness widened by what shrinking took from the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005)."""
+    length = np.clip(length, 0.1, 1)
+    return np.minimum((roughness**4 + (1 - length) / length) ** 0.25, 1)
+
+
+def _vectors(codes: Array, label: str) -> Array:
+    """Unit vectors of a tangent-space normal map's codes: n = 2 · code − 1."""
+    normal = 2 * codes - 1
+    if normal[..., 2].mean() < 0.3:
+        raise InputError(f"{label}: its blue is too dark for a tangent-space normal map: bake it in tangent space")
+    return _unit(normal)
+
+
+def _unit(normal: Array) -> Array:
+    return normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+
+
+def _anisotropy(reader: _Reader) -> tuple[Array | float, Array | float]:
+    """Strength and direction. A coloured map packs both (glTF KHR_materials_anisotropy: red, green direction; blue
+    strength); else a grey angle map counts once round, counter-clockwise (Substance)."""
+    picture = reader.codes("anisotropy")
+    if picture is None:
+        return 0.0, 0.0
+    if np.ptp(picture, axis=-1).max() > 0.02:
+        x, y = 2 * picture[..., 0] - 1, 2 * picture[..., 1] - 1
+        return np.clip(reader.shrunk(picture[..., 2]), 0, 1), _mean_angle(reader, np.arctan2(y, x))
+    turns = reader.codes("anisotropy_angle")
+    angle = 0.0 if turns is None else _mean_angle(reader, 2 * np.pi * turns[..., 0])
+    return np.clip(reader.shrunk(picture[..., 0]), 0, 1), angle
+
+
+def _mean_angle(reader: _Reader, angle: Array) -> Array:
+    """Angles are the same modulo π, so they are averaged as directions of twice the angle."""
+    double = reader.shrunk(np.stack([np.cos(2 * angle), np.sin(2 * angle)], -1))
+    return 0.5 * np.arctan2(double[..., 1], double[..., 0])

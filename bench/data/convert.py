@@ -1,0 +1,135 @@
+"""A BTF cut, shrunk or thinned, and written in an open format: `.npz`, or a folder of EXR pictures with `pairs.csv`.
+
+Slices are read and written one at a time, so memory stays small whatever the size. A result is written beside its
+place under a temporary name, opened once to see that it can be read, and renamed.
+"""
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from bench.btf import BTF, Source
+from bench.data.readers import open_btf
+from bench.data.readers.folder import write_folder
+from bench.data.readers.npz import write_npz
+from bench.data.thinning import thinned
+from bench.errors import InputError
+
+Array = np.ndarray
+
+
+def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample: int = 1, thin: int = 0) -> BTF:
+    """The BTF, lazily, thinned to about `thin` pairs evenly in angle, cropped to (row, col, height, width), and then
+    averaged over downsample² texels in linear light. Raises `InputError` for a window or factor that does not fit."""
+    if thin < 0 or downsample < 1:
+        raise InputError(f"--thin must be at least 0 and --downsample at least 1, not {thin}, {downsample}")
+    btf = thinned(btf, thin)
+    if crop:
+        btf = cropped(btf, *crop)
+    if downsample > min(btf.shape):
+        raise InputError(f"--downsample {downsample}: the picture has {btf.shape[0]} x {btf.shape[1]} texels")
+    return btf.downsample(downsample)
+
+
+def cropped(btf: BTF, row: int, col: int, height: int, width: int) -> BTF:
+    """The window of `height` × `width` texels whose upper left one is (row, col); it wraps around no longer."""
+    H, W = btf.shape
+    if min(row, col) < 0 or min(height, width) < 1 or row + height > H or col + width > W:
+        raise InputError(f"--crop {row},{col},{height},{width}: does not fit into {H} x {W} texels")
+    if (height, width) == (H, W):
+        return btf
+    return BTF(
+        btf.name,
+        btf.wo,
+        btf.wi,
+        _Window(btf.source, row, col, height, width),
+        heldout=btf.heldout,
+        provenance=btf.provenance | {"cropped": [row, col, height, width]},
+        pairs=btf.pairs,
+    )
+
+
+class _Window(Source):
+    """A rectangle of another source."""
+
+    def __init__(self, source: Source, row: int, col: int, height: int, width: int):
+        self.source, self.row, self.col = source, row, col
+        self.shape, self.count = (height, width), source.count
+
+    def slice(self, pair: int) -> Array:
+        (H, W), row, col = self.shape, self.row, self.col
+        return self.source.slice(pair)[row : row + H, col : col + W]
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        return self.source.texels(rows + self.row, cols + self.col, pairs)
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        return self.source.gather(pair, row + self.row, col + self.col)
+
+    def fingerprint(self) -> str:
+        window = f"{self.source.fingerprint()} window {self.row} {self.col} {self.shape}"
+        return hashlib.sha256(window.encode()).hexdigest()
+
+
+class _Watched(Source):
+    """Another source that tells how many slices have been read."""
+
+    def __init__(self, source: Source, tell: Callable[[int], None]):
+        self.source, self.tell, self.read = source, tell, 0
+        self.shape, self.count = source.shape, source.count
+
+    def slice(self, pair: int) -> Array:
+        self.read += 1
+        self.tell(self.read)
+        return self.source.slice(pair)
+
+
+def write_btf(btf: BTF, out: Path, progress: Callable[[int, int], None] | None = None) -> None:
+    """Write a BTF as one `.npz` (float32) where `out` ends so, else as a folder of EXR pictures with `pairs.csv`.
+
+    `progress(done, pairs)` is called for each slice. Nothing stands under `out` before it is complete; an `.npz` is
+    replaced. Raises `InputError` where `out` is a folder that holds something, or cannot be made.
+    """
+    check_place(out)
+    to_file = _is_file_name(out)
+    partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
+    if progress:
+        source = _Watched(btf.source, lambda done: progress(done, len(btf)))
+        btf = BTF(
+            btf.name,
+            btf.wo,
+            btf.wi,
+            source,
+            heldout=btf.heldout,
+            periodic=btf.periodic,
+            provenance=btf.provenance,
+            pairs=btf.pairs,
+        )
+    try:
+        (write_npz if to_file else write_folder)(btf, partial)
+        open_btf(partial)  # what the readers would refuse must not stand there as if it were done
+        os.replace(partial, out)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}): is there room, and may you write?") from error
+    finally:
+        if partial.is_dir():
+            shutil.rmtree(partial)
+        partial.unlink(missing_ok=True)
+
+
+def check_place(out: Path) -> None:
+    """Raise `InputError` where `write_btf` could not write, before any work is spent on it."""
+    if not out.absolute().parent.is_dir():
+        raise InputError(f"{out}: its folder is not there: make it first")
+    if _is_file_name(out) and out.is_dir():
+        raise InputError(f"{out}: a folder: choose another name")
+    if not _is_file_name(out) and (out.is_file() or (out.is_dir() and any(out.iterdir()))):
+        raise InputError(f"{out}: is there and not an empty folder: choose another name (a file ends in .npz)")
+
+
+def _is_file_name(out: Path) -> bool:
+    return out.suffix == ".npz"

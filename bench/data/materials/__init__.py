@@ -1,0 +1,72 @@
+"""The built-in materials: rendered by the suite, so that everything runs without a download.
+
+Names and descriptions live here; recipes, renderer and image libraries are imported only when a material is loaded.
+"""
+
+import importlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from bench.errors import InputError
+from bench.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from bench.btf import BTF
+    from bench.data.materials.maps import Recipe
+
+_REGISTRY: dict[str, tuple[str, str]] = {
+    "brick": ("bench.data.materials.photographs:Brick", "rough diffuse relief: brickwork from a photograph"),
+    "gravel": ("bench.data.materials.photographs:Gravel", "rough diffuse relief with sharp shadows, from a photograph"),
+    "grass": ("bench.data.materials.photographs:Grass", "fine, irregular relief from a photograph"),
+    "satin": ("bench.data.materials.satin:Satin", "woven anisotropic satin, warp and weft of two colours"),
+    "brushed-metal": (
+        "bench.data.materials.brushed_metal:BrushedMetal",
+        "brushed anisotropic metal with HDR highlights",
+    ),
+    "leather": ("bench.data.materials.leather:Leather", "glossy pebbled leather"),
+    "cable-knit": (
+        "bench.data.materials.cable_knit:CableKnit",
+        "cable-knit wool: strong parallax, occlusion and shadows",
+    ),
+}
+
+
+def names() -> list[str]:
+    """Every built-in material."""
+    return list(_REGISTRY)
+
+
+def describe() -> dict[str, str]:
+    """Name → one line of description; imports nothing."""
+    return {name: line for name, (_, line) in _REGISTRY.items()}
+
+
+def recipe(name: str) -> "Recipe":
+    """The recipe of a built-in material with its default parameters. Raises `InputError` for an unknown name."""
+    if name not in _REGISTRY:
+        raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
+    module, _, attribute = _REGISTRY[name][0].partition(":")
+    made: Recipe = getattr(importlib.import_module(module), attribute)()
+    return made
+
+
+def load(
+    name: str,
+    size: int = 64,
+    views: int = 25,
+    lights: int = 25,
+    directions: str = "ubo2003",
+    heldout: int = 150,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> "BTF":
+    """A built-in material as a periodic BTF of size² texels, rendered once and then mapped from the cache.
+
+    Pairs: the product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights +
+    light), then `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks.
+    `seed` shapes the material's random structure and the held-out pairs. `progress(done, pairs)` is called while
+    rendering. Raises `InputError` for an unknown name or direction set and for counts out of range.
+    """
+    from bench.data.materials.store import load_or_render
+
+    return load_or_render(name, recipe(name), size, (views, lights), directions, heldout, seed, progress)

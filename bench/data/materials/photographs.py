@@ -1,0 +1,96 @@
+"""Reliefs from photographs that scikit-image carries: grey and not periodic, so coloured and blended into a period."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter, map_coordinates
+from skimage import data
+
+from bench.data.materials.maps import Maps, resize
+from bench.data.materials.noise import mix, normalised, smooth, srgb
+from bench.data.periodic import make_periodic
+
+Array = np.ndarray
+
+
+def _detail(picture: Array, sigma: float) -> Array:
+    """The picture less its slow changes, zero mean and unit deviation."""
+    detail = picture - gaussian_filter(picture, sigma, mode="wrap")
+    return (detail - detail.mean()) / detail.std()
+
+
+@dataclass(frozen=True)
+class Brick:
+    """Brickwork: recessed bright mortar, rough fired clay; the photograph's perspective is undone first."""
+
+    resolution: int = 256
+    height: float = 0.022
+    roughness: float = 0.85
+    clay_srgb: tuple[float, float, float] = (156, 78, 58)
+    mortar_srgb: tuple[float, float, float] = (176, 168, 156)
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        grey = resize(make_periodic(_rectified(data.brick() / 255.0), (16, 24)), (self.resolution, self.resolution))
+        mortar = np.clip((grey - 0.45) / 0.12, 0, 1)
+        mortar = mortar * mortar * (3 - 2 * mortar)
+        grain = smooth(rng, self.resolution, 0.004, 0.004)
+        tone = smooth(rng, self.resolution, 0.06, 0.1)
+        face = gaussian_filter(1 - mortar, 1.2, mode="wrap") + 0.025 * grain + 0.04 * tone
+        colour = mix(srgb(*self.clay_srgb), srgb(*self.mortar_srgb), mortar)
+        colour = colour * (1 + 0.15 * tone + 0.06 * grain)[..., None]
+        return Maps(self.height * normalised(face), np.clip(colour, 0, 1), self.roughness, specular=0.5)
+
+
+def _rectified(picture: Array) -> Array:
+    """The wall with its long joints made parallel and turned flat, cut in two joints eight courses apart: (324, 400).
+
+    The numbers are those that make the mean over the courses' length vary most.
+    """
+    y, x = np.mgrid[0:400, 0:400] / 399.0
+    row = 30 + 475 * y
+    column = 223.4 + (x - 0.5) * 440 * (0.706 + 0.294 * row / 511)
+    return map_coordinates(picture, [row, column], order=1, mode="nearest").T[33:357]
+
+
+@dataclass(frozen=True)
+class Gravel:
+    """Loose gravel: the photograph's brightness as height, its shadows deepened."""
+
+    resolution: int = 256
+    height: float = 0.06
+    roughness: float = 0.9
+    stone_srgb: tuple[float, float, float] = (168, 160, 150)
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        grey = resize(
+            make_periodic(data.gravel()[200:450, 200:450] / 255.0, (40, 40)), (self.resolution, self.resolution)
+        )
+        detail = np.clip(_detail(gaussian_filter(grey, 2, mode="wrap"), 30), -2.5, 2.5)
+        warm = 0.06 * smooth(rng, self.resolution, 0.02, 0.02)
+        colour = srgb(*self.stone_srgb) * (0.75 + 0.2 * detail)[..., None] * (1 + warm[..., None] * [1, 0, -1])
+        return Maps(self.height * normalised(detail), np.clip(colour, 0.02, 1), self.roughness, specular=0.5)
+
+
+@dataclass(frozen=True)
+class Grass:
+    """A lawn: bright blades stand over dark gaps."""
+
+    resolution: int = 256
+    height: float = 0.06
+    roughness: float = 0.6
+    blade_srgb: tuple[float, float, float] = (112, 148, 62)
+    soil_srgb: tuple[float, float, float] = (58, 50, 30)
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        grey = resize(
+            make_periodic(data.grass()[20:276, 200:456] / 255.0, (48, 48)), (self.resolution, self.resolution)
+        )
+        detail = np.clip(_detail(gaussian_filter(grey, 1.5, mode="wrap"), 30), -2.5, 2.5)
+        height = normalised(detail)
+        dry = 0.12 * smooth(rng, self.resolution, 0.05, 0.05)
+        colour = mix(srgb(*self.soil_srgb), srgb(*self.blade_srgb), np.clip(1.6 * height, 0, 1))
+        colour = colour * (1 + dry[..., None] * [1, 0.2, -0.5])
+        return Maps(self.height * height, np.clip(colour, 0, 1), self.roughness, specular=0.3)

@@ -1,0 +1,172 @@
+"""Surfaces that no suite holds, to train on what is then tried on the built-in materials: any number of them.
+
+Half are the built-in recipes that are procedural (satin, brushed metal, leather, cable-knit) with every parameter drawn
+anew; the photographs (brick, gravel, grass) are left out, since another colour would be the same relief. Half are
+patchworks: two substances over a random relief. Number n is the same surface everywhere.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.btf import BTF
+from bench.data.materials.brushed_metal import BrushedMetal
+from bench.data.materials.cable_knit import CableKnit
+from bench.data.materials.leather import Leather
+from bench.data.materials.maps import Maps, Recipe
+from bench.data.materials.noise import mix, normalised, smooth, srgb
+from bench.data.materials.satin import Satin
+
+RESOLUTION = 128  # of the maps: rendered at 32², a texel is as fine against the relief as those of the suites
+Colour = tuple[float, float, float]
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Patchwork:
+    """Two substances, one in the low places or strewn about, over noise that is more or less flattened to plateaus."""
+
+    resolution: int
+    height: float
+    grain: Pair  # texture units along u and v
+    detail: float  # relief of a quarter of the grain
+    plateau: float  # 0: hills; 1: almost two levels
+    low: float  # share of the mask that follows the height
+    cover: float  # about which height the substances change
+    srgb: tuple[Colour, Colour]
+    roughness: Pair
+    metalness: Pair
+    specular: float
+    anisotropy: float
+    angle_deg: float
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        n, (u, v) = self.resolution, self.grain
+        hills = smooth(rng, n, v, u) + self.detail * smooth(rng, n, v / 4, u / 4)
+        relief = normalised((1 - self.plateau) * hills + 2 * self.plateau * np.tanh(4 * hills))
+        strewn = normalised(smooth(rng, n, v, u))
+        mask = np.clip((self.low * relief + (1 - self.low) * strewn - self.cover) / 0.15 + 0.5, 0, 1)
+        tone, scratch = smooth(rng, n, 0.03, 0.03), smooth(rng, n, 0.01, 0.01)
+        colour = mix(srgb(*self.srgb[0]), srgb(*self.srgb[1]), mask)
+        return Maps(
+            height=self.height * (relief + 0.02 * scratch),
+            base_colour=np.clip(colour * (1 + 0.12 * tone + 0.05 * scratch)[..., None], 0, 1),
+            roughness=np.clip(_between(self.roughness, mask) + 0.04 * scratch, 0.15, 1),
+            metalness=_between(self.metalness, mask),
+            specular=self.specular,
+            anisotropy=self.anisotropy,
+            angle=np.radians(self.angle_deg) + 0.2 * tone,
+        )
+
+
+def _between(pair: Pair, mask: np.ndarray) -> np.ndarray:
+    return pair[0] + (pair[1] - pair[0]) * mask
+
+
+def variation(number: int) -> tuple[str, Recipe]:
+    """The kind and the recipe of surface `number`: four built-in ones and four patchworks in turn."""
+    kinds = [*_KINDS.items(), *[("patchwork", _patchwork)] * len(_KINDS)]
+    kind, draw = kinds[number % len(kinds)]
+    return kind, draw(np.random.default_rng([number, 0x7A12]))
+
+
+def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
+    """Surface `number` as a periodic BTF of size² texels, rendered once and then mapped from the cache.
+
+    Pairs: 25 × 25 of the UBO2003 directions, then `heldout` random ones, as for built-in materials.
+    """
+    from bench.data.materials.store import load_or_render
+
+    kind, recipe = variation(number)
+    # Seed 0 is that of the built-in materials, whose random structure must not be trained on.
+    return load_or_render(f"variation-{number}-{kind}", recipe, size, (25, 25), "ubo2003", heldout, number + 1)
+
+
+def _satin(rng: np.random.Generator) -> Satin:
+    return Satin(
+        resolution=RESOLUTION,
+        threads=5 * int(rng.integers(1, 3)),
+        height=_geometric(rng, 0.008, 0.05),
+        twist_deg=rng.uniform(-25, 25),
+        roughness=rng.uniform(0.25, 0.7),
+        anisotropy=rng.uniform(0.4, 0.95),
+        warp_srgb=_colour(rng),
+        weft_srgb=_colour(rng),
+    )
+
+
+def _brushed_metal(rng: np.random.Generator) -> BrushedMetal:
+    return BrushedMetal(
+        resolution=RESOLUTION,
+        height=_geometric(rng, 0.0005, 0.006),
+        roughness=rng.uniform(0.2, 0.6),
+        anisotropy=rng.uniform(0.2, 0.95),
+        metal_srgb=_colour(rng, darkest=120),
+    )
+
+
+def _leather(rng: np.random.Generator) -> Leather:
+    return Leather(
+        resolution=RESOLUTION,
+        height=_geometric(rng, 0.01, 0.08),
+        cells=int(rng.integers(3, 9)),
+        crease=rng.uniform(0.5, 1.4),
+        roughness=rng.uniform(0.25, 0.7),
+        skin_srgb=_colour(rng),
+        crease_srgb=_colour(rng),
+    )
+
+
+def _cable_knit(rng: np.random.Generator) -> CableKnit:
+    return CableKnit(
+        resolution=RESOLUTION,
+        height=_geometric(rng, 0.05, 0.25),
+        stitches=2 * int(rng.integers(2, 6)),
+        bumps=int(rng.integers(3, 8)),
+        sway=rng.uniform(0.05, 0.2),
+        radius=rng.uniform(0.1, 0.25),
+        yarn=rng.uniform(0.15, 0.5),
+        roughness=rng.uniform(0.4, 0.95),
+        colour_srgb=_colour(rng),
+    )
+
+
+def _patchwork(rng: np.random.Generator) -> Patchwork:
+    grain = _geometric(rng, 0.02, 0.12)
+    return Patchwork(
+        resolution=RESOLUTION,
+        height=_geometric(rng, 0.004, 0.25),
+        grain=(grain, grain * _geometric(rng, 0.5, 2)),
+        detail=rng.uniform(0, 0.5),
+        plateau=rng.choice([0, rng.uniform()]),
+        low=rng.choice([1, rng.uniform()]),
+        cover=rng.uniform(0.2, 0.8),
+        srgb=(_colour(rng), _colour(rng)),
+        roughness=(rng.uniform(0.25, 1), rng.uniform(0.25, 1)),
+        metalness=(float(rng.random() < 0.2), float(rng.random() < 0.2)),
+        specular=rng.choice([0, 0.5, 1]),
+        anisotropy=rng.choice([0, rng.uniform()]),
+        angle_deg=rng.uniform(0, 180),
+    )
+
+
+_KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
+    "satin": _satin,
+    "brushed-metal": _brushed_metal,
+    "leather": _leather,
+    "cable-knit": _cable_knit,
+}
+
+
+def _geometric(rng: np.random.Generator, low: float, high: float) -> float:
+    """Uniform in the logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _colour(rng: np.random.Generator, darkest: float = 25) -> Colour:
+    """sRGB codes, from grey to strongly coloured."""
+    grey, vivid, share = rng.uniform(darkest, 245), rng.uniform(darkest, 245, 3), rng.uniform()
+    red, green, blue = grey + share * (vivid - grey)
+    return float(red), float(green), float(blue)

@@ -1,0 +1,194 @@
+"""A look at a BTF before it is used: what seems wrong with it, and its portrait as a PNG.
+
+Everything comes from a few dozen slices, so that a table of 22 GB is looked at in seconds: the lights seen from the
+view nearest the normal, and a contact sheet of views × lights.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.btf import BTF, Layout, box_filter
+from bench.data import periodic
+from bench.errors import InputError
+from bench.hemisphere import thin, to_degrees
+from bench.metrics.display import exposure_of, to_display
+
+Array = np.ndarray
+LIGHTS = 24  # slices of the view nearest the normal
+SHEET = (4, 6)  # views × lights of the contact sheet
+STEEP = 0.45  # cos θ of the directions that the sheet prefers, about 63°: beyond, highlights outshine the rest
+TEXELS = 4096  # texels of a slice that are counted
+THUMB = 256  # longest side of a picture of the sheet
+FLAT = 0.35  # power of cos θ_i below which a cosine seems missing; Lambert has 1, measured fabrics about 0.7
+SEAM = 1.5  # gradient across the border over that inside, from which on it shows
+CLIPPED = 1e-3  # share of values exactly at the maximum that no unclipped data reaches
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a few slices of a BTF show.
+
+    `values` (n, 3) are texels of all slices looked at; `power` is the exponent of cos θ_i with which the median of a
+    slice falls, None where the lights do not tell; `seams` are the gradients across the left–right and the top–bottom
+    border, each over the mean and over the largest inside.
+    """
+
+    btf: BTF
+    sheet: list[int]
+    thumbs: list[Array]
+    values: Array
+    power: float | None
+    seams: list[tuple[float, float]]
+
+    @cached_property
+    def layout(self) -> Layout:
+        """The training pairs' layout: random held-out pairs belong to no product."""
+        train = self.btf.split().train if self.btf.heldout is not None else slice(None)
+        return Layout.of(self.btf.wo[train], self.btf.wi[train])
+
+    @property
+    def clipped(self) -> float:
+        """The share of values that lie exactly at the maximum; 0 where they are few, or all values are equal."""
+        at_top = int((self.values == self.values.max()).sum())
+        return at_top / self.values.size if 10 <= at_top < self.values.size else 0.0
+
+    @property
+    def missing(self) -> int:
+        """How many pairs a product of views and lights lacks; 0 where most are missing, so that none was meant."""
+        product = len(self.layout.views) * len(self.layout.lights)
+        return product - len(self.layout.view) if len(self.layout.view) > product / 2 else 0
+
+    def warnings(self) -> list[str]:
+        """What seems wrong, a sentence each, with what it may mean."""
+        found = []
+        if self.power is not None and self.power < FLAT:
+            found.append(
+                f"brightness falls as cos(theta_i) to the power of {self.power:.2f}: "
+                "the light's cosine seems to be missing"
+            )
+        if self.clipped >= CLIPPED:
+            found.append(
+                f"{self.clipped:.2%} of the values lie exactly at the maximum, {self.values.max():.4g}: "
+                "highlights are clipped"
+            )
+        if self.missing:
+            whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
+            found.append(f"{self.missing:,} pairs are missing of the product of {whole}")
+        for (mean, largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
+            if mean >= SEAM and largest >= 1:
+                what = "though it is said to repeat" if self.btf.periodic else "repeated, it shows"
+                found.append(f"a seam at the {border} border, {mean:.1f} times the gradient inside: {what}")
+        return found
+
+
+def look(btf: BTF) -> Look:
+    """Read some 48 slices of a BTF, one at a time."""
+    rng = np.random.default_rng(0)
+    sheet, row = _sheet(btf), _row(btf)
+    values, thumbs, medians, seams = [], {}, {}, []
+    for pair in dict.fromkeys([*sheet, *row]):
+        picture = btf[pair]
+        texels = picture.reshape(-1, 3)
+        values.append(texels[rng.integers(0, len(texels), TEXELS)] if len(texels) > TEXELS else texels)
+        medians[pair] = float(np.median(texels.mean(1)))
+        seams.append(periodic.seams(picture))
+        if pair in sheet:
+            thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
+    power = _power(btf.wi[row, 2], np.array([medians[pair] for pair in row]))
+    ratios = np.mean(seams, 0)
+    seen = [(float(r[0] / max(r[1], 1e-12)), float(r[0] / max(r[2], 1e-12))) for r in ratios]
+    return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.concatenate(values), power, seen)
+
+
+def _sheet(btf: BTF) -> list[int]:
+    """Pairs of the contact sheet: evenly spread views × lights, else pairs spread over the list."""
+    pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(~btf.heldout)
+    layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
+    if layout.grid is None:
+        return [int(pairs[i]) for i in np.unique(np.linspace(0, len(pairs) - 1, SHEET[0] * SHEET[1]).astype(int))]
+    views = _spread(layout.views, max(SHEET[0], SHEET[0] * SHEET[1] // len(layout.lights)))
+    lights = _spread(layout.lights, SHEET[0] * SHEET[1] // len(views))
+    return [int(i) for i in pairs[layout.grid[np.ix_(views, lights)].reshape(-1)]]
+
+
+def _spread(side: Array, count: int) -> Array:
+    """Indices of at most `count` directions evenly spread, none that grazes as long as there are others."""
+    steep = np.flatnonzero(side[:, 2] > STEEP)
+    steep = steep if len(steep) >= count else np.arange(len(side))
+    return steep[thin(side[steep], min(count, len(steep)))]
+
+
+def _row(btf: BTF) -> list[int]:
+    """Pairs of the view nearest the normal, their lights evenly spread."""
+    nearest = btf.layout.view[int(np.argmax(btf.wo[:, 2]))]
+    pairs = np.flatnonzero(btf.layout.view == nearest)
+    return [int(i) for i in pairs[thin(btf.wi[pairs], min(LIGHTS, len(pairs)))]]
+
+
+def _power(cos: Array, median: Array) -> float | None:
+    """The slope of log median over log cos θ_i; None with fewer than 4 lit slices or lights of like inclination."""
+    lit = median > 0
+    if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:
+        return None
+    return float(np.polyfit(np.log(cos[lit]), np.log(median[lit]), 1)[0])
+
+
+def draw(seen: Look, out: Path) -> None:
+    """Write a PNG: the directions in polar plots, a histogram of the values, and the contact sheet with angles.
+
+    Raises `InputError` where `out` cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    columns = SHEET[1]
+    rows = -(-len(seen.sheet) // columns)
+    figure = Figure(figsize=(2 * SHEET[1], 4 + 2.2 * rows), layout="constrained")
+    figure.suptitle(f"{seen.btf.name}: {seen.btf.shape[0]} × {seen.btf.shape[1]} texels, {len(seen.btf):,} pairs")
+    parts: Any = figure.subfigures(2, 1, height_ratios=[4, 2.2 * rows])
+    top, bottom = parts
+    _draw_directions(top.add_subplot(1, 3, 1, projection="polar"), seen, "views", seen.btf.wo)
+    _draw_directions(top.add_subplot(1, 3, 2, projection="polar"), seen, "lights", seen.btf.wi)
+    _draw_values(top.add_subplot(1, 3, 3), seen.values)
+    exposure = exposure_of(seen.values)
+    for place, (pair, thumb) in enumerate(zip(seen.sheet, seen.thumbs, strict=True)):
+        axes = bottom.add_subplot(rows, columns, place + 1)
+        axes.imshow(to_display(thumb, exposure))
+        axes.set_title(_angles(seen.btf, pair), fontsize=7)
+        axes.set_axis_off()
+    try:
+        figure.savefig(out, format="png", dpi=100)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place") from error
+
+
+def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> None:
+    heldout = np.zeros(len(directions), bool) if seen.btf.heldout is None else seen.btf.heldout
+    for mask, label in ((heldout, "held out"), (~heldout, "training")):
+        theta, phi = to_degrees(Layout.of(directions[mask], directions[mask]).views)
+        if mask.any():
+            axes.scatter(np.radians(phi), theta, s=8, label=label)
+    axes.set_rlim(0, 90)
+    axes.set_title(f"{title}: θ in degrees from the middle", fontsize=9)
+    if heldout.any():
+        axes.legend(fontsize=7, loc="lower left", bbox_to_anchor=(-0.15, -0.15))
+
+
+def _draw_values(axes: Any, values: Array) -> None:
+    lit = values[values > 0]
+    if lit.size:
+        bins = np.geomspace(lit.min(), max(lit.max(), lit.min() * 1.01), 80)
+        for channel, colour in enumerate(("tab:red", "tab:green", "tab:blue")):
+            axes.hist(values[:, channel], bins, histtype="step", color=colour, log=True)
+        axes.set_xscale("log")
+    dark = 1 - lit.size / values.size
+    axes.set_title("sampled values" + (f"; {dark:.1%} are 0 or less" if dark >= 5e-4 else ""), fontsize=9)
+    axes.set_xlabel("linear radiance per unit irradiance")
+
+
+def _angles(btf: BTF, pair: int) -> str:
+    (theta_o, theta_i), (phi_o, phi_i) = to_degrees(np.stack([btf.wo[pair], btf.wi[pair]]))
+    return f"o {theta_o:.0f}°, {phi_o:.0f}°   i {theta_i:.0f}°, {phi_i:.0f}°"

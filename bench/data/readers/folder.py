@@ -1,0 +1,163 @@
+"""A folder of pictures with `pairs.csv`: the plain way in for everybody, and the way out.
+
+`pairs.csv` has the columns `file, theta_o_deg, phi_o_deg, theta_i_deg, phi_i_deg`, in any order, and optionally
+`split` (`train` or `heldout`). `btf.json`, which `write_folder` adds, keeps what pictures cannot say.
+"""
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.btf import BTF
+from bench.data.readers.checks import angles_in_range, no_duplicates, readable, view_major
+from bench.data.readers.files import FolderFiles, inside
+from bench.data.readers.pictures import PictureSource
+from bench.errors import InputError
+from bench.hemisphere import from_degrees, to_degrees
+
+Array = np.ndarray
+LIST, NOTES = "pairs.csv", "btf.json"
+ANGLES = ("theta_o_deg", "phi_o_deg", "theta_i_deg", "phi_i_deg")
+COLUMNS = ("file", *ANGLES)
+MAX_LIST = 256 << 20
+
+
+def open_folder(path: Path) -> BTF:
+    """The BTF of a folder, lazily; pairs sorted by view, then by light.
+
+    Radiance is linear Rec. 709 f_r · cos θ_i as the pictures hold it: EXR and .hdr as stored, 8- and 16-bit codes
+    decoded as sRGB. Raises `InputError` naming `pairs.csv` and the row for whatever cannot be used.
+    """
+    rows = _read_rows(path / LIST)
+    angles = np.array([_angles(path, number, row) for number, row in rows])
+    numbers = [number for number, _ in rows]
+    names = [inside(row["file"], _row(path, number)) for number, row in rows]
+
+    def label(index: int) -> str:
+        return _row(path, numbers[index])
+
+    for side, what in ((0, "_o_deg"), (2, "_i_deg")):
+        angles_in_range(np.radians(angles[:, side]), np.radians(angles[:, side + 1]), label, what)
+    wo, wi = from_degrees(angles[:, 0], angles[:, 1]), from_degrees(angles[:, 2], angles[:, 3])
+    no_duplicates(wo, wi, label)
+    heldout = _heldout(path, rows)
+    order = view_major(wo, wi)
+    source = PictureSource(FolderFiles(path), [names[i] for i in order], [label(i) for i in order])
+    notes = _notes(path / NOTES)
+    return BTF(
+        str(notes.get("name", path.resolve().name)),
+        wo[order],
+        wi[order],
+        source,
+        heldout=None if heldout is None else heldout[order],
+        periodic=bool(notes.get("periodic", False)),
+        provenance={
+            "format": "folder",
+            "colour": "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored",
+            "cosine": "as stored: values are taken as f_r cos(theta_i)",
+            "clamp": "none",
+            **notes.get("provenance", {}),
+        },
+    )
+
+
+def _row(path: Path, number: int) -> str:
+    return f"{path / LIST}, line {number}"
+
+
+def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
+    """Line number and cells of each line of `pairs.csv`; empty lines are left out."""
+    with readable(str(path), "save it as plain comma-separated text in UTF-8"):
+        if path.stat().st_size > MAX_LIST:
+            raise InputError(f"{path}: larger than {MAX_LIST >> 20} MiB: no list of pairs")
+        reader = csv.reader(io.StringIO(path.read_text("utf-8-sig"), newline=""), skipinitialspace=True)
+        lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader if any(cells)]
+    if not lines:
+        raise InputError(f"{path}: empty: give a header {','.join(COLUMNS)} and one line a picture")
+    header = lines[0][1]
+    missing = [name for name in COLUMNS if name not in header]
+    if missing or len(set(header)) < len(header):
+        fault = f"without column {', '.join(missing)}" if missing else "with a column twice"
+        raise InputError(f"{path}: a header {fault} ({','.join(header)[:100]!r}): it needs {','.join(COLUMNS)}")
+    if len(lines) == 1:
+        raise InputError(f"{path}: lists no picture: add one line a picture below the header")
+    for number, cells in lines[1:]:
+        if len(cells) != len(header):
+            raise InputError(f"{path}, line {number}: {len(cells)} cells under {len(header)} columns: mend the line")
+    return [(number, dict(zip(header, cells, strict=True))) for number, cells in lines[1:]]
+
+
+def _angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
+    """θ_o, φ_o, θ_i, φ_i in degrees of one line."""
+    values = []
+    for name in ANGLES:
+        try:
+            values.append(float(row[name]))
+        except ValueError as error:
+            raise InputError(
+                f"{_row(path, number)}: {name} = {row[name][:40]!r} is no number: give degrees, like 22.5"
+            ) from error
+    return values
+
+
+def _heldout(path: Path, rows: list[tuple[int, dict[str, str]]]) -> Array | None:
+    """Mask (N,) of the column `split`, None where there is none or where it holds nothing out."""
+    if "split" not in rows[0][1]:
+        return None
+    for number, row in rows:
+        if row["split"] not in ("train", "heldout"):
+            raise InputError(f"{_row(path, number)}: split = {row['split'][:40]!r}: write train or heldout")
+    mask = np.array([row["split"] == "heldout" for _, row in rows])
+    if mask.all():
+        raise InputError(f"{path / LIST}: every line is heldout: mark some lines train")
+    return mask if mask.any() else None
+
+
+def _notes(path: Path) -> dict[str, Any]:
+    """What `btf.json` says, {} where there is none."""
+    if not path.is_file():
+        return {}
+    with readable(str(path), "mend the file or remove it"):
+        if path.stat().st_size > MAX_LIST:
+            raise InputError(f"{path}: larger than {MAX_LIST >> 20} MiB: remove it")
+        notes = json.loads(path.read_text("utf-8"))
+    if not isinstance(notes, dict) or not isinstance(notes.get("provenance", {}), dict):
+        raise InputError(f"{path}: must hold an object with an object `provenance`: mend the file or remove it")
+    return notes
+
+
+def write_folder(btf: BTF, path: str | Path) -> None:
+    """Write a BTF as a folder: one EXR (float, R G B) a pair, `pairs.csv`, and `btf.json` with name and provenance.
+
+    Slices are read one at a time and written without loss; a declared split becomes the column `split`. The list
+    comes last, so that a folder left half-way is no BTF. Raises `InputError` where the folder already holds one.
+    """
+    folder = Path(path)
+    if (folder / LIST).exists():
+        raise InputError(f"{folder}: already holds {LIST}: choose another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    names = [f"{index:05d}.exr" for index in range(len(btf))]
+    for name, picture in zip(names, btf, strict=True):
+        write_exr(folder / name, picture)
+    notes = {"name": btf.name, "periodic": btf.periodic, "provenance": btf.provenance}
+    (folder / NOTES).write_text(json.dumps(notes, indent=1, default=str), "utf-8")
+    angles = np.stack([*to_degrees(btf.wo), *to_degrees(btf.wi)], -1)
+    with open(folder / LIST, "w", encoding="utf-8", newline="") as stream:
+        out = csv.writer(stream, lineterminator="\n")
+        out.writerow([*COLUMNS, *(["split"] if btf.heldout is not None else [])])
+        for index, name in enumerate(names):
+            split = [] if btf.heldout is None else ["heldout" if btf.heldout[index] else "train"]
+            out.writerow([name, *(f"{angle:.8g}" for angle in angles[index]), *split])
+
+
+def write_exr(path: Path, picture: Array) -> None:
+    """Write a picture (H, W, 3) as a float EXR with channels R, G, B, compressed without loss."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    channels = {name: np.ascontiguousarray(picture[..., i], np.float32) for i, name in enumerate("RGB")}
+    OpenEXR.File(header, channels).write(str(path))

@@ -1,0 +1,48 @@
+"""A mean ABRDF: a `.npz` with `rgb_geomean` (V, L, 3) and the angles of its V = L directions; a BTF of one texel."""
+
+from pathlib import Path
+
+import numpy as np
+
+from bench.btf import BTF
+from bench.data.readers.checks import angles_in_range, no_duplicates
+from bench.data.readers.files import ZipFiles
+from bench.data.readers.npz import NpzSource, read_array
+from bench.errors import InputError
+from bench.finite import finite
+from bench.hemisphere import from_angles
+
+KEY = "rgb_geomean"
+
+
+def open_mean_abrdf(path: Path) -> BTF:
+    """The BTF (1 × 1 texel) of a mean ABRDF, view-major as stored: linear Rec. 709, cosine of the light included.
+
+    `theta_deg` and `phi_deg` (V,) give the directions of both sides. Raises `InputError` naming file and array.
+    """
+    files = ZipFiles(path)
+    values, theta, phi = (read_array(files, key) for key in (KEY, "theta_deg", "phi_deg"))
+    count = len(values) if values.ndim else 0
+    if values.shape != (count, count, 3) or count == 0 or values.dtype.kind != "f":
+        raise InputError(f"{path}: {KEY} is {values.shape} {values.dtype}: it must be (V, V, 3) floats")
+    if any(angles.shape != (count,) or angles.dtype.kind not in "fiu" for angles in (theta, phi)):
+        raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
+    theta, phi = (np.radians(np.asarray(angles, np.float64)) for angles in (theta, phi))
+    angles_in_range(theta, phi, lambda row: f"{path}: direction {row}", "_deg")
+    directions = from_angles(theta, phi)
+    no_duplicates(directions, directions, lambda row: f"{path}: direction {row}")
+    finite(values, f"{path}: {KEY}")
+    view, light = np.divmod(np.arange(count * count), count)
+    return BTF(
+        path.stem,
+        directions[view],
+        directions[light],
+        NpzSource(values.reshape(-1, 1, 1, 3), path),
+        provenance={
+            "format": "mean ABRDF",
+            "colour": "linear Rec. 709 as stored",
+            "cosine": "in the data: f_r cos(theta_i)",
+            "clamp": "none",
+            "texels": "one: the geometric mean over the measured texels",
+        },
+    )

@@ -1,0 +1,71 @@
+"""Pictures whose names carry the angles, `tlTTT plPPP tvTTT pvPPP` in whole degrees, as in the Bonn and Prague sets."""
+
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.btf import BTF
+from bench.data.readers.checks import angles_in_range, no_duplicates, view_major
+from bench.data.readers.files import Files, FolderFiles, ZipFiles
+from bench.data.readers.pictures import PictureSource
+from bench.errors import InputError
+from bench.hemisphere import from_degrees
+
+# Bonn puts a running number (and at times the material) before the angles and uses spaces or underscores.
+BONN = re.compile(r"(?:^|/)[^/]+[ _]tl(\d{3})[ _]pl(\d{3})[ _]tv(\d{3})[ _]pv(\d{3})\.[^/.]+$", re.ASCII)
+PRAGUE = re.compile(r"(?:^|/)tl(\d{3})_pl(\d{3})_tv(\d{3})_pv(\d{3})\.[^/.]+$", re.ASCII)
+MAX_DEPTH = 3
+
+
+def matching(names: Iterable[str], pattern: re.Pattern[str]) -> list[str]:
+    """The names that carry angles; hidden copies (`._name`, which some archivers add) are left out."""
+    return [name for name in names if pattern.search(name) and not name.rsplit("/", 1)[-1].startswith(".")]
+
+
+def list_folder(path: Path) -> list[str]:
+    """Names of the files up to three levels below a folder, with forward slashes, sorted."""
+    names = []
+    for place, folders, files in os.walk(path):
+        inner = Path(place).relative_to(path)
+        if len(inner.parts) + 1 >= MAX_DEPTH:
+            folders.clear()
+        names += [(inner / name).as_posix() for name in files]
+    return sorted(names)
+
+
+def open_files(path: Path) -> tuple[Files, list[str]]:
+    """The files of a folder or of a zip archive, and their names."""
+    if path.is_dir():
+        return FolderFiles(path), list_folder(path)
+    archive = ZipFiles(path)
+    return archive, sorted(archive.entries)
+
+
+def open_named(path: Path, pattern: re.Pattern[str], provenance: dict[str, Any], **options: Any) -> BTF:
+    """The BTF of the pictures in a folder or zip whose names match; pairs sorted by view, then by light.
+
+    Groups of the pattern are θ_i, φ_i, θ_o, φ_o in whole degrees; `options` go to `pictures.read_picture`. Raises
+    `InputError` naming the picture where angles are out of range, a pair comes twice or sizes differ.
+    """
+    files, everything = open_files(path)
+    names = matching(everything, pattern)
+    if not names:
+        raise InputError(f"{path}: holds no picture named like tl000 pl000 tv000 pv000: give the folder that does")
+    found = [pattern.search(name) for name in names]
+    degrees = np.array([[int(group) for group in match.groups()] for match in found if match], np.float64)
+
+    def label(index: int) -> str:
+        return files.label(names[index])
+
+    for side, what in ((0, " of the light"), (2, " of the view")):
+        angles_in_range(np.radians(degrees[:, side]), np.radians(degrees[:, side + 1]), label, what)
+    wi, wo = from_degrees(degrees[:, 0], degrees[:, 1]), from_degrees(degrees[:, 2], degrees[:, 3])
+    no_duplicates(wo, wi, label)
+    order = view_major(wo, wi)
+    source = PictureSource(files, [names[i] for i in order], **options)
+    name = path.resolve().name if path.is_dir() else path.stem
+    return BTF(name, wo[order], wi[order], source, provenance=provenance)

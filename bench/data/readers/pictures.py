@@ -1,0 +1,382 @@
+"""Pictures as linear Rec. 709 RGB: JPEG, PNG (8 and 16 bit), OpenEXR (half and float) and Radiance RGBE.
+
+The kind is told from the first bytes, never from the name. Sizes come from headers alone, so that thousands of
+pictures are checked in a second and an absurd size is refused before anything is allocated.
+"""
+
+import io
+import struct
+import warnings
+import zlib
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.btf import Source
+from bench.data.readers.checks import readable
+from bench.data.readers.files import Files, FolderFiles
+from bench.errors import InputError
+from bench.finite import finite
+
+Array = np.ndarray
+MAX_PIXELS = 1 << 26
+PIXELS_PER_BYTE = 8192
+SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
+
+# IEC 61966-2-1: the primaries and the white (D65) of sRGB, which are those of Rec. 709.
+XYZ_TO_REC709 = np.array(
+    [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
+)
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+
+@cache
+def srgb_table(levels: int) -> Array:
+    """Linear values (levels,) float32 in [0, 1] of sRGB codes 0 … levels − 1 (IEC 61966-2-1)."""
+    code = np.arange(levels) / (levels - 1)
+    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def kind_of(head: bytes) -> str | None:
+    """`jpeg`, `png`, `exr` or `hdr` from the first bytes of a file, None for anything else."""
+    if head[:3] == b"\xff\xd8\xff":
+        return "jpeg"
+    if head[:8] == b"\x89PNG\r\n\x1a\n":
+        return "png"
+    if head[:4] == b"\x76\x2f\x31\x01":
+        return "exr"
+    return "hdr" if head[:2] == b"#?" else None
+
+
+def picture_size(files: Files, name: str) -> tuple[int, int]:
+    """(H, W) of a picture from its header; raises `InputError` for what `read_picture` would not read."""
+    label, total = files.label(name), files.size(name)
+    data = files.head(name, 4096)
+    kind = kind_of(data)
+    if kind is None:
+        raise InputError(f"{label}: begins with {data[:8]!r}, no picture known here: {SUPPORTED}")
+    with readable(label, "the picture is damaged; get it again"):
+        size = _SIZES[kind](data, label) or (len(data) < total and _SIZES[kind](files.read(name), label))
+    if not size:
+        raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
+    height, width = size
+    if min(size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * total):
+        raise InputError(f"{label}: a header of {width} x {height} pixels on {total} bytes is absurd: get it again")
+    return height, width
+
+
+def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False) -> Array:
+    """A picture (H, W, 3) float32 in linear Rec. 709, not clamped; grey is repeated, alpha is left out.
+
+    8- and 16-bit codes are decoded as sRGB to [0, 1]. EXR channels X, Y, Z (and R, G, B with `rgb_is_xyz`) are taken
+    as CIE XYZ under D65. Raises `InputError` for unreadable, CMYK or incomplete pictures and values not finite.
+    """
+    height, width = picture_size(files, name)
+    label = files.label(name)
+    with readable(label, "the picture is damaged; get it again"):
+        kind = kind_of(files.head(name, 8))
+        if kind == "exr":
+            picture = _read_exr(_on_disk(files, name), label, rgb_is_xyz)
+        elif kind == "hdr":
+            picture = _read_hdr(files.read(name))
+        else:
+            picture = _read_codes(files.read(name), kind, (height, width), label)
+    if picture.shape != (height, width, 3):
+        raise InputError(f"{label}: holds {picture.shape}, but its header says {(height, width, 3)}: get it again")
+    return finite(picture, label)
+
+
+class PictureSource(Source):
+    """One picture a pair, all of one size, in a folder or a zip. `texels` and `gather` go through the scratch file."""
+
+    def __init__(self, files: Files, names: Sequence[str], labels: Sequence[str] | None = None, **options: Any):
+        """Checks that every picture is there and of the same size, by headers. `labels` name the entries in errors."""
+        self.files, self.names, self.options = files, list(names), options
+        self.count = len(self.names)
+        labels = [files.label(name) for name in self.names] if labels is None else labels
+        for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
+            if not files.has(name):
+                raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
+            size = picture_size(files, name)
+            if index == 0:
+                self.shape = size
+            if size != self.shape:
+                raise InputError(
+                    f"{label}: {name} is {size[1]} x {size[0]} pixels, but {self.names[0]} is "
+                    f"{self.shape[1]} x {self.shape[0]}: bring all pictures to one size"
+                )
+
+    def slice(self, pair: int) -> Array:
+        picture = read_picture(self.files, self.names[pair], **self.options)
+        if picture.shape[:2] != self.shape:
+            raise InputError(f"{self.files.label(self.names[pair])}: changed its size since it was opened")
+        return picture
+
+    def fingerprint(self) -> str:
+        return self.files.digest(self.names)
+
+
+def _on_disk(files: Files, name: str) -> Path:
+    if not isinstance(files, FolderFiles):
+        raise InputError(f"{files.label(name)}: EXR is read from folders only: extract the archive and give the folder")
+    return files.root / name
+
+
+# --- sizes, from headers -------------------------------------------------------------------------------------------
+
+
+def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
+    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2), None where the data ends before it."""
+    at = 2
+    while at + 10 <= len(data):
+        if data[at] != 0xFF:
+            raise InputError(f"{label}: no JPEG marker at offset {at}: the picture is damaged; get it again")
+        marker = data[at + 1]
+        if marker in (0xFF, 0x01) or 0xD0 <= marker <= 0xD8:
+            at += 1 if marker == 0xFF else 2
+        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            _, height, width, channels = struct.unpack_from(">BHHB", data, at + 4)
+            if channels not in (1, 3):
+                raise InputError(f"{label}: a JPEG of {channels} channels (CMYK?): save it as RGB")
+            return height, width
+        else:
+            at += 2 + max(2, struct.unpack_from(">H", data, at + 2)[0])
+    return None
+
+
+def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
+    if data[12:16] != b"IHDR":
+        raise InputError(f"{label}: a PNG without its header: the picture is damaged; get it again")
+    width, height = struct.unpack_from(">II", data, 16)
+    return height, width
+
+
+def _exr_size(data: bytes, label: str) -> tuple[int, int] | None:
+    attributes = _exr_attributes(data, label)
+    if attributes is None:
+        return None
+    missing = [name for name in ("channels", "dataWindow", "displayWindow") if name not in attributes]
+    if missing:
+        raise InputError(f"{label}: an EXR without {', '.join(missing)}: save it anew")
+    window = struct.unpack("<4i", attributes["dataWindow"])
+    if window != struct.unpack("<4i", attributes["displayWindow"]):
+        raise InputError(f"{label}: its data window differs from its display window: save it uncropped")
+    if "tiles" in attributes and max(struct.unpack_from("<II", attributes["tiles"])) > 4096:
+        raise InputError(f"{label}: an EXR of tiles above 4096 pixels: save it in scan lines")
+    _exr_choice(attributes, label)
+    return window[3] - window[1] + 1, window[2] - window[0] + 1
+
+
+def _exr_attributes(data: bytes, label: str) -> dict[str, bytes] | None:
+    """The header of a single-part EXR by attribute name, None where the data ends before the header does."""
+    version = struct.unpack_from("<I", data, 4)[0]
+    if version & 0xFF != 2 or version & 0x1800:
+        raise InputError(
+            f"{label}: a deep or multi-part EXR (version field {version:#x}): save it as a single flat part"
+        )
+    attributes: dict[str, bytes] = {}
+    at = 8
+    while at < len(data):
+        if data[at] == 0:
+            return attributes
+        name_end = data.find(b"\0", at, at + 256)
+        type_end = data.find(b"\0", name_end + 1, name_end + 257)
+        if min(name_end, type_end) < 0 or type_end + 5 > len(data):
+            return None
+        size = struct.unpack_from("<i", data, type_end + 1)[0]
+        start = type_end + 5
+        if size < 0 or start + size > len(data):
+            return None
+        attributes[data[at:name_end].decode("latin-1")] = data[start : start + size]
+        at = start + size
+    return None
+
+
+def _exr_channels(attributes: dict[str, bytes]) -> dict[str, tuple[int, int, int]]:
+    """Pixel type (0 uint, 1 half, 2 float) and samplings of each channel of an EXR header."""
+    found, data, at = {}, attributes["channels"], 0
+    while at < len(data) and data[at]:
+        end = data.index(b"\0", at)
+        kind, x_step, y_step = struct.unpack_from("<i4xii", data, end + 1)
+        found[data[at:end].decode("latin-1")] = (kind, x_step, y_step)
+        at = end + 17
+    return found
+
+
+def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
+    """The channels to read: R G B, else X Y Z, else Y alone (grey)."""
+    channels = _exr_channels(attributes)
+    for choice in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",)):
+        if set(choice) <= set(channels) and not (choice == ("Y",) and {"RY", "BY"} & set(channels)):
+            break
+    else:
+        missing = ", ".join(c for c in "RGB" if c not in channels)
+        raise InputError(
+            f"{label}: channel {missing} missing (it holds {', '.join(sorted(channels)) or 'none'}): "
+            "save it with channels R, G, B"
+        )
+    for name in choice:
+        if channels[name] not in ((1, 1, 1), (2, 1, 1)):
+            raise InputError(f"{label}: channel {name} is no full half or float channel: save it as half or float RGB")
+    return choice
+
+
+def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
+    header = _hdr_header(data)
+    return None if header is None else header.size
+
+
+_SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": _exr_size, "hdr": _hdr_size}
+
+
+# --- pixels --------------------------------------------------------------------------------------------------------
+
+
+def _read_codes(data: bytes, kind: str | None, size: tuple[int, int], label: str) -> Array:
+    """A JPEG or PNG (H, W, 3) float32, its codes decoded as sRGB."""
+    if kind == "png" and data[24] == 16:
+        return srgb_table(1 << 16)[_png16(data, size, label)]
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
+        codes = np.asarray(picture.convert("RGB"))
+    return srgb_table(256)[codes]
+
+
+def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
+    """Codes (H, W, 3) uint16 of a 16-bit PNG (Pillow keeps only the upper 8 bits of 16-bit RGB)."""
+    import png
+
+    _check_inflated(data, size, label)
+    width, height, rows, info = png.Reader(bytes=data).read()
+    planes = info["planes"]
+    codes = np.vstack([np.asarray(row, np.uint16) for row in rows]).reshape(height, width, planes)
+    return codes[..., :3] if planes >= 3 else np.repeat(codes[..., :1], 3, 2)
+
+
+def _check_inflated(data: bytes, size: tuple[int, int], label: str) -> None:
+    """Raise where the compressed pixels would inflate far beyond what (H, W) of 16-bit RGBA can hold."""
+    packed, at = bytearray(), 8
+    while at + 8 <= len(data):
+        length = struct.unpack_from(">I", data, at)[0]
+        if data[at + 4 : at + 8] == b"IDAT":
+            packed += data[at + 8 : at + 8 + length]
+        at += 12 + length
+    limit = 2 * size[0] * (size[1] * 8 + 1) + 4096
+    if len(zlib.decompressobj().decompress(bytes(packed), limit + 1)) > limit:
+        raise InputError(f"{label}: its pixels inflate beyond {limit} bytes: the picture is damaged; get it again")
+
+
+def _read_exr(path: Path, label: str, rgb_is_xyz: bool) -> Array:
+    import OpenEXR
+
+    attributes = _exr_attributes(path.read_bytes(), label)
+    if attributes is None:
+        raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
+    choice = _exr_choice(attributes, label)
+    channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    picture = np.stack([np.asarray(channels[name].pixels, np.float32) for name in choice], -1)
+    if choice == ("Y",):
+        return np.repeat(picture, 3, 2)
+    if choice == ("X", "Y", "Z") or rgb_is_xyz:
+        return xyz_to_rec709(picture)
+    _check_primaries(attributes, label)
+    return picture
+
+
+def xyz_to_rec709(picture: Array) -> Array:
+    """Linear Rec. 709 RGB (..., 3) float32 of CIE XYZ under D65; colours outside the gamut stay negative."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(picture @ XYZ_TO_REC709.T, np.float32)
+
+
+def _check_primaries(attributes: dict[str, bytes], label: str) -> None:
+    stated = attributes.get("chromaticities")
+    if stated is not None and not np.allclose(struct.unpack("<8f", stated), REC709, atol=2e-3):
+        raise InputError(f"{label}: its chromaticities are not those of Rec. 709: convert it to linear Rec. 709 (sRGB)")
+
+
+class _HdrHeader:
+    """What a Radiance header says: size, axis order and signs, the total exposure, and where the pixels begin."""
+
+    def __init__(self, start: int, axes: list[str], counts: list[int], exposure: float):
+        self.start, self.axes, self.counts, self.exposure = start, axes, counts, exposure
+        self.size = (counts[0], counts[1]) if axes[0][1] == "Y" else (counts[1], counts[0])
+
+
+def _hdr_header(data: bytes) -> _HdrHeader | None:
+    """The header of a Radiance picture (Ward, "Real Pixels", Graphics Gems II), None where the data ends before it."""
+    end = data.find(b"\n\n")
+    line_end = data.find(b"\n", end + 2)
+    if end < 0 or line_end < 0:
+        return None
+    lines = data[:end].decode("latin-1").split("\n")
+    fields = [line.split("=", 1) for line in lines if "=" in line and not line.startswith("#")]
+    kinds = [value.strip() for key, value in fields if key.strip() == "FORMAT"]
+    if kinds != ["32-bit_rle_rgbe"]:
+        raise ValueError(f"FORMAT is {kinds}, only 32-bit_rle_rgbe is read")
+    exposure = float(np.prod([float(value) for key, value in fields if key.strip() == "EXPOSURE"]))
+    if not (np.isfinite(exposure) and exposure > 0):
+        raise ValueError(f"EXPOSURE is {exposure}")
+    words = data[end + 2 : line_end].decode("latin-1").split()
+    if len(words) != 4 or {words[0][1:], words[2][1:]} != {"X", "Y"} or {words[0][0], words[2][0]} - {"+", "-"}:
+        raise ValueError(f"the size is {' '.join(words)[:40]!r}, not like -Y 256 +X 256")
+    return _HdrHeader(line_end + 1, [words[0], words[2]], [int(words[1]), int(words[3])], exposure)
+
+
+def _read_hdr(data: bytes) -> Array:
+    """A Radiance picture (H, W, 3) float32, upright whatever its axis order, divided by its exposure."""
+    header = _hdr_header(data)
+    if header is None:
+        raise ValueError("the header ends early")
+    lines, length = header.counts
+    rgbe = _hdr_pixels(data, header.start, lines, length)
+    # m · 2^(e − 136) as in rgbe.c and OpenCV, so that black stays black; Ward's own reader adds half a code.
+    scale = np.ldexp(np.float32(1 / header.exposure), rgbe[..., 3].astype(np.int32) - 136)
+    with np.errstate(over="ignore"):
+        picture = rgbe[..., :3] * scale[..., None]
+    picture[rgbe[..., 3] == 0] = 0
+    for axis, name in enumerate(header.axes):
+        if name in ("-X", "+Y"):
+            picture = np.flip(picture, axis)
+    return np.ascontiguousarray(picture if header.axes[0][1] == "Y" else picture.swapaxes(0, 1))
+
+
+def _hdr_pixels(data: bytes, at: int, lines: int, length: int) -> Array:
+    """RGBE codes (lines, length, 4) uint8: flat, or run-length coded line by line."""
+    first = data[at : at + 4]
+    if not (8 <= length < 32768 and first[:2] == b"\2\2" and first[2] << 8 | first[3] == length):
+        flat = np.frombuffer(data, np.uint8, lines * length * 4, at).reshape(lines, length, 4)
+        if (flat[..., :3] == 1).all(-1).any():
+            raise ValueError("the old run-length coding is not read")
+        return flat
+    planes = []
+    for _ in range(lines):
+        if data[at : at + 4] != first:
+            raise ValueError(f"no scan line at offset {at}")
+        line, at = _hdr_line(data, at + 4, 4 * length)
+        planes.append(line)
+    return np.frombuffer(b"".join(planes), np.uint8).reshape(lines, 4, length).swapaxes(1, 2)
+
+
+def _hdr_line(data: bytes, at: int, length: int) -> tuple[bytes, int]:
+    """`length` bytes of one run-length coded scan line and the offset behind it."""
+    line = bytearray()
+    while len(line) < length:
+        count = data[at]
+        if count > 128:
+            line += data[at + 1 : at + 2] * (count - 128)
+            at += 2
+        else:
+            line += data[at + 1 : at + 1 + count]
+            at += 1 + count
+        if count == 0 or at > len(data):
+            raise ValueError(f"a bad run at offset {at}")
+    if len(line) != length:
+        raise ValueError(f"a scan line too long before offset {at}")
+    return bytes(line), at

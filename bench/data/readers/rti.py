@@ -1,0 +1,96 @@
+"""Reflectance transformation imaging: one view, many lights, listed in an `.lp` file.
+
+The first line of the list is the count; each line after it is `image-name x y z` with the unit vector to the light,
+x right, y up, z toward the camera: the frame of the suite.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from bench.btf import BTF
+from bench.data.readers.checks import no_duplicates, readable, unit_directions, view_major
+from bench.data.readers.files import FolderFiles
+from bench.data.readers.pictures import PictureSource
+from bench.errors import InputError
+
+MAX_LIST = 16 << 20
+
+
+def open_rti(path: Path) -> BTF:
+    """The BTF of an `.lp` list beside its pictures: one view (0, 0, 1), lights sorted by θ, then φ.
+
+    Codes are decoded as sRGB to linear Rec. 709. Radiance is as photographed, so the cosine is the light's own fall
+    on the surface; its scale is the camera's exposure. Raises `InputError` naming the list and the line.
+    """
+    files = FolderFiles(path.parent)
+    names, lines, vectors = _read_list(path)
+
+    def label(index: int) -> str:
+        return f"{path}, line {lines[index]}"
+
+    found = [_picture(files, name, label(i)) for i, name in enumerate(names)]
+    wi = unit_directions(vectors, label, tolerance=0.05)
+    wo = np.tile(np.array([0, 0, 1], np.float32), (len(wi), 1))
+    no_duplicates(wo, wi, label)
+    order = view_major(wo, wi)
+    return BTF(
+        path.parent.resolve().name,
+        wo[order],
+        wi[order],
+        PictureSource(files, [found[i] for i in order], [label(i) for i in order]),
+        provenance={
+            "format": "RTI",
+            "list": path.name,
+            "colour": "8- and 16-bit codes decoded as sRGB to linear Rec. 709",
+            "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
+            "scale": "the camera's exposure; not calibrated",
+            "clamp": "none here; 8-bit codes end at 1, so highlights are clipped in the photographs",
+        },
+    )
+
+
+def find_list(folder: Path) -> Path | None:
+    """The one `.lp` file of a folder, None where there is none; an `InputError` where there are several."""
+    lists = sorted(p for p in folder.iterdir() if p.suffix.lower() == ".lp" and p.is_file())
+    if len(lists) > 1:
+        raise InputError(
+            f"{folder}: holds several lists ({', '.join(p.name for p in lists[:5])}): give the path of one"
+        )
+    return lists[0] if lists else None
+
+
+def _read_list(path: Path) -> tuple[list[str], list[int], np.ndarray]:
+    """Image names, their line numbers and the vectors (N, 3) float64 of a list."""
+    with readable(str(path), "save it as plain text"):
+        if path.stat().st_size > MAX_LIST:
+            raise InputError(f"{path}: larger than {MAX_LIST >> 20} MiB: no list of lights")
+        text = path.read_text("utf-8-sig")
+    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    if not lines or not lines[0][1].isdecimal():
+        raise InputError(f"{path}: its first line is not the count of images: write the count there")
+    entries = [_entry(path, number, line) for number, line in lines[1:]]
+    if len(entries) != int(lines[0][1][:18]) or not entries:
+        raise InputError(f"{path}: line 1 says {lines[0][1][:18]} images, {len(entries)} are listed: correct the count")
+    return [name for name, _ in entries], [n for n, _ in lines[1:]], np.array([vector for _, vector in entries])
+
+
+def _entry(path: Path, number: int, line: str) -> tuple[str, list[float]]:
+    """Image name (it may hold spaces) and vector of one line."""
+    cells = line.rsplit(None, 3)
+    try:
+        return cells[0], [float(cell) for cell in cells[1:4] + [""] * (4 - len(cells))]
+    except ValueError as error:
+        raise InputError(f"{path}, line {number}: {line[:60]!r} is not `image-name x y z`: mend the line") from error
+
+
+def _picture(files: FolderFiles, listed: str, label: str) -> str:
+    """The picture a line means: as listed below the folder, else by its bare name (lists often keep foreign paths)."""
+    tidy = listed.replace("\\", "/")
+    bare = tidy.rsplit("/", 1)[-1]
+    with readable(label):
+        direct = ".." not in tidy.split("/") and not tidy.startswith("/") and tidy[1:2] != ":"
+        for name in [tidy, bare] if direct else [bare]:
+            if name not in ("", ".", "..") and files.has(name):
+                return name
+    raise InputError(f"{label}: {bare[:100]} is missing: add the picture, or leave the line out and correct the count")

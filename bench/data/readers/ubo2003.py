@@ -1,0 +1,27 @@
+"""UBO2003 and ATRIUM of the Bonn BTF database: a zip of JPEG or Radiance pictures, 81 views × 81 lights."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from bench.btf import BTF
+from bench.data.readers.named import BONN, matching, open_named
+
+
+def is_ubo2003(names: Iterable[str]) -> bool:
+    """True where names of files look like `00008 tl000 pl000 tv000 pv000.jpg` or `WOOL_00008_tl000_….jpg`."""
+    return bool(matching(names, BONN))
+
+
+def open_ubo2003(path: Path) -> BTF:
+    """The BTF of a UBO2003 or ATRIUM zip (nothing is extracted) or of its extracted folder.
+
+    JPEG codes are decoded as sRGB, `.hdr` is taken as stored: linear Rec. 709, radiance as photographed. The pairs
+    are those that are there, by view, then light. Errors as in `named.open_named`.
+    """
+    provenance = {
+        "format": "UBO2003",
+        "colour": "JPEG decoded as sRGB to linear Rec. 709; .hdr as stored",
+        "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
+        "clamp": "none here; 8-bit codes end at 1, .hdr does not",
+    }
+    return open_named(path, BONN, provenance)

@@ -1,0 +1,355 @@
+"""UBO2014 `.btf` files of the Bonn BTF database: factorised matrices (DFMF and FMF), little-endian.
+
+A file holds the signature, a header about the measurement, the directions (radians), the size, and per colour channel
+the factors U (pairs × K) and S·V (texels × K). The picture of a pair is S·V · U[pair], from the bottom row up, so it
+is flipped. The files are memory-mapped and multiplied on demand: a decoded material would take 22 GB.
+
+Format: https://cg.cs.uni-bonn.de/en/projects/btfdbb/download/ubo2014/ (DFMF08 and FMF12).
+"""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.btf import BTF, Source
+from bench.data.readers.checks import angles_in_range, no_duplicates
+from bench.data.readers.files import file_digest
+from bench.errors import InputError
+from bench.finite import finite
+from bench.hemisphere import from_angles
+
+Array = np.ndarray
+DFMF, FMF = b"!DFMF08FCR", b"!FMF12FCER"
+UNSUPPORTED = (b"!FMF06FC", b"!PVF06FC", b"!BDIF06R2!")
+COLOUR_MODELS = {
+    0: "RGB as stored",
+    11: "log luminance and relative chroma (YUV), converted to RGB",
+    12: "log RGB, converted to RGB",
+}
+SCALARS = {2: "<f2", 4: "<f4", 8: "<f8"}
+EPSILON = np.float32(1e-5)
+YUV_TO_RGB = np.array([[1, 0, 1.13983], [1, -0.39465, -0.58060], [1, 2.03211, 0]], np.float32)
+DENSE_BYTES = 1 << 30
+
+
+class Cursor:
+    """Reads a file from front to back and knows what it was reading when the file ended."""
+
+    def __init__(self, path: Path):
+        self.path, self.at = path, 0
+        self.bytes = np.memmap(path, np.uint8, "r")
+
+    def fail(self, what: str, remedy: str = "the file is damaged; get it again") -> InputError:
+        """The error to raise, with the file and the offset."""
+        return InputError(f"{self.path}, offset {self.at}: {what}: {remedy}")
+
+    def take(self, count: int, what: str) -> Array:
+        """The next `count` bytes, as a view of the file."""
+        left = len(self.bytes) - self.at
+        if count > left:
+            raise self.fail(f"{what} needs {count} bytes, {left} are left", "the file is truncated; get it again")
+        self.at += count
+        return self.bytes[self.at - count : self.at]
+
+    def numbers(self, layout: str, what: str) -> tuple[Any, ...]:
+        """Numbers of a `struct` layout, little-endian."""
+        return struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout), what).tobytes())
+
+    def count(self, what: str) -> int:
+        """One u32."""
+        return int(self.numbers("I", what)[0])
+
+    def text(self, length: int, what: str) -> str:
+        """A text of `length` bytes without its padding."""
+        return self.take(length, what).tobytes().split(b"\0", 1)[0].decode("utf-8", "replace").strip()
+
+    def floats(self, shape: tuple[int, ...], scalar: int, what: str) -> Array:
+        """An array of floats, as an (unaligned) view of the file."""
+        count = scalar
+        for side in shape:
+            count *= side
+        return self.take(count, what).view(SCALARS[scalar]).reshape(shape)
+
+
+@dataclass
+class Matrix:
+    """A factor (rows, K) of the file: expanded once to aligned float32 where that fits, else row by row."""
+
+    stored: Array
+    expand: bool = True
+
+    @cached_property
+    def dense(self) -> Array:
+        """The whole factor in float32."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.ascontiguousarray(self.stored, np.float32)
+
+    def rows(self, index: Array | slice) -> Array:
+        """Some rows in float32."""
+        if self.expand:
+            return self.dense[index]
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(self.stored[index], np.float32)
+
+    def times(self, vector: Array) -> Array:
+        """The product (rows,) with a vector (K,)."""
+        if self.expand:
+            return self.dense @ vector
+        return np.concatenate([self.rows(slice(i, i + 4096)) @ vector for i in range(0, len(self.stored), 4096)])
+
+
+@dataclass
+class Material:
+    """What a file holds besides its header: directions in radians, size, and three channels of factors."""
+
+    views: Array  # (V, 2) θ, φ
+    lights: Array  # (L, 2)
+    shape: tuple[int, int] = (0, 0)
+    pairs: list[Matrix] = field(default_factory=list)  # per channel (V · L, K), the light fastest
+    texels: list[Matrix] = field(default_factory=list)  # per channel (H · W, K), from the bottom row up
+    model: int = 0
+
+
+def open_ubo2014(path: Path) -> BTF:
+    """The BTF of a UBO2014 file, opened in milliseconds; pairs view-major, as stored.
+
+    Values are linear RGB with the cosine of the light, decoded from colour model 0, 11 or 12 or from log (FMF) and
+    never clamped. `provenance` keeps what the file says about itself; `provenance["native"]` holds its bytes and
+    ranks. Raises `InputError` naming file and offset for a foreign, damaged or unsupported file.
+    """
+    cursor = Cursor(path)
+    signature = cursor.take(min(10, len(cursor.bytes)), "the signature").tobytes()
+    if signature not in (DFMF, FMF):
+        known = next((k.decode() for k in UNSUPPORTED if signature.startswith(k)), None)
+        fault = f"the signature {known} is known but not read" if known else f"unknown signature {signature!r}"
+        raise InputError(f"{path}: {fault}: only {DFMF.decode()} and {FMF.decode()} are")
+    notes = _header(cursor)
+    material = _directions(cursor)
+    notes |= _size(cursor, material)
+    notes |= (_dfmf if signature == DFMF else _fmf)(cursor, material)
+    return _assemble(path, signature.decode(), material, notes)
+
+
+def _assemble(path: Path, signature: str, material: Material, notes: dict[str, Any]) -> BTF:
+    wo, wi = from_angles(*material.views.T), from_angles(*material.lights.T)
+    view, light = np.divmod(np.arange(len(wo) * len(wi)), len(wi))
+    ranks = [matrix.stored.shape[1] for matrix in material.pairs]
+    return BTF(
+        path.stem,
+        wo[view],
+        wi[light],
+        FactorSource(path, material),
+        provenance={
+            "format": "UBO2014",
+            "signature": signature,
+            "cosine": "in the data: f_r cos(theta_i)",
+            "clamp": "none",
+            **notes,
+            "native": {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks},
+        },
+    )
+
+
+def _header(cursor: Cursor) -> dict[str, Any]:
+    """What the file says about its measurement; its length must be the stated one."""
+    start = cursor.at
+    size, version = cursor.numbers("2I", "the header")
+    if not 1 <= version <= 4:
+        raise cursor.fail(f"header version {version}", "versions 1 to 4 are read")
+    notes: dict[str, Any] = {"header_version": version}
+    for key in ("measurement_setup", "image_sensor", "light_source"):
+        notes[key] = cursor.text(80, key)
+    notes["ppmm"], *notes["rgb_scale"] = cursor.numbers("4f", "ppmm and RGB scale")
+    if version > 1:
+        notes["cosine_flag"] = cursor.count("the cosine flag")
+    if version > 2:
+        notes["xml"] = cursor.text(cursor.count("the length of the XML"), "the XML")
+    if version > 3:
+        channels = cursor.count("the number of channels")
+        if channels != 3:
+            raise cursor.fail(f"{channels} channels", "three are read")
+        notes["channels"] = [cursor.text(cursor.count("a channel's name"), "a channel's name") for _ in range(3)]
+    if cursor.at - start != size:
+        raise cursor.fail(f"the header says it has {size} bytes, it has {cursor.at - start}")
+    return notes
+
+
+def _directions(cursor: Cursor) -> Material:
+    """Views and lights; every view repeats the list of lights, which must be the same."""
+    views = cursor.count("the number of views")
+    start = cursor.at
+    _, lights = cursor.numbers("8sI", "the first view")
+    cursor.at = start
+    if not views or not lights:
+        raise cursor.fail(f"{views} views of {lights} lights")
+    block = cursor.take(views * (12 + 8 * lights), f"{views} views of {lights} lights").reshape(views, -1)
+    if (block[:, 8:] != block[0, 8:]).any():
+        view = int(np.argmax((block[:, 8:] != block[0, 8:]).any(1)))
+        raise cursor.fail(f"the lights of view {view} differ from those of view 0", "only a product grid is read")
+    return Material(_side(cursor.path, "view", block[:, :8]), _side(cursor.path, "light", block[0, 12:]))
+
+
+def _side(path: Path, side: str, stored: Array) -> Array:
+    """θ, φ (n, 2) float64 of the views or the lights, in range and no two the same."""
+    with np.errstate(invalid="ignore"):
+        angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
+
+    def label(index: int) -> str:
+        return f"{path}: {side} {index}"
+
+    angles_in_range(angles[:, 0], angles[:, 1], label)
+    directions = from_angles(angles[:, 0], angles[:, 1])
+    no_duplicates(directions, directions, label)
+    return angles
+
+
+def _size(cursor: Cursor, material: Material) -> dict[str, Any]:
+    """Width, height and the rotations block, which decoding does not need."""
+    width, height, rotations = cursor.numbers("3I", "the size")
+    if not width or not height:
+        raise cursor.fail(f"a size of {width} x {height} texels")
+    material.shape = (height, width)
+    cursor.floats((rotations, 3, 3), 4, f"{rotations} rotations")
+    return {"rotations": rotations}
+
+
+def _dfmf(cursor: Cursor, material: Material) -> dict[str, Any]:
+    """The body of a DFMF: a factorisation for each decorrelated channel."""
+    _, model = cursor.numbers("Ii", "the colour model")
+    if model not in COLOUR_MODELS:
+        raise cursor.fail(f"colour model {model}", f"models {', '.join(map(str, COLOUR_MODELS))} are read")
+    material.model = model
+    mean, matrix = cursor.numbers("3f", "the colour mean"), cursor.numbers("9f", "the colour matrix")
+    rows = len(material.views) * len(material.lights)
+    for channel in range(3):
+        pairs, texels = _factors(cursor, material, rows, f"channel {channel}")
+        material.pairs.append(Matrix(pairs))
+        material.texels.append(Matrix(texels))
+    _limit_expansion(material)
+    return {
+        "colour": f"model {model}: {COLOUR_MODELS[model]}",
+        "colour_model": model,
+        "colour_mean": list(mean),
+        "colour_matrix": list(matrix),
+    }
+
+
+def _fmf(cursor: Cursor, material: Material) -> dict[str, Any]:
+    """The body of an FMF: one factorisation of all channels, whose rows go channel fastest."""
+    (version,) = cursor.numbers("B", "the FMF version")
+    if version > 2:
+        raise cursor.fail(f"FMF version {version}", "versions 0 to 2 are read")
+    reduction = cursor.count("the dynamic range reduction") if version >= 1 else 0
+    width, height = cursor.numbers("2I", "the size of the height map") if version >= 2 else (0, 0)
+    cursor.floats((width, height), 2, "the height map")
+    cursor.count("the rank")
+    rows = 3 * len(material.views) * len(material.lights)
+    pairs, texels = _factors(cursor, material, rows, "the factors")
+    shared = Matrix(texels)
+    by_channel = pairs.reshape(-1, 3, pairs.shape[1])
+    material.pairs = [Matrix(by_channel[:, channel]) for channel in range(3)]
+    material.texels = [shared] * 3
+    material.model = 12 if reduction else 0
+    _limit_expansion(material)
+    colour = "log RGB, converted to RGB" if reduction else COLOUR_MODELS[0]
+    return {"colour": f"FMF: {colour}", "dynamic_range_reduction": reduction, "height_map": [width, height]}
+
+
+def _factors(cursor: Cursor, material: Material, rows: int, what: str) -> tuple[Array, Array]:
+    """U (rows, K) and S·V (texels, K) as views of the file; the singular values before them are part of S·V."""
+    scalar, rank, stated_rows, stated_cols = cursor.numbers("B3I", what)
+    cols = material.shape[0] * material.shape[1]
+    if scalar not in SCALARS or not rank:
+        raise cursor.fail(f"{what}: rank {rank} in scalars of {scalar} bytes")
+    if (stated_rows, stated_cols) != (rows, cols):
+        raise cursor.fail(f"{what}: {stated_rows} x {stated_cols} factors, the directions and size say {rows} x {cols}")
+    cursor.floats((rank,), scalar, f"{what}: S")
+    return cursor.floats((rows, rank), scalar, f"{what}: U"), cursor.floats((cols, rank), scalar, f"{what}: SV")
+
+
+def _limit_expansion(material: Material) -> None:
+    """Keep the float32 copies of all factors below `DENSE_BYTES` together; pairs go first, being small."""
+    left = DENSE_BYTES
+    for matrix in {id(m): m for m in [*material.pairs, *material.texels]}.values():
+        left -= 4 * matrix.stored.size
+        matrix.expand = left >= 0
+
+
+class FactorSource(Source):
+    """A memory-mapped factorisation, multiplied on demand: cheap by slice, by ABRDF and scattered."""
+
+    def __init__(self, path: Path, material: Material):
+        self.path, self.material = path, material
+        self.shape, self.count = material.shape, len(material.views) * len(material.lights)
+
+    def slice(self, pair: int) -> Array:
+        factors = zip(self.material.texels, self.material.pairs, strict=True)
+        with np.errstate(over="ignore", invalid="ignore"):
+            channels = [texels.times(pairs.rows(np.array([pair]))[0]) for texels, pairs in factors]
+        picture = self._decode(channels).reshape(*self.shape, 3)[::-1]
+        return finite(np.ascontiguousarray(picture), f"{self.path}: slice of pair {pair}")
+
+    def texels(self, rows: Array, cols: Array, pairs: Array, block: int = 64) -> Array:
+        index = self._index(rows, cols)
+        out = np.empty((len(index), len(pairs), 3), np.float32)
+        factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
+        buffers = np.empty((3, block, len(pairs)), np.float32)
+        for start in range(0, len(index), block):
+            some, part = index[start : start + block], out[start : start + block]
+            with np.errstate(over="ignore", invalid="ignore"):
+                for matrix, factor, buffer in zip(self.material.texels, factors, buffers, strict=True):
+                    np.matmul(matrix.rows(some), factor, out=buffer[: len(some)])
+            finite(self._decode(buffers[:, : len(some)], part), f"{self.path}: texels from {start}")
+        return out
+
+    def gather(self, pair: Array, row: Array, col: Array, block: int = 4096) -> Array:
+        index = self._index(row, col)
+        out = np.empty((len(index), 3), np.float32)
+        for start in range(0, len(index), block):
+            part = slice(start, start + block)
+            factors = zip(self.material.texels, self.material.pairs, strict=True)
+            with np.errstate(over="ignore", invalid="ignore"):
+                channels = [np.einsum("nk,nk->n", t.rows(index[part]), p.rows(pair[part])) for t, p in factors]
+            out[part] = finite(self._decode(channels), f"{self.path}: samples from {start}")
+        return out
+
+    def _index(self, rows: Array, cols: Array) -> Array:
+        """Rows of S·V of texels; the file counts from the bottom row."""
+        return (self.shape[0] - 1 - np.asarray(rows)) * self.shape[1] + np.asarray(cols)
+
+    def _decode(self, channels: Sequence[Array] | Array, out: Array | None = None) -> Array:
+        """Linear RGB (..., 3) float32 of three decorrelated channels (...), which it overwrites."""
+        out = np.empty((*channels[0].shape, 3), np.float32) if out is None else out
+        with np.errstate(over="ignore", invalid="ignore"):
+            if self.material.model == 11:
+                _yuv_to_rgb(channels, out)
+                return out
+            for i, channel in enumerate(channels):
+                out[..., i] = channel
+            if self.material.model == 12:
+                np.subtract(np.exp(out, out=out), EPSILON, out=out)
+        return out
+
+    @cached_property
+    def _digest(self) -> str:
+        return file_digest(self.path)
+
+    def fingerprint(self) -> str:
+        return self._digest
+
+
+def _yuv_to_rgb(channels: Sequence[Array] | Array, out: Array) -> None:
+    """Colour model 11: log Y, U / Y and V / Y (...) to RGB in `out` (..., 3); the channels are overwritten."""
+    y, u, v = channels
+    np.subtract(np.exp(y, out=y), EPSILON, out=y)
+    for chroma in (u, v):
+        np.add(np.multiply(chroma, y, out=chroma), EPSILON, out=chroma)
+    (_, _, red_v), (_, green_u, green_v), (_, blue_u, _) = YUV_TO_RGB
+    out[..., 0] = y + red_v * v
+    out[..., 1] = y + green_u * u + green_v * v
+    out[..., 2] = y + blue_u * u

@@ -1,0 +1,31 @@
+"""The UTIA BTF database (Prague): folders `tv000_pv000` of PNG (sRGB) or OpenEXR (CIE XYZ under D65) pictures.
+
+Format: http://btf.utia.cas.cz/?data_des
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from bench.btf import BTF
+from bench.data.readers.named import PRAGUE, matching, open_named
+
+
+def is_utia(names: Iterable[str]) -> bool:
+    """True where names of files look like `tl000_pl000_tv000_pv000.png`."""
+    return bool(matching(names, PRAGUE))
+
+
+def open_utia(path: Path) -> BTF:
+    """The BTF of a UTIA folder, or of a zip of PNGs.
+
+    PNG codes are decoded as sRGB, EXR is converted from XYZ to linear Rec. 709, where colours outside the gamut stay
+    negative; radiance as photographed. Pairs by view, then light. Errors as in `named.open_named`.
+    """
+    provenance = {
+        "format": "UTIA",
+        "colour": "PNG decoded as sRGB to linear Rec. 709; EXR converted from CIE XYZ (D65)",
+        "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
+        "clamp": "none here; 8-bit codes end at 1, EXR does not",
+        "directions": "nominal: the light of a pair with light = view was moved a little when measured",
+    }
+    return open_named(path, PRAGUE, provenance, rgb_is_xyz=True)

@@ -1,0 +1,141 @@
+"""Scores one codec file against its material: the figures of a record, and what is too much for it, beside it."""
+
+import dataclasses
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench import atomic, timing
+from bench.codec import Progress
+from bench.codecs import container, shared
+from bench.codecs.scene_material import unreported
+from bench.conformance.counting import parameters
+from bench.hemisphere import to_degrees
+from bench.material import Material
+from bench.metrics import get as get_metric
+from bench.metrics.display import to_display
+from bench.metrics.magma import magma
+from bench.metrics.scoring import Scores, polar_maps, score_footprints, summarise, weighted
+from bench.records import Record
+from bench.runs.workbench import Workbench
+
+COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices themselves, which are those of one
+Keep = Callable[[str, dict[str, Any]], str]
+
+
+def score_key(bench: Workbench, header: container.Header) -> dict[str, Any]:
+    """All that shapes the figures of a file: where a record has this key, nothing is scored again."""
+    return {
+        "sha256": header.sha256,
+        "btf": bench.btf.fingerprint,
+        "exposure": bench.exposure,
+        "metrics": {name: get_metric(name).version for name in bench.scorer.names},
+    } | ({"demand": bench.demand.fingerprint} if bench.demand else {})
+
+
+def evaluate(
+    bench: Workbench, header: container.Header, device: str, threads: int, keep: Keep, show: Progress
+) -> Record:
+    """Decode a codec file from the disk and score it: the part of its record that the score key answers for.
+
+    `keep(name, content)` stores what does not go into the record, and gives the name that the record says.
+    """
+    material = unreported(container.load(header.path, device)[1])
+    decoder = Decoder(bench, material, show)
+    gate = "heldout" if "heldout" in bench.groups else "all"
+    with timing.torch_threads(threads):
+        scores = bench.scorer.score(bench.groups["all"], decoder.watched)
+        footprints = score_footprints(bench.btf, bench.groups[gate], decoder.slice, bench.exposure, COARSE)
+        pictures = _pictures(bench, decoder)
+        scene = bench.judge.record(material) if bench.judge else {}
+    summary = summarise(scores, bench.btf.wo, bench.btf.wi, bench.groups)
+    finest = summary[gate]["metrics"]["psnr_display"]
+    one = {"psnr_display": finest["pooled"], "exact": finest["exact"], "slices": finest["slices"]}
+    if bench.scene_shares is not None:
+        summary["scene"] = weighted(scores, bench.scene_shares)
+    angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
+    angular["polar"] = polar_maps(scores, bench.btf.wo, bench.btf.wi)
+    return {
+        "shape": list(bench.btf.shape),
+        "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
+        "provenance": bench.btf.provenance,
+        "settings": header.settings,
+        "bytes": _bytes(header),
+        "parameters": parameters(material),
+        "cost": dataclasses.asdict(material.cost),
+        "metrics": {name: _described(name) for name in bench.scorer.names},
+        "scores": summary,
+        "footprints": {"1": one} | footprints,
+        **({"scene": scene} if scene else {}),
+        "slices": keep(f"slices/{header.path.stem}.npz", _slices(bench, scores)),
+        "angular": keep(f"angular/{header.path.stem}.json", angular),
+        "pictures": keep(f"pictures/{header.path.stem}.npz", pictures),
+    }
+
+
+@dataclass
+class Decoder:
+    """The decoded material, asked for the slices of its BTF's pairs."""
+
+    bench: Workbench
+    material: Material
+    show: Progress
+
+    def slice(self, pair: int, factor: int = 1) -> np.ndarray:
+        """Linear radiance (H // factor, W // factor, 3) of one pair."""
+        btf = self.bench.btf
+        size = (btf.shape[0] // factor, btf.shape[1] // factor)
+        return self.material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), size).numpy()
+
+    def watched(self, pair: int) -> np.ndarray:
+        """The same, while a progress bar follows."""
+        self.show(f"scoring {self.bench.name}", pair + 1, len(self.bench.btf))
+        return self.slice(pair)
+
+
+def write_content(path: Path, content: dict[str, Any]) -> None:
+    """Write what stands beside a record, as .npz or .json by the name's ending, in one move."""
+    with atomic.replacing(path) as partial:
+        if path.suffix == ".json":
+            partial.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+        else:
+            with open(partial, "wb") as file:
+                np.savez_compressed(file, **content)
+
+
+def _bytes(header: container.Header) -> dict[str, int]:
+    """Of the file by part and in all, and of the shared network's file where it needs one."""
+    found = header.part_bytes() | {"total": header.file_bytes}
+    return found | ({"shared": shared.named_by(header).header.file_bytes} if header.shared else {})
+
+
+def _described(name: str) -> dict[str, Any]:
+    """What a table must say of a metric beside its numbers."""
+    metric = get_metric(name)
+    return {word: getattr(metric, word) for word in ("unit", "direction", "space", "version")}
+
+
+def _slices(bench: Workbench, scores: Scores) -> dict[str, np.ndarray]:
+    """The numbers of every slice, with its directions in degrees."""
+    heldout = np.isin(scores.pairs, bench.groups.get("heldout", []))
+    angles = {f"{w}_deg": np.stack(to_degrees(getattr(bench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
+    return {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw | angles
+
+
+def _pictures(bench: Workbench, decoder: Decoder) -> dict[str, np.ndarray]:
+    """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma."""
+    truth = np.stack([bench.btf[i] for i in bench.shown])
+    decoded = np.stack([decoder.slice(i) for i in bench.shown])
+    eight = [np.round(to_display(x, bench.exposure) * 255).astype(np.uint8) for x in (truth, decoded)]
+    angles = [np.stack(to_degrees(w[bench.shown]), 1) for w in (bench.btf.wo, bench.btf.wi)]
+    pictures = {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
+    pictures["pairs"] = bench.shown
+    flip = next((metric for name, metric in bench.scorer.metrics.items() if name.startswith("flip_ldr")), None)
+    if flip and min(bench.btf.shape) >= flip.smallest:
+        error = flip.error_map(flip.prepare(truth, bench.exposure), np.maximum(decoded, 0))
+        pictures["flip"] = np.round(magma(error) * 255).astype(np.uint8)
+    return pictures

@@ -1,0 +1,277 @@
+"""One job, wherever it runs: told as plain data, it opens its material, fits, writes, scores, and answers a record.
+
+A job has two keys. The *fit key* names what shapes the file (codec, settings, training pairs, seed, threads, device
+class, PyTorch): where a file of that key is there, nothing is fitted again. The *score key* names what shapes the
+numbers (the file's hash, the pairs, metric versions, exposure): where a record of that key is there, nothing is scored
+again. Files appear whole or not at all, and hold nothing of when and where: a job may be done twice, even at once.
+"""
+
+import dataclasses
+import errno
+import hashlib
+import json
+import platform
+import re
+import threading
+import time
+import traceback
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from bench import timing
+from bench.codec import Codec, Fit, Parts, Progress, settings_dict, silent
+from bench.codecs import container, shared
+from bench.codecs.registry import load_codec
+from bench.demand import fitting
+from bench.demand.demand import Demand
+from bench.errors import InputError, MissingDataError
+from bench.records import Record
+from bench.runs.evaluation import evaluate, score_key
+from bench.runs.place import Place
+from bench.runs.provenance import processor
+from bench.runs.suite import UNIFORM, CodecSpec, Data, MaterialSpec
+from bench.runs.workbench import Workbench, workbench
+
+STATE, FRESH_STATE = ".state", ".fresh"  # of a fit under way, to go on from; the latter within one run alone
+FACTS = ".fit.json"  # beside a codec file
+NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
+
+
+@dataclass(frozen=True)
+class Task:
+    """All that a worker is told of one cell of a suite."""
+
+    run: str
+    folder: Path  # of the run
+    material: MaterialSpec
+    data: Data
+    codec: CodecSpec
+    repetition: int
+    threads: int
+    demand: str = ""  # the path of the demand that is judged by
+    uniform: float = UNIFORM
+    device: str = "cpu"
+    scorers: int | None = None  # threads that score; None: one a core
+    fresh: bool = False
+    earlier: Record | None = None  # status and keys of the job's latest record
+    sent: dict[str, bytes] = field(default_factory=dict)  # the files of that record's fit, where the worker asked
+    network: tuple[str, bytes] | None = None  # the file that the codec shares over materials, and its name in files/
+    losses: int = 0  # workers that died of this job
+
+    @property
+    def name(self) -> str:
+        return f"{self.material.name}/{self.codec.label}/{self.repetition}"
+
+    @property
+    def base(self) -> Record:
+        """How each record of this job begins."""
+        return {
+            "kind": "job",
+            "job": self.name,
+            "run": self.run,
+            "material": self.material.name,
+            "codec": self.codec.codec,
+            "label": self.codec.label,
+            "curve": self.codec.curve,
+            "seed": self.repetition,
+        }
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a job answers."""
+
+    record: Record | None = None  # None: the record of before stands, or the files of before are wanted
+    cached: str = ""  # how much was there already: "", "file" or "record"
+    wants_files: bool = False  # send those of the earlier record's fit, and ask again
+    files: dict[str, bytes] = field(default_factory=dict)  # for the run's folder, where the worker cannot write there
+
+
+def seed_of(*parts: object) -> int:
+    """A seed that depends on the named parts alone, 63 bits of their sha256."""
+    return int.from_bytes(hashlib.sha256("\n".join(map(str, parts)).encode()).digest()[:8], "big") >> 1
+
+
+_ONE_AT_A_TIME = threading.Lock()  # threads of one process would share PyTorch's thread count and the open material
+
+
+def work(task: Task, show: Progress = silent) -> Result:
+    """Do one job. A failure is a record with its error; what no job can help (a full disk) is `InputError`."""
+    with _ONE_AT_A_TIME:
+        try:
+            bench = workbench(task.run, task.material, task.data, task.scorers, show, task.demand)
+            return Job(task, bench, show).run()
+        except MissingDataError as error:
+            return Result(task.base | {"status": "unavailable", "error": str(error)})
+
+
+class _WantedError(Exception):
+    """The files of the earlier record's fit are needed here, and are elsewhere."""
+
+
+@dataclass
+class Job:
+    """A task with its material opened."""
+
+    task: Task
+    bench: Workbench
+    show: Progress
+
+    @cached_property
+    def codec(self) -> Codec:
+        return load_codec(self.task.codec.codec)(**self.task.codec.settings)
+
+    @property
+    def seed(self) -> int:
+        return seed_of(self.bench.name, self.codec.name, self.task.repetition)
+
+    @cached_property
+    def network(self) -> shared.Shared | None:
+        """The network that the codec shares over materials, its file beside those that name it."""
+        if self.codec.network is None:
+            return None
+        if self.task.network is None:
+            raise shared.missing(self.codec.name)
+        name, content = self.task.network
+        return shared.find(self.codec.name, self.place.put(f"files/{name}", content))
+
+    @cached_property
+    def fit_key(self) -> dict[str, Any]:
+        key = {
+            "codec": self.codec.name,
+            "version": self.codec.version,
+            "settings": settings_dict(self.codec),
+            "training": self.bench.training.fingerprint,
+            "seed": self.seed,
+            "device": torch.device(self.task.device).type,
+            "threads": self.task.threads,
+            "torch": torch.__version__,
+        } | ({"shared": self.network.header.sha256} if self.network else {})
+        if self.codec.scene:
+            key |= {"demand": self._demand.fingerprint, "uniform": self.task.uniform}
+        return key
+
+    @property
+    def _demand(self) -> Demand:
+        if self.bench.demand is None:
+            raise InputError(f"{self.task.name}: scene = true needs the demand of a scene: give one with --demand")
+        return self.bench.demand
+
+    @property
+    def file(self) -> str:
+        digest = hashlib.sha256(json.dumps(self.fit_key, sort_keys=True).encode()).hexdigest()
+        return f"files/{re.sub('[^A-Za-z0-9.=_-]+', '-', self.task.name)}-{digest[:12]}{container.SUFFIX}"
+
+    @cached_property
+    def place(self) -> Place:
+        return Place.of(self.task.folder, self.task.run, self.task.fresh)
+
+    @property
+    def checkpoint(self) -> Path:
+        return (self.place.folder / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
+
+    def run(self) -> Result:
+        """Encode, decode, score and record; or find that it is done. `MissingDataError` where something is needed."""
+        try:
+            result = self._result(self.task.earlier or {})
+        except _WantedError:
+            return Result(wants_files=True)
+        except MissingDataError:
+            raise
+        except (Exception, MemoryError) as error:  # an error is data: it is recorded, shown, and decides the exit code
+            _raise_where_no_job_can_help(error)
+            self.checkpoint.unlink(missing_ok=True)  # who tries again may have mended the code that made it
+            says = {"status": "failed", "error": f"{type(error).__name__}: {error}"}
+            result = Result(self.base | says | {"traceback": traceback.format_exc()})
+        return dataclasses.replace(result, files=self.place.parcel())
+
+    @property
+    def base(self) -> Record:
+        return self.task.base | {"fit_key": self.fit_key, "machine": machine()}
+
+    def _result(self, earlier: Record) -> Result:
+        """The result of a job that does not fail now, but for its files."""
+        if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
+            return Result(cached="record")
+        header, fit = self._file()
+        key = score_key(self.bench, header)
+        if earlier.get("score_key") == key:
+            return Result(cached="record")
+        record = self.base | fit | {"status": "ok", "score_key": key, "file": self.file} | self._scored(header)
+        return Result(record, "file" if fit["fit_cached"] else "")
+
+    def _scored(self, header: container.Header) -> Record:
+        return evaluate(self.bench, header, self.task.device, self.task.threads, self.place.keep, self.show)
+
+    def _file(self) -> tuple[container.Header, Record]:
+        """The codec file, from an earlier run where its key is the same, else encoded now; and facts of its fit."""
+        path = self.place.folder / self.file
+        if not self.task.fresh:
+            self._fetch(path)
+            if path.exists():
+                return container.read_header(path), _facts(path) | {"fit_cached": True}
+        facts, parts = self._encode()
+        # Facts first: a file without them would be taken for finished, and they would be lost.
+        self.place.keep(str(Path(self.file).with_suffix(FACTS)), facts)
+        header = container.save(path, self.codec, parts)
+        self.place.made.append(self.file)
+        self.checkpoint.unlink(missing_ok=True)
+        return header, facts | {"fit_cached": False}
+
+    def _fetch(self, path: Path) -> None:
+        """Where the run's folder is out of reach: have the files of the earlier record here, if it is of this fit."""
+        same = self.task.earlier and self.task.earlier.get("fit_key") == self.fit_key
+        if self.place.shared or path.exists() or not same:
+            return
+        if not self.task.sent:
+            raise _WantedError
+        for name, content in self.task.sent.items():
+            self.place.put(name, content)
+
+    def _encode(self) -> tuple[Record, Parts]:
+        """Facts of the fit, seconds and curve, and what it found."""
+        if self.network:
+            self.network.refuse(self.bench.btf)
+        fit = Fit(
+            torch.device(self.task.device),
+            self.task.threads,
+            self.seed,
+            self.show,
+            self.checkpoint,
+            network=self.network.header.path if self.network else None,
+        )
+        with timing.torch_threads(self.task.threads):
+            start = time.perf_counter()
+            if self.codec.scene:
+                parts = fitting.encode(self.codec, self.bench.training, fit, self._demand, self.task.uniform)
+            else:
+                parts = self.codec.encode(self.bench.training, fit)
+            seconds = time.perf_counter() - start
+        if fit.history:  # its clock goes on where an interrupted fit is taken up again
+            seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
+        return {"fit_seconds": seconds, "history": fit.history}, parts
+
+
+def _facts(path: Path) -> Record:
+    """What is known of the fit of a codec file, which the file does not hold, so that its bytes are the same."""
+    beside = path.with_suffix(FACTS)
+    facts: Record = json.loads(beside.read_text(encoding="utf-8")) if beside.exists() else {}
+    return facts
+
+
+def machine() -> dict[str, str]:
+    """Where a job was done: the workers of a cluster differ."""
+    return {"host": platform.node(), "processor": processor()}
+
+
+def _raise_where_no_job_can_help(error: BaseException) -> None:
+    if isinstance(error, OSError) and error.errno in NO_PLACE:
+        place = f"{error.filename}: " if error.filename else ""
+        raise InputError(
+            f"{place}cannot be written on {platform.node()} ({error.strerror}): make room, then give the same command "
+            "again: what is finished is kept"
+        ) from error

@@ -1,0 +1,39 @@
+"""Trains the network that a codec shares over materials, on surfaces that no suite holds."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench import atomic
+from bench.btf import BTF
+from bench.codec import Fit, SharedNetwork
+from bench.codecs import shared
+from bench.codecs.container import Header
+from bench.data.materials.variations import load_variation
+from bench.errors import InputError
+from bench.timing import torch_threads
+
+MATERIALS = 160  # variations that a network is trained on
+
+
+def pretrain(
+    network: SharedNetwork, fit: Fit, path: Path, materials: int = MATERIALS, added: Sequence[BTF] = ()
+) -> Header:
+    """Train a network on the first `materials` variations, and on what is added, and write its file.
+
+    The default needs no data, so that everybody can make the same file. `InputError` where nothing is left to train on.
+    """
+    if materials < 0 or materials + len(added) < 1:
+        raise InputError(f"a network needs at least one material to be trained on, not {materials}")
+    numbers = fit.progress(range(materials), "rendering materials to train on")
+    btfs = [load_variation(number) for number in numbers]
+    with torch_threads(fit.threads):
+        return shared.make(network, [*btfs, *added], fit, path)
+
+
+def ready(network: SharedNetwork, fit: Fit) -> Path:
+    """The file of a network at its place, made now where it is not there."""
+    path = shared.place(network.name)
+    with atomic.alone(path):
+        if not path.exists():
+            pretrain(network, fit, path)
+    return path

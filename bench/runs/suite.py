@@ -1,0 +1,285 @@
+"""A suite: a TOML file of materials × codecs × settings × seeds, and the jobs it stands for.
+
+    description = "what it is for"
+    pretrain = ["rainer2020"]        # codecs whose shared network is trained first, where it is not there
+    variants = ["eager bfloat16"]    # executions and precisions besides `eager float32` that `trade` tries
+    threads = 1                      # CPU threads of a fit and of timing; part of what makes bytes the same
+    seeds = [0]                      # repetitions
+    demand = "table-top.npz"         # of a scene, which every codec is judged by too, and fitted to where scene = true
+    uniform = 0.1                    # the share of such a fit that is spread over everything alike
+    materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
+
+    [data]                           # how built-in materials are rendered; of measured ones: pairs = 1000
+    size = 64
+    directions = "ubo2003"
+    views = 25
+    lights = 25
+    heldout = 150
+
+    [[codecs]]
+    codec = "pca"
+    components = [8, 16]             # a list is a sweep: one job each
+    materials = ["satin"]            # of the suite's materials, those it is run on; all where the key is absent
+
+A path is looked up as it stands, then under `$NEUBTF_DATA`; that of a demand as it stands.
+"""
+
+import dataclasses
+import itertools
+import os
+import tomllib
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from bench.errors import InputError
+from bench.suggest import did_you_mean
+
+UNIFORM = 0.1  # of the samples of a fit to a scene, or of the weights of its pairs, are spread over everything alike
+
+
+@dataclass(frozen=True)
+class Data:
+    """How built-in materials and folders of maps are rendered, and how much of measured ones is used."""
+
+    size: int = 64  # texels a side
+    directions: str = "ubo2003"  # the published direction set that is thinned
+    views: int = 25
+    lights: int = 25
+    heldout: int = 150  # random pairs besides, drawn uniformly in solid angle up to 75°
+    pairs: int = 0  # of measured data about so many, spread evenly over views and lights; 0: all
+    repair: bool = False  # mask measured values that are not finite by the mean of their pair
+
+
+@dataclass(frozen=True)
+class MaterialSpec:
+    """A material of a suite: built in where `path` is empty."""
+
+    name: str
+    path: str = ""
+    where: str = ""  # where to get the data, for who does not have them
+
+    def found(self) -> Path | None:
+        """The path of measured data on this machine, or None."""
+        places = [Path(self.path)]
+        if data := os.environ.get("NEUBTF_DATA"):
+            places.append(Path(data) / self.path)
+        return next((place for place in places if place.exists()), None)
+
+
+@dataclass(frozen=True)
+class CodecSpec:
+    """A codec of a suite with the settings that differ from its defaults."""
+
+    codec: str
+    settings: dict[str, Any] = field(default_factory=dict)
+    swept: tuple[str, ...] = ()  # the settings that the suite varies in a list
+    materials: tuple[str, ...] = ()  # the names of those it is run on; empty: all of the suite
+
+    @property
+    def label(self) -> str:
+        """The row's name in tables: `pca components=16`."""
+        return _label(self.codec, self.settings)
+
+    @property
+    def curve(self) -> str:
+        """The name of the ladder of rates that this job is a step of: the label without what is swept."""
+        return _label(self.codec, {k: v for k, v in self.settings.items() if k not in self.swept or k == "scene"})
+
+
+def _label(codec: str, settings: dict[str, Any]) -> str:
+    plain = {k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in settings.items()}
+    return " ".join([codec, *(f"{k}={v}" for k, v in sorted(plain.items()))])
+
+
+@dataclass(frozen=True)
+class Suite:
+    """See the module."""
+
+    name: str
+    text: str  # the TOML it was read from
+    description: str = ""
+    threads: int = 1
+    seeds: tuple[int, ...] = (0,)
+    data: Data = field(default_factory=Data)
+    materials: tuple[MaterialSpec, ...] = ()
+    codecs: tuple[CodecSpec, ...] = ()
+    pretrain: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()
+    demand: str = ""  # the path of one
+    uniform: float = UNIFORM
+
+    @property
+    def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:
+        """What the suite stands for: material, codec and seed of each job, in order."""
+        every = itertools.product(self.materials, self.codecs, self.seeds)
+        return [cell for cell in every if not cell[1].materials or cell[0].name in cell[1].materials]
+
+
+def builtin_suites() -> dict[str, str]:
+    """The text of each built-in suite by name."""
+    found = (file for file in files("bench.runs.suites").iterdir() if file.name.endswith(".toml"))
+    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(found, key=str)}
+
+
+def load_suite(name: str) -> Suite:
+    """A built-in suite by name, or a TOML file by path. `InputError` names the file and the key that is wrong."""
+    builtin = builtin_suites()
+    if name in builtin:
+        return parse_suite(name, builtin[name])
+    path = Path(name)
+    if path.suffix != ".toml":
+        raise InputError(f"no suite named {name!r}{did_you_mean(name, builtin)} (a file's name ends in .toml)")
+    try:
+        return parse_suite(path.stem, path.read_text(encoding="utf-8"), name)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{name}: cannot be read ({error})") from error
+
+
+def parse_suite(name: str, text: str, file: str = "") -> Suite:
+    """The suite that a TOML text describes; `file` is what errors call it."""
+    file = file or f"suite {name}"
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{file}: not TOML: {error}") from error
+    known = {"description", "pretrain", "variants", "threads", "seeds", "data", "materials", "codecs"}
+    known |= {"demand", "uniform"}
+    _only(file, "", table, known)
+    data = Data(**_typed(file, "data.", table.get("data", {}), Data))
+    seeds, pretrain = _list(file, "seeds", table, int, [0]), _list(file, "pretrain", table, str, [])
+    materials = [_material(file, entry) for entry in _value(file, "materials", table.get("materials", []), list)]
+    codecs = [spec for entry in _value(file, "codecs", table.get("codecs", []), list) for spec in _sweep(file, entry)]
+    if twice := _repeated([spec.label for spec in codecs]) or _repeated([spec.name for spec in materials]):
+        raise InputError(f"{file}: {twice!r} stands there twice")
+    if foreign := {name for spec in codecs for name in spec.materials} - {spec.name for spec in materials}:
+        raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is no material of this suite")
+    uniform = float(_value(file, "uniform", table.get("uniform", UNIFORM), float))
+    if not 0 <= uniform <= 1:
+        raise InputError(f"{file}: uniform = {uniform}: a share lies between 0 and 1")
+    if absent := set(pretrain) - {spec.codec for spec in codecs}:
+        raise InputError(f"{file}: pretrain names {min(absent)!r}, which is no codec of this suite")
+    return Suite(
+        name,
+        text,
+        _value(file, "description", table.get("description", ""), str),
+        _value(file, "threads", table.get("threads", 1), int),
+        tuple(seeds),
+        data,
+        tuple(materials),
+        tuple(codecs),
+        tuple(pretrain),
+        tuple(_list(file, "variants", table, str, [])),
+        _value(file, "demand", table.get("demand", ""), str),
+        uniform,
+    )
+
+
+def with_changes(
+    suite: Suite, materials: list[str], codecs: list[str], changes: dict[str, str], seed: int | None
+) -> Suite:
+    """The suite with the command line's choices: only these materials and codecs, these settings, this seed.
+
+    A codec that the suite does not name is added with its defaults. Materials that are chosen here are for every codec,
+    whatever the suite runs it on. A change is `data.KEY`, `CODEC.KEY`, or `KEY`
+    alone for every codec of the suite that has that setting.
+    """
+    if materials:
+        known = {spec.name: spec for spec in suite.materials}
+        everywhere = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
+        chosen_materials = tuple(known.get(name, named(name)) for name in materials)
+        suite = dataclasses.replace(suite, materials=chosen_materials, codecs=everywhere)
+    if codecs:
+        chosen = [[spec for spec in suite.codecs if spec.codec == c] or [CodecSpec(c)] for c in codecs]
+        suite = dataclasses.replace(suite, codecs=tuple(itertools.chain(*chosen)))
+    for key, value in changes.items():
+        suite = _change(suite, key, value)
+    return suite if seed is None else dataclasses.replace(suite, seeds=(seed,))
+
+
+def named(material: str) -> MaterialSpec:
+    """The material that a bare string names: a path where it looks like one or leads somewhere, else built in."""
+    spec = MaterialSpec(Path(material).name or material, material)
+    is_path = os.sep in material or bool(Path(material).suffix) or spec.found()
+    return spec if is_path else MaterialSpec(material)
+
+
+def _change(suite: Suite, key: str, value: str) -> Suite:
+    scope, _, name = key.rpartition(".")
+    if scope == "data":
+        fields = {f.name: f.type for f in dataclasses.fields(Data)}
+        if name not in fields:
+            raise InputError(f"--set {key}: no such key{did_you_mean(name, fields)}")
+        if fields[name] is int and not value.isdecimal():
+            raise InputError(f"--set {key}: must be a whole number, not {value!r}")
+        if fields[name] is bool and value not in ("true", "false"):
+            raise InputError(f"--set {key}: must be true or false, not {value!r}")
+        converted: Any = int(value) if fields[name] is int else value == "true" if fields[name] is bool else value
+        change = {name: converted}
+        return dataclasses.replace(suite, data=dataclasses.replace(suite.data, **change))
+    codecs = [_set(spec, name, value) if _has(spec.codec, scope, name) else spec for spec in suite.codecs]
+    if codecs == list(suite.codecs) and not any(_has(spec.codec, scope, name) for spec in codecs):
+        raise InputError(f"--set {key}: no codec of this run has a setting {name!r} (or write data.{name})")
+    unique = {spec.label: spec for spec in codecs}  # a sweep over the changed setting has become one job
+    return dataclasses.replace(suite, codecs=tuple(unique.values()))
+
+
+def _has(codec: str, scope: str, setting: str) -> bool:
+    from bench.codec import setting_names
+    from bench.codecs.registry import load_codec
+
+    return scope in ("", codec) and setting in setting_names(load_codec(codec))
+
+
+def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
+    from bench.codec import COMMON
+    from bench.codecs.registry import load_codec
+
+    codec = load_codec(spec.codec)(**{setting: value})
+    converted = getattr(codec if setting in COMMON else codec.settings, setting)
+    return dataclasses.replace(spec, settings=spec.settings | {setting: converted})
+
+
+def _material(file: str, entry: Any) -> MaterialSpec:
+    if isinstance(entry, str):
+        return named(entry)
+    return MaterialSpec(**_typed(file, "materials.", _value(file, "materials", entry, dict), MaterialSpec))
+
+
+def _sweep(file: str, entry: Any) -> list[CodecSpec]:
+    """A codec's table with each list multiplied out."""
+    entry = dict(_value(file, "codecs", entry, dict))
+    codec = _value(file, "codecs.codec", entry.pop("codec", None), str)
+    key = "codecs.materials"
+    materials = tuple(_list(file, key, {key: entry.pop("materials", [])}, str, []))
+    lists = [value if isinstance(value, list) else [value] for value in entry.values()]
+    swept = tuple(key for key, value in entry.items() if isinstance(value, list))
+    settings = (dict(zip(entry, values, strict=True)) for values in itertools.product(*lists))
+    return [CodecSpec(codec, each, swept, materials) for each in settings]
+
+
+def _typed(file: str, prefix: str, table: Any, kind: type) -> dict[str, Any]:
+    kinds = {f.name: f.type for f in dataclasses.fields(kind)}
+    _only(file, prefix, _value(file, prefix.rstrip("."), table, dict), set(kinds))
+    return {key: _value(file, prefix + key, value, kinds[key]) for key, value in table.items()}
+
+
+def _only(file: str, prefix: str, table: dict[str, Any], known: set[str]) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(f"{file}: unknown key {prefix + key!r}{did_you_mean(key, known)}")
+
+
+def _value(file: str, key: str, value: Any, kind: Any) -> Any:
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        raise InputError(f"{file}: {key} must be of type {kind.__name__}, not {value!r}")
+    return value
+
+
+def _list(file: str, key: str, table: dict[str, Any], kind: Any, default: list[Any]) -> list[Any]:
+    return [_value(file, key, entry, kind) for entry in _value(file, key, table.get(key, default), list)]
+
+
+def _repeated(names: list[str]) -> str | None:
+    return next((name for i, name in enumerate(names) if name in names[:i]), None)

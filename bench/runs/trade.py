@@ -1,0 +1,213 @@
+"""What one gives up for what one gains: every setting, execution and precision with its quality, bytes and time.
+
+A *choice* is a codec file and how it is computed. Executions and precisions change no file: each is scored and timed
+from the same one. What a run's records do not hold is written beside them, `trade.json`, anew each time.
+"""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from bench import atomic, timing
+from bench.codec import Progress, silent
+from bench.codecs import container
+from bench.errors import InputError
+from bench.material import Material
+from bench.metrics.scoring import summarise
+from bench.records import TRADE, TRADE_FORMAT, Record, Run
+from bench.runs.choose import answers, psnr
+from bench.runs.evaluation import Decoder as Slices
+from bench.runs.suite import MaterialSpec, Suite
+from bench.runs.workbench import Workbench, workbench
+from bench.timing.execution import Variant, exists_on, networks, prepared
+from bench.timing.machine import unrest
+from bench.timing.profile import profile
+from bench.timing.queries import Queries
+from bench.timing.roofline import limit_ns, roofline
+
+BATCH = 65_536  # whole chunks of every execution
+BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)
+ALL_BATCHES = (*BATCHES, 1 << 20, 1 << 22)
+PSNR, FLIP = "psnr_display", "flip_ldr"
+_BY_MATERIAL = ("choices", "profiles")
+
+
+def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progress = silent) -> dict[str, Any]:
+    """Score and time every choice of a finished run of a suite; what `trade.json` holds.
+
+    `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more.
+    """
+    cores = torch.get_num_threads()
+    ceilings = _ceilings(suite, torch.device(device), cores)
+    result: dict[str, Any] = {
+        "format": TRADE_FORMAT,
+        "suite": suite.name,
+        "ceilings": ceilings,
+        "choices": [],
+        "profiles": [],
+    }
+    for spec in suite.materials:
+        jobs = _jobs(suite, spec, run)
+        if jobs:
+            bench = workbench("trade", spec, suite.data, None, show)
+            result["choices"] += _choices(bench, jobs, suite, run, device, ceilings, show)
+            plain = {job["label"]: _load(run, job, device) for job in jobs if _plain(suite, job)}
+            found = profile(plain or {jobs[0]["label"]: _load(run, jobs[0], device)}, cores, _batches(full))
+            result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in found]
+        result["choices"] += _failed(suite, spec, run, device)
+    result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
+    return result
+
+
+def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, Any]:
+    """A result, and of an earlier one what it holds of other materials."""
+    here = {row["material"] for row in result["choices"]}
+    kept = {key: [row for row in (earlier or {}).get(key, ()) if row["material"] not in here] for key in _BY_MATERIAL}
+    together = {key: [*rows, *result[key]] for key, rows in kept.items()}
+    names = dict.fromkeys(row["material"] for row in together["choices"])
+    return result | together | {"answers": [text for name in names for text in answers(name, together["choices"])]}
+
+
+def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[dict[str, Any]]:
+    """What the device can do: on the suite's threads in float32 and, where a variant wants it, bfloat16; on all."""
+    half = any(Variant.parse(text).precision == "bfloat16" for text in suite.variants)
+    short = [roofline(device, suite.threads, torch.bfloat16)] if half else []
+    return [*(roofline(device, count) for count in dict.fromkeys((suite.threads, cores))), *short]
+
+
+def write(folder: Path, result: dict[str, Any]) -> None:
+    """Store the result beside the records, in one move."""
+    atomic.write(folder / TRADE, json.dumps(result, allow_nan=False).encode())
+
+
+def _batches(full: bool) -> tuple[int, ...]:
+    return ALL_BATCHES if full else BATCHES
+
+
+def _jobs(suite: Suite, spec: MaterialSpec, run: Run) -> list[Record]:
+    """The finished jobs of a material, in the order of the suite; of several seeds the first."""
+    found = (run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs)
+    return [job for job in found if job and job["status"] == "ok"]
+
+
+def _failed(suite: Suite, spec: MaterialSpec, run: Run, device: str) -> list[dict[str, Any]]:
+    """A row that says why for each job that came to nothing."""
+    rows = []
+    for codec in suite.codecs:
+        job = run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}")
+        if job and job["status"] != "ok":
+            row = {"material": spec.name, "label": codec.label, "codec": codec.codec, "device": device}
+            row |= {"execution": "eager", "precision": "float32"}
+            rows.append(row | {"error": f"{job['status']}: {' '.join(job['error'].split())}"})
+    return rows
+
+
+def _load(run: Run, job: Record, device: str) -> Material:
+    return container.load(run.folder / job["file"], device)[1]
+
+
+def _plain(suite: Suite, job: Record) -> bool:
+    """Whether a job is of a codec entry that sweeps nothing: those stand for their codec."""
+    return any(spec.label == job["label"] and not spec.swept for spec in suite.codecs)
+
+
+def _choices(
+    bench: Workbench,
+    jobs: list[Record],
+    suite: Suite,
+    run: Run,
+    device: str,
+    ceilings: list[dict[str, Any]],
+    show: Progress,
+) -> list[dict[str, Any]]:
+    """Each choice of one material: quality, bytes, time in turns with all the others, place on the two fronts."""
+    rows, timed = [], {}
+    for job in jobs:
+        material = _load(run, job, device)
+        for variant in (Variant(), *_variants(suite, job, material)):
+            row = {"material": bench.name, "job": job["job"], "label": job["label"], "codec": job["codec"]}
+            row |= {"settings": job["settings"], "execution": variant.execution, "precision": variant.precision}
+            row |= {"bytes": job["bytes"]["total"], "parameters": job["parameters"], "device": device}
+            row |= {"sha256": job["score_key"]["sha256"]}
+            try:
+                ready = prepared(material, variant)
+                row |= _quality(bench, job, run) if variant == Variant() else _score(bench, ready, suite.threads, show)
+            except InputError as error:
+                rows.append(row | {"error": str(error)})
+                continue
+            rows.append(row)
+            timed[len(rows) - 1] = ready
+    measured = timing.compare({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(BATCH))
+    shared = {"batch": BATCH, "threads": suite.threads, "device": device}
+    for i, ready in timed.items():
+        summary = _summary(measured[str(i)])
+        least = _limit(ready, ceilings)
+        rows[i] |= summary | shared | {"limit_ns": least, "of_limit": least / summary["ns_per_sample"]}
+    floor = {"material": bench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
+    _mark([row for row in rows if "error" not in row])
+    return [*rows, floor | shared | _summary(measured[timing.FLOOR])]
+
+
+def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
+    """Those of the suite that the device has, for a material with a network whose entry sweeps nothing."""
+    if not (_plain(suite, job) and networks(material)):
+        return []
+    return [variant for variant in map(Variant.parse, suite.variants) if exists_on(variant, material.device)]
+
+
+def _summary(measured: timing.Timing) -> dict[str, Any]:
+    summary = measured.summary()
+    return summary | {"unrest": unrest(summary)}
+
+
+def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
+    """The least ns a sample that the machine allows: shorter numbers are fewer bytes, and may be multiplied faster."""
+    short = material.dtype.itemsize / 4
+    cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * short))
+    usable = ("float32", str(material.dtype).removeprefix("torch."))
+    threads = ceilings[0]["threads"]
+    return min(limit_ns(cost, c) for c in ceilings if c["threads"] == threads and c["dtype"] in usable)
+
+
+def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, float | None]:
+    """PSNR, FLIP and the PSNR of the worst slice, of the held-out pairs, from a job's record."""
+    group = job["scores"].get("heldout") or job["scores"]["all"]
+    with np.load(run.folder / job["slices"], allow_pickle=False) as slices:
+        raw = slices[PSNR][slices["heldout"]] if "heldout" in job["scores"] else slices[PSNR]
+    return _figures(group["metrics"], raw)
+
+
+def _score(bench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, float | None]:
+    """The same figures, of a material that is computed otherwise."""
+    gate = "heldout" if "heldout" in bench.groups else "all"
+    with timing.torch_threads(threads):
+        scores = bench.scorer.score(bench.groups[gate], Slices(bench, material, show).slice)
+    metrics = summarise(scores, bench.btf.wo, bench.btf.wi, {gate: bench.groups[gate]})[gate]["metrics"]
+    return _figures(metrics, scores.raw[PSNR])
+
+
+def _figures(metrics: dict[str, Any], squared: np.ndarray) -> dict[str, float | None]:
+    flip = next((name for name in metrics if name.startswith(FLIP)), "")
+    worst = float(squared.max())
+    return {
+        "psnr": metrics[PSNR]["pooled"],
+        "flip": metrics[flip]["mean"] if flip else None,
+        "worst": -10 * float(np.log10(worst)) if worst > 0 else None,
+    }
+
+
+def _mark(rows: list[dict[str, Any]]) -> None:
+    """Say of each choice whether it is on a front: no other is at least as good and as cheap, and better in one."""
+    for cost, front in (("ns_per_sample", "fastest"), ("bytes", "smallest")):
+        for row in rows:
+            row[front] = not any(_beats(other, row, cost) for other in rows)
+
+
+def _beats(other: dict[str, Any], row: dict[str, Any], cost: str) -> bool:
+    # To 0.01 dB: a front is no place for roundings, by which executions of one file differ.
+    ours, theirs = ((round(psnr(x), 2), -x[cost]) for x in (row, other))
+    return theirs != ours and theirs[0] >= ours[0] and theirs[1] >= ours[1]

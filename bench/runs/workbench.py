@@ -1,0 +1,100 @@
+"""One material of a run, opened once a process, and what the jobs on it share: split, exposure, scorer."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from bench.btf import BTF, Split
+from bench.codec import Progress
+from bench.data.open import open_material
+from bench.demand.corners import pair_shares
+from bench.demand.demand import Demand
+from bench.demand.demand import load as load_demand
+from bench.demand.judge import Judge, table_of
+from bench.directions import PairInterpolator
+from bench.errors import InputError
+from bench.hemisphere import to_degrees
+from bench.metrics.scoring import Scorer
+from bench.runs.suite import Data, MaterialSpec
+
+OUTSIDE = "outside the scene"  # pairs that its demand does not touch
+SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that reports show
+
+
+@dataclass
+class Workbench:
+    """See the module. `scorers` is the number of threads that score, by default one a core."""
+
+    btf: BTF
+    name: str
+    scorers: int | None = None
+    demand: Demand | None = None  # of a scene to judge by
+    split: Split = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.split = self.btf.split()
+        if not len(self.split.train):
+            raise InputError(f"{self.name}: no pair is left to train on")
+
+    @cached_property
+    def training(self) -> BTF:
+        return self.btf.subset(self.split.train)
+
+    @cached_property
+    def scorer(self) -> Scorer:
+        return Scorer(self.btf, threads=self.scorers)
+
+    @cached_property
+    def judge(self) -> Judge | None:
+        """What scores materials by the scene, where there is one."""
+        return Judge(table_of(self.btf), self.demand) if self.demand else None
+
+    @cached_property
+    def scene_shares(self) -> np.ndarray | None:
+        """The share (N,) of the scene's demand on each pair."""
+        return pair_shares(self.btf.layout, self.demand) if self.demand else None
+
+    @property
+    def exposure(self) -> float:
+        return self.scorer.exposure
+
+    @cached_property
+    def groups(self) -> dict[str, np.ndarray]:
+        """Pair indices by the name under which reports show them."""
+        heldout = np.sort(np.concatenate([np.empty(0, int), *self.split.heldout.values()])).astype(int)
+        groups = {"all": np.arange(len(self.btf)), "train": self.split.train, "heldout": heldout}
+        if len(self.split.heldout) > 1:
+            groups |= {f"heldout, {name}": pairs for name, pairs in self.split.heldout.items()}
+        if len(heldout):
+            directions = (torch.from_numpy(w[heldout]) for w in (self.btf.wo, self.btf.wi))
+            outside = PairInterpolator(self.training.layout).outside(*directions).numpy()
+            groups |= {"heldout, inside hull": heldout[~outside], "heldout, outside hull": heldout[outside]}
+        if self.scene_shares is not None:
+            groups[OUTSIDE] = np.flatnonzero(self.scene_shares == 0)
+        return {name: pairs for name, pairs in groups.items() if len(pairs)}
+
+    @cached_property
+    def shown(self) -> np.ndarray:
+        """The few pairs that reports show, held-out ones where there are any."""
+        pairs = self.groups.get("heldout", self.groups["all"])
+        theta = np.stack([to_degrees(self.btf.wo[pairs])[0], to_degrees(self.btf.wi[pairs])[0]], 1)
+        nearest = [int(np.linalg.norm(theta - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
+        return pairs[np.unique(nearest)]
+
+
+_latest: dict[object, Workbench] = {}  # one: a scorer keeps hundreds of megabytes
+
+
+def workbench(
+    run: str, spec: MaterialSpec, data: Data, scorers: int | None, show: Progress, demand: str = ""
+) -> Workbench:
+    """The workbench of a material, which the jobs of one run share as long as they follow each other."""
+    key = (run, spec, data, scorers, demand)
+    if key not in _latest:
+        _latest.clear()
+        asked = load_demand(Path(demand)) if demand else None
+        _latest[key] = Workbench(open_material(spec, data, show), spec.name, scorers, asked)
+    return _latest[key]

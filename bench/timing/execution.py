@@ -1,0 +1,199 @@
+"""How a decoded material is computed: its execution and its precision. Neither changes the file; both trade.
+
+| execution | what it is |
+| --- | --- |
+| `eager` | PyTorch's operations one by one, in chunks that fit the cache: what a material does by itself |
+| `compiled` | `evaluate` through torch.compile, on the network folded by `bench.timing.fused.lean` |
+| `fused` | the network and the fetch before it as one kernel: Dr.Jit with literal weights on the CPU, Triton on a GPU |
+
+Precisions are those of textures, weights and products; places and directions stay float32. `TOLERANCES` says how far
+the network's answer may lie from float64's.
+"""
+
+import copy
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import torch
+import torch._dynamo
+from torch import Tensor, nn
+
+from bench.codecs.decoder import Decoder
+from bench.errors import InputError
+from bench.material import Material
+from bench.suggest import did_you_mean
+
+EXECUTIONS = ("eager", "compiled", "fused")
+DTYPES = {
+    "float32": torch.float32,
+    "tf32": torch.float32,
+    "bfloat16": torch.bfloat16,
+    "float16": torch.float16,
+}
+# |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half
+# precisions promise it to networks with a layer norm or without a sine: a phase of hundreds of turns is beyond them.
+TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
+LONG_CHUNK = 65_536  # of compiled half precisions on the CPU: small intermediates, but some overhead a call
+FUSED_CHUNK = 1 << 17  # on the CPU: PyTorch's threads and Dr.Jit's hinder each other where one takes over
+GPU_CHUNK = 1 << 22  # a chunk must fill a GPU
+
+
+@dataclass(frozen=True)
+class Variant:
+    """An execution and a precision: `fused bfloat16`."""
+
+    execution: str = "eager"
+    precision: str = "float32"
+
+    def __str__(self) -> str:
+        return f"{self.execution} {self.precision}"
+
+    @staticmethod
+    def parse(text: str) -> "Variant":
+        """The variant that a text names: an execution, or an execution and a precision."""
+        execution, _, precision = text.partition(" ")
+        for word, known in ((execution, EXECUTIONS), (precision or "float32", tuple(DTYPES))):
+            if word not in known:
+                raise InputError(f"variant {text!r}: no {word!r}{did_you_mean(word, known)}: write one of "
+                                 f"{', '.join(EXECUTIONS)}, and one of {', '.join(DTYPES)}")  # fmt: skip
+        return Variant(execution, precision or "float32")
+
+
+def exists_on(variant: Variant, device: torch.device) -> bool:
+    """Whether a kind of device has such a variant at all; what is merely not installed, `prepared` says."""
+    of_gpus = variant.precision == "tf32" or (variant.execution == "fused" and variant.precision != "float32")
+    return device.type == "cuda" or not of_gpus
+
+
+def prepared(material: Material, variant: Variant) -> Material:
+    """A copy of a material that is computed so. `InputError` says what is missing, or why it cannot be."""
+    if variant.precision == "tf32" and material.device.type != "cuda":
+        raise InputError("tf32 is a precision of NVIDIA's GPUs: use float32 here")
+    material = copy.deepcopy(material).to(dtype=DTYPES[variant.precision])
+    if material.device.type == "cuda":
+        material.chunk = GPU_CHUNK
+    match variant.execution:
+        case "compiled":
+            material = _Compiled(material)
+        case "fused":
+            return _fused(material, variant)
+    return _Tf32(material) if variant.precision == "tf32" else material
+
+
+def networks(material: Material) -> list[Decoder]:
+    """Every decoder network of a material, however deep."""
+    roots = (value for value in vars(material).values() if isinstance(value, nn.Module))
+    return [module for root in roots for module in root.modules() if isinstance(module, Decoder)]
+
+
+def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
+    """Put what `make` makes of each decoder network in its place; how many there were."""
+    count = 0
+    for name, value in list(vars(material).items()):
+        if isinstance(value, Decoder):
+            setattr(material, name, make(value))
+            count += 1
+        elif isinstance(value, nn.Module):
+            for module in list(value.modules()):
+                for child, network in list(module.named_children()):
+                    if isinstance(network, Decoder):
+                        setattr(module, child, make(network))
+                        count += 1
+    return count
+
+
+def _fused(material: Material, variant: Variant) -> Material:
+    make: Callable[[Decoder], nn.Module]
+    if material.device.type == "cuda":
+        try:
+            from bench.timing.fused.with_triton import TritonNetwork
+        except ImportError as error:
+            raise InputError(f"fused on a GPU needs Triton: pip install triton ({error})") from error
+
+        def make(network: Decoder) -> nn.Module:
+            return TritonNetwork(network, tf32=variant.precision == "tf32")
+
+    elif variant.precision != "float32":
+        raise InputError(f"fused on the CPU computes in float32, not {variant.precision}: use compiled")
+    else:
+        from bench.timing.fused.with_drjit import DrJitNetwork, drjit
+
+        drjit()
+        make, material.chunk = DrJitNetwork, FUSED_CHUNK
+    if not _replaced(material, make):
+        raise InputError("fused computes decoder networks, and this codec has none: use eager")
+    return material
+
+
+class _Around(Material):
+    """A material whose `evaluate` is computed otherwise."""
+
+    def __init__(self, inner: Material):
+        super().__init__(inner.size, inner.cost)
+        self.inner, self.device, self.dtype, self.chunk = inner, inner.device, inner.dtype, inner.chunk
+
+    def modules(self) -> list[nn.Module]:
+        return list(self.inner.modules())
+
+
+class _Compiled(_Around):
+    """`evaluate` through torch.compile: for whole chunks one kernel of that size, for what is left one of any size."""
+
+    def __init__(self, inner: Material):
+        from bench.timing.fused.lean import Lean, compiled
+
+        needs_compiler(inner.device)
+        _replaced(inner, Lean)
+        if inner.device.type == "cpu" and inner.dtype.itemsize < 4:
+            inner.chunk = LONG_CHUNK
+        super().__init__(inner)
+        self.whole = compiled(inner.evaluate, dynamic=False)
+        self.rest = compiled(inner.evaluate, dynamic=True)
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        # A slice expands one direction to all texels: its strides would be compiled for apart.
+        queries = [x.contiguous() for x in (uv, wo, wi, footprint)]
+        compute = self.whole if len(uv) == self.chunk else self.rest
+        try:
+            # Sizes vary, numbers do not: by default a kernel of any size would read each constant from memory.
+            with torch._dynamo.config.patch(specialize_float=True):
+                rgb: Tensor = compute(*queries)
+        except torch._dynamo.exc.TorchDynamoException as error:
+            last = str(error).strip().splitlines()[0]
+            raise InputError(f"torch.compile failed ({last}): remove its cache, {_cache()}, or use eager") from error
+        return rgb
+
+
+def _cache() -> str:
+    """Where torch.compile keeps what it compiled; a process killed there leaves half a library behind."""
+    from torch._inductor.runtime.cache_dir_utils import cache_dir
+
+    return str(cache_dir())
+
+
+class _Tf32(_Around):
+    """Products of float32 numbers rounded as tf32."""
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        with _rounded():
+            return self.inner.evaluate(uv, wo, wi, footprint)
+
+
+@contextmanager
+def _rounded() -> Iterator[None]:
+    """Products of float32 matrices may be rounded as tf32 inside."""
+    before = torch.backends.cuda.matmul.allow_tf32
+    torch.backends.cuda.matmul.allow_tf32 = True
+    try:
+        yield
+    finally:
+        torch.backends.cuda.matmul.allow_tf32 = before
+
+
+def needs_compiler(device: torch.device) -> None:
+    """`InputError` where torch.compile would find no compiler for a device."""
+    if device.type == "cpu" and not any(map(shutil.which, filter(None, (os.environ.get("CXX"), "g++", "clang++")))):
+        raise InputError("compiled needs a C++ compiler: install g++ or clang++, or name one in CXX; or use eager")

@@ -1,0 +1,76 @@
+"""A fitted network as the layers that a fast kernel computes, folded in float64.
+
+Folded are: the mean that a layer norm subtracts, into the weights before it (Wx + b − mean = (W − mean of W's rows) x +
+b − mean of b); the sine's frequency, into what precedes it, so that the sine is of turns: sin(2π t).
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.polynomial.chebyshev import Chebyshev
+from torch import Tensor, nn
+
+from bench.codecs.decoder import Activation, Decoder
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Norm:
+    """x → x · gain / √(mean of x² + eps) + offset, of an x whose mean is 0."""
+
+    gain: Array
+    offset: Array
+    eps: float
+
+
+@dataclass(frozen=True)
+class Layer:
+    """x → weight · x + bias → norm → activation (a sine is of turns) → + x, where `residual`. All float64."""
+
+    weight: Array  # (outputs, inputs)
+    bias: Array  # (outputs,)
+    norm: Norm | None = None
+    activation: Activation | None = None
+    residual: bool = False
+
+
+def layers_of(decoder: Decoder) -> list[Layer]:
+    """The folded layers of a network, the linear one at its end included."""
+    architecture = decoder.architecture
+    turn = architecture.omega / (2 * math.pi) if architecture.activation == "sine" else 1.0
+    found = []
+    *hidden, last = [(_numbers(linear.weight), _numbers(linear.bias)) for linear in decoder.layers]
+    for depth, (weight, bias) in enumerate(hidden):
+        norm = None
+        if decoder.norms is not None:
+            scale = decoder.norms[depth]
+            assert isinstance(scale, nn.LayerNorm)
+            norm = Norm(_numbers(scale.weight) * turn, _numbers(scale.bias) * turn, scale.eps)
+            weight, bias = weight - weight.mean(0), bias - bias.mean()
+        else:
+            weight, bias = weight * turn, bias * turn
+        residual = architecture.residual and weight.shape[0] == weight.shape[1]
+        found.append(Layer(weight, bias, norm, architecture.activation, residual))
+    return [*found, Layer(*last)]
+
+
+def _numbers(tensor: Tensor | nn.Module) -> Array:
+    assert isinstance(tensor, Tensor)
+    found: Array = tensor.detach().cpu().double().numpy()
+    return found
+
+
+@cache
+def sine_of_turns(terms: int = 6) -> tuple[float, ...]:
+    """Coefficients c of sin(2π t) = Σ c_i t^(2i + 1) for |t| ≤ ½, from the constant up; 6 of them err by 2e-7.
+
+    The interpolant of sin(2π √s) / √s at Chebyshev's points over s = t², within a factor of the best polynomial.
+    """
+    s = (1 + np.cos((2 * np.arange(200) + 1) * np.pi / 400)) / 8
+    t = np.sqrt(s)
+    fitted = Chebyshev.fit(s, np.sin(2 * np.pi * t) / t, terms - 1, domain=[0, 0.25])
+    return tuple(map(float, fitted.convert(kind=Polynomial).coef))

@@ -1,0 +1,183 @@
+"""The folded network as one kernel on a GPU, by Triton, that fetches the texture too: one launch a batch.
+
+A block of samples goes through all layers in registers; weights come from the innermost cache. Products are of float32
+(exact, or rounded as tf32) or bfloat16 numbers and are summed in float32, in which all the rest is done.
+"""
+
+from typing import Any
+
+import torch
+import triton
+import triton.language as tl
+from torch import Tensor
+
+from bench.codecs.decoder import LEAK, Decoder, Network
+from bench.errors import InputError
+from bench.timing.fused.layers import Array, Layer, layers_of, sine_of_turns
+
+BLOCK = 128  # samples of one program
+SMALLEST = 16  # a side of the smallest matrix that the GPU multiplies
+
+
+@triton.jit
+def _texel(texture, row, col, height, width, channel, wanted, CHANNELS: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Values (BLOCK, columns) of one corner, periodic; 0 where a column or a sample is not wanted."""
+    row = (row % height + height) % height
+    col = (col % width + width) % width
+    place = (row * width + col)[:, None] * CHANNELS + channel[None, :]
+    return tl.load(texture + place, mask=wanted, other=0.0).to(tl.float32)
+
+
+@triton.jit
+def _product(x, matrix, PRECISION: tl.constexpr, WIDEN: tl.constexpr):  # type: ignore[no-untyped-def]
+    """x · matrix, of numbers of the matrix's type, summed in float32."""
+    x = x.to(matrix.dtype)
+    if WIDEN:  # the same numbers: Triton's interpreter multiplies no bfloat16
+        x = x.to(tl.float32)
+        matrix = matrix.to(tl.float32)
+    return tl.dot(x, matrix, input_precision=PRECISION)
+
+
+@triton.jit
+def _network(  # type: ignore[no-untyped-def]
+    out, texture, uv, first, second, weights, scalars, n, height, width, first_stride, second_stride, eps,
+    CHANNELS: tl.constexpr, FIRST: tl.constexpr, SECOND: tl.constexpr, INPUTS: tl.constexpr, WIDTH: tl.constexpr,
+    USED: tl.constexpr, LAYERS: tl.constexpr, OUTPUTS: tl.constexpr, LAST: tl.constexpr, NORM: tl.constexpr,
+    ACTIVATION: tl.constexpr, RESIDUAL: tl.constexpr, SLOPE: tl.constexpr, PRECISION: tl.constexpr, WIDEN: tl.constexpr,
+    C0: tl.constexpr, C1: tl.constexpr, C2: tl.constexpr, C3: tl.constexpr, C4: tl.constexpr, C5: tl.constexpr,
+    BLOCK: tl.constexpr,
+):  # fmt: skip
+    sample = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    there = sample < n
+    column = tl.arange(0, INPUTS)
+    x = tl.zeros((BLOCK, INPUTS), tl.float32)
+    if CHANNELS > 0:
+        u = tl.load(uv + 2 * sample, mask=there, other=0.0).to(tl.float32) * width - 0.5
+        v = (1.0 - tl.load(uv + 2 * sample + 1, mask=there, other=0.0).to(tl.float32)) * height - 0.5
+        left, top = tl.floor(u), tl.floor(v)
+        right, below = (u - left)[:, None], (v - top)[:, None]
+        col, row = left.to(tl.int32), top.to(tl.int32)
+        wanted = there[:, None] & (column < CHANNELS)[None, :]
+        upper = _texel(texture, row, col, height, width, column, wanted, CHANNELS) * (1 - right)
+        upper += _texel(texture, row, col + 1, height, width, column, wanted, CHANNELS) * right
+        lower = _texel(texture, row + 1, col, height, width, column, wanted, CHANNELS) * (1 - right)
+        lower += _texel(texture, row + 1, col + 1, height, width, column, wanted, CHANNELS) * right
+        x += upper * (1 - below) + lower * below
+    place = column - CHANNELS
+    wanted = there[:, None] & ((place >= 0) & (place < FIRST))[None, :]
+    x += tl.load(first + sample[:, None] * first_stride + place[None, :], mask=wanted, other=0.0).to(tl.float32)
+    if SECOND > 0:
+        place = place - FIRST
+        wanted = there[:, None] & ((place >= 0) & (place < SECOND))[None, :]
+        x += tl.load(second + sample[:, None] * second_stride + place[None, :], mask=wanted, other=0.0).to(tl.float32)
+
+    channel = tl.arange(0, WIDTH)
+    for layer in tl.static_range(LAYERS):
+        if layer == 0:
+            matrix = tl.load(weights + column[:, None] * WIDTH + channel[None, :])
+        else:
+            start = INPUTS * WIDTH + (layer - 1) * WIDTH * WIDTH
+            matrix = tl.load(weights + start + channel[:, None] * WIDTH + channel[None, :])
+        here = scalars + layer * 3 * WIDTH + channel
+        hidden = _product(x, matrix, PRECISION, WIDEN) + tl.load(here)[None, :]
+        if NORM:
+            scale = tl.rsqrt(tl.sum(hidden * hidden, 1) / USED + eps)
+            hidden = hidden * scale[:, None] * tl.load(here + WIDTH)[None, :] + tl.load(here + 2 * WIDTH)[None, :]
+        if ACTIVATION == "sine":
+            turn = hidden - tl.floor(hidden + 0.5)
+            s = turn * turn
+            hidden = (((((C5 * s + C4) * s + C3) * s + C2) * s + C1) * s + C0) * turn
+        else:
+            hidden = tl.where(hidden > 0, hidden, hidden * SLOPE)
+        if RESIDUAL and layer > 0:
+            hidden += x
+        x = hidden
+    answer = tl.arange(0, LAST)
+    start = INPUTS * WIDTH + (LAYERS - 1) * WIDTH * WIDTH
+    matrix = tl.load(weights + start + channel[:, None] * LAST + answer[None, :])
+    y = _product(x, matrix, PRECISION, WIDEN) + tl.load(scalars + LAYERS * 3 * WIDTH + answer)[None, :]
+    wanted = there[:, None] & (answer < OUTPUTS)[None, :]
+    tl.store(out + sample[:, None] * OUTPUTS + answer[None, :], y, mask=wanted)
+
+
+class TritonNetwork(Network):
+    """What a `Decoder` answers, on its device and in its dtype, float32 or bfloat16; `tf32` rounds float32 products."""
+
+    def __init__(self, decoder: Decoder, tf32: bool = False):
+        super().__init__()
+        architecture = decoder.architecture
+        width, *others = set(architecture.widths)
+        if others or (architecture.residual and architecture.inputs == width):
+            raise InputError("fused on a GPU wants hidden layers of one width, not that of the inputs: use compiled")
+        parameter = next(decoder.parameters())
+        if parameter.dtype not in (torch.float32, torch.bfloat16):
+            raise InputError(f"fused on a GPU computes in float32 or bfloat16, not {parameter.dtype}: use compiled")
+        layers = layers_of(decoder)
+        inputs, width, last = (_padded(k) for k in (architecture.inputs, architecture.widths[0], architecture.outputs))
+        sides = [inputs, *[width] * len(architecture.widths), last]
+        weights = torch.cat([_matrix(layer.weight.T, *sides[i : i + 2]) for i, layer in enumerate(layers)])
+        scalars = torch.cat([_scalars(layer, width) for layer in layers[:-1]] + [_vector(layers[-1].bias, last)])
+        self.weights = torch.nn.Parameter(weights.to(parameter), requires_grad=False)
+        self.scalars = torch.nn.Parameter(scalars.to(parameter.device), requires_grad=False)
+        self.outputs, self.shape = architecture.outputs, (inputs, width, last)
+        norm = layers[0].norm
+        self.options: dict[str, Any] = {
+            "USED": architecture.widths[0],
+            "LAYERS": len(architecture.widths),
+            "NORM": norm is not None,
+            "ACTIVATION": architecture.activation,
+            "RESIDUAL": architecture.residual,
+            "SLOPE": LEAK if architecture.activation == "leaky-relu" else 0.0,
+            "PRECISION": "tf32" if tf32 else "ieee",
+            "WIDEN": parameter.device.type == "cpu",
+            **{f"C{i}": c for i, c in enumerate(sine_of_turns())},
+        }
+        self.eps = norm.eps if norm else 0.0
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        return self._run(None, inputs, inputs, None).to(inputs.dtype)
+
+    def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
+        return self._run(texture.contiguous(), uv.contiguous(), first, second).to(uv.dtype)
+
+    def _run(self, texture: Tensor | None, uv: Tensor, first: Tensor, second: Tensor | None) -> Tensor:
+        """Without a texture, `first` is all the inputs, and `uv` anything."""
+        n, (inputs, width, last) = len(first), self.shape
+        height, across, channels = (1, 1, 0) if texture is None else texture.shape
+        first = first if first.stride(1) == 1 else first.contiguous()
+        other = first if second is None else second if second.stride(1) == 1 else second.contiguous()
+        out = first.new_empty(n, self.outputs, dtype=torch.float32)
+        if n:
+            _network[(triton.cdiv(n, BLOCK),)](
+                out, uv if texture is None else texture, uv, first, other, self.weights, self.scalars,
+                n, height, across, first.stride(0), other.stride(0), self.eps,
+                CHANNELS=channels, FIRST=first.shape[1], SECOND=0 if second is None else second.shape[1],
+                INPUTS=inputs, WIDTH=width, OUTPUTS=self.outputs, LAST=last, BLOCK=BLOCK, **self.options,
+            )  # fmt: skip
+        return out
+
+
+def _padded(count: int) -> int:
+    """A power of two that holds so many."""
+    return max(SMALLEST, triton.next_power_of_2(count))
+
+
+def _vector(values: Array, size: int) -> Tensor:
+    found = torch.zeros(size)
+    found[: len(values)] = torch.from_numpy(values)
+    return found
+
+
+def _matrix(values: Array, rows: int, columns: int) -> Tensor:
+    """A matrix filled up with zeros, row by row."""
+    found = torch.zeros(rows, columns)
+    found[: values.shape[0], : values.shape[1]] = torch.from_numpy(values)
+    return found.reshape(-1)
+
+
+def _scalars(layer: Layer, width: int) -> Tensor:
+    """Bias, gain and offset of one layer, one after the other."""
+    bias, norm = _vector(layer.bias, width), layer.norm
+    if norm is None:
+        return torch.cat([bias, torch.zeros(2 * width)])
+    return torch.cat([bias, _vector(norm.gain, width), _vector(norm.offset, width)])

@@ -1,0 +1,168 @@
+import json
+import random
+import struct
+
+import pytest
+import torch
+
+from bench.codec import Codec, Fit, Parts
+from bench.codecs import container
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+from bench.console import file_lines
+from bench.errors import ContainerError, InputError
+
+
+@pytest.fixture(scope="module")
+def encoded(tmp_path_factory):
+    codec = load_codec("pca")(components=4)
+    path = tmp_path_factory.mktemp("files") / "tiny.nbtf"
+    header = container.save(path, codec, codec.encode(tiny_btf(), Fit()))
+    return header, path.read_bytes()
+
+
+def test_the_header_says_what_was_written_and_parts_add_up_to_the_file(encoded):
+    header, data = encoded
+    assert (header.codec, header.version, header.settings["components"]) == ("pca", 1, 4)
+    assert sum(header.part_bytes().values()) == header.file_bytes == len(data) == header.path.stat().st_size
+
+
+def test_an_encoder_is_a_part_of_its_own(encoded, tmp_path):
+    header, _ = encoded
+    assert "encoder" not in header.part_bytes()
+    parts = Parts(texture={"t": torch.ones(5)}, encoder={"weights": torch.arange(7.0)})
+    header = container.save(tmp_path / "file", load_codec("pca")(), parts)
+    assert header.part_bytes() == {
+        "decoder": 0,
+        "texture": 20,
+        "other": 0,
+        "encoder": 28,
+        "header": header.file_bytes - 48,
+    }
+    assert container.read_parts(header.path)[1].encoder["weights"].equal(torch.arange(7.0))
+
+
+def test_a_file_may_say_what_it_was_made_from(encoded, tmp_path):
+    header, _ = encoded
+    assert header.provenance == {}
+    codec, parts = container.read_parts(header.path)
+    made = {"file": header.sha256, "scale": 0.5}
+    again = container.save(tmp_path / "made", load_codec("pca")(**codec.settings), parts, made)
+    assert again.provenance == container.read_header(again.path).provenance == made
+    assert f"provenance: file = {header.sha256}" in file_lines(again)
+
+
+def test_the_same_parts_give_the_same_bytes(encoded):
+    _, data = encoded
+    codec = load_codec("pca")(components=4)
+    assert container.to_bytes(codec, codec.encode(tiny_btf(), Fit())) == data
+
+
+def test_every_dtype_and_shape_comes_back():
+    codec = load_codec("mean-colour")()
+    tensors = {
+        str(dtype): torch.ones(2, 3, dtype=dtype)
+        for dtype in (torch.float32, torch.float16, torch.bfloat16, torch.float64, torch.uint8, torch.int8, torch.int64)
+    } | {"empty": torch.zeros(0, 3), "scalar": torch.tensor(1.0)}
+    data = container.to_bytes(codec, Parts(other=tensors))
+    from safetensors.torch import load
+
+    back = load(data)
+    assert {name: (t.dtype, t.shape) for name, t in tensors.items()} == {
+        name.removeprefix("other/"): (t.dtype, t.shape) for name, t in back.items()
+    }
+
+
+def test_a_thousand_mutations_are_each_refused(encoded, tmp_path):
+    """Bit flips, changed bytes, cuts, insertions, deletions and swaps: `ContainerError` each time, never a picture."""
+    _, data = encoded
+    rng = random.Random(0)
+    path = tmp_path / "mutated.nbtf"
+    for trial in range(1000):
+        mutated = mutate(data, rng)
+        path.write_bytes(mutated)
+        with pytest.raises(ContainerError) as error:
+            container.load(path)
+        assert str(path) in str(error.value), trial
+
+
+def mutate(data: bytes, rng: random.Random) -> bytes:
+    out = bytearray(data)
+    kind = rng.choice(["flip", "byte", "cut", "insert", "delete", "swap", "header"])
+    at = rng.randrange(len(out))
+    if kind == "flip":
+        out[at] ^= 1 << rng.randrange(8)
+    elif kind == "byte":
+        out[at] = (out[at] + rng.randrange(1, 256)) % 256
+    elif kind == "cut":
+        del out[at:]
+    elif kind == "insert":
+        out[at:at] = rng.randbytes(rng.randrange(1, 9))
+    elif kind == "delete":
+        del out[at : at + rng.randrange(1, 9)]
+    elif kind == "swap":
+        other = rng.randrange(len(out))
+        out[at], out[other] = out[other], out[at]
+    else:
+        out[rng.randrange(8 + 200)] ^= 1 << rng.randrange(8)
+    return bytes(out) if bytes(out) != data else mutate(data, rng)
+
+
+def rewritten(data: bytes, change) -> bytes:
+    """The file with its own metadata changed and its hash made right again: altered by someone who knows the format."""
+    import hashlib
+
+    length = struct.unpack("<Q", data[:8])[0]
+    header = json.loads(data[8 : 8 + length])
+    says = json.loads(header["__metadata__"]["neubtf"])
+    change(says, header)
+    says["sha256"] = "0" * 64
+    header["__metadata__"]["neubtf"] = json.dumps(says)
+    text = json.dumps(header).encode()
+    out = struct.pack("<Q", len(text)) + text + data[8 + length :]
+    return out.replace(b"0" * 64, hashlib.sha256(out).hexdigest().encode(), 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda says, _: says.update(format=99), "newer than this version reads"),
+        (lambda says, _: says.update(version=99), "written by version 99 of codec pca"),
+        (lambda says, _: says.update(codec="pcb"), "no codec named 'pcb' is installed; did you mean 'pca'?"),
+        (lambda says, _: says.update(settings={"colour": 1}), "not what codec pca wrote"),
+        (lambda says, _: says.pop("settings"), "metadata is incomplete"),
+        (lambda _, header: header.update({"texture/other": header.popitem()[1]}), "not what codec pca wrote"),
+    ],
+)
+def test_a_file_that_is_whole_but_foreign_is_explained(encoded, tmp_path, change, message):
+    _, data = encoded
+    path = tmp_path / "foreign.nbtf"
+    path.write_bytes(rewritten(data, change))
+    with pytest.raises(InputError) as error:
+        container.load(path)
+    assert message in str(error.value)
+    assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\x89PNG\r\n\x1a\n" + b"\0" * 100, b"{}", struct.pack("<Q", 2) + b"{}", struct.pack("<Q", 1 << 60) + b"{}"],
+)
+def test_what_is_no_codec_file_is_called_so(tmp_path, data):
+    path = tmp_path / "picture.nbtf"
+    path.write_bytes(data)
+    with pytest.raises(ContainerError, match=r"not a codec file|not one of this suite"):
+        container.read_header(path)
+
+
+def test_a_missing_file_is_a_container_error(tmp_path):
+    with pytest.raises(ContainerError, match="cannot be read"):
+        container.load(tmp_path / "absent.nbtf")
+
+
+def test_numbers_that_are_not_finite_are_never_written(tmp_path):
+    codec: Codec = load_codec("mean-colour")()
+    parts = Parts(texture={"mean": torch.full((2, 2, 3), float("nan"))})
+    with pytest.raises(ValueError, match="not finite: texture/mean"):
+        container.save(tmp_path / "nan.nbtf", codec, parts)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,49 @@
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from bench.codecs import registry
+from bench.errors import InputError
+
+
+@pytest.fixture
+def installed(monkeypatch):
+    """Entry points that the test names, instead of what is installed."""
+
+    def install(*entries):
+        points = [EntryPoint(name, value, registry.GROUP) for name, value in entries]
+        monkeypatch.setattr(registry, "entry_points", lambda group: points)
+
+    return install
+
+
+def test_every_installed_codec_loads_under_its_name_and_is_described():
+    entries = registry.codec_entries()
+    assert {"mean-colour", "table", "pca"} <= set(entries)
+    for name, entry in entries.items():
+        assert registry.load_codec(name).name == name
+        assert len(registry.describe(entry)) > 20
+
+
+def test_an_unknown_name_suggests_the_nearest():
+    with pytest.raises(InputError, match="no codec named 'pcaa' is installed; did you mean 'pca'"):
+        registry.load_codec("pcaa")
+
+
+def test_two_codecs_of_one_name_are_an_error_and_the_same_one_twice_is_not(installed):
+    installed(("pca", "baselines.pca:PCA"), ("pca", "baselines.pca:PCA"))
+    assert list(registry.codec_entries()) == ["pca"]
+    installed(("pca", "baselines.pca:PCA"), ("pca", "other.pca:PCA"))
+    with pytest.raises(InputError, match=r"two codecs are named 'pca': baselines.pca:PCA and other.pca:PCA"):
+        registry.codec_entries()
+
+
+def test_a_class_must_bear_the_name_of_its_entry_point(installed):
+    installed(("pcb", "baselines.pca:PCA"))
+    with pytest.raises(InputError, match="calls itself 'pca'"):
+        registry.load_codec("pcb")
+
+
+def test_a_module_that_is_not_there_is_described_as_such(installed):
+    installed(("gone", "no_such_module:Codec"))
+    assert "not importable" in registry.describe(registry.codec_entries()["gone"])

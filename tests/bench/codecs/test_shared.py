@@ -1,0 +1,210 @@
+"""A network that a codec shares over materials: a file of its own, found by hash, that says what it was trained on."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.mean_colour import MeanColourMaterial
+from bench.btf import BTF, ArraySource
+from bench.codec import Codec, Fit, Parts, SharedNetwork
+from bench.codecs import container, shared
+from bench.conformance.check import others, tiny_btf
+from bench.data import materials
+from bench.errors import ContainerError, InputError, MissingDataError
+from bench.records import Record
+from bench.runs.pretraining import pretrain, ready
+from bench.runs.runner import Options, run
+from bench.runs.suite import CodecSpec, MaterialSpec, Suite
+
+
+class Tint(SharedNetwork):
+    """The mean colour of all materials."""
+
+    name, version = "tinted", 1
+
+    @dataclass(frozen=True)
+    class Settings:
+        bright: float = 1.0
+
+    def train(self, btfs, fit):
+        colour = np.mean([np.mean(list(btf), (0, 1, 2)) for btf in btfs], 0) * self.settings.bright
+        return Parts(decoder={"colour": torch.from_numpy(colour)})
+
+
+class Tinted(Codec):
+    """The mean over all pairs, times the colour of all materials."""
+
+    name, version = "tinted", 1
+    network = Tint
+
+    def encode(self, btf, fit):
+        return Parts(texture={"mean": torch.from_numpy(sum(btf) / len(btf))}, shared=fit.shared(self.name))
+
+    def decode(self, parts, device):
+        return MeanColourMaterial((parts.texture["mean"] * parts.shared.parts.decoder["colour"]).float())
+
+
+@pytest.fixture(autouse=True)
+def places(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_SHARED", str(tmp_path / "shared"))
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    for module in ("registry", "job", "runner"):
+        monkeypatch.setattr(f"bench.{module}.load_codec", lambda name, wanted_by="": Tinted)
+
+
+def make(**settings):
+    return shared.make(Tint(**settings), others(tiny_btf(4, 3, 3)), Fit(), shared.place("tinted"))
+
+
+def encoded(path):
+    codec = Tinted()
+    return container.save(path, codec, codec.encode(tiny_btf(4, 3, 3), Fit()))
+
+
+def test_a_material_is_two_files_and_the_second_is_found_by_its_hash(tmp_path):
+    network, header = make(), encoded(tmp_path / "file.nbtf")
+    assert (network.kind, header.kind) == ("shared", "material")
+    assert header.shared == network.sha256
+    assert sum(header.part_bytes().values()) == header.path.stat().st_size
+    material = container.load(header.path)[1]
+    beside = tmp_path / shared.hashed_name(network)
+    shared.place("tinted").rename(beside)
+    assert container.load(header.path)[1].texture.equal(material.texture)
+
+
+def test_what_another_network_took_the_place_of_still_decodes(tmp_path):
+    make()
+    header = encoded(tmp_path / "file.nbtf")
+    before = container.load(header.path)[1]
+    assert make(bright=0.5).sha256 != header.shared
+    assert container.load(header.path)[1].texture.equal(before.texture)
+
+
+def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path):
+    with pytest.raises(MissingDataError, match=r"not there.*neubtf-bench pretrain tinted"):
+        encoded(tmp_path / "file.nbtf")
+    make()
+    header = encoded(tmp_path / "file.nbtf")
+    shared.place("tinted").unlink()
+    with pytest.raises(ContainerError, match=f"{header.shared}.*as tinted-{header.shared[:12]}.nbtf.*pretrain tinted"):
+        container.load(header.path)
+    make(bright=2.0)
+    with pytest.raises(ContainerError, match="is another one"):
+        container.load(header.path)
+
+
+def test_a_network_is_no_material_and_a_material_no_network(tmp_path):
+    network, header = make(), encoded(tmp_path / "file.nbtf")
+    with pytest.raises(ContainerError, match="no material, but the network that codec tinted shares"):
+        container.load(network.path)
+    with pytest.raises(ContainerError, match="no network shared over materials"):
+        shared.read(header.path)
+
+
+def test_a_damaged_network_is_refused_by_name_and_not_written_over(tmp_path):
+    path = make().path
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    for use in (lambda: encoded(tmp_path / "file.nbtf"), make):
+        with pytest.raises(ContainerError, match=r"tinted\.nbtf: altered or damaged"):
+            use()
+    assert path.read_bytes() == data
+
+
+def test_it_refuses_what_it_was_trained_on_at_any_size_and_directions():
+    trained = materials.load("leather", size=4, views=4, lights=4, heldout=0)
+    found = shared.read(shared.make(Tint(), [trained], Fit(), shared.place("tinted")).path)
+    for same in (trained, trained.subset([1, 2]), materials.load("leather", 6, 5, 3, "ubo2014", 2)):
+        with pytest.raises(InputError, match="leather: codec tinted cannot be measured"):
+            found.refuse(same)
+    found.refuse(materials.load("leather", size=4, views=4, lights=4, heldout=0, seed=1))
+    found.refuse(tiny_btf(4, 3, 3))
+
+
+def test_the_origin_of_baked_maps_is_that_of_their_files_and_of_measured_data_their_content():
+    like = tiny_btf(4, 3, 3)
+
+    def baked(name, depth):
+        maps = {"height": f"stone_Height.png: bright is high, depth {depth}", "roughness": "stone_Roughness.png"}
+        provenance = {"source": "baked from maps by bench.bake", "maps": maps}
+        values = np.full((9, 2, 2, 3), depth, np.float32)
+        return BTF(name, like.wo, like.wi, ArraySource(values), provenance=provenance)
+
+    assert shared.origin(baked("stone", 0.1)) == shared.origin(baked("stone", 0.2)) != shared.origin(baked("sand", 0.1))
+    assert shared.origin(like) == shared.origin(like.subset([3])) != shared.origin(others(like)[0])
+
+
+def test_a_suite_s_network_is_made_once(monkeypatch):
+    monkeypatch.setattr("bench.runs.pretraining.load_variation", lambda number: others(tiny_btf(4, 3, 3))[number % 5])
+    path = ready(Tint(), Fit())
+    assert len(shared.read(path).parts.other["origins"]) == 160
+    first = path.stat().st_mtime_ns
+    assert ready(Tint(), Fit()).stat().st_mtime_ns == first
+    with pytest.raises(InputError, match="at least one material"):
+        pretrain(Tint(), Fit(), path, materials=0)
+
+
+SUITE = Suite("test", "", materials=(MaterialSpec("tiny"),), codecs=(CodecSpec("tinted"),))
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    """The material of the suite; 160 others to train on."""
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda spec, data, show: tiny_btf(12, 4, 4))
+    monkeypatch.setattr("bench.runs.pretraining.load_variation", lambda number: others(tiny_btf(4, 3, 3))[number % 5])
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+
+
+def job(folder, **suite) -> Record:
+    (outcome,) = run(dataclasses.replace(SUITE, **suite), Options(folder))
+    return outcome.record
+
+
+@pytest.mark.usefixtures("tiny")
+def test_a_run_without_the_network_says_how_to_get_it_and_one_that_may_makes_it(tmp_path):
+    missing = job(tmp_path / "run")
+    assert missing["status"] == "unavailable"
+    assert "neubtf-bench pretrain tinted" in missing["error"]
+    assert job(tmp_path / "run", pretrain=("tinted",))["status"] == "ok"
+
+
+@pytest.mark.usefixtures("tiny")
+def test_a_record_has_two_sizes_and_its_run_decodes_without_the_place_of_networks(tmp_path):
+    network = make()
+    record = job(tmp_path / "run")
+    assert record["fit_key"]["shared"] == network.sha256
+    assert record["bytes"]["shared"] == network.path.stat().st_size
+    assert record["bytes"]["total"] == (tmp_path / "run" / record["file"]).stat().st_size
+    network.path.unlink()
+    container.load(tmp_path / "run" / record["file"])
+
+
+@pytest.mark.usefixtures("tiny")
+def test_a_worker_that_cannot_reach_the_run_s_folder_is_told_the_network(tmp_path, monkeypatch):
+    network = make()
+    monkeypatch.setattr("bench.runs.lock.reaches", lambda folder, run: False)
+    record = job(tmp_path / "run")
+    assert record["fit_key"]["shared"] == network.sha256
+    network.path.unlink()
+    container.load(tmp_path / "run" / record["file"])
+
+
+@pytest.mark.usefixtures("tiny")
+def test_another_network_is_another_file(tmp_path):
+    make()
+    first = job(tmp_path / "run")
+    assert job(tmp_path / "run") == first
+    make(bright=0.5)
+    assert job(tmp_path / "run")["file"] != first["file"]
+
+
+@pytest.mark.usefixtures("tiny")
+def test_what_the_network_was_trained_on_is_a_failed_job(tmp_path):
+    shared.make(Tint(), [tiny_btf(12, 4, 4)], Fit(), shared.place("tinted"))
+    record = job(tmp_path / "run")
+    assert record["status"] == "failed"
+    assert "was trained on it" in record["error"]

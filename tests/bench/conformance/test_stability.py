@@ -1,0 +1,334 @@
+"""The catalogue of extremes must fail where a codec breaks: each broken codec here breaks one row, or many."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.mean_colour import MeanColour, MeanColourMaterial
+from bench.cli import main
+from bench.codec import Parts
+from bench.codecs.quantise import unpack
+from bench.codecs.registry import load_codec
+from bench.codecs.training import DivergedError
+from bench.conformance import stability
+from bench.conformance.stability import metrics, properties
+from bench.conformance.stability.case import SHORT, shortened, subject_of
+from bench.errors import InputError
+from bench.finite import NotFiniteError
+from bench.material import Material
+from bench.records import load_run
+
+CASES = {case.name: case for case in stability.CASES}
+
+
+@pytest.mark.parametrize("name", ["mean-colour", "pca", "neubtf-direct"])
+def test_our_codecs_survive_the_cheap_part(name, tmp_path):
+    subject = subject_of(load_codec(name), tmp_path)
+    verdicts = {case.name: stability.judge(case, subject) for case in stability.CASES if case.cheap}
+    assert {name: verdict for name, verdict in verdicts.items() if verdict.verdict == "fail"} == {}
+    assert sum(verdict.verdict == "pass" for verdict in verdicts.values()) > 25
+
+
+def verdicts(codec, names, folder, monkeypatch):
+    """The verdicts on a codec named mean-colour, whose files decode with it."""
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
+    subject = subject_of(codec, folder)
+    return {name: stability.judge(CASES[name], subject) for name in names}
+
+
+class Broken(MeanColour):
+    """The mean-colour codec with one fault in its material."""
+
+    material: type[Material] = MeanColourMaterial
+
+    def decode(self, parts, device):
+        return self.material(unpack("mean", parts.texture))
+
+
+def broken(material):
+    return type("Faulty", (Broken,), {"material": material})
+
+
+class Dark(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) * 0
+
+
+def test_a_codec_that_answers_0_everywhere_fails(tmp_path, monkeypatch):
+    names = [case.name for case in stability.CASES if case.group == "data" and "scaled" not in case.name]
+    found = verdicts(broken(Dark), names, tmp_path, monkeypatch)
+    passed = {name for name, verdict in found.items() if verdict.verdict == "pass"}
+    assert passed == {"all zero", "NaN and infinite texels"}
+    assert found["constant"].figure == "100.0%"
+    assert "dB is due" in found["one row"].detail
+
+
+class BreaksAtGrazing(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) / (wo[:, 2:] > 1e-3)
+
+
+class Firefly(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) / wi[:, 2:]
+
+
+class Nearest(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate((uv * 8).round() / 8, wo, wi, footprint)
+
+
+class JumpsAtZenith(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) * (1 + 0.1 * torch.sign(wo[:, :1]))
+
+
+class Unwrapped(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) * (1 + uv[:, :1])
+
+
+class HalfGain(MeanColourMaterial):
+    """Divides by a gain that no half can hold."""
+
+    def __init__(self, texture):
+        super().__init__(texture)
+        self.gain = torch.tensor([1e6])
+
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) * self.gain / self.gain
+
+
+class Coarse(MeanColourMaterial):
+    """Adds up at the precision of its texture, a thousand times."""
+
+    def evaluate(self, uv, wo, wi, footprint):
+        rgb = super().evaluate(uv, wo, wi, footprint)
+        total = torch.zeros_like(rgb)
+        for _ in range(1000):
+            total = total + rgb
+        return total / 1000
+
+
+class Kinked(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint).sqrt().square()
+
+
+class DependsOnBatch(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) + len(uv) * 1e-3
+
+
+@pytest.mark.parametrize(
+    ("material", "name"),
+    [
+        (BreaksAtGrazing, "view at 89.99°"),
+        (Firefly, "light at 89.99°"),
+        (Firefly, "view and light barely above z = 0"),
+        (Nearest, "continuous anywhere"),
+        (JumpsAtZenith, "continuous across the zenith"),
+        (Unwrapped, "continuous across the wrap"),
+        (HalfGain, "fp16, all of the above"),
+        (Coarse, "bf16 against fp64"),
+        (Kinked, "gradients at exact zero"),
+        (DependsOnBatch, "batch of 1"),
+        (DependsOnBatch, "size of a batch"),
+    ],
+)
+def test_a_broken_material_is_caught(material, name, tmp_path, monkeypatch):
+    found = verdicts(broken(material), [name], tmp_path, monkeypatch)[name]
+    assert found.verdict == "fail", found
+    assert found.figure
+
+
+class Unscaled(MeanColour):
+    """Stores an offset that is nothing beside ordinary data."""
+
+    def encode(self, btf, fit):
+        return Parts(texture={"mean": unpack("mean", super().encode(btf, fit).texture) + 1e-6})
+
+
+class Forgiving(MeanColour):
+    """Takes NaN for 0."""
+
+    def encode(self, btf, fit):
+        try:
+            return super().encode(btf, fit)
+        except NotFiniteError as error:
+            return Parts(texture={"mean": torch.from_numpy(np.nan_to_num(error.values))})
+
+
+class Fitted(MeanColour):
+    """Has a learning rate; `fate` is what comes of a high one."""
+
+    fate = "silent"
+
+    @dataclass(frozen=True)
+    class Settings:
+        half: bool = True
+        rate: float = 1e-2
+
+    def encode(self, btf, fit):
+        parts = super().encode(btf, fit)
+        if self.settings.rate > 1 and self.fate == "says so":
+            raise DivergedError("the fit diverged")
+        return Parts(texture={"mean": parts.texture["mean"] * (float("nan") if self.fate == "not a number" else 1)})
+
+
+@pytest.mark.parametrize(
+    ("codec", "name", "figure"),
+    [
+        (Unscaled, "scaled by 1e-8", "dB"),
+        (Forgiving, "NaN and infinite texels", "encoded"),
+        (Fitted, "a fit that diverges", "silent"),
+    ],
+)
+def test_a_broken_fit_is_caught(codec, name, figure, tmp_path, monkeypatch):
+    found = verdicts(codec, [name], tmp_path, monkeypatch)[name]
+    assert (found.verdict, figure in found.figure) == ("fail", True), found
+
+
+@pytest.mark.parametrize(("says", "verdict"), [("65,504 is the largest radiance it stores", "pass"), ("no", "fail")])
+def test_highlights_beyond_half_may_be_refused_by_name(says, verdict, tmp_path, monkeypatch):
+    class Refuses(MeanColour):
+        def encode(self, btf, fit):
+            raise InputError(says)
+
+    found = verdicts(Refuses, ["highlights of 1e6"], tmp_path, monkeypatch)["highlights of 1e6"]
+    assert (found.verdict, found.figure) == (verdict, "refused" if verdict == "pass" else "unclear")
+
+
+def test_the_worst_query_in_halves_is_named(tmp_path, monkeypatch):
+    found = verdicts(MeanColour, ["fp16 against fp64"], tmp_path, monkeypatch)["fp16 against fp64"]
+    assert found.verdict == "pass"
+    assert 0 < found.used < 1
+    assert f"{found.used:.2f} of what is allowed, at --query" in found.detail
+
+
+@pytest.mark.parametrize("steps", [10, 3000])
+def test_how_long_a_fit_is_asked_for_changes_no_extreme(steps, tmp_path):
+    kind = load_codec("neubtf-direct")
+    assert shortened(kind(steps=steps)).settings.steps == SHORT["steps"]
+
+
+@pytest.mark.parametrize("fate", ["says so", "not a number"])
+def test_a_fit_that_says_that_it_diverged_passes(fate, tmp_path, monkeypatch):
+    codec = type("Says", (Fitted,), {"fate": fate})
+    assert verdicts(codec, ["a fit that diverges"], tmp_path, monkeypatch)["a fit that diverges"].verdict == "pass"
+
+
+def test_what_does_not_apply_has_a_reason(tmp_path, monkeypatch):
+    names = ["layer norm of a constant vector", "a fit that diverges", "weights at half's maximum"]
+    found = verdicts(MeanColour, names, tmp_path, monkeypatch)
+    assert [(v.verdict, v.detail) for v in found.values()] == [
+        ("n/a", "has no layer norm"),
+        ("n/a", "no learning rate"),
+        ("n/a", "stores no decoder"),
+    ]
+
+
+class BrightToTheRight(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) + (uv[:, :1] > 0.5) * 100
+
+
+def test_the_smallest_failing_query_is_printed_as_a_command_that_fails_again(tmp_path, monkeypatch):
+    found = verdicts(broken(BrightToTheRight), ["drawn queries"], tmp_path, monkeypatch)["drawn queries"]
+    assert found.verdict == "fail"
+    numbers = re.search(r'stress --codec mean-colour --query "([^"]+)"', found.detail)[1]
+    # Shrunk: both directions at the zenith, no footprint, v = 0.
+    assert [float(x) for x in numbers.split()][1:] == [0, 0, 0, 1, 0, 0, 1, 0]
+    with pytest.raises(properties.CheckError, match="a firefly"):
+        properties.query_holds(subject_of(broken(BrightToTheRight), tmp_path), [float(x) for x in numbers.split()])
+
+
+class LosesOneRow(Broken):
+    def encode(self, btf, fit):
+        mean = unpack("mean", super().encode(btf, fit).texture)
+        if btf.shape[0] >= 3:
+            mean[2] *= 100
+        return Parts(texture={"mean": mean})
+
+
+def test_the_smallest_failing_material_is_printed_as_a_command(tmp_path, monkeypatch):
+    found = verdicts(LosesOneRow, ["drawn data"], tmp_path, monkeypatch)["drawn data"]
+    height, width, views, lights, *_ = re.search(r'--data "([^"]+)"', found.detail)[1].split()
+    assert (height, width, views, lights) == ("3", "1", "1", "1")
+
+
+def test_metrics_and_losses_survive_extreme_pictures():
+    found = {(n, case.name): metrics.judge(t, case) for n, t in metrics.subjects().items() for case in metrics.CASES}
+    assert {cell: verdict for cell, verdict in found.items() if verdict.verdict == "fail"} == {}
+    refused = {cell for cell, verdict in found.items() if verdict.verdict == "n/a"}
+    assert refused == {("ssim", "one texel")}, refused
+
+
+def test_a_broken_metric_or_loss_is_caught(monkeypatch):
+    black = next(case for case in metrics.CASES if case.name == "both black")
+    monkeypatch.setattr("bench.metrics.ssim.C1", 0.0)
+    monkeypatch.setattr("bench.metrics.ssim.C2", 0.0)
+    with np.errstate(invalid="ignore"):
+        assert metrics.judge(metrics.subjects()["ssim"], black).figure == "nan"
+    monkeypatch.setattr(metrics, "distance", lambda ours, target, loss: (ours - target).square().mean().sqrt())
+    assert metrics.judge(metrics.subjects()["loss l1"], black).figure == "not finite"
+
+
+def test_the_command_records_prints_and_says_no(tmp_path, monkeypatch, capsys):
+    command = ["stress", "--codec", "mean-colour", "--case", "constant", "--case", "sine of 1e5", "--jobs", "1"]
+    command += ["--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"^constant +pass$", said, re.M)
+    assert re.search(r"^sine of 1e5 +n/a a$", said, re.M)
+    assert "a: has no sine" in said
+    monkeypatch.setattr("bench.conformance.stability.run.load_codec", lambda name: broken(Dark))
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": broken(Dark))
+    assert main(command) == 1
+    said = capsys.readouterr().out
+    assert re.search(r"^constant +FAIL 100.0%$", said, re.M)
+    assert "FAIL mean-colour, constant: a value is off by 100.000%" in said
+    run = load_run(tmp_path / "out")
+    found = {(r["subject"], r["extreme"], r["verdict"], r["version"]) for r in run.stress}
+    assert found == {("mean-colour", "constant", "fail", 1), ("mean-colour", "sine of 1e5", "n/a", 1)}
+
+
+def test_its_folder_is_no_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["stress", "--codec", "mean-colour", "--case", "sine of 1e5", "--jobs", "1"]) == 0
+    assert "runs/stress" in capsys.readouterr().out
+    assert main(["table", "stress"]) == 0
+    assert "has no sine" in capsys.readouterr().out
+    assert main(["table"]) == 2
+    assert "there is no run under runs/" in capsys.readouterr().err
+
+
+def test_a_drawn_case_is_tried_again(monkeypatch, capsys):
+    assert main(["stress", "--codec", "mean-colour", "--query", "-0.5 0 0 0 1 0 0 1 0", "--data", "2 3 1 2 -8 5"]) == 0
+    assert re.search(r"^pass  mean-colour: \[.*\], .*e-0", capsys.readouterr().out)
+
+    def broken(*_):
+        raise KeyError("mean")
+
+    monkeypatch.setattr(MeanColour, "encode", broken)
+    assert main(["stress", "--codec", "mean-colour", "--data", "2 3 1 2 -8 5"]) == 1
+    assert "FAIL  mean-colour: KeyError: 'mean'" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--case", "constat"], "no such case"),
+        (["--codec", "pac"], "did you mean"),
+        (["--codec", "pca", "--query", "0 0 1"], "has 3 numbers: it takes 9"),
+        (["--codec", "pca", "--data", "a b"], "give numbers"),
+        (["--codec", "pca", "--data", "1 1 0 1 0 0"], "at least one texel and pair"),
+        (["--codec", "pca", "--query", "0 0 0 0 2 0 0 1 0"], "not of unit length"),
+    ],
+)
+def test_bad_usage_is_named(words, message, tmp_path, capsys):
+    assert main(["stress", "--out", str(tmp_path / "out"), *words]) == 2
+    assert message in capsys.readouterr().err

@@ -1,0 +1,75 @@
+"""Ray and shadow against a brute-force march of the same bilinear surface, ray by ray."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+from bench.data.materials.heightfield import HeightField, shift
+from bench.data.materials.noise import smooth
+from bench.hemisphere import from_degrees
+
+
+def bilinear(field, row, col):
+    return map_coordinates(field.astype(np.float64), [row, col], order=1, mode="grid-wrap")
+
+
+@pytest.fixture(scope="module")
+def hills():
+    return HeightField(0.03 * smooth(np.random.default_rng(0), 64, 0.05, 0.07), aspect=1.0)
+
+
+@pytest.mark.parametrize("angles", [(0, 0), (30, 20), (60, 140), (75, 260), (75, 0)])
+@pytest.mark.parametrize("stride", [1, 2])
+def test_rays_end_where_a_fine_march_ends(hills, angles, stride):
+    wo = from_degrees(*angles)
+    start = np.arange(0, 64, stride) + (stride - 1) / 2
+    row, col = np.meshgrid(start, start, indexing="ij")
+    rows, cols = hills.offset(wo)
+    expected, alive = np.full(row.shape, hills.bottom), np.ones(row.shape, bool)
+    for z in np.linspace(hills.top, hills.bottom, 3000):
+        hit = alive & (bilinear(hills.height, row + z * rows, col + z * cols) >= z)
+        expected[hit], alive = z, alive & ~hit
+    error = np.abs(hills.trace(wo, (stride, stride)) - expected) / (hills.top - hills.bottom)
+    assert np.median(error) < 1e-3
+    assert (error > 0.02).mean() < 0.01  # rays that graze a ridge inside one step of a cell may pass it
+
+
+@pytest.mark.parametrize("angles", [(45, 30), (65, 100), (75, 200), (75, 300)])
+def test_shadows_fall_where_a_fine_march_finds_an_occluder(hills, angles):
+    wi = from_degrees(*angles)
+    row, col = np.meshgrid(np.arange(64.0), np.arange(64.0), indexing="ij")
+    rows, cols = hills.offset(wi)
+    step = 0.25 / max(abs(rows), abs(cols))
+    lit = np.ones(row.shape, bool)
+    for rise in np.arange(step, hills.top - hills.bottom, step):
+        lit &= bilinear(hills.height, row + rise * rows, col + rise * cols) <= hills.height + rise
+    got = hills.visibility(wi) / 255
+    wrong = np.abs(got - lit) > 0.5
+    # Edges differ by up to a cell: an edge is longest, and so most wrong, where shadows are half of the picture.
+    assert wrong.mean() < 0.06
+    assert abs(got.mean() - lit.mean()) < 0.06
+
+
+def test_a_light_overhead_casts_no_shadow(hills):
+    assert (hills.visibility(from_degrees(0, 0)) == 255).all()
+
+
+def test_a_plane_shades_nothing_and_stops_every_ray():
+    plane = HeightField(np.full((8, 12), 0.7), aspect=8 / 12)
+    assert (plane.visibility(from_degrees(89, 10)) == 255).all()
+    assert not plane.trace(from_degrees(75, 10), (1, 1)).any()
+
+
+def test_normals_point_up_the_picture_where_rows_fall_off_upwards():
+    """Height that grows with the row number falls toward the top of the picture: normals lean to +y."""
+    row = np.arange(32)
+    field = HeightField(np.repeat(np.sin(2 * np.pi * row / 32)[:, None], 32, 1).astype(np.float32) * 0.1, aspect=1.0)
+    normal = field.normals()
+    assert normal[1, 0, 0] > 0.3
+    assert normal[1, 16, 0] < -0.3
+    assert np.abs(normal[0]).max() < 1e-6
+
+
+def test_shifting_by_whole_cells_is_a_roll():
+    picture = np.random.default_rng(0).random((6, 8)).astype(np.float32)
+    np.testing.assert_array_equal(shift(picture, 2, -3), np.roll(picture, (-2, 3), (0, 1)))

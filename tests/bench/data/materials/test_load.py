@@ -1,0 +1,160 @@
+"""Loading a built-in material: what the BTF holds, and that it is rendered once and never half."""
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from bench.data import materials
+from bench.data.materials import store
+from bench.data.materials.maps import Maps
+from bench.errors import InputError
+from bench.hemisphere import thin, to_degrees, ubo2003
+
+SMALL = {"size": 8, "views": 3, "lights": 4, "heldout": 5}
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
+    return tmp_path / "materials"
+
+
+@pytest.fixture
+def no_rendering(monkeypatch):
+    """A switch: after it is called, rendering is an error."""
+
+    def forbid():
+        def render(*args, **kwargs):
+            raise AssertionError("rendered again")
+
+        monkeypatch.setattr(store, "render", render)
+
+    return forbid
+
+
+def test_the_pairs_are_a_view_major_product_followed_by_random_heldout_ones():
+    btf = materials.load("satin", **SMALL)
+    assert len(btf) == 3 * 4 + 5
+    assert btf.shape == (8, 8)
+    assert btf.periodic
+    assert btf.heldout.tolist() == [False] * 12 + [True] * 5
+    views, lights = (ubo2003()[thin(ubo2003(), n)] for n in (3, 4))
+    for pair in range(12):
+        np.testing.assert_array_equal(btf.wo[pair], views[pair // 4])
+        np.testing.assert_array_equal(btf.wi[pair], lights[pair % 4])
+    theta_deg, _ = to_degrees(np.concatenate([btf.wo[12:], btf.wi[12:]]))
+    assert theta_deg.max() <= 75 + 1e-4
+    split = btf.split()
+    assert len(split.train) == 12
+    assert split.heldout["heldout"].tolist() == [12, 13, 14, 15, 16]
+
+
+def test_without_heldout_pairs_every_pair_is_on_the_grid():
+    btf = materials.load("satin", **SMALL | {"heldout": 0})
+    assert len(btf) == 12
+    assert not btf.heldout.any()
+    assert btf.layout.grid is not None
+
+
+def test_the_second_load_renders_nothing_and_gives_the_same(no_rendering):
+    first = materials.load("leather", **SMALL)
+    no_rendering()
+    second = materials.load("leather", **SMALL)
+    assert isinstance(second.source.values, np.memmap)
+    assert second.fingerprint == first.fingerprint
+    np.testing.assert_array_equal(np.stack(list(second)), np.stack(list(first)))
+
+
+def test_the_values_are_those_of_the_renderer_to_half_precision():
+    btf = materials.load("leather", **SMALL)
+    exact = store.render(materials.recipe("leather").maps(0), btf.wo, btf.wi, (8, 8), store.SUB_POINTS)
+    np.testing.assert_allclose(np.stack(list(btf)), exact, rtol=2**-11, atol=2**-25)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"size": 4}, {"views": 2}, {"lights": 2}, {"heldout": 6}, {"seed": 1}, {"directions": "ubo2014"}],
+)
+def test_whatever_shapes_the_values_is_in_the_fingerprint(change):
+    assert materials.load("brick", **SMALL).fingerprint != materials.load("brick", **SMALL | change).fingerprint
+
+
+@pytest.mark.parametrize("constant", ["RENDERER_VERSION", "SUB_POINTS"])
+def test_a_changed_renderer_renders_anew(constant, monkeypatch, cache):
+    materials.load("satin", **SMALL)
+    monkeypatch.setattr(store, constant, getattr(store, constant) + 1)
+    materials.load("satin", **SMALL)
+    assert len(list(cache.glob("*.npy"))) == 2
+
+
+def test_an_interrupted_rendering_leaves_nothing_behind(monkeypatch, cache):
+    def interrupted(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        materials.load("satin", **SMALL, progress=interrupted)
+    assert list(cache.iterdir()) == []
+
+
+def test_values_without_their_description_are_not_trusted(cache):
+    """The description is written last: a crash between the two leaves values alone."""
+    first = np.stack(list(materials.load("satin", **SMALL)))
+    next(cache.glob("*.json")).unlink()
+    values = next(cache.glob("*.npy"))
+    values.write_bytes(values.read_bytes()[:-1] + b"\x7b")
+    np.testing.assert_array_equal(np.stack(list(materials.load("satin", **SMALL))), first)
+
+
+@pytest.mark.parametrize("keep", [0, 60, 1000])
+def test_a_truncated_file_is_rendered_again(cache, keep):
+    first = np.stack(list(materials.load("satin", **SMALL)))
+    values = next(cache.glob("*.npy"))
+    values.write_bytes(values.read_bytes()[:keep])
+    np.testing.assert_array_equal(np.stack(list(materials.load("satin", **SMALL))), first)
+
+
+def test_the_description_on_disk_is_the_provenance(cache):
+    btf = materials.load("cable-knit", **SMALL)
+    assert json.loads(next(cache.glob("*.json")).read_text()) == json.loads(json.dumps(btf.provenance))
+    assert btf.provenance["parameters"]["height"] == materials.recipe("cable-knit").height
+
+
+def test_highlights_beyond_half_precision_are_kept_in_single():
+    @dataclass(frozen=True)
+    class Polished:
+        def maps(self, seed):
+            return Maps(0, 1.0, 0.03, metalness=1.0)
+
+    btf = store.load_or_render("polished", Polished(), 2, (1, 1), "ubo2003", 0, 0)
+    assert btf.source.values.dtype == np.float32
+    assert np.isfinite(btf[0]).all()
+    assert btf[0].max() > 65504
+
+
+def test_an_unknown_name_is_answered_with_the_nearest():
+    with pytest.raises(InputError, match="did you mean 'cable-knit'"):
+        materials.load("cable_knit")
+    with pytest.raises(InputError, match="known: brick"):
+        materials.load("???")
+
+
+@pytest.mark.parametrize("bad", [{"directions": "nowhere"}, {"views": 82}, {"lights": 0}, {"size": 0}, {"heldout": -1}])
+def test_counts_and_sets_that_do_not_exist_are_refused(bad):
+    with pytest.raises(InputError):
+        materials.load("satin", **SMALL | bad)
+
+
+def test_listing_imports_nothing_heavy():
+    heavy = ("torch", "skimage", "scipy", "numpy")
+    code = f"import sys, bench.data.materials as m; m.describe(); print([x for x in {heavy} if x in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_rendering_imports_no_torch(cache):
+    loading = "from bench.data.materials import load; load('satin', 4, 1, 1, heldout=0)"
+    code = f"import sys; {loading}; print('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"

@@ -1,0 +1,48 @@
+import importlib.util
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.btf import BTF, ArraySource
+from bench.hemisphere import from_degrees
+
+
+@pytest.fixture
+def data():
+    """The folder of real data, as the environment names it."""
+    if "NEUBTF_DATA" not in os.environ:
+        pytest.skip("NEUBTF_DATA is not set: it names the folder of real data")
+    return Path(os.environ["NEUBTF_DATA"])
+
+
+@pytest.fixture(scope="session")
+def samples():
+    """The sample files and mutations of the benchmark `fuzz_readers`."""
+    path = Path(__file__).parents[4] / "benchmarks" / "fuzz_readers.py"
+    spec = importlib.util.spec_from_file_location("fuzz_readers", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["fuzz_readers"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def btf():
+    """A BTF of 4 × 3 pairs and 5 × 6 texels with highlights far above 1 and one held-out pair."""
+    views = from_degrees([0, 15, 30, 75], [0, 60, 120, 300])
+    lights = from_degrees([11, 45, 75], [15, 200, 345])
+    view, light = np.divmod(np.arange(12), 3)
+    values = np.random.default_rng(1).gamma(0.5, 20.0, (12, 5, 6, 3)).astype(np.float32)
+    notes = {"ppmm": 10.0, "note": "kept"}
+    return BTF(
+        "sample",
+        views[view],
+        lights[light],
+        ArraySource(values),
+        heldout=np.arange(12) == 7,
+        periodic=True,
+        provenance=notes,
+    )

@@ -1,0 +1,124 @@
+import re
+import zipfile
+
+import numpy as np
+import pytest
+
+from bench.data.readers import open_btf
+from bench.data.readers.pictures import XYZ_TO_REC709, srgb_table
+from bench.errors import InputError
+from bench.hemisphere import to_degrees, ubo2003
+
+
+def test_ubo2003_pictures_are_flat_codes_of_their_angles(data):
+    btf = open_btf(data / "tiny_formats" / "tiny_ubo2003.zip")
+    assert (len(btf), btf.shape) == (3 * 81, (8, 8))
+    assert btf.layout.grid is not None
+    np.testing.assert_allclose(np.sort(btf.layout.lights, 0), np.sort(ubo2003(), 0), atol=1e-6)
+    theta_o, _ = to_degrees(btf.wo)
+    theta_i, phi_i = to_degrees(btf.wi)
+    codes = np.round([2 * theta_i, np.round(phi_i) // 2, 2 * theta_o]).T
+    for index, picture in enumerate(btf):
+        found = np.searchsorted(srgb_table(256), picture)
+        # JPEG at quality 95 rounds in YCbCr: a few codes.
+        assert np.abs(found - codes[index]).max() <= 5
+
+
+def test_an_extracted_ubo2003_folder_reads_like_its_zip(tmp_path, samples):
+    zipped = open_btf(samples.make_named(tmp_path, samples.UBO2003 + ".jpg", True))
+    folder = open_btf(samples.make_named(tmp_path / "b", samples.UBO2003 + ".jpg", False))
+    assert np.array_equal([*zipped], [*folder])
+    assert np.array_equal(zipped.wi, folder.wi)
+    assert folder.provenance["format"] == "UBO2003"
+
+
+def test_bonn_names_with_a_prefix_and_underscores(tmp_path, samples):
+    pattern = "set/WOOL_{index:05d}_tl{tl:03d}_pl{pl:03d}_tv{tv:03d}_pv{pv:03d}.jpg"
+    btf = open_btf(samples.make_named(tmp_path, pattern, True))
+    assert (len(btf), btf.provenance["format"]) == (4, "UBO2003")
+
+
+def test_atrium_hdr_keeps_highlights_and_stands_upright(tmp_path, samples):
+    btf = open_btf(samples.make_named(tmp_path, samples.UBO2003 + ".hdr", True))
+    for index, name in enumerate(samples.named_names(samples.UBO2003)):
+        pair = 2 * [0, 15].index(int(name[2:5])) + [0, 15].index(int(re.search(r"tl(\d+)", name)[1]))
+        np.testing.assert_allclose(btf[pair], samples.picture(index) * 2.0**-6)
+    assert max(s.max() for s in btf) > 1
+
+
+def test_utia_exr_is_xyz_and_png_is_srgb(tmp_path, samples):
+    png = open_btf(samples.make_named(tmp_path / "a", samples.UTIA + ".png", False))
+    exr = open_btf(samples.make_named(tmp_path / "b", samples.UTIA + ".exr", False))
+    assert png.provenance["format"] == exr.provenance["format"] == "UTIA"
+    np.testing.assert_array_equal(png[0], srgb_table(256)[samples.picture(0)])
+    np.testing.assert_allclose(exr[0], samples.picture(0) / 64 @ XYZ_TO_REC709.T, rtol=1e-5, atol=1e-5)
+    assert np.array_equal(png.wo, exr.wo)
+
+
+def test_a_set_that_was_measured_in_part_keeps_its_pairs(tmp_path, samples):
+    folder = samples.make_named(tmp_path, samples.UTIA + ".png", False)
+    next(folder.rglob("tl015*tv000*")).unlink()
+    btf = open_btf(folder)
+    assert len(btf) == 3
+    assert btf.layout.grid is None
+
+
+def write(path, entries, **options):
+    with zipfile.ZipFile(path, "w", **options) as archive:
+        for name, data in entries.items():
+            archive.writestr(name, data)
+    return path
+
+
+def jpeg(samples, tmp_path):
+    samples.save(tmp_path / "p.jpg", samples.picture(0))
+    return (tmp_path / "p.jpg").read_bytes()
+
+
+NAME = "set/tv000_pv000/00000 tl000 pl000 tv000 pv000.jpg"
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["../" + NAME], r"the name '\.\./set.*leads out of the folder"),
+        (["/" + NAME], "leads out of the folder"),
+        ([NAME, NAME.replace("tl000", "tl091")], r"tl091 .*jpg: theta of the light = 91 degrees is outside"),
+        ([NAME, NAME.replace("pv000.jpg", "pv999.jpg")], "phi of the view = 999 degrees is outside"),
+        ([NAME, NAME.replace("set/", "copy/")], "the same view and light as .*copy"),
+        (["a.txt", "b.txt"], r"an archive of no BTF known here \(it holds a\.txt, b\.txt\)"),
+    ],
+)
+def test_bad_archives_name_the_entry(tmp_path, samples, names, message):
+    path = write(tmp_path / "a.zip", dict.fromkeys(names, jpeg(samples, tmp_path)))
+    with pytest.raises(InputError, match=message):
+        open_btf(path)
+
+
+def test_zip_bombs_are_refused_by_their_claim(tmp_path):
+    path = write(tmp_path / "a.zip", {NAME: bytes(100_000)}, compression=zipfile.ZIP_DEFLATED)
+    path.write_bytes(path.read_bytes().replace((100_000).to_bytes(4, "little"), (1 << 30).to_bytes(4, "little")))
+    with pytest.raises(InputError, match=r"claims 1073741824 bytes from \d+: not a picture set"):
+        open_btf(path)
+
+
+def test_an_entry_that_is_larger_than_it_claims_is_refused(tmp_path, samples):
+    data = jpeg(samples, tmp_path)
+    path = write(tmp_path / "a.zip", {NAME: data}, compression=zipfile.ZIP_DEFLATED)
+    raw = path.read_bytes()
+    small = len(data) - 100
+    path.write_bytes(raw.replace(len(data).to_bytes(4, "little"), small.to_bytes(4, "little")))
+    with pytest.raises(InputError, match="size or checksum is wrong"):
+        open_btf(path)[0]
+
+
+def test_truncated_archives_and_exr_entries_are_refused(tmp_path, samples):
+    path = write(tmp_path / "a.zip", {NAME: jpeg(samples, tmp_path)})
+    path.write_bytes(path.read_bytes()[:-30])
+    with pytest.raises(InputError, match="the archive is damaged or incomplete"):
+        open_btf(path)
+    samples.save(tmp_path / "p.exr", samples.picture(0))
+    name = "tl000_pl000_tv000_pv000.exr"
+    path = write(tmp_path / "b.zip", {name: (tmp_path / "p.exr").read_bytes()})
+    with pytest.raises(InputError, match="extract the archive and give the folder"):
+        open_btf(path)[0]

@@ -1,0 +1,113 @@
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from bench.data.readers import open_btf
+from bench.data.readers.npz import write_npz
+from bench.errors import InputError
+
+UP = np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32)
+
+
+def arrays(**changes):
+    good = {"radiance": np.ones((2, 3, 4, 3), np.float32), "wo": UP[[0, 0]], "wi": UP}
+    return {k: v for k, v in (good | changes).items() if v is not None}
+
+
+def test_written_file_reads_back_memory_mapped(tmp_path, btf):
+    write_npz(btf, tmp_path / "any.name")
+    again = open_btf(tmp_path / "any.name")
+    assert isinstance(again.source.values, np.memmap)
+    assert np.array_equal([*again], [*btf])
+    assert np.array_equal(again.wo, btf.wo)
+    assert np.array_equal(again.heldout, btf.heldout)
+    assert again.periodic
+    assert again.provenance["ppmm"] == 10.0
+    assert np.array_equal(again.texels([4, 0], [5, 1]), btf.texels([4, 0], [5, 1]))
+    with np.load(tmp_path / "any.name", allow_pickle=False) as plain:
+        assert plain["radiance"].shape == (12, 5, 6, 3)
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_files_of_numpy_are_read(tmp_path, save):
+    values = np.random.default_rng(0).random((2, 3, 4, 3))
+    save(tmp_path / "a.npz", **arrays(radiance=values, heldout=np.array([False, True])))
+    btf = open_btf(tmp_path / "a.npz")
+    np.testing.assert_allclose([*btf], values, rtol=1e-6)
+    assert btf.split().train.tolist() == [0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"radiance": np.ones((2, 3, 4), np.float32)}, r"radiance is \(2, 3, 4\) float32: it must be \(N, H, W, 3\)"),
+        ({"radiance": np.ones((2, 3, 4, 3), np.uint8)}, "uint8: it must be"),
+        ({"wo": None}, "no array 'wo': add it"),
+        ({"wi": UP[:1]}, r"wi is \(1, 3\): it must be \(2, 3\)"),
+        ({"wi": UP * 2}, r"wi\[0\]: \(0, 0, 2\) is no unit vector"),
+        ({"wi": -UP}, r"wi\[0\]: .* is not above the surface"),
+        ({"wi": UP[[1, 1]]}, "pair 1: the same view and light as .*pair 0"),
+        ({"heldout": np.array([True, True])}, "leaves pairs to train on"),
+        ({"heldout": np.array([1.0, 0.0])}, "must be a mask"),
+        ({"wo": np.array([{}, {}], object)}, "wo.npy.*type object is not read|wo.npy: .* bytes hold"),
+    ],
+)
+def test_bad_arrays_are_named(tmp_path, changes, message):
+    np.savez(tmp_path / "a.npz", **arrays(**changes))
+    with pytest.raises(InputError, match=message):
+        open_btf(tmp_path / "a.npz")
+
+
+def test_nan_is_named_when_read(tmp_path):
+    values = np.ones((2, 3, 4, 3), np.float32)
+    values[1, 2, 3, 0] = np.nan
+    np.savez(tmp_path / "a.npz", **arrays(radiance=values))
+    btf = open_btf(tmp_path / "a.npz")
+    with pytest.raises(InputError, match=r"radiance\[1\]: 1 of 36 values are not finite .* \(2, 3, 0\)"):
+        btf[1]
+    with pytest.raises(InputError, match="not finite"):
+        btf.texels([2], [3])
+    with pytest.raises(InputError, match="not finite"):
+        btf.gather([1], [2], [3])
+
+
+def test_a_header_that_claims_more_than_the_file_holds_does_not_allocate(tmp_path):
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f4", "fortran_order": False, "shape": (1 << 20, 1 << 20, 1 << 20, 3)}
+    )
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("radiance.npy", header.getvalue())
+    with pytest.raises(InputError, match=r"radiance\.npy: .* is not what its \d+ bytes hold"):
+        open_btf(tmp_path / "a.npz")
+
+
+def test_mean_abrdf_of_real_data_is_a_btf_of_one_texel(data):
+    path = data / "ubo2014_mean_abrdf" / "carpet07_mean_abrdf_151x151.npz"
+    btf = open_btf(path)
+    with np.load(path, allow_pickle=False) as stored:
+        assert np.array_equal(btf.texels([0], [0])[0], stored["rgb_geomean"].reshape(-1, 3))
+    assert (len(btf), btf.shape) == (151 * 151, (1, 1))
+    assert btf.layout.grid is not None
+    assert np.array_equal(btf[5], btf.gather([5], [0], [0])[None])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"rgb_geomean": np.ones((2, 3, 3), np.float32)},
+            r"rgb_geomean is \(2, 3, 3\) float32: it must be \(V, V, 3\)",
+        ),
+        ({"theta_deg": np.array([0.0, 91.0])}, "direction 1: theta_deg = 91 degrees is outside"),
+        ({"phi_deg": np.zeros(3)}, r"theta_deg and phi_deg must be \(2,\)"),
+        ({"rgb_geomean": np.full((2, 2, 3), np.inf, np.float32)}, "rgb_geomean: 12 of 12 values are not finite"),
+    ],
+)
+def test_bad_mean_abrdfs_are_named(tmp_path, changes, message):
+    good = {"rgb_geomean": np.ones((2, 2, 3), np.float32), "theta_deg": np.array([0.0, 9.0]), "phi_deg": np.zeros(2)}
+    np.savez(tmp_path / "a.npz", **(good | changes))
+    with pytest.raises(InputError, match=message):
+        open_btf(tmp_path / "a.npz")

@@ -1,0 +1,85 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from bench.data.readers import open_btf
+from bench.errors import InputError
+
+READERS = [
+    "folder-exr",
+    "folder-png",
+    "folder-png16",
+    "folder-jpeg",
+    "rti",
+    "npz",
+    "npz-compressed",
+    "mean-abrdf",
+    "ubo2014-rgb",
+    "ubo2014-yuv",
+    "ubo2014-log",
+    "ubo2014-fmf",
+    "ubo2003",
+    "atrium-hdr",
+    "utia-png",
+    "utia-exr",
+]
+
+
+def test_the_list_of_readers_is_complete(samples):
+    assert list(samples.READERS) == READERS
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_reader_is_chosen_by_content_and_splits_are_disjoint(samples, tmp_path, monkeypatch, name):
+    monkeypatch.setattr(samples, "ANGLES", [(0, 0), (15, 0), (15, 60), (30, 120), (75, 315)])
+    path = samples.READERS[name](tmp_path)
+    if path.is_file():
+        path = path.rename(tmp_path / "without extension")
+    btf = open_btf(path)
+    split = btf.split(seed=3, fraction=0.3)
+    groups = [split.train, *split.heldout.values()]
+    assert np.array_equal(np.sort(np.concatenate(groups)), np.arange(len(btf)))
+    assert len(btf) == (5 if name == "rti" else 25)
+    assert 0 < len(split.train) < len(btf)
+    assert {"format", "colour", "cosine", "clamp"} <= set(btf.provenance)
+    assert btf.fingerprint == open_btf(path).fingerprint
+    assert (btf.wo[:, 2] > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(btf.wi, axis=1), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_damaged_input_is_refused_or_reads(samples, tmp_path, name):
+    total = samples.fuzz(name, range(100), 1, tmp_path)
+    assert total["read"] + total["refused"] == 100
+    assert total["refused"] > 20
+    assert total["slowest"] < samples.SECONDS
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\x89PNG\r\n\x1a\n", r"begins with b'\\x89PNG.*, no BTF known here: give a folder with pairs\.csv, an RTI"),
+        (b"", "begins with b''"),
+        (b"hello", "begins with b'hello'"),
+    ],
+)
+def test_unknown_files_say_what_was_seen(tmp_path, content, message):
+    (tmp_path / "a.btf").write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        open_btf(tmp_path / "a.btf")
+
+
+def test_folders_without_a_btf_say_what_they_hold(tmp_path):
+    with pytest.raises(InputError, match=r"no BTF folder \(it holds nothing\): add pairs\.csv"):
+        open_btf(tmp_path)
+    with pytest.raises(InputError, match="no such file or folder"):
+        open_btf(tmp_path / "missing")
+
+
+def test_importing_the_readers_loads_nothing_heavy():
+    heavy = {"torch", "PIL", "OpenEXR", "png", "scipy", "skimage"}
+    code = f"import sys, bench.data.readers; print(sorted({heavy} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

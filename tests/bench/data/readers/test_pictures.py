@@ -1,0 +1,205 @@
+import struct
+import zlib
+
+import imageio.v3 as imageio
+import numpy as np
+import OpenEXR
+import png
+import pytest
+from PIL import Image
+from skimage.color import xyz2rgb
+
+from bench.data.readers.files import FolderFiles
+from bench.data.readers.folder import write_exr
+from bench.data.readers.pictures import XYZ_TO_REC709, picture_size, read_picture, srgb_table
+from bench.errors import InputError
+
+RNG = np.random.default_rng(0)
+CODES = RNG.integers(0, 256, (7, 9, 3), np.uint8)
+
+
+def read(path, **options):
+    files = FolderFiles(path.parent)
+    size = picture_size(files, path.name)
+    picture = read_picture(files, path.name, **options)
+    assert picture.shape == (*size, 3)
+    assert picture.dtype == np.float32
+    return picture
+
+
+def decode(codes, top):
+    x = codes.astype(np.float64) / top
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+
+
+def exr(path, channels, header=None):
+    base = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(base | (header or {}), channels).write(str(path))
+
+
+def test_srgb_decoding_is_the_standards():
+    assert srgb_table(256)[[0, 255]].tolist() == [0, 1]
+    np.testing.assert_allclose(srgb_table(256)[128], 0.215861, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "L", "LA", "P", "1"])
+def test_8_bit_png_of_every_kind(tmp_path, mode):
+    image = Image.fromarray(CODES).convert(mode)
+    image.save(tmp_path / "a.png")
+    np.testing.assert_allclose(read(tmp_path / "a.png"), decode(np.asarray(image.convert("RGB")), 255), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("planes", "options"), [(3, {"greyscale": False}), (1, {"greyscale": True}), (4, {"alpha": True})]
+)
+def test_16_bit_png_keeps_all_bits(tmp_path, planes, options):
+    codes = RNG.integers(0, 65536, (7, 9, planes)).astype(np.uint16)
+    options = {"greyscale": False} | options
+    with open(tmp_path / "a.png", "wb") as stream:
+        png.Writer(9, 7, bitdepth=16, **options).write(stream, codes.reshape(7, -1))
+    rgb = codes[..., :3] if planes > 1 else np.repeat(codes, 3, 2)
+    np.testing.assert_allclose(read(tmp_path / "a.png"), decode(rgb, 65535), atol=1e-6)
+
+
+def test_jpeg_agrees_with_another_decoder(tmp_path):
+    for name, mode in (("rgb.jpg", "RGB"), ("grey.jpg", "L")):
+        Image.fromarray(CODES).convert(mode).save(tmp_path / name, quality=95)
+        codes = imageio.imread(tmp_path / name)
+        codes = codes if codes.ndim == 3 else np.repeat(codes[..., None], 3, 2)
+        np.testing.assert_allclose(read(tmp_path / name), decode(codes, 255), atol=1e-6)
+
+
+def test_cmyk_jpeg_is_refused(tmp_path):
+    Image.new("CMYK", (9, 7)).save(tmp_path / "a.jpg")
+    with pytest.raises(InputError, match=r"a\.jpg: a JPEG of 4 channels \(CMYK\?\): save it as RGB"):
+        read(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_exr_keeps_highlights(tmp_path, dtype):
+    picture = RNG.gamma(0.5, 20, (7, 9, 3)).astype(dtype)
+    exr(tmp_path / "a.exr", {"RGB": picture})
+    assert np.array_equal(read(tmp_path / "a.exr"), picture.astype(np.float32))
+    assert picture.max() > 1
+
+
+def test_exr_with_alpha_and_grey(tmp_path):
+    plane = RNG.random((7, 9), np.float32)
+    exr(tmp_path / "a.exr", dict.fromkeys("RGBA", plane))
+    exr(tmp_path / "y.exr", {"Y": plane})
+    assert np.array_equal(read(tmp_path / "a.exr"), np.repeat(plane[..., None], 3, 2))
+    assert np.array_equal(read(tmp_path / "y.exr"), np.repeat(plane[..., None], 3, 2))
+
+
+def test_exr_in_xyz_becomes_rec709(tmp_path):
+    rgb = RNG.random((7, 9, 3)) * 0.9
+    xyz = (rgb @ np.linalg.inv(XYZ_TO_REC709).T).astype(np.float32)
+    exr(tmp_path / "xyz.exr", {name: np.ascontiguousarray(xyz[..., i]) for i, name in enumerate("XYZ")})
+    write_exr(tmp_path / "rgb.exr", xyz)
+    np.testing.assert_allclose(read(tmp_path / "xyz.exr"), rgb, atol=1e-5)
+    np.testing.assert_allclose(read(tmp_path / "rgb.exr", rgb_is_xyz=True), rgb, atol=1e-5)
+    # scikit-image is the oracle; its matrix is rounded to six digits and its result encoded as sRGB.
+    np.testing.assert_allclose(decode(xyz2rgb(xyz), 1), rgb, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("channels", "message"),
+    [
+        ("RG", r"channel B missing \(it holds G, R\): save it with channels R, G, B"),
+        ("A", r"channel R, G, B missing \(it holds A\)"),
+    ],
+)
+def test_exr_without_its_channels_names_them(tmp_path, channels, message):
+    exr(tmp_path / "a.exr", {name: np.zeros((7, 9), np.float32) for name in channels})
+    with pytest.raises(InputError, match=r"a\.exr: " + message):
+        read(tmp_path / "a.exr")
+
+
+def test_exr_of_integers_or_foreign_primaries_is_refused(tmp_path):
+    exr(tmp_path / "i.exr", {name: np.zeros((7, 9), np.uint32) for name in "RGB"})
+    with pytest.raises(InputError, match="no full half or float channel"):
+        read(tmp_path / "i.exr")
+    chromaticities = (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767)
+    exr(tmp_path / "aces.exr", {"RGB": np.zeros((7, 9, 3), np.float32)}, {"chromaticities": chromaticities})
+    with pytest.raises(InputError, match=r"chromaticities are not those of Rec\. 709"):
+        read(tmp_path / "aces.exr")
+
+
+def flat_hdr(rgbe, size, extra=""):
+    return f"#?RADIANCE\n{extra}FORMAT=32-bit_rle_rgbe\n\n{size}\n".encode() + rgbe.tobytes()
+
+
+def test_hdr_agrees_with_the_formula_in_every_orientation(tmp_path):
+    rgbe = RNG.integers(0, 256, (5, 6, 4), np.uint8)
+    rgbe[..., 3] = RNG.integers(120, 140, (5, 6))
+    expected = rgbe[..., :3] * np.ldexp(1.0, rgbe[..., 3:].astype(int) - 136)
+    views = {
+        "-Y 5 +X 6": expected,
+        "+Y 5 +X 6": expected[::-1],
+        "-Y 5 -X 6": expected[:, ::-1],
+        "+X 5 -Y 6": expected.swapaxes(0, 1),
+        "-X 5 +Y 6": expected[::-1, ::-1].swapaxes(0, 1),
+    }
+    for size, upright in views.items():
+        (tmp_path / "a.hdr").write_bytes(flat_hdr(rgbe, size, "EXPOSURE=2\n"))
+        np.testing.assert_allclose(read(tmp_path / "a.hdr"), upright / 2, rtol=1e-6)
+    assert expected.max() > 1
+
+
+def test_hdr_with_runs(tmp_path):
+    line = b"\2\2\0\x0a" + b"\x8a\x40" + b"\x05\1\2\3\4\5\x85\x09" + b"\x8a\x20" + b"\x8a\x81"
+    (tmp_path / "a.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 10\n" + line * 2)
+    picture = read(tmp_path / "a.hdr")
+    assert picture.shape == (2, 10, 3)
+    np.testing.assert_allclose(picture[1, :, 1] * 128, [1, 2, 3, 4, 5, 9, 9, 9, 9, 9])
+
+
+def damaged(kind):
+    chunk = b"IHDR" + struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
+    huge_png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    return {
+        "huge png": huge_png,
+        "huge hdr": b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1000000000 +X 1000000000\n\0\0\0\0",
+        "xyze": b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n\0\0\0\0",
+        "short jpeg": b"\xff\xd8\xff\xe0\0\x10JFIF",
+        "text": b"hello world, no picture",
+        "empty": b"",
+    }[kind]
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("huge png", "is absurd"),
+        ("huge hdr", "is absurd"),
+        ("xyze", "only 32-bit_rle_rgbe is read"),
+        ("short jpeg", "the header ends early: the picture is truncated"),
+        ("text", r"begins with b'hello wo', no picture known here: JPEG, PNG, OpenEXR and Radiance"),
+        ("empty", "begins with b''"),
+    ],
+)
+def test_damaged_headers_are_refused_before_anything_is_allocated(tmp_path, kind, message):
+    (tmp_path / "a").write_bytes(damaged(kind))
+    with pytest.raises(InputError, match=message):
+        read(tmp_path / "a")
+
+
+def test_16_bit_png_that_inflates_without_end_is_refused(tmp_path):
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", 64, 64, 16, 2, 0, 0, 0)
+    bomb = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(50_000_000), 9)) + chunk(b"IEND", b"")
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bomb)
+    with pytest.raises(InputError, match="inflate beyond"):
+        read(tmp_path / "a.png")
+
+
+def test_truncated_pictures_are_refused(tmp_path):
+    write_exr(tmp_path / "a.exr", CODES / np.float32(64))
+    Image.fromarray(CODES).save(tmp_path / "a.png")
+    Image.fromarray(CODES).save(tmp_path / "a.jpg")
+    for path in sorted(tmp_path.iterdir()):
+        path.write_bytes(path.read_bytes()[:-60])
+        with pytest.raises(InputError, match=f"{path.name}: "):
+            read(path)

@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+
+from bench.data.readers import open_btf
+from bench.data.readers.pictures import srgb_table
+from bench.errors import InputError
+
+
+def make(folder, lines, images=3):
+    for i in range(images):
+        Image.new("RGB", (4, 3), (50 * i, 0, 0)).save(folder / f"im {i}.png")
+    (folder / "dirs.lp").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+GOOD = ["3", "im 0.png 0 0 1", "im 1.png 0.6 0 0.8", r"C:\photos\im 2.png 0 0.6 0.8"]
+
+
+def test_one_view_many_lights_as_photographed(tmp_path):
+    btf = open_btf(make(tmp_path, GOOD))
+    assert (btf.wo == [0, 0, 1]).all()
+    np.testing.assert_allclose(btf.wi, [[0, 0, 1], [0.6, 0, 0.8], [0, 0.6, 0.8]], atol=1e-7)
+    np.testing.assert_allclose([s[0, 0, 0] for s in btf], srgb_table(256)[[0, 50, 100]])
+    assert "photographed" in btf.provenance["cosine"]
+    assert len(open_btf(tmp_path / "dirs.lp")) == 3
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["4", *GOOD[1:], "im 3.png 0.8 0 0.6"], r"dirs\.lp, line 5: im 3\.png is missing: add the picture, or leave"),
+        (["4", *GOOD[1:]], r"dirs\.lp: line 1 says 4 images, 3 are listed: correct the count"),
+        (GOOD[1:], "its first line is not the count"),
+        (["1", "im 0.png 0 0"], r"line 2: 'im 0\.png 0 0' is not `image-name x y z`"),
+        (["1", "im 0.png a b c"], "line 2: .* is not `image-name x y z`"),
+        (["1", "im 0.png 0 0 -1"], r"line 2: \(0, 0, -1\) is not above the surface"),
+        (["1", "im 0.png 3 0 4"], r"line 2: \(3, 0, 4\) is no unit vector"),
+        (["1", "im 0.png nan 0 1"], "line 2: .* is no unit vector"),
+        (["2", "im 0.png 0 0 1", "im 1.png 0 0 1"], r"line 3: the same view and light as .*line 2"),
+        (["1", "../../../etc/passwd 0 0 1"], "line 2: passwd is missing"),
+    ],
+)
+def test_bad_lists_name_the_line(tmp_path, lines, message):
+    with pytest.raises(InputError, match=message):
+        open_btf(make(tmp_path, lines))
+
+
+def test_several_lists_ask_for_one(tmp_path):
+    make(tmp_path, GOOD)
+    (tmp_path / "other.lp").write_text("0\n")
+    with pytest.raises(InputError, match=r"several lists \(dirs\.lp, other\.lp\): give the path of one"):
+        open_btf(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "lights", "shape"), [("gold_icon", 72, (395, 402)), ("painted_door", 60, (439, 487))])
+def test_the_normals_of_real_sets_are_those_of_a_surface(data, name, lights, shape):
+    btf = open_btf(data / "rti" / name)
+    assert (len(btf), btf.shape) == (lights, shape)
+    btf = btf.subset(range(0, lights, 3))
+    values = np.stack([s.mean(-1).reshape(-1) for s in btf])
+    x, y, z = np.linalg.lstsq(btf.wi, values, rcond=None)[0].reshape(3, *shape)
+    p, q = (gaussian_filter(np.clip(-side / np.maximum(z, 1e-3), -2, 2), 1.5) for side in (x, y))
+    # The slopes of a surface have no curl, d2z/dxdy = d2z/dydx; with y pointing down the two would differ in sign.
+    assert np.corrcoef(-np.gradient(p, axis=0).reshape(-1), np.gradient(q, axis=1).reshape(-1))[0, 1] > 0.05

@@ -1,0 +1,175 @@
+import struct
+
+import numpy as np
+import pytest
+
+from bench.btf import BTF, ArraySource
+from bench.data.readers import open_btf, ubo2014
+from bench.data.readers.ubo2014_write import factorise, write_ubo2014
+from bench.errors import InputError
+from bench.hemisphere import from_angles
+
+VIEWS = np.radians([[0.0, 0.0], [15.0, 60.0], [75.0, -90.0]])
+LIGHTS = np.radians([[11.0, 15.0], [30.0, 120.0]])
+SHAPE = (4, 5)
+
+
+@pytest.mark.parametrize("name", ["tiny_rgb", "tiny_yuvlog", "tiny_fmf"])
+def test_tiny_files_decode_as_expected(data, name):
+    btf = open_btf(data / "tiny_formats" / f"{name}.btf")
+    with np.load(data / "tiny_formats" / "expected.npz", allow_pickle=False) as stored:
+        expected, views, lights = (stored[name + part] for part in ("", "_views", "_lights"))
+    shape = expected.shape
+    flat = expected.reshape(-1, *shape[2:])
+    assert np.abs(np.stack([*btf]) - flat).max() <= 1e-6
+    rows, cols = np.mgrid[: shape[2], : shape[3]].reshape(2, -1)
+    assert np.abs(btf.texels(rows, cols) - flat.transpose(1, 2, 0, 3).reshape(len(rows), -1, 3)).max() <= 1e-6
+    pair = np.arange(len(rows)) % len(btf)
+    assert np.abs(btf.gather(pair, rows, cols) - flat[pair, rows, cols]).max() <= 1e-6
+    np.testing.assert_array_equal(btf.wo[:: shape[1]], from_angles(*views.T))
+    np.testing.assert_array_equal(btf.wi[: shape[1]], from_angles(*lights.T))
+    if name != "tiny_rgb":
+        assert max(s.max() for s in btf) > 3  # highlights survive
+
+
+def factors(rng, fmf=False, rank=3):
+    rows = 3 * 6 if fmf else 6
+    return [
+        (rng.standard_normal((rows, rank)) * 0.5, rng.standard_normal((20, rank)) * 0.5) for _ in range(1 if fmf else 3)
+    ]
+
+
+def decoded(model, given, fmf, dtype):
+    """The pictures (6, H, W, 3) by the definition, in double precision."""
+    channels = [(u.astype(dtype).astype(float) @ sv.astype(dtype).astype(float).T) for u, sv in given]
+    c = channels[0].reshape(6, 3, 20).swapaxes(0, 1) if fmf else np.stack(channels)
+    if model == 12:
+        c = np.exp(c) - 1e-5
+    if model == 11:
+        y = np.exp(c[0]) - 1e-5
+        u, v = c[1] * y + 1e-5, c[2] * y + 1e-5
+        c = np.stack([y + 1.13983 * v, y - 0.39465 * u - 0.58060 * v, y + 2.03211 * u])
+    return np.moveaxis(c, 0, -1).reshape(6, *SHAPE, 3)[:, ::-1]
+
+
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
+@pytest.mark.parametrize(("scalar", "dtype"), [(2, np.float16), (4, np.float32), (8, np.float64)])
+@pytest.mark.parametrize(("model", "fmf"), [(0, False), (11, False), (12, False), (0, True), (12, True)])
+def test_every_colour_model_scalar_and_version(tmp_path, version, scalar, dtype, model, fmf):
+    given = factors(np.random.default_rng(model), fmf)
+    path = tmp_path / "a.btf"
+    write_ubo2014(
+        path,
+        VIEWS,
+        LIGHTS,
+        SHAPE,
+        given,
+        colour_model=model,
+        scalar=scalar,
+        version=version,
+        rotations=2,
+        xml="<setup/>",
+    )
+    btf = open_btf(path)
+    np.testing.assert_allclose([*btf], decoded(model, given, fmf, dtype), rtol=2e-5, atol=2e-6)
+    assert btf.provenance["native"] == {"bytes": path.stat().st_size, "rank": 3, "ranks": [3, 3, 3]}
+    assert btf.provenance["rotations"] == 2
+    assert btf.provenance["ppmm"] == 10.0
+    assert btf.provenance.get("xml") == ("<setup/>" if version > 2 else None)
+
+
+def test_large_factors_are_not_expanded_and_give_the_same_values(tmp_path, monkeypatch):
+    path = tmp_path / "a.btf"
+    write_ubo2014(path, VIEWS, LIGHTS, SHAPE, factors(np.random.default_rng(0)))
+    small = open_btf(path)
+    monkeypatch.setattr(ubo2014, "DENSE_BYTES", 0)
+    large = open_btf(path)
+    assert not any(matrix.expand for matrix in large.source.material.texels)
+    np.testing.assert_allclose([*large], [*small], rtol=1e-5)
+    np.testing.assert_allclose(large.texels([0, 3], [4, 1]), small.texels([0, 3], [4, 1]), rtol=1e-5)
+    np.testing.assert_allclose(large.gather([5], [0], [4]), small.gather([5], [0], [4]), rtol=1e-5)
+
+
+def test_factorising_a_btf_keeps_it(tmp_path):
+    rng = np.random.default_rng(3)
+    view, light = np.divmod(np.arange(6), 2)
+    values = rng.gamma(1.0, 2.0, (6, *SHAPE, 3)).astype(np.float32)
+    btf = BTF("random", from_angles(*VIEWS.T)[view], from_angles(*LIGHTS.T)[light], ArraySource(values))
+    factorise(btf, tmp_path / "a.btf", rank=6)
+    again = open_btf(tmp_path / "a.btf")
+    np.testing.assert_allclose(again.wo, btf.wo, atol=1e-6)
+    # Half-float factors of log luminance: a few times 2^-11, relative to the brightest channel.
+    assert np.abs(np.stack([*again]) - values).max() <= 0.01 * values.max()
+    with pytest.raises(InputError, match="no product of views and lights"):
+        factorise(btf.subset([0, 3]), tmp_path / "b.btf")
+
+
+def changed(path, offset, data):
+    raw = bytearray(path.read_bytes())
+    raw[offset : offset + len(data)] = data
+    path.write_bytes(raw)
+
+
+HEAD = 10
+DIRECTIONS = HEAD + 8 + 240 + 16 + 4 + 4 + 4 + 3 * 5
+SIZE = DIRECTIONS + 4 + 3 * (12 + 16)
+BODY = SIZE + 12
+
+
+@pytest.mark.parametrize(
+    ("offset", "data", "message"),
+    [
+        (0, b"!PVF06FCRx", r"the signature !PVF06FC is known but not read: only !DFMF08FCR and !FMF12FCER are"),
+        (0, b"!FMF06FC\0\0", "the signature !FMF06FC is known but not read"),
+        (0, b"!BDIF06R2!", "the signature !BDIF06R2! is known but not read"),
+        (0, b"!NEWFORMAT", r"unknown signature b'!NEWFORMAT'"),
+        (HEAD, struct.pack("<I", 7), "the header says it has 7 bytes, it has 291"),
+        (HEAD + 4, struct.pack("<I", 5), "header version 5: versions 1 to 4 are read"),
+        (DIRECTIONS - 19, struct.pack("<I", 4), "4 channels: three are read"),
+        (DIRECTIONS, struct.pack("<I", 0xFFFFFFFF), "4294967295 views of 2 lights needs 120259084260 bytes"),
+        (DIRECTIONS, struct.pack("<I", 0), "0 views of 2 lights"),
+        (DIRECTIONS + 4, struct.pack("<f", 2.0), r"view 0: theta = 114\.592 degrees is outside \[0, 90\)"),
+        (DIRECTIONS + 4, struct.pack("<2f", *VIEWS[1]), "view 1: the same view and light as .*view 0"),
+        (DIRECTIONS + 4 + 28 + 12, b"\0", "the lights of view 1 differ from those of view 0: only a product"),
+        (SIZE, struct.pack("<I", 0xFFFFFFFF), "channel 0: 6 x 20 factors, the directions and size say 6 x 17179869180"),
+        (SIZE + 8, struct.pack("<I", 0xFFFFFFFF), "4294967295 rotations needs 154618822620 bytes, .* truncated"),
+        (BODY + 4, struct.pack("<i", 7), "colour model 7: models 0, 11, 12 are read"),
+        (BODY + 56, b"\3", "channel 0: rank 3 in scalars of 3 bytes"),
+        (BODY + 57, struct.pack("<I", 0), "channel 0: rank 0"),
+        (BODY + 57, struct.pack("<I", 0x7FFFFFFF), "channel 0: S needs 4294967294 bytes"),
+    ],
+)
+def test_damaged_headers_name_file_and_offset(tmp_path, offset, data, message):
+    path = tmp_path / "a.btf"
+    write_ubo2014(path, VIEWS, LIGHTS, SHAPE, factors(np.random.default_rng(0)))
+    changed(path, offset, data)
+    with pytest.raises(InputError, match=message) as caught:
+        open_btf(path)
+    assert str(path) in str(caught.value)
+
+
+def test_truncated_files_say_so(tmp_path):
+    path = tmp_path / "a.btf"
+    write_ubo2014(path, VIEWS, LIGHTS, SHAPE, factors(np.random.default_rng(0)))
+    whole = path.read_bytes()
+    for length in range(1, len(whole), 7):
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError):
+            open_btf(path)
+    path.write_bytes(whole[:-1])
+    with pytest.raises(
+        InputError, match=r"offset \d+: channel 2: SV needs 120 bytes, 119 are left: the file is truncated"
+    ):
+        open_btf(path)
+
+
+def test_values_that_overflow_are_named_when_read(tmp_path):
+    path = tmp_path / "a.btf"
+    write_ubo2014(path, VIEWS, LIGHTS, SHAPE, [(np.full((6, 1), 200), np.ones((20, 1)))] * 3)
+    btf = open_btf(path)
+    with pytest.raises(InputError, match=r"slice of pair 4: 60 of 60 values are not finite"):
+        btf[4]
+    with pytest.raises(InputError, match=r"texels from 0: .* not finite"):
+        btf.texels([0], [0])
+    with pytest.raises(InputError, match=r"samples from 0: .* not finite"):
+        btf.gather([0], [0], [0])

@@ -1,0 +1,273 @@
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import png
+import pytest
+from PIL import Image
+
+from bench import cli
+from bench.btf import box_filter
+from bench.codec import silent
+from bench.data.bake import bake, looks_like_maps, open_svbrdf, read_surface, recognise
+from bench.data.bake.surface import SUB_POINTS
+from bench.data.materials.renderer import render
+from bench.data.open import open_material
+from bench.data.readers import open_btf
+from bench.errors import InputError
+from bench.metrics.display import decode_srgb
+from bench.runs.suite import Data, MaterialSpec
+
+SMALL = Data(size=8, views=4, lights=4, heldout=3)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+
+
+def save(folder, **maps):
+    """A folder of PNG maps by file name; values in [0, 1] become 8-bit codes."""
+    folder.mkdir(exist_ok=True)
+    for name, picture in maps.items():
+        Image.fromarray(np.round(np.asarray(picture) * 255).astype(np.uint8)).save(folder / f"{name}.png")
+    return folder
+
+
+def flat(value, size=16):
+    return np.broadcast_to(np.float64(value), (size, size, *np.shape(value)))
+
+
+def hills(size=64):
+    """Height in [0, 1] and the GL normal codes of a smooth periodic relief 0.05 widths deep."""
+    v, u = (1 - (np.arange(size) + 0.5) / size)[:, None], ((np.arange(size) + 0.5) / size)[None, :]
+    height = 0.5 + 0.25 * np.sin(2 * np.pi * (u + 0.1)) + 0.25 * np.cos(4 * np.pi * (v - 0.2 * np.ones_like(u)))
+    slope_u = 0.25 * 2 * np.pi * np.cos(2 * np.pi * (u + 0.1)) * np.ones_like(v)
+    slope_v = -0.25 * 4 * np.pi * np.sin(4 * np.pi * (v - 0.2)) * np.ones_like(u)
+    normal = np.stack([-0.05 * slope_u, -0.05 * slope_v, np.ones((size, size))], -1)
+    return height, (normal / np.linalg.norm(normal, axis=-1, keepdims=True) + 1) / 2
+
+
+def downwards(normal):
+    """The same normal codes with green down, as DirectX has them."""
+    return np.stack([normal[..., 0], 1 - normal[..., 1], normal[..., 2]], -1)
+
+
+NAMES = {
+    "Bricks102_1K_Color.jpg": "albedo",
+    "Bricks102_1K_Displacement.jpg": "displacement",
+    "Bricks102_1K_NormalGL.jpg": "normal_gl",
+    "Bricks102_1K_Roughness.jpg": "roughness",
+    "Bricks102_1K_Metalness.jpg": "metalness",
+    "rusty_metal_02_diff_1k.jpg": "albedo",
+    "rusty_metal_02_nor_gl_1k.exr": "normal_gl",
+    "rusty_metal_02_arm_1k.jpg": "packed",
+    "rusty_metal_02_disp_1k.png": "displacement",
+    "rusty_metal_02_rough_1k.png": "roughness",
+    "rough_wood_col_1_1k.jpg": "albedo",
+    "rough_wood_nor_dx_1k.jpg": "normal_dx",
+    "Chair_baseColor.png": "albedo",
+    "Chair_occlusionRoughnessMetallic.png": "packed",
+    "Chair_metallicRoughness.png": "packed",
+    "Chair_normal.png": "normal",
+    "lambert1_Base_Color.png": "albedo",
+    "lambert1_Normal_OpenGL.png": "normal_gl",
+    "lambert1_Normal_DirectX.png": "normal_dx",
+    "lambert1_Metallic.png": "metalness",
+    "lambert1_Height.png": "displacement",
+    "lambert1_anisotropyangle.png": "anisotropy_angle",
+}
+
+
+@pytest.mark.parametrize(("name", "role"), NAMES.items())
+def test_the_usual_names_are_recognised(tmp_path, name, role):
+    prefix = name.split("_")[0]
+    (tmp_path / name).touch()
+    if role != "albedo":
+        (tmp_path / f"{prefix}_albedo.png").touch()
+    assert recognise(tmp_path).files[role] == name
+
+
+def test_what_tells_the_same_is_left_out_and_said(tmp_path):
+    for name in ("a_color", "a_NormalGL", "a_NormalDX", "a_rough", "a_metal", "a_arm", "a_ao", "a"):
+        (tmp_path / f"{name}.jpg").touch()
+    found = recognise(tmp_path)
+    assert set(found.files) == {"albedo", "normal_gl", "roughness", "metalness"}
+    assert set(found.unused) == {"a_NormalDX.jpg", "a_arm.jpg", "a_ao.jpg", "a.jpg"}
+
+
+def test_folders_that_cannot_be_baked_are_explained(tmp_path):
+    (tmp_path / "x_normal.png").touch()
+    (tmp_path / "x_picture.png").touch()
+    with pytest.raises(InputError, match=r"no albedo among its files \(x_normal\.png, x_picture\.png\)"):
+        recognise(tmp_path)
+    for name in ("x_col_1.png", "x_col_2.png"):
+        (tmp_path / name).touch()
+    with pytest.raises(InputError, match=r"x_col_1\.png and x_col_2\.png are all albedo"):
+        recognise(tmp_path)
+    with pytest.raises(InputError, match="cannot be read"):
+        recognise(tmp_path / "nothing")
+
+
+def test_lists_of_pairs_and_lights_are_no_maps(tmp_path):
+    for name in ("albedo.png", "normal.png"):
+        (tmp_path / name).touch()
+    assert looks_like_maps(tmp_path)
+    (tmp_path / "dirs.lp").touch()
+    assert not looks_like_maps(tmp_path)
+
+
+def test_maps_of_different_proportion_are_refused(tmp_path):
+    folder = save(tmp_path / "m", albedo=flat((0.5, 0.5, 0.5)), roughness=np.ones((8, 16)))
+    with pytest.raises(InputError, match=r"roughness\.png: 16 x 8 pixels are not of the same proportion"):
+        read_surface(recognise(folder), 8)
+
+
+def test_flat_rough_maps_are_lambert_under_fresnel(tmp_path):
+    """With roughness 1 the highlight is faint: near the normal the value is a / π · cos θ_i within what F0 = 4 % takes
+    from it and gives back."""
+    code = 128 / 255
+    maps = {"albedo": flat((code,) * 3), "normal": flat((0.5, 0.5, 1.0)), "roughness": flat(1.0)}
+    surface = read_surface(recognise(save(tmp_path / "m", **maps, height=flat(0.3))), 8)
+    theta = np.radians([0, 15, 30])
+    wi = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], -1)
+    values = render(surface.maps, np.tile([0.0, 0.0, 1.0], (3, 1)), wi, surface.shape)
+    lambert = decode_srgb([code]) / np.pi * np.cos(theta)
+    np.testing.assert_allclose(values, np.broadcast_to(lambert[:, None, None, None], values.shape), rtol=0.1)
+    # Without the dielectric's reflection it is exact, but for the tilt of an 8-bit code of 0.5 (0.2°).
+    matt = render(replace(surface.maps, specular=0.0), np.tile([0.0, 0.0, 1.0], (3, 1)), wi, surface.shape)
+    np.testing.assert_allclose(matt, np.broadcast_to(lambert[:, None, None, None], values.shape), rtol=4e-3)
+
+
+@pytest.mark.parametrize("dx", [False, True])
+@pytest.mark.parametrize("inverted", [False, True])
+def test_dx_normals_and_depth_maps_are_told_by_each_other(tmp_path, dx, inverted):
+    height, normal = hills()
+    maps = {
+        "albedo": flat((0.5, 0.5, 0.5), 64),
+        "normal": downwards(normal) if dx else normal,
+        "height": 1 - height if inverted else height,
+    }
+    surface = read_surface(recognise(save(tmp_path / "m", **maps)), 16)
+    assert ("down (DX), told" in surface.notes["normal"]) == dx
+    assert ("dark is high" in surface.notes["displacement"]) == inverted
+    expected = 2 * normal - 1
+    np.testing.assert_allclose(surface.maps.normal, expected / np.linalg.norm(expected, axis=-1)[..., None], atol=0.01)
+    # The relief that made the normals was 0.05 widths deep; central differences and 8 bits blur it by 2 %.
+    np.testing.assert_allclose(np.ptp(surface.maps.height), 0.05 * np.ptp(height), rtol=0.05)
+
+
+def test_grooves_along_one_axis_leave_it_to_the_name(tmp_path):
+    height = np.tile(0.5 + 0.5 * np.sin(2 * np.pi * np.arange(32) / 32)[:, None], (1, 32))
+    slope = np.roll(height, 1, 0) - np.roll(height, -1, 0)  # along y, which grows upwards
+    normal = np.stack([0 * height, -slope, np.ones_like(height)], -1)
+    codes = (normal / np.linalg.norm(normal, axis=-1, keepdims=True) + 1) / 2
+    maps = {"albedo": flat((0.5, 0.5, 0.5), 32), "height": height}
+    surface = read_surface(recognise(save(tmp_path / "gl", **maps, normal_gl=codes)), 8)
+    assert "bright is high" in surface.notes["displacement"]
+    surface = read_surface(recognise(save(tmp_path / "dx", **maps, normal_dx=codes)), 8)
+    assert "dark is high" in surface.notes["displacement"]
+
+
+def test_sixteen_bits_survive(tmp_path):
+    folder = save(tmp_path / "m", albedo=flat((0.5, 0.5, 0.5)))
+    codes = 30000 + np.arange(256, dtype=np.uint16).reshape(16, 16)
+    with open(folder / "disp.png", "wb") as stream:
+        png.Writer(16, 16, greyscale=True, bitdepth=16).write(stream, codes.tolist())
+    surface = read_surface(recognise(folder), 16, depth=1.0)
+    np.testing.assert_allclose(surface.maps.height * 65535, codes, atol=0.01)
+
+
+def test_packed_maps_and_depth_by_name(tmp_path):
+    folder = save(tmp_path / "m", albedo=flat((0.5, 0.5, 0.5)), arm=flat((0.1, 0.6, 1.0)), depth=flat(0.25))
+    surface = read_surface(recognise(folder), 8)
+    np.testing.assert_allclose(surface.maps.roughness, 0.6, atol=1e-6)
+    np.testing.assert_allclose(surface.maps.metalness, 1.0, atol=1e-6)
+    assert "dark is high, depth 0.0200" in surface.notes["depth"]
+
+
+def test_anisotropy_packed_as_in_gltf_and_apart(tmp_path):
+    packed = save(tmp_path / "a", albedo=flat((0.5,) * 3), anisotropy=flat((0.5, 1.0, 0.8)))
+    maps = read_surface(recognise(packed), 8).maps
+    np.testing.assert_allclose(maps.angle, np.pi / 2, atol=0.01)  # along +y
+    np.testing.assert_allclose(maps.anisotropy, 0.8, atol=1e-6)
+    apart = save(tmp_path / "b", albedo=flat((0.5,) * 3), anisotropylevel=flat(0.4), anisotropyangle=flat(51 / 255))
+    maps = read_surface(recognise(apart), 8).maps
+    np.testing.assert_allclose(maps.angle, np.radians(72), atol=1e-5)
+    np.testing.assert_allclose(maps.anisotropy, 0.4, atol=1e-6)
+
+
+def test_albedo_is_averaged_in_linear_light(tmp_path):
+    checks = np.indices((64, 64)).sum(0) % 2
+    surface = read_surface(recognise(save(tmp_path / "m", albedo=np.repeat(checks[..., None], 3, 2))), 8)
+    np.testing.assert_allclose(surface.maps.base_colour, 0.5, atol=1e-6)
+
+
+def test_normals_that_shrinking_averages_away_make_it_rougher(tmp_path):
+    """Facets tilted by ±t have a mean normal of length cos t: α² grows by 1 / cos t − 1."""
+    tilt = 0.4 * (-1.0) ** np.arange(64)
+    facets = np.stack(np.broadcast_arrays(np.sin(tilt), 0, np.cos(tilt)), -1)
+    codes = np.broadcast_to((facets + 1) / 2, (64, 64, 3))
+    folder = save(tmp_path / "m", albedo=flat((0.5,) * 3, 64), roughness=flat(0.2, 64), normal=codes)
+    coarse, fine = (read_surface(recognise(folder), size).maps for size in (8, 64))
+    np.testing.assert_allclose(fine.roughness, 0.2, atol=1e-6)
+    np.testing.assert_allclose(coarse.normal[..., 2], 1, atol=1e-4)
+    # 8-bit codes round the tilt by up to 1 %.
+    np.testing.assert_allclose(coarse.roughness**4, 0.2**4 + 1 / np.cos(0.4) - 1, rtol=0.02)
+
+
+def test_a_baked_file_opens_again_and_equals_what_was_rendered(tmp_path):
+    height, normal = hills()
+    folder = save(tmp_path / "m", albedo=flat((0.5, 0.4, 0.3), 64)[:32], normal=normal[:32], height=height[:32])
+    surface = read_surface(recognise(folder), 8)
+    assert surface.shape == (4, 8)  # square texels: the longer side has the size asked for
+    calls = []
+    bake(surface, SMALL, tmp_path / "m.npz", lambda done, total: calls.append((done, total)))
+    assert calls[-1] == (19, 19)
+    btf = open_btf(tmp_path / "m.npz")
+    assert btf.periodic
+    assert len(btf.split().heldout["heldout"]) == 3
+    assert btf.provenance["maps"]["albedo"] == "albedo.png"
+    expected = render(surface.maps, btf.wo, btf.wi, surface.shape, SUB_POINTS)
+    np.testing.assert_array_equal(np.stack(list(btf)), expected)
+    assert {path.name for path in tmp_path.iterdir()} <= {"m", "m.npz", "cache"}
+
+
+def test_a_folder_of_maps_is_a_material_and_is_baked_once(tmp_path, monkeypatch, caplog):
+    folder = save(tmp_path / "tiles", albedo=flat((0.5, 0.4, 0.3)), roughness=flat(0.4))
+    btf = open_material(MaterialSpec("tiles", str(folder)), SMALL, silent)
+    assert (btf.name, btf.shape, len(btf)) == ("tiles", (8, 8), 19)
+    assert "roughness.png" in caplog.text
+    monkeypatch.setattr("bench.data.bake.render", None)  # a second time nothing is rendered
+    again = open_svbrdf(folder, SMALL, lambda done, total: None)
+    assert again.fingerprint == btf.fingerprint
+    save(folder, roughness=flat(0.5))
+    with pytest.raises(TypeError):
+        open_svbrdf(folder, SMALL, lambda done, total: None)
+
+
+def test_bake_from_the_command_line(tmp_path, capsys):
+    folder = save(tmp_path / "tiles", albedo=flat((0.5, 0.4, 0.3)), rough=flat(0.4))
+    words = ["--size", "8", "--views", "3", "--lights", "2", "--heldout", "0"]
+    assert cli.main(["bake", str(folder), "-o", str(tmp_path / "out"), *words]) == 0
+    assert "rough.png" in capsys.readouterr().out
+    assert open_btf(tmp_path / "out").layout.grid.shape == (3, 2)
+    assert cli.main(["bake", str(tmp_path / "out"), "-o", str(tmp_path / "x.npz")]) == 2
+    assert cli.main(["bake", str(folder), "-o", str(tmp_path / "x.npz"), "--views", "0"]) == 2
+
+
+@pytest.mark.skipif("NEUBTF_DATA" not in os.environ, reason="NEUBTF_DATA names no folder of real materials")
+@pytest.mark.parametrize("name", ["bark", "bricks", "fabric_pattern", "rock", "rosewood", "rustymetal"])
+def test_scanned_materials_bake_upright(name):
+    folder = Path(os.environ["NEUBTF_DATA"]) / "svbrdf" / name
+    if not folder.is_dir():
+        pytest.skip(f"{folder} is not there")
+    surface = read_surface(recognise(folder), 16)
+    assert surface.shape == ((8, 16) if name == "bricks" else (16, 16))
+    assert not any("DX" in text or "dark is high" in text for text in surface.notes.values())
+    up = np.array([[0.0, 0.0, 1.0]])
+    albedo = box_filter(surface.maps.base_colour, SUB_POINTS)
+    matt = replace(surface.maps, specular=0.0, metalness=0.0)
+    picture = render(matt, up, up, surface.shape)[0]
+    assert np.corrcoef(albedo.mean(-1).ravel(), picture.mean(-1).ravel())[0, 1] > 0.7

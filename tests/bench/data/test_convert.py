@@ -1,0 +1,117 @@
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from bench import cli
+from bench.btf import BTF, Source, box_filter
+from bench.conformance.check import tiny_btf
+from bench.data.convert import changed, write_btf
+from bench.data.readers import open_btf
+from bench.errors import InputError
+
+
+@pytest.fixture
+def btf():
+    """12 × 12 texels, 6 views × 5 lights, the last pairs held out."""
+    made = tiny_btf(12, 6, 5)
+    return BTF(made.name, made.wo, made.wi, made.source, heldout=np.arange(30) >= 25, periodic=True)
+
+
+@pytest.mark.parametrize("name", ["a.npz", "folder"])
+def test_what_was_written_opens_and_is_the_same(tmp_path, btf, name):
+    told = []
+    write_btf(btf, tmp_path / name, lambda done, total: told.append((done, total)))
+    again = open_btf(tmp_path / name)
+    assert again.periodic
+    assert told[-1] == (30, 30)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    far = np.abs(again.wo - btf.wo[:, None]).sum(2) + np.abs(again.wi - btf.wi[:, None]).sum(2)
+    order = far.argmin(1)  # a folder sorts its pairs
+    np.testing.assert_array_equal(np.stack([again[i] for i in order]), np.stack(list(btf)))
+    np.testing.assert_array_equal(again.heldout[order], btf.heldout)
+
+
+def test_a_window_is_cut_and_wraps_no_longer(btf):
+    window = changed(btf, crop=(2, 3, 6, 4))
+    assert window.shape == (6, 4)
+    assert not window.periodic
+    np.testing.assert_array_equal(window[7], btf[7][2:8, 3:7])
+    np.testing.assert_array_equal(window.texels([1], [2]), btf.texels([3], [5]))
+    np.testing.assert_array_equal(window.gather([4], [1], [2]), btf.gather([4], [3], [5]))
+    assert window.fingerprint != btf.fingerprint
+    assert changed(btf, crop=(0, 0, 12, 12)).periodic
+
+
+def test_the_window_is_in_texels_of_the_source_and_is_averaged_in_linear_light(btf):
+    small = changed(btf, crop=(0, 4, 8, 8), downsample=4)
+    np.testing.assert_allclose(small[3], box_filter(btf[3][:8, 4:], 4), rtol=1e-6)
+
+
+def test_thinning_keeps_a_product(btf):
+    assert changed(btf, thin=9).layout.grid.shape == (3, 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"crop": (8, 0, 5, 5)}, r"--crop 8,0,5,5: does not fit into 12 x 12"),
+        ({"crop": (0, 0, 0, 5)}, "does not fit"),
+        ({"crop": (-1, 0, 5, 5)}, "does not fit"),
+        ({"downsample": 13}, "--downsample 13"),
+        ({"downsample": 0}, "at least 1"),
+        ({"thin": -1}, "--thin"),
+    ],
+)
+def test_changes_that_cannot_be_made_are_named(btf, options, message):
+    with pytest.raises(InputError, match=message):
+        changed(btf, **options)
+
+
+def test_nothing_that_is_there_is_lost_and_nothing_half_done_is_left(tmp_path, btf):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "note").touch()
+    with pytest.raises(InputError, match="not an empty folder"):
+        write_btf(btf, tmp_path / "full")
+    with pytest.raises(InputError, match="its folder is not there"):
+        write_btf(btf, tmp_path / "no" / "a.npz")
+
+    class Broken(Source):
+        shape, count = btf.shape, 30
+
+        def slice(self, pair):
+            if pair > 3:
+                raise InputError("damaged")
+            return btf[pair]
+
+    for name in ("a.npz", "b"):
+        with pytest.raises(InputError, match="damaged"):
+            write_btf(BTF("x", btf.wo, btf.wi, Broken()), tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["full"]
+
+
+def test_memory_stays_small(tmp_path):
+    class Large(Source):
+        shape, count = (256, 256), 64
+
+        def slice(self, pair):
+            return np.full((256, 256, 3), pair, np.float32)
+
+    side = tiny_btf(4, 8, 8)
+    tracemalloc.start()
+    write_btf(BTF("large", side.wo, side.wi, Large()), tmp_path / "large.npz")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8e6  # a tenth of what the file holds
+    assert open_btf(tmp_path / "large.npz")[63].min() == 63
+
+
+def test_convert_from_the_command_line(tmp_path, btf, capsys):
+    write_btf(btf, tmp_path / "a.npz")
+    words = ["convert", str(tmp_path / "a.npz"), "-o", str(tmp_path / "b"), "--crop", "0,0,8,8", "--downsample", "2"]
+    assert cli.main(words) == 0
+    assert "30 slices of 4 × 4" in capsys.readouterr().out
+    assert open_btf(tmp_path / "b").shape == (4, 4)
+    assert cli.main(words) == 2
+    with pytest.raises(SystemExit):
+        cli.main([*words[:4], "--crop", "1,2"])

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+from PIL import Image
+
+from bench import cli
+from bench.btf import BTF, ArraySource, Source
+from bench.conformance.check import tiny_btf
+from bench.data.convert import write_btf
+from bench.data.portrait import draw, look
+from bench.hemisphere import ubo2014
+
+
+def values_of(btf):
+    return np.stack(list(btf))
+
+
+def like(btf, values, periodic=False):
+    return BTF("x", btf.wo, btf.wi, ArraySource(values.astype(np.float32)), periodic=periodic)
+
+
+@pytest.fixture
+def btf():
+    """Smooth, periodic, with its cosine, a full product, not clipped."""
+    return tiny_btf(16, 9, 9)
+
+
+def test_nothing_is_wrong_with_a_sound_btf(btf):
+    assert look(btf).warnings() == []
+
+
+def test_a_missing_cosine_is_suspected(btf):
+    uneven = np.random.default_rng(0).uniform(0.9, 1, (len(btf), 1, 1, 1))
+    matt = uneven * btf[0]
+    (warning,) = look(like(btf, matt)).warnings()
+    assert "cosine seems to be missing" in warning
+    assert look(like(btf, matt * btf.wi[:, 2, None, None, None])).power == pytest.approx(1, abs=0.1)
+
+
+def test_clipped_highlights_are_counted(btf):
+    values = values_of(btf)
+    limit = np.percentile(values, 95)
+    (warning,) = look(like(btf, np.minimum(values, limit))).warnings()
+    assert f"exactly at the maximum, {limit:.4g}: highlights are clipped" in warning
+    assert look(like(btf, 0 * values + 0.5)).clipped == 0
+
+
+def test_missing_pairs_of_a_product_are_counted(btf):
+    (warning,) = look(btf.subset(range(78))).warnings()
+    assert warning == "3 pairs are missing of the product of 9 views × 9 lights"
+    scattered = btf.subset(range(0, 81, 10))  # the diagonal: no product was meant
+    assert not any("missing of" in warning for warning in look(scattered).warnings())
+
+
+def test_held_out_pairs_are_not_missing_from_a_product(btf):
+    split = BTF("x", btf.wo, btf.wi, btf.source, heldout=np.arange(81) >= 72, periodic=True)
+    assert look(split).warnings() == []
+
+
+@pytest.mark.parametrize(("axis", "border"), [(1, "top–bottom"), (2, "left–right")])
+def test_a_seam_is_named_with_its_border(btf, axis, border):
+    values = values_of(btf) * np.linspace(0.2, 1, 16).reshape([16 if a == axis else 1 for a in range(4)])
+    (warning,) = look(like(btf, values, periodic=True)).warnings()
+    assert f"a seam at the {border} border" in warning
+    assert "though it is said to repeat" in warning
+
+
+def test_a_large_btf_is_looked_at_by_a_few_slices():
+    class Large(Source):
+        shape, count, read = (400, 400), 22801, 0
+
+        def slice(self, pair):
+            Large.read += 1
+            return np.full((400, 400, 3), 0.1, np.float32)
+
+    side = ubo2014()
+    look(BTF("large", np.repeat(side, 151, 0), np.tile(side, (151, 1)), Large()))
+    assert Large.read <= 48
+
+
+@pytest.mark.parametrize("views", [1, 9])
+def test_the_picture_is_drawn(tmp_path, views):
+    btf = tiny_btf(6, views, 9)
+    draw(look(btf), tmp_path / "a.png")
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.size[0] == 1200
+        assert np.asarray(picture).std() > 10
+
+
+def test_one_texel_and_darkness_are_drawn(tmp_path):
+    btf = tiny_btf(1, 4, 4)
+    seen = look(like(btf, 0 * values_of(btf)))
+    assert seen.warnings() == []
+    draw(seen, tmp_path / "a.png")
+
+
+def test_info_warns_and_draws(tmp_path, btf, capsys):
+    write_btf(like(btf, np.minimum(values_of(btf), 0.1)), tmp_path / "a.npz")
+    assert cli.main(["info", str(tmp_path / "a.npz"), "--picture", str(tmp_path / "a.png")]) == 0
+    out = capsys.readouterr().out
+    assert "warning: " in out
+    assert "highlights are clipped" in out
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+    assert cli.main(["info", str(tmp_path / "a.npz"), "--picture", str(tmp_path / "no" / "a.png")]) == 2
+    assert "cannot be written" in capsys.readouterr().err

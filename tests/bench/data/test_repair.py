@@ -1,0 +1,93 @@
+"""Values that are not finite: refused by count and place, or masked, and said so."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from bench.btf import BTF, ArraySource
+from bench.cli import main
+from bench.conformance.check import tiny_btf
+from bench.data.readers import open_btf
+from bench.data.readers.npz import write_npz
+from bench.data.repair import repaired
+from bench.errors import InputError
+
+
+def spoiled() -> BTF:
+    """The small material with three values of pair 4 and one of pair 7 that are not finite."""
+    like = tiny_btf()
+    values = np.stack(list(like))
+    values[4, 0, :2, 1], values[4, 5, 5, 0], values[7, 2, 3, 2] = np.nan, np.inf, -np.inf
+    return BTF("spoiled", like.wo, like.wi, ArraySource(values), periodic=True)
+
+
+@pytest.mark.parametrize(
+    ("read", "message"),
+    [
+        (lambda btf: btf[4], r"spoiled: pair 4: 3 of 192 values are not finite .* \(0, 0, 1\)"),
+        (lambda btf: btf.texels([5, 2], [5, 3]), r"spoiled: texels, pairs, channels: 2 of 486 .* \(0, 4, 0\)"),
+        (lambda btf: btf.gather([0, 7], [2, 2], [3, 3]), r"spoiled: samples, channels: 1 of 6 .* \(1, 2\)"),
+    ],
+)
+def test_values_that_are_not_finite_are_refused_by_count_and_place(read, message):
+    with pytest.raises(InputError, match=message):
+        read(spoiled())
+
+
+def test_they_are_masked_by_the_mean_of_their_pair_and_channel(caplog):
+    btf = spoiled()
+    with caplog.at_level(logging.WARNING):
+        mended = repaired(btf)
+    assert "4 values that were not finite" in caplog.text
+    assert "pairs 4, 7" in mended.provenance["repaired"]
+    truth, raw = tiny_btf(), btf.source.values
+    np.testing.assert_array_equal(mended[5], truth[5])
+    good = np.isfinite(raw[4])
+    np.testing.assert_array_equal(mended[4][good], raw[4][good])
+    assert mended[4][0, 0, 1] == pytest.approx(raw[4][..., 1][good[..., 1]].mean(), rel=1e-6)
+    assert mended.fingerprint != btf.fingerprint
+
+
+def test_scattered_reads_give_the_same_values(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
+    mended = repaired(spoiled()).subset(np.arange(3, 9))
+    # The scratch file holds halves.
+    np.testing.assert_allclose(mended.texels([0, 5], [1, 5])[:, 1], [mended[1][0, 1], mended[1][5, 5]], rtol=5e-4)
+    np.testing.assert_allclose(mended.gather([4], [2], [3]), mended[4][2, 3][None], rtol=5e-4)
+
+
+def test_finite_data_come_back_as_they_are():
+    btf = tiny_btf()
+    assert repaired(btf) is btf
+
+
+def test_a_channel_without_any_finite_value_is_refused():
+    btf = spoiled()
+    btf.source.values[9, ..., 2] = np.nan
+    with pytest.raises(InputError, match="pair 9: a channel without any finite value"):
+        repaired(btf)
+
+
+def test_repair_from_the_command_line(tmp_path, capsys, caplog, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    like = tiny_btf(4, 4, 4)
+    values, pair = np.stack(list(like)), int(like.split().train[1])
+    values[pair, 1, 1] = (0.123, 0.456, 0.789)  # found again among the bytes
+    write_npz(BTF("a", like.wo, like.wi, ArraySource(values)), tmp_path / "a.npz")
+    content = bytearray((tmp_path / "a.npz").read_bytes())
+    at = content.find(values[pair, 1, 1].tobytes())
+    content[at : at + 4] = np.float32(np.nan).tobytes()
+    (tmp_path / "a.npz").write_bytes(content)
+    command = ["encode", str(tmp_path / "a.npz"), "--codec", "mean-colour", "-o", str(tmp_path / "a.nbtf")]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert f"radiance[{pair}]: 1 of 48 values are not finite" in said
+    assert "--repair" in said
+    assert not (tmp_path / "a.nbtf").exists()
+    assert main([*command, "--repair"]) == 0
+    assert (tmp_path / "a.nbtf").exists()
+    assert "1 values that were not finite" in caplog.text
+    assert main(["convert", str(tmp_path / "a.npz"), "--repair", "-o", str(tmp_path / "b.npz")]) == 0
+    mended = open_btf(tmp_path / "b.npz")[pair][1, 1, 0]
+    assert mended == pytest.approx(np.delete(values[pair][..., 0], 5).mean(), rel=1e-6)

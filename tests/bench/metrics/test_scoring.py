@@ -1,0 +1,271 @@
+"""Scoring a decoded BTF as a stream, and what is made of the scores."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+
+from bench import metrics
+from bench.btf import BTF, ArraySource, box_filter
+from bench.errors import InputError
+from bench.metrics import scoring
+from bench.metrics.scoring import Scorer, polar_maps, score_footprints, summarise
+
+
+def make(count=20, shape=(16, 18), seed=0, periodic=True, source=ArraySource):
+    """A small BTF of noise, pairs from the normal to 80°, and a decoding of it that is a little wrong."""
+    rng = np.random.default_rng(seed)
+    values = rng.random((count, *shape, 3), dtype=np.float32) ** 2 * 3
+    theta, phi = np.radians(rng.uniform(0, 80, (2, count))), rng.uniform(0, 2 * np.pi, (2, count))
+    wo, wi = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+    decoded = values * (1 + 0.1 * rng.standard_normal(values.shape, dtype=np.float32))
+    return BTF("noise", wo, wi, source(values), periodic=periodic), decoded
+
+
+class Counting(ArraySource):
+    """Counts the slices that are read."""
+
+    def __init__(self, values):
+        super().__init__(values)
+        self.read = 0
+
+    def slice(self, pair):
+        self.read += 1
+        return super().slice(pair)
+
+
+def test_raw_numbers_are_those_of_each_metric_on_each_slice():
+    btf, decoded = make()
+    pairs = [3, 0, 17, 5, 6]
+    names = [*metrics.default_names(True), "ssim", "flip_ldr_20ppd"]
+    scores = Scorer(btf, names, exposure=0.5).score(pairs, lambda i: decoded[i])
+    assert scores.pairs.tolist() == pairs
+    for name in names:
+        metric = metrics.get(name).load()
+        expected = [metric.score(metric.prepare(btf[i], 0.5), decoded[i]) for i in pairs]
+        np.testing.assert_allclose(scores.raw[name], expected, rtol=1e-12)
+    np.testing.assert_allclose(scores.radiance, [btf[i].mean() for i in pairs], rtol=1e-5)
+
+
+def test_the_error_of_the_abrdf_is_the_log_error_of_each_texel():
+    btf, decoded = make()
+    scores = Scorer(btf, ["psnr_log1p"]).score(np.arange(20), lambda i: decoded[i])
+    truth = np.log1p(8 * scores.exposure * np.stack(list(btf)))
+    error = (np.log1p(8 * scores.exposure * decoded.clip(0)) - truth) ** 2
+    np.testing.assert_allclose(scores.abrdf, error.mean((0, 3)), rtol=1e-4)
+    assert scores.abrdf.mean() == pytest.approx(scores.raw["psnr_log1p"].mean(), rel=1e-12)
+
+
+def test_the_reference_is_read_once_for_many_codecs():
+    btf, decoded = make(source=Counting)
+    scorer = Scorer(btf, exposure=1.0)
+    before = btf.source.read
+    first = scorer.score(np.arange(20), lambda i: decoded[i])
+    assert btf.source.read == before + 20
+    second = scorer.score(np.arange(20), lambda i: decoded[i])
+    assert btf.source.read == before + 20
+    assert all((first.raw[name] == second.raw[name]).all() for name in first.raw)
+
+
+def test_the_byte_limit_changes_memory_and_no_number():
+    btf, decoded = make(40, (64, 64), source=Counting)
+    roomy, tight = Scorer(btf), Scorer(btf, cache_bytes=0)
+    expected = roomy.score(np.arange(40), lambda i: decoded[i])
+    before = btf.source.read
+    found = tight.score(np.arange(40), lambda i: decoded[i])
+    found = tight.score(np.arange(40), lambda i: decoded[i])
+    assert btf.source.read == before + 80
+    assert all((found.raw[name] == expected.raw[name]).all() for name in found.raw)
+    assert (found.abrdf == expected.abrdf).all()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_numbers_do_not_depend_on_threads(threads):
+    btf, decoded = make(40, (64, 64))
+    expected = Scorer(btf, threads=2).score(np.arange(40), lambda i: decoded[i])
+    found = Scorer(btf, threads=threads).score(np.arange(40), lambda i: decoded[i])
+    assert all((found.raw[name] == expected.raw[name]).all() for name in found.raw)
+    assert (found.abrdf == expected.abrdf).all()
+
+
+def test_the_decoder_runs_in_the_calling_thread():
+    btf, decoded = make()
+    seen = set()
+
+    def decode(i):
+        seen.add(threading.current_thread())
+        return decoded[i]
+
+    Scorer(btf).score(np.arange(20), decode)
+    assert seen == {threading.current_thread()}
+
+
+def test_few_slices_are_in_memory_at_once(monkeypatch):
+    monkeypatch.setattr(scoring, "_BLOCK_TEXELS", 1)
+    btf, decoded = make(60, (32, 32))
+    alive, most = set(), 0
+
+    class Slice(np.ndarray):
+        def __del__(self):
+            alive.discard(id(self))
+
+    def decode(i):
+        nonlocal most
+        picture = decoded[i].copy().view(Slice)
+        alive.add(id(picture))
+        most = max(most, len(alive))
+        return picture
+
+    Scorer(btf, threads=2, cache_bytes=0).score(np.arange(60), decode)
+    assert most <= 2
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda picture: picture * np.nan, "decoded slice of pair 7 must be finite"),
+        (lambda picture: picture[:-1], r"decoded slice of pair 7 is \(15, 18, 3\)"),
+        (lambda picture: (picture * 255).astype(np.uint8), "decoded slice of pair 7 must hold floating-point"),
+    ],
+)
+def test_a_bad_slice_is_named(spoil, message):
+    btf, decoded = make()
+    with pytest.raises(InputError, match=message):
+        Scorer(btf).score(np.arange(20), lambda i: spoil(decoded[i]) if i == 7 else decoded[i])
+
+
+def test_a_bad_reference_is_named():
+    btf, decoded = make()
+    btf.source.values[5, 1, 1, 1] = np.nan
+    with pytest.raises(InputError, match=r"noise: pair 5: 1 of 864 values are not finite"):
+        Scorer(btf, exposure=1.0).score(np.arange(20), lambda i: decoded[i])
+
+
+def test_no_pairs_give_no_numbers():
+    btf, decoded = make()
+    scores = Scorer(btf).score([], lambda i: decoded[i])
+    assert summarise(scores, btf.wo, btf.wi, {"all": np.arange(20)})["all"]["slices"] == 0
+
+
+def test_a_periodic_metric_needs_a_periodic_material():
+    btf, _ = make(periodic=False)
+    with pytest.raises(InputError, match="ssim_periodic is for materials that repeat"):
+        Scorer(btf, ["ssim_periodic"])
+    assert "ssim" in Scorer(btf).names
+
+
+def test_a_metric_that_does_not_apply_is_none():
+    btf, decoded = make(shape=(8, 8), periodic=False)
+    scores = Scorer(btf).score(np.arange(20), lambda i: decoded[i])
+    assert np.isnan(scores.raw["ssim"]).all()
+    stats = summarise(scores, btf.wo, btf.wi, {"all": np.arange(20)})["all"]["metrics"]["ssim"]
+    assert stats == {"mean": None, "std": None, "pooled": None, "exact": 0, "slices": 0}
+
+
+def test_hdr_flip_has_one_range_for_the_material():
+    btf, decoded = make(6)
+    scorer = Scorer(btf, ["flip_hdr_67ppd_periodic"])
+    scores = scorer.score(np.arange(6), lambda i: decoded[i])
+    found = scores.raw["flip_hdr_67ppd_periodic"]
+    metric = scorer.metrics["flip_hdr_67ppd_periodic"]
+    assert found == pytest.approx([metric.score(metric.prepare(btf[i], 1.0), decoded[i]) for i in range(6)])
+    assert scores.fixed == {"flip_hdr_67ppd_periodic": {"start": metric.range.start, "stop": metric.range.stop}}
+
+
+def test_a_known_exposure_needs_no_sample():
+    btf, _ = make(source=Counting)
+    Scorer(btf, exposure=1.0)
+    assert btf.source.read == 0
+
+
+def test_exposure_follows_the_rule_on_all_values_of_a_small_material():
+    btf, _ = make()
+    assert scoring.exposure(btf) == pytest.approx(0.8 / np.percentile(btf.source.values, 99))
+    assert Scorer(btf).exposure == scoring.exposure(btf)
+
+
+def test_exposure_of_a_large_material_is_a_seeded_sample(monkeypatch):
+    btf, _ = make(40, (32, 32))
+    monkeypatch.setattr(scoring, "SAMPLE_VALUES", 60_000)
+    assert scoring.sample(btf).shape == (20_000, 3)
+    assert scoring.exposure(btf, seed=1) == scoring.exposure(btf, seed=1) != scoring.exposure(btf, seed=2)
+    # 60,000 values of a smooth density put the 99th percentile within a percent or so.
+    assert scoring.exposure(btf) == pytest.approx(0.8 / np.percentile(btf.source.values, 99), rel=0.02)
+
+
+def summary(decoded_of=None):
+    btf, decoded = make(200)
+    decoded[4] = btf[4]
+    groups = {"training": np.arange(0, 150), "heldout": np.arange(150, 200)}
+    scores = Scorer(btf, ["psnr_display", "rmse_linear", "ssim_periodic"]).score(
+        np.arange(100, 200), lambda i: decoded[i]
+    )
+    return btf, scores, groups
+
+
+def test_groups_are_of_the_pairs_that_were_scored():
+    btf, scores, groups = summary()
+    table = summarise(scores, btf.wo, btf.wi, groups)
+    assert (table["training"]["slices"], table["heldout"]["slices"]) == (50, 50)
+    theta = np.degrees(np.arccos(btf.wo[100:, 2]))
+    assert table["grazing view"]["slices"] == (theta > 60).sum() > 0
+    assert table["heldout, grazing view"]["slices"] == (theta[50:] > 60).sum()
+    assert {"grazing light", "heldout, grazing light", "training, grazing view"} <= set(table)
+    json.dumps(table, allow_nan=False)
+
+
+def test_statistics_of_a_group():
+    btf, scores, groups = summary()
+    stats = summarise(scores, btf.wo, btf.wi, groups)["heldout"]
+    mse = scores.raw["psnr_display"][50:]
+    assert stats["metrics"]["psnr_display"]["pooled"] == pytest.approx(-10 * np.log10(mse.mean()))
+    assert stats["metrics"]["psnr_display"]["mean"] == pytest.approx(np.mean(-10 * np.log10(mse)))
+    assert stats["metrics"]["psnr_display"]["std"] == pytest.approx(np.std(-10 * np.log10(mse)))
+    relative = np.sqrt(scores.raw["rmse_linear"][50:].mean()) / scores.radiance[50:].mean()
+    assert stats["metrics"]["rmse_linear"]["relative"] == pytest.approx(relative)
+    assert np.shape(stats["bins"]["ssim_periodic"]) == (6, 6)
+
+
+def test_exact_slices_are_counted_and_left_out_of_the_mean():
+    btf, decoded = make(4)
+    decoded[:2] = np.stack([btf[0], btf[1]])
+    scores = Scorer(btf).score(np.arange(4), lambda i: decoded[i])
+    table = summarise(
+        scores, btf.wo, btf.wi, {"all": np.arange(4), "equal": np.array([0, 1]), "none": np.array([], int)}
+    )
+    found = table["all"]["metrics"]["psnr_display"]
+    assert (found["exact"], found["slices"]) == (2, 4)
+    assert found["mean"] == pytest.approx(-10 * np.log10(scores.raw["psnr_display"][2:]).mean())
+    assert table["equal"]["metrics"]["psnr_display"]["pooled"] is None
+    assert all(stats["exact"] == 2 for stats in table["equal"]["metrics"].values())
+    assert table["none"]["slices"] == 0
+    json.dumps(table, allow_nan=False)
+
+
+def test_polar_maps_hold_every_scored_pair_once():
+    btf, scores, _ = summary()
+    maps = polar_maps(scores, btf.wo, btf.wi)
+    outside_the_pole = (np.degrees(np.arccos(btf.wo[100:, 2])) >= 15).sum()
+    assert np.sum(maps["psnr_display"]["view"]["count"][1:]) == outside_the_pole
+    json.dumps(maps, allow_nan=False)
+
+
+def test_footprints_are_compared_with_box_filtered_truth():
+    btf, decoded = make(shape=(16, 18))
+    found = score_footprints(btf, [1, 4], lambda i, f: box_filter(btf[i], f), 0.5)
+    assert list(found) == ["1", "2", "4", "8"]
+    assert all(entry == {"psnr_display": None, "exact": 2, "slices": 2} for entry in found.values())
+    found = score_footprints(btf, [1, 4], lambda i, f: box_filter(decoded[i], f), 0.5)
+    # Averaging removes independent noise, so the error falls with the footprint.
+    values = [entry["psnr_display"] for entry in found.values()]
+    assert values == sorted(values)
+    single = Scorer(btf, ["psnr_display"], exposure=0.5).score([1, 4], lambda i: decoded[i])
+    assert values[0] == pytest.approx(-10 * np.log10(single.raw["psnr_display"].mean()), abs=1e-5)
+
+
+def test_a_footprint_larger_than_the_picture_is_left_out_and_a_wrong_size_refused():
+    btf, decoded = make(shape=(4, 4))
+    assert list(score_footprints(btf, [0], lambda i, f: box_filter(decoded[i], f), 1.0)) == ["1", "2", "4"]
+    with pytest.raises(InputError, match="pair 0 at footprint 2"):
+        score_footprints(btf, [0], lambda i, f: decoded[i], 1.0)

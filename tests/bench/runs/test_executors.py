@@ -1,0 +1,129 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import BrokenExecutor, CancelledError, wait
+
+import pytest
+
+from bench.errors import InputError
+from bench.runs.executors import THREAD_COUNTS, InProcess, dask, in_process, processes
+
+
+def test_in_process_runs_at_once_and_keeps_errors():
+    with in_process() as workers:
+        assert workers.executor.submit(divmod, 7, 2).result() == (3, 1)
+        assert isinstance(workers.executor.submit(divmod, 7, 0).exception(), ZeroDivisionError)
+
+
+def test_an_interruption_is_no_error_of_a_job():
+    def interrupted():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        InProcess().submit(interrupted)
+
+
+def test_a_worker_that_dies_takes_only_its_own_job_along():
+    with processes(2, 1) as workers:
+        lost = workers.executor.submit(os._exit, 9)
+        kept = workers.executor.submit(divmod, 7, 2)
+        assert isinstance(lost.exception(), BrokenExecutor)
+        assert kept.result() == (3, 1)
+        assert [workers.executor.submit(divmod, n, 2).result() for n in range(4)] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
+def test_workers_have_the_threads_of_the_suite_and_do_not_hear_ctrl_c():
+    before = signal.getsignal(signal.SIGINT)  # a test run in the background may ignore it
+    with processes(1, 3) as workers:
+        assert [workers.executor.submit(os.getenv, name).result() for name in THREAD_COUNTS] == ["3"] * 3
+        assert workers.executor.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
+    assert signal.getsignal(signal.SIGINT) == before
+
+
+def test_each_worker_has_a_gpu_of_its_own(monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5, 7,9")
+    with processes(2, 1, "cuda") as workers:
+        seen = [workers.executor.submit(os.getenv, "CUDA_VISIBLE_DEVICES") for _ in range(2)]
+        assert [future.result() for future in seen] == ["5", "7"]
+
+
+@pytest.mark.parametrize(
+    ("count", "device", "message"),
+    [(0, "cpu", "at least 1"), (4, "cuda", "there are 3"), (2, "cuda:1", "give --device cuda")],
+)
+def test_workers_that_cannot_be_had_are_refused(count, device, message, monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,7,9")
+    with pytest.raises(InputError, match=message):
+        processes(count, 1, device).__enter__()
+
+
+def test_the_end_of_a_run_ends_its_workers_whatever_they_do():
+    start = time.monotonic()
+    with processes(1, 1) as workers:
+        future = workers.executor.submit(time.sleep, 600)
+    assert isinstance(future.exception(), BrokenExecutor)
+    assert time.monotonic() - start < 60
+
+
+PARENT = """
+import os, time
+from bench.runs.executors import processes
+
+if __name__ == "__main__":
+    with processes(1, 1) as workers:
+        print(workers.executor.submit(os.getpid).result(), flush=True)
+        workers.executor.submit(time.sleep, 600).result()
+"""
+
+
+def test_workers_end_with_the_process_that_started_them(tmp_path):
+    (tmp_path / "parent.py").write_text(PARENT)
+    parent = subprocess.Popen([sys.executable, tmp_path / "parent.py"], stdout=subprocess.PIPE, text=True)
+    worker = int(parent.stdout.readline())
+    os.kill(worker, 0)
+    parent.kill()
+    parent.wait()
+    parent.stdout.read()  # the worker holds its end of the pipe as long as it lives
+    parent.stdout.close()
+
+
+def test_dask_that_is_not_there_is_said(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'neubtf-bench\[dask\]'"):
+        dask("tcp://127.0.0.1:1", {}).__enter__()
+
+
+@pytest.fixture
+def cluster():
+    """A Dask cluster of one worker, in this process, that has a GPU to give."""
+    distributed = pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
+    kinds = {"threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
+    with distributed.LocalCluster(1, **kinds, resources={"GPU": 1}) as made:
+        yield made
+
+
+def test_dask_runs_jobs_on_workers_that_have_what_they_take(cluster):
+    with dask(cluster.scheduler_address, {"GPU": 1}) as workers:
+        futures = [workers.executor.submit(divmod, n, 2) for n in range(5)]
+        assert [future.result() for future in futures] == [divmod(n, 2) for n in range(5)]
+    with dask(cluster.scheduler_address, {"GPU": 2}) as workers:
+        future = workers.executor.submit(divmod, 7, 2)
+        assert wait([future], timeout=0.5).not_done == {future}
+
+
+def test_jobs_of_a_scheduler_that_is_gone_are_cancelled(cluster):
+    with dask(cluster.scheduler_address, {}) as workers:
+        future = workers.executor.submit(time.sleep, 1)
+        cluster.close()
+        with pytest.raises(CancelledError):
+            future.result(timeout=60)
+
+
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch, tmp_path):
+    pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
+    monkeypatch.setattr("bench.runs.executors.PATIENCE", "1s")
+    for address in ("tcp://127.0.0.1:9", "nonsense", str(tmp_path / "scheduler.json")):
+        with pytest.raises(InputError, match=f"{address}: no Dask scheduler answers there"):
+            dask(address, {}).__enter__()

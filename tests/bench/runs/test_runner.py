@@ -1,0 +1,404 @@
+import errno
+import json
+import os
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.mean_colour import MeanColour
+from bench.codecs import container
+from bench.conformance.check import tiny_btf
+from bench.errors import InputError, MissingDataError
+from bench.metrics import get
+from bench.records import FILE, load_run
+from bench.runs.executors import InProcess, Workers
+from bench.runs.job import seed_of
+from bench.runs.runner import Options, run
+from bench.runs.suite import CodecSpec, MaterialSpec, Suite
+
+SUITE = Suite(
+    "test",
+    "",
+    threads=1,
+    materials=(MaterialSpec("tiny"),),
+    codecs=(CodecSpec("mean-colour"), CodecSpec("pca", {"components": 4})),
+)
+
+
+@pytest.fixture(autouse=True)
+def tiny(monkeypatch):
+    """Every material of these suites is the tiny one, larger than SSIM's window."""
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda spec, data, show: tiny_btf(12, 6, 6))
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+
+
+def outcomes(folder, suite=SUITE, **options):
+    return list(run(suite, Options(folder, **options)))
+
+
+def test_a_run_leaves_records_files_and_what_reports_need(tmp_path):
+    done = outcomes(tmp_path)
+    stored = load_run(tmp_path)
+    assert [o.record for o in done] == list(stored.jobs)
+    for job in stored.jobs:
+        path = tmp_path / job["file"]
+        assert job["bytes"]["total"] == path.stat().st_size == sum(v for k, v in job["bytes"].items() if k != "total")
+        assert job["score_key"]["sha256"] == container.read_header(path).sha256
+        assert stored.timing(job)["ns_per_sample"] > 0
+        with np.load(tmp_path / job["slices"]) as slices:
+            assert slices["psnr_display"].shape == (36,)
+            assert slices["abrdf"].shape == (12, 12)
+        assert json.loads((tmp_path / job["angular"]).read_text())["polar"]
+        assert job["footprints"].keys() == {"1", "2", "4", "8"}
+    assert stored.starts[0]["packages"]["torch"] == torch.__version__
+
+
+def test_what_is_scored_is_what_the_file_decodes_to(tmp_path):
+    job = outcomes(tmp_path)[1].record
+    material = container.load(tmp_path / job["file"])[1]
+    btf = tiny_btf(12, 6, 6)
+    exposure = job["score_key"]["exposure"]
+    from bench.metrics.display import to_display
+
+    heldout = np.concatenate(list(btf.split().heldout.values()))
+    errors = [
+        np.square(
+            to_display(btf[i], exposure)
+            - to_display(material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()).numpy(), exposure)
+        ).mean()
+        for i in heldout
+    ]
+    pooled = job["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"]
+    assert pooled == pytest.approx(-10 * np.log10(np.mean(errors)), abs=1e-4)
+
+
+def test_a_second_run_does_nothing_again_but_the_timing(tmp_path):
+    first = outcomes(tmp_path)
+    timed = load_run(tmp_path).timings
+    second = outcomes(tmp_path)
+    assert [o.cached for o in second] == ["record", "record"]
+    assert [o.record for o in second] == [o.record for o in first]
+    assert [t["run"] for t in load_run(tmp_path).timings] != [t["run"] for t in timed]
+    assert [o.cached for o in outcomes(tmp_path, fresh=True)] == ["", ""]
+
+
+def test_a_changed_metric_scores_again_and_fits_nothing(tmp_path, monkeypatch):
+    outcomes(tmp_path)
+    files = {path: path.stat().st_mtime_ns for path in (tmp_path / "files").iterdir()}
+    newer = {"ssim_periodic": 99}
+    monkeypatch.setattr("bench.runs.evaluation.get_metric", lambda name: replace(get(name), version=newer.get(name, 1)))
+    again = outcomes(tmp_path)
+    assert [o.cached for o in again] == ["file", "file"]
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "files").iterdir()} == files
+    assert again[0].record["fit_seconds"] > 0
+
+
+def test_a_changed_setting_or_seed_fits_again(tmp_path):
+    outcomes(tmp_path)
+    changed = Suite("test", "", threads=1, materials=SUITE.materials, codecs=(CodecSpec("pca", {"components": 3}),))
+    assert [o.cached for o in outcomes(tmp_path, changed)] == [""]
+    assert len(load_run(tmp_path).jobs) == 3
+
+
+class Failing(MeanColour):
+    """Fails while `broken`, whatever it is asked."""
+
+    broken = True
+
+    @dataclass(frozen=True)
+    class Settings:
+        half: bool = True
+
+    def encode(self, btf, fit):
+        if Failing.broken:
+            raise RuntimeError("no such luck")
+        return super().encode(btf, fit)
+
+
+def test_a_failure_is_a_record_and_is_retried_only_when_asked(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.runs.job.load_codec", lambda name: Failing)
+    only = Suite("test", "", threads=1, materials=SUITE.materials, codecs=(CodecSpec("mean-colour"),))
+    monkeypatch.setattr(Failing, "broken", True)
+    failed = outcomes(tmp_path, only)[0]
+    assert failed.record["status"] == "failed"
+    assert failed.record["error"] == "RuntimeError: no such luck"
+    assert "encode" in failed.record["traceback"]
+    assert not list(tmp_path.rglob("files/*"))
+    monkeypatch.setattr(Failing, "broken", False)
+    assert outcomes(tmp_path, only)[0].record["status"] == "failed"
+    assert outcomes(tmp_path, only, retry_failed=True)[0].record["status"] == "ok"
+
+
+def test_material_that_is_not_there_is_a_row_that_says_where_to_get_it(tmp_path, monkeypatch):
+    def missing(spec, data, show):
+        raise MissingDataError("not there: ask the library")
+
+    monkeypatch.setattr("bench.runs.workbench.open_material", missing)
+    done = outcomes(tmp_path)
+    assert [o.record["status"] for o in done] == ["unavailable", "unavailable"]
+    assert done[0].record["error"] == "not there: ask the library"
+
+
+def test_a_bad_setting_stops_the_run_before_anything_is_written(tmp_path):
+    bad = Suite("test", "", materials=SUITE.materials, codecs=(CodecSpec("pca", {"componentz": 4}),))
+    with pytest.raises(InputError, match="componentz"):
+        outcomes(tmp_path / "run", bad)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_file_cut_in_the_cache_fails_the_job_by_name(tmp_path):
+    job = outcomes(tmp_path)[0].record
+    path = tmp_path / job["file"]
+    path.write_bytes(path.read_bytes()[:-10])
+    again = outcomes(tmp_path)[0].record
+    assert again["status"] == "failed"
+    assert "truncated" in again["error"]
+    assert outcomes(tmp_path, fresh=True)[0].record["status"] == "ok"
+
+
+def test_groups_cover_training_heldout_and_the_hull(tmp_path):
+    job = outcomes(tmp_path)[0].record
+    pairs = job["pairs"]
+    assert pairs["all"] == 36
+    assert pairs["train"] + pairs["heldout"] == 36
+    assert pairs.get("heldout, inside hull", 0) + pairs.get("heldout, outside hull", 0) == pairs["heldout"]
+    assert {"heldout, new view", "heldout, new light", "heldout, both new"} <= pairs.keys()
+
+
+def test_seeds_follow_their_named_parts_alone():
+    assert seed_of("satin", "pca", 0) == seed_of("satin", "pca", 0)
+    assert len({seed_of("satin", "pca", 0), seed_of("satin", "pca", 1), seed_of("satin", "vq", 0)}) == 3
+    assert 0 <= seed_of("x") < 2**63
+
+
+def test_a_failed_write_of_records_is_not_hidden(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        outcomes(tmp_path / "file" / "run")
+    assert not (tmp_path / FILE).exists()
+
+
+class Elsewhere(InProcess):
+    """Answers as a worker would: `lose(task)` says which calls end with the worker's death."""
+
+    def __init__(self, lose=lambda task: False):
+        self.lose, self.calls = lose, []
+
+    def submit(self, fn, /, *args, **kwargs):
+        (task,) = args
+        self.calls.append(task)
+        if not self.lose(task):
+            return super().submit(fn, task)
+        future = Future()
+        future.set_exception(BrokenProcessPool("died"))
+        return future
+
+
+def through(executor, at_once=1):
+    """Options to run jobs through an executor."""
+    return {"workers": lambda: nullcontext(Workers(executor, at_once))}
+
+
+def contents(folder):
+    """Bytes of every file of a run by name, without what says how long a fit took, and without records."""
+    kept = (path for path in folder.glob("*/*") if not path.name.endswith(".fit.json"))
+    return {str(path.relative_to(folder)): path.read_bytes() for path in kept}
+
+
+def test_a_job_that_lost_its_worker_is_started_again_and_the_third_time_fails_alone(tmp_path, caplog):
+    once = Elsewhere(lambda task: task.codec.codec == "pca" and not task.losses)
+    assert [o.record["status"] for o in outcomes(tmp_path / "once", **through(once))] == ["ok", "ok"]
+    assert "tiny/pca components=4/0: its worker died; it is started again" in caplog.text
+    always = Elsewhere(lambda task: task.codec.codec == "mean-colour")
+    done = {o.record["codec"]: o.record for o in outcomes(tmp_path / "always", **through(always, 2))}
+    assert [task.name for task in always.calls].count("tiny/mean-colour/0") == 3
+    assert done["pca"]["status"] == "ok"
+    assert done["mean-colour"]["status"] == "failed"
+    assert "3 workers died of it" in done["mean-colour"]["error"]
+    assert [o.cached for o in outcomes(tmp_path / "always")] == ["record", "record"]
+    again = outcomes(tmp_path / "always", retry_failed=True)
+    assert [o.record["status"] for o in again] == ["ok", "ok"]
+
+
+def test_jobs_stand_in_the_order_of_the_suite_in_whatever_order_they_end(tmp_path):
+    class Backwards(Elsewhere):
+        """The first job ends when the last one does."""
+
+        def submit(self, fn, /, *args, **kwargs):
+            if not self.calls:
+                self.calls.append(args[0])
+                self.late, self.first = Future(), (fn, *args)
+                return self.late
+            future = super().submit(fn, *args)
+            self.late.set_result(super().submit(*self.first).result())
+            return future
+
+    done = outcomes(tmp_path, **through(Backwards(), 2))
+    assert {o.record["codec"] for o in done} == {"mean-colour", "pca"}
+    lines = (tmp_path / FILE).read_text().splitlines()
+    assert [job["codec"] for job in load_run(tmp_path).jobs] == ["mean-colour", "pca"]
+    assert load_run(tmp_path).starts[0]["jobs"] == ["tiny/mean-colour/0", "tiny/pca components=4/0"]
+    assert len(lines) == 5
+
+
+def test_a_worker_out_of_reach_of_the_folder_sends_its_files_and_is_sent_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    outcomes(tmp_path / "near")
+    monkeypatch.setattr("bench.runs.lock.reaches", lambda folder, run: False)
+    far = tmp_path / "far"
+    outcomes(far, **through(Elsewhere()))
+    assert contents(far) == contents(tmp_path / "near")
+    assert len(list(far.glob("files/*.fit.json"))) == 2
+    asked = Elsewhere()
+    assert [o.cached for o in outcomes(far, **through(asked))] == ["record", "record"]
+    assert [len(task.sent) for task in asked.calls] == [0, 2, 0, 2]
+    monkeypatch.setattr("bench.runs.evaluation.get_metric", lambda name: replace(get(name), version=99))
+    again = outcomes(far, **through(Elsewhere()))
+    assert [o.cached for o in again] == ["file", "file"]
+    assert all(o.record["fit_seconds"] > 0 for o in again)
+    assert [path for path in (tmp_path / "cache").rglob("*") if path.is_file()] == []
+
+
+def test_a_full_disk_stops_the_run_and_is_no_failure_of_a_job(tmp_path, monkeypatch):
+    def full(path, data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bench.atomic.write", full)
+        with pytest.raises(InputError, match=r"\.nbtf: cannot be written .*No space left.*make room"):
+            outcomes(tmp_path)
+    assert list(load_run(tmp_path).jobs) == []
+    assert [o.record["status"] for o in outcomes(tmp_path)] == ["ok", "ok"]
+
+
+def test_a_folder_has_one_run_at_a_time(tmp_path):
+    first = run(SUITE, Options(tmp_path))
+    next(first)
+    with pytest.raises(InputError, match="a run is at work here"):
+        outcomes(tmp_path)
+    first.close()
+    assert [o.cached for o in outcomes(tmp_path)] == ["record", ""]
+
+
+def test_what_a_killed_run_left_half_done_is_removed_and_states_are_kept(tmp_path):
+    outcomes(tmp_path)
+    done = next(tmp_path.glob("files/*.nbtf"))
+    kept = tmp_path / "files" / "of-a-job-not-done.state"
+    left = [done.with_suffix(".state"), done.with_suffix(".fresh"), tmp_path / "slices" / "0.partial"]
+    for path in (*left, kept):
+        path.write_bytes(b"half")
+    outcomes(tmp_path)
+    assert not any(path.exists() for path in left)
+    assert kept.exists()
+
+
+def test_a_file_whose_record_was_lost_is_scored_and_keeps_how_long_it_took(tmp_path):
+    seconds = [o.record["fit_seconds"] for o in outcomes(tmp_path)]
+    (tmp_path / FILE).unlink()
+    again = outcomes(tmp_path)
+    assert [o.cached for o in again] == ["file", "file"]
+    assert [o.record["fit_seconds"] for o in again] == seconds
+
+
+def test_lines_that_are_no_records_are_named_when_a_run_goes_on(tmp_path, caplog):
+    outcomes(tmp_path)
+    with open(tmp_path / FILE, "ab") as file:
+        file.write(b'{"kind": "job", "job": "y", "sta')
+    line = len((tmp_path / FILE).read_bytes().splitlines())
+    assert [o.cached for o in outcomes(tmp_path)] == ["record", "record"]
+    assert f"1 line(s) are no records and are skipped: {line}" in caplog.text
+
+
+def test_a_fit_that_was_interrupted_goes_on_and_a_fresh_one_does_not(tmp_path, monkeypatch):
+    seen = []
+
+    class Halting(MeanColour):
+        def encode(self, btf, fit):
+            seen.append(fit.checkpoint.exists())
+            fit.checkpoint.parent.mkdir(exist_ok=True)
+            fit.checkpoint.write_bytes(b"state")
+            if len(seen) == 1:
+                raise KeyboardInterrupt
+            return super().encode(btf, fit)
+
+    monkeypatch.setattr("bench.runs.job.load_codec", lambda name: Halting)
+    only = replace(SUITE, codecs=SUITE.codecs[:1])
+    with pytest.raises(KeyboardInterrupt):
+        outcomes(tmp_path, only)
+    assert [path.suffix for path in tmp_path.glob("files/*")] == [".state"]
+    outcomes(tmp_path, only)
+    outcomes(tmp_path, only, fresh=True)
+    assert seen == [False, True, False]
+    assert {path.suffix for path in tmp_path.glob("files/*")} == {".nbtf", ".json"}
+
+
+def test_without_a_gpu_here_nothing_is_timed_and_that_is_said(tmp_path, caplog):
+    class Lenient(Elsewhere):
+        """A worker that has the device that this process lacks."""
+
+        def submit(self, fn, /, *args, **kwargs):
+            return super().submit(fn, replace(args[0], device="cpu"))
+
+    assert [o.record["status"] for o in outcomes(tmp_path, device="cuda", **through(Lenient()))] == ["ok", "ok"]
+    assert list(load_run(tmp_path).timings) == []
+    assert "no decoder is timed" in caplog.text
+
+
+def demand_file(folder, name, light):
+    from bench.demand.collect import collect
+    from bench.demand.scene import parse_scene
+    from bench.demand.text_scene import TextScene
+
+    text = f"""
+    [camera]
+    width = 24
+    height = 18
+    fov_deg = 30
+    position = [0, -1, 2]
+    target = [0, 0, 0]
+    [[lights]]
+    kind = "directional"
+    toward = {light}
+    irradiance = [3, 3, 3]
+    """
+    collect(TextScene(parse_scene(name, text)), 1000).save(folder / f"{name}.npz")
+    return str(folder / f"{name}.npz")
+
+
+def test_a_run_is_judged_by_a_scene_and_fitted_to_it_where_a_codec_says_so(tmp_path):
+    codecs = (CodecSpec("pca", {"components": 4}), CodecSpec("pca", {"components": 4, "scene": True}))
+    suite = replace(SUITE, codecs=codecs, demand=demand_file(tmp_path, "noon", [0.3, 0.0, 1.0]))
+    plain, fitted = (o.record for o in outcomes(tmp_path / "run", suite))
+    assert plain["score_key"]["demand"] == fitted["fit_key"]["demand"] == fitted["score_key"]["demand"]
+    assert "demand" not in plain["fit_key"]
+    assert fitted["bytes"]["total"] < plain["bytes"]["total"]
+    for record in (plain, fitted):
+        assert record["scene"]["name"] == "noon"
+        assert record["scene"]["frames"] == [1, 18, 24]
+        assert record["scene"]["metrics"].keys() >= {"psnr_display", "flip_ldr_67ppd"}
+        assert record["scores"]["scene"]["slices"] + record["scores"]["outside the scene"]["slices"] == 36
+    assert [o.cached for o in outcomes(tmp_path / "run", suite)] == ["record", "record"]
+    evening = replace(suite, demand=demand_file(tmp_path, "evening", [1.0, 0.3, 0.3]))
+    again = outcomes(tmp_path / "run", evening)
+    assert [o.cached for o in again] == ["file", ""]
+    assert again[0].record["scene"]["name"] == "evening"
+
+
+def test_without_a_scene_no_record_speaks_of_one(tmp_path):
+    job = outcomes(tmp_path)[0].record
+    assert "scene" not in job
+    assert "demand" not in job["score_key"]
+    assert "scene" not in job["scores"]
+
+
+def test_a_fit_to_a_scene_needs_its_demand(tmp_path):
+    suite = replace(SUITE, codecs=(CodecSpec("pca", {"scene": True}),))
+    with pytest.raises(InputError, match="give one with --demand"):
+        outcomes(tmp_path, suite)
+    with pytest.raises(InputError, match=r"none\.npz: cannot be read"):
+        outcomes(tmp_path, replace(suite, demand=str(tmp_path / "none.npz")))

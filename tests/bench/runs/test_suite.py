@@ -1,0 +1,153 @@
+import pytest
+
+from bench.errors import InputError
+from bench.runs.suite import builtin_suites, load_suite, named, parse_suite, with_changes
+
+TEXT = """
+description = "a test"
+threads = 1
+seeds = [0, 1]
+materials = ["satin", {name = "fabric", path = "ubo/fabric.btf", where = "ask for it"}]
+
+[data]
+size = 16
+
+[[codecs]]
+codec = "mean-colour"
+
+[[codecs]]
+codec = "pca"
+components = [2, 4]
+domain = ["log", "rgb"]
+"""
+
+
+def test_lists_are_sweeps_and_labels_say_what_differs_from_the_defaults():
+    suite = parse_suite("test", TEXT)
+    assert [spec.label for spec in suite.codecs] == [
+        "mean-colour",
+        "pca components=2 domain=log",
+        "pca components=2 domain=rgb",
+        "pca components=4 domain=log",
+        "pca components=4 domain=rgb",
+    ]
+    assert (suite.threads, suite.seeds, suite.data.size, suite.data.views) == (1, (0, 1), 16, 25)
+    assert [(m.name, m.path) for m in suite.materials] == [("satin", ""), ("fabric", "ubo/fabric.btf")]
+
+
+def test_a_codec_may_be_run_on_some_of_the_materials_but_the_command_line_asks_for_all_of_its_own():
+    suite = parse_suite("test", TEXT.replace('"mean-colour"', '"mean-colour"\nmaterials = ["fabric"]'))
+    of_mean = [(m.name, seed) for m, codec, seed in suite.cells if codec.codec == "mean-colour"]
+    assert of_mean == [("fabric", 0), ("fabric", 1)]
+    assert len(suite.cells) == 2 + 2 * 4 * 2
+    assert len(with_changes(suite, ["satin"], [], {}, None).cells) == 5 * 2
+
+
+def test_the_standard_suite_pretrains_what_it_needs_and_quick_takes_what_is_there():
+    assert load_suite("standard").pretrain == ("rainer2020",)
+    assert load_suite("quick").pretrain == ()
+    assert "rainer2020" in {spec.codec for spec in load_suite("quick").codecs}
+
+
+@pytest.mark.parametrize("name", builtin_suites())
+def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
+    from bench.codecs.registry import load_codec
+    from bench.data.materials import names
+
+    suite = load_suite(name)
+    assert suite.description
+    assert suite.materials
+    for spec in suite.codecs:
+        load_codec(spec.codec)(**spec.settings)
+    for material in suite.materials:
+        assert material.where if material.path else material.name in names()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("threads = 1", "thraeds = 1"), "unknown key 'thraeds'; did you mean 'threads'?"),
+        (("threads = 1", 'threads = "two"'), "threads must be of type int, not 'two'"),
+        (("size = 16", "sise = 16"), "unknown key 'data.sise'; did you mean 'size'?"),
+        (("seeds = [0, 1]", "seeds = [true]"), "seeds must be of type int, not True"),
+        (('codec = "mean-colour"', "half = true"), "codecs.codec must be of type str, not None"),
+        (('"satin", ', '"satin", "satin", '), "'satin' stands there twice"),
+        (("threads = 1", "threads ="), "not TOML"),
+        (("threads = 1", 'pretrain = ["pco"]'), "pretrain names 'pco', which is no codec of this suite"),
+        (
+            ('"mean-colour"', '"mean-colour"\nmaterials = ["silk"]'),
+            "codecs.materials names 'silk', which is no material",
+        ),
+        (('"mean-colour"', '"mean-colour"\nmaterials = [1]'), "codecs.materials must be of type str, not 1"),
+        (("threads = 1", "pretrain = [1]"), "pretrain must be of type str, not 1"),
+    ],
+)
+def test_a_bad_suite_is_explained_by_file_and_key(tmp_path, change, message):
+    path = tmp_path / "bad.toml"
+    path.write_text(TEXT.replace(*change))
+    with pytest.raises(InputError) as error:
+        load_suite(str(path))
+    assert str(path) in str(error.value)
+    assert message in str(error.value)
+
+
+def test_an_unknown_suite_suggests_the_nearest_and_a_missing_file_is_named():
+    with pytest.raises(InputError, match=r"no suite named 'quik'; did you mean 'quick'"):
+        load_suite("quik")
+    with pytest.raises(InputError, match=r"absent\.toml: cannot be read"):
+        load_suite("absent.toml")
+
+
+def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
+    suite = parse_suite("test", TEXT)
+    chosen = with_changes(suite, ["brick", str(tmp_path)], ["pca", "table"], {"pca.components": "3"}, 7)
+    assert [(m.name, m.path) for m in chosen.materials] == [("brick", ""), (tmp_path.name, str(tmp_path))]
+    # The sweep over components has become one value: four jobs are two.
+    assert [spec.label for spec in chosen.codecs] == [
+        "pca components=3 domain=log",
+        "pca components=3 domain=rgb",
+        "table",
+    ]
+    assert chosen.codecs[0].settings == {"components": 3, "domain": "log"}
+    assert chosen.codecs[0].curve == "pca"
+    assert chosen.seeds == (7,)
+    assert with_changes(suite, [], [], {"data.size": "8"}, None).data.size == 8
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"data.sise": "8"}, "no such key; did you mean 'size'?"),
+        ({"data.size": "big"}, "must be a whole number, not 'big'"),
+        ({"flavour": "8"}, "no codec of this run has a setting 'flavour'"),
+        ({"table.components": "8"}, "no codec of this run has a setting 'components'"),
+        ({"components": "x"}, "setting components of codec pca must be a whole number"),
+    ],
+)
+def test_a_bad_setting_on_the_command_line_is_named(changes, message):
+    with pytest.raises(InputError) as error:
+        with_changes(parse_suite("test", TEXT), [], [], changes, None)
+    assert message in str(error.value)
+
+
+def test_a_path_is_looked_up_under_the_data_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_DATA", str(tmp_path))
+    (tmp_path / "rti" / "icon").mkdir(parents=True)
+    spec = named("rti/icon")
+    assert (spec.name, spec.path) == ("icon", "rti/icon")
+    assert spec.found() == tmp_path / "rti" / "icon"
+    assert named("satin").path == ""
+
+
+def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it():
+    text = (
+        'demand = "wall.npz"\nuniform = 0.25\nmaterials = ["satin"]\n[[codecs]]\ncodec = "pca"\nscene = [false, true]\n'
+    )
+    suite = parse_suite("a", text)
+    assert (suite.demand, suite.uniform) == ("wall.npz", 0.25)
+    assert [spec.settings["scene"] for spec in suite.codecs] == [False, True]
+    assert len({spec.curve for spec in suite.codecs}) == 2  # no ladder of rates mixes the two
+    with pytest.raises(InputError, match="a share lies between 0 and 1"):
+        parse_suite("a", text.replace("0.25", "1.5"))
+    changed = with_changes(suite, [], [], {"scene": "true"}, None)
+    assert [spec.settings["scene"] for spec in changed.codecs] == [True]

@@ -1,0 +1,218 @@
+import argparse
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from bench import timing
+from bench.commands import choose as choose_command
+from bench.conformance.check import tiny_btf
+from bench.errors import InputError
+from bench.records import append, load_run, load_trade
+from bench.runs import choose, trade
+from bench.runs.runner import Options, run
+from bench.runs.suite import CodecSpec, Data, MaterialSpec, Suite
+from reports import table_text, write_report
+
+SUITE = Suite(
+    "test",
+    "",
+    materials=(MaterialSpec("tiny"),),
+    codecs=(
+        CodecSpec("mean-colour"),
+        CodecSpec("pca", {"components": 2}, ("components",)),
+        CodecSpec("neubtf-direct", {"steps": 20}),
+    ),
+    variants=("eager bfloat16", "fused float32", "fused bfloat16", "compiled tf32"),  # the last two are of GPUs
+)
+
+
+def without_drjit():
+    raise InputError("pip install neubtf-bench[mitsuba]")
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """A run of the suite, and what was measured of it."""
+    folder = tmp_path_factory.mktemp("trade")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.runs.workbench.open_material", lambda spec, data, show: tiny_btf(12, 6, 6))
+        patch.setattr("bench.timing.fused.with_drjit.drjit", without_drjit)
+        patch.setattr(timing, "SAMPLES", 3)
+        patch.setattr("bench.timing.clock.SPAN_NS", 10_000)
+        patch.setattr(trade, "BATCH", 256)
+        patch.setattr(trade, "BATCHES", (1,))
+        patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
+        patch.setattr("bench.timing.roofline.COPIED", 1 << 20)
+        assert {outcome.record["status"] for outcome in run(SUITE, Options(folder))} == {"ok"}
+        found = trade.measure(SUITE, load_run(folder), "cpu")
+    trade.write(folder, found)
+    return folder, found
+
+
+def by_name(found):
+    return {choose.named(row): row for row in found["choices"]}
+
+
+def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(measured):
+    names = list(by_name(measured[1]))
+    plain = ["mean-colour", "pca components=2", "neubtf-direct steps=20"]
+    variants = ["neubtf-direct steps=20 [eager bfloat16]", "neubtf-direct steps=20 [fused float32]"]
+    assert names == [*plain, *variants, timing.FLOOR]
+
+
+def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_file(measured):
+    folder, found = measured
+    record = load_run(folder).job("tiny/neubtf-direct steps=20/0")
+    rows = by_name(found)
+    plain, half = rows["neubtf-direct steps=20"], rows["neubtf-direct steps=20 [eager bfloat16]"]
+    assert plain["psnr"] == record["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"]
+    assert plain["bytes"] == half["bytes"] == record["bytes"]["total"]
+    assert half["psnr"] != plain["psnr"]
+    assert half["psnr"] == pytest.approx(plain["psnr"], abs=0.3)
+    assert plain["worst"] < plain["psnr"]
+
+
+def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
+    row = by_name(measured[1])["neubtf-direct steps=20 [fused float32]"]
+    assert "pip install neubtf-bench[mitsuba]" in row["error"]
+    assert "ns_per_sample" not in row
+
+
+def test_a_choice_is_on_a_front_where_nothing_is_as_good_for_less():
+    rows = [
+        {"psnr": 30.0, "ns_per_sample": 100.0, "bytes": 10},
+        {"psnr": 30.0, "ns_per_sample": 90.0, "bytes": 20},
+        {"psnr": None, "ns_per_sample": 900.0, "bytes": 900},
+        {"psnr": 29.0, "ns_per_sample": 95.0, "bytes": 5},
+        {"psnr": 30.001, "ns_per_sample": 110.0, "bytes": 10},  # the first, computed otherwise
+    ]
+    trade._mark(rows)
+    assert [row["fastest"] for row in rows] == [False, True, True, False, False]
+    assert [row["smallest"] for row in rows] == [True, False, True, True, True]
+
+
+def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
+    rows = [
+        {"label": "big", "psnr": 40.0, "ns_per_sample": 100.0, "bytes": 1000},
+        {"label": "small", "psnr": 39.6, "ns_per_sample": 120.0, "bytes": 10},
+        {"label": "fast", "psnr": 39.7, "ns_per_sample": 20.0, "bytes": 500},
+        {"label": "poor", "psnr": 39.4, "ns_per_sample": 1.0, "bytes": 1},
+    ]
+    rows = [row | {"material": "m", "execution": "eager", "precision": "float32"} for row in rows]
+    best, fastest, smallest = choose.answers("m", rows)
+    assert "the best is big: 40.00 dB, 1,000 bytes, 100 ns" in best
+    assert "the fastest is fast" in fastest
+    assert "the smallest is small" in smallest
+    _, fastest, smallest = choose.answers("m", rows[2:3])
+    assert fastest == "m: within 0.5 dB of it, none is faster."
+    assert smallest == "m: within 0.5 dB of it, none is smaller."
+
+
+def test_a_job_that_failed_is_a_row_that_says_why(tmp_path):
+    job = {"kind": "job", "job": "tiny/mean-colour/0", "material": "tiny", "status": "failed", "error": "no\nmemory"}
+    append(tmp_path, job)
+    (row,) = trade.measure(replace(SUITE, variants=()), load_run(tmp_path), "cpu")["choices"]
+    assert (row["label"], row["error"]) == ("mean-colour", "failed: no memory")
+
+
+def test_the_report_holds_tables_fronts_and_the_answer(measured):
+    folder, found = measured
+    names = {file.name for file in write_report(folder).files}
+    assert {"trade.md", "trade.tex", "trade.csv", "trade-tiny.png", "trade-tiny.svg", "fits-tiny.svg"} <= names
+    text = table_text(folder, kind="trade")
+    assert "within 0.5 dB of it, " in text
+    assert "floor" in text
+    assert "ceilings" in text
+    assert "within 0.5 dB of it, " in (folder / "report.html").read_text()
+    assert len((folder / "tables/trade.csv").read_text().splitlines()) == 1 + len(found["choices"])
+
+
+def test_time_is_told_by_part_batch_order_footprint_and_threads(measured):
+    records = [r for r in measured[1]["profiles"] if r["name"] == "neubtf-direct steps=20"]
+    assert {record["part"] for record in records} == {"decoder", "evaluate", "query"}
+    assert {record["batch"] for record in records} == {1, timing.BATCH}
+    assert {record["coherent"] for record in records} == {False, True}
+    assert {record["footprint"] for record in records} == {0.0, 1}
+    assert all(len(record["samples_ns"]) == 3 for record in records)  # as many as the fixture lets it take
+
+
+def test_the_limit_is_the_faster_of_the_precisions_that_could_be_used(measured):
+    ceilings = measured[1]["ceilings"]
+    assert {ceiling["dtype"] for ceiling in ceilings} == {"float32", "bfloat16"}
+    rows = by_name(measured[1])
+    assert rows["neubtf-direct steps=20 [eager bfloat16]"]["limit_ns"] < rows["neubtf-direct steps=20"]["limit_ns"]
+
+
+def test_another_material_is_measured_beside_those_that_are_there(measured):
+    found = measured[1]
+    other = found | {key: [row | {"material": "other"} for row in found[key]] for key in ("choices", "profiles")}
+    both = trade.merged(found, other)
+    assert {row["material"] for row in both["choices"]} == {"tiny", "other"}
+    assert {answer.partition(":")[0] for answer in both["answers"]} == {"tiny", "other"}
+    again = trade.merged(both, found)
+    assert sorted(map(str, again["choices"])) == sorted(map(str, both["choices"]))
+    assert trade.merged(None, found)["choices"] == found["choices"]
+
+
+def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
+    folder, found = measured
+    shutil.copy(folder / "records.jsonl", tmp_path)
+    trade.write(tmp_path, found)
+    job = load_run(folder).job("tiny/mean-colour/0")
+    assert load_trade(tmp_path)["choices"] == found["choices"]
+    append(tmp_path, job | {"score_key": job["score_key"] | {"sha256": "another"}})
+    labels = [row["label"] for row in load_trade(tmp_path)["choices"]]
+    assert labels == [row["label"] for row in found["choices"] if row["label"] != "mean-colour"]
+
+
+def choosing(monkeypatch, out, suite=SUITE, **wish):
+    """`choose` with a wish, of the suite above."""
+    monkeypatch.setattr("bench.runs.suite.load_suite", lambda name: suite)
+    options = {"material": "tiny", "min_psnr": None, "max_bytes": None, "max_ns": None}
+    return choose_command.run(argparse.Namespace(**options | wish, suite="trade", out=out, device="cpu"))
+
+
+@pytest.mark.parametrize(
+    ("wish", "code", "says"),
+    [
+        ({"min_psnr": 1.0}, 0, "neubtf-bench encode tiny --codec "),
+        ({"max_bytes": "1M", "max_ns": 1e9}, 0, "--codec "),
+        ({"min_psnr": 99.0}, 1, "no setting meets that; the nearest is"),
+        ({"max_bytes": "1"}, 1, "the nearest is mean-colour"),
+    ],
+)
+def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, monkeypatch, capsys, wish, code, says):
+    monkeypatch.delattr("bench.commands.trade.measure")
+    assert choosing(monkeypatch, measured[0], **wish) == code
+    assert says in capsys.readouterr().out
+
+
+def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_path, monkeypatch, capsys):
+    found = measured[1]
+    one = found | {"choices": [row for row in found["choices"] if row["label"] == "mean-colour"]}
+    shutil.copy(measured[0] / "records.jsonl", tmp_path)
+    trade.write(tmp_path, one)
+    asked = []
+
+    def measure(suite, out, device, console):
+        asked.append([material.name for material in suite.materials])
+        rows = [row | {"material": asked[-1][0]} for row in found["choices"]]
+        trade.write(out, trade.merged(one, found | {"choices": rows, "profiles": []}))
+
+    monkeypatch.setattr("bench.commands.trade.measure", measure)
+    best = max(choose.usable(found["choices"], "tiny"), key=choose.psnr)["psnr"]
+    assert choosing(monkeypatch, tmp_path, min_psnr=1.0) == 0  # what is there meets it
+    assert asked == []
+    assert choosing(monkeypatch, tmp_path, min_psnr=best - 0.01) == 0
+    assert choosing(monkeypatch, tmp_path, min_psnr=99.0) == 1  # all was tried
+    assert asked == [["tiny"]]
+    assert "2 of 3 settings of test are not in" in capsys.readouterr().out
+    assert choosing(monkeypatch, tmp_path, material="brick", min_psnr=1.0) == 0
+    assert asked == [["tiny"], ["brick"]]
+
+
+def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
+    small = replace(SUITE, data=Data(size=12, repair=True))
+    assert choosing(monkeypatch, measured[0], small, min_psnr=1.0) == 0
+    assert " --set data.size=12 --set data.repair=true -o tiny.nbtf" in capsys.readouterr().out

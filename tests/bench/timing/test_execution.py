@@ -1,0 +1,130 @@
+import resource
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from bench.codecs.decoder import Architecture, Decoder
+from bench.errors import InputError
+from bench.hemisphere import uniform
+from bench.material import CHUNK, DecoderCost, Material
+from bench.timing import execution
+from bench.timing.execution import Variant, networks, prepared
+
+
+class Textured(Material):
+    """A texture and a network, as most codecs have."""
+
+    def __init__(self):
+        super().__init__((8, 8), DecoderCost())
+        generator = torch.Generator().manual_seed(0)
+        self.network = Decoder(Architecture(10, (16, 16), activation="sine", norm=True, residual=True), generator)
+        self.network.requires_grad_(False)
+        self.texture = torch.randn(8, 8, 6, generator=generator)
+
+    def evaluate(self, uv, wo, wi, footprint):
+        return self.network.at(self.texture, uv, wo[:, :2], wi[:, :2]).exp()
+
+
+def queries(count, seed=0):
+    rng = np.random.default_rng(seed)
+    wo, wi = (torch.from_numpy(uniform(rng, count)) for _ in range(2))
+    return torch.from_numpy(rng.random((count, 2), np.float32)), wo, wi
+
+
+def assert_same(ours: Material, tolerance: float, counts=(1, 100)) -> None:
+    for count in counts:
+        expected = Textured().query(*queries(count))
+        torch.testing.assert_close(ours.query(*queries(count)), expected, rtol=tolerance, atol=tolerance)
+
+
+def test_a_variant_is_named_by_execution_and_precision():
+    assert Variant.parse("compiled") == Variant("compiled", "float32")
+    assert Variant.parse(str(Variant("fused", "bfloat16"))) == Variant("fused", "bfloat16")
+    with pytest.raises(InputError, match="did you mean 'compiled'"):
+        Variant.parse("compile float32")
+    with pytest.raises(InputError, match="no 'float8'"):
+        Variant.parse("eager float8")
+
+
+@pytest.mark.parametrize(("precision", "tolerance"), [("float32", 0), ("float16", 0.02), ("bfloat16", 0.1)])
+def test_eager_answers_in_any_precision_and_leaves_the_material_as_it_was(precision, tolerance):
+    material = Textured()
+    assert_same(prepared(material, Variant("eager", precision)), tolerance)
+    assert material.dtype == torch.float32
+    assert type(material.network) is Decoder
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # PyTorch's own, when it compiles
+def test_compiled_answers_the_same_for_slices_parts_and_whole_chunks():
+    compiled = prepared(Textured(), Variant("compiled"))
+    assert_same(compiled, 1e-5, (CHUNK + 7,))
+    picture = compiled.slice([0, 0, 1], [0.6, 0, 0.8])
+    torch.testing.assert_close(picture, Textured().slice([0, 0, 1], [0.6, 0, 0.8]), rtol=1e-5, atol=1e-5)
+
+
+def fused():
+    """The material fused, where Dr.Jit (the extra mitsuba) and LLVM are there."""
+    try:
+        return prepared(Textured(), Variant("fused"))
+    except InputError as error:
+        pytest.skip(str(error))
+
+
+def test_fused_answers_the_same():
+    assert_same(fused(), 1e-5)
+
+
+def test_fused_is_found_however_deep_the_network_is(monkeypatch):
+    material = Textured()
+    material.network = torch.nn.ModuleDict({"inner": torch.nn.ModuleList([material.network])})
+    assert len(networks(material)) == 1
+    made = []
+    monkeypatch.setattr("bench.timing.fused.with_drjit.drjit", lambda: None)
+    monkeypatch.setattr(
+        "bench.timing.fused.with_drjit.DrJitNetwork", lambda network: made.append(network) or torch.nn.Identity()
+    )
+    fused = prepared(material, Variant("fused"))
+    assert len(made) == 1
+    assert isinstance(fused.network["inner"][0], torch.nn.Identity)
+
+
+def test_what_cannot_be_computed_is_refused_with_the_remedy(monkeypatch):
+    with pytest.raises(InputError, match="NVIDIA"):
+        prepared(Textured(), Variant("eager", "tf32"))
+    with pytest.raises(InputError, match="float32, not bfloat16"):
+        prepared(Textured(), Variant("fused", "bfloat16"))
+    monkeypatch.setattr(execution.shutil, "which", lambda name: None)
+    with pytest.raises(InputError, match=r"needs a C\+\+ compiler: install"):
+        prepared(Textured(), Variant("compiled"))
+    table = Textured()
+    del table.network
+    monkeypatch.setattr("bench.timing.fused.with_drjit.drjit", lambda: None)
+    with pytest.raises(InputError, match="this codec has none"):
+        prepared(table, Variant("fused"))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts the page faults of Linux")
+@pytest.mark.parametrize("execution", ["eager", "fused"])
+def test_a_query_maps_no_memory_but_for_its_answers(execution):
+    """After two chunks, sixteen need new pages for their answers alone: buffers are used again, whatever the batch."""
+    material = fused() if execution == "fused" else prepared(Textured(), Variant(execution))
+    material.query(*queries(2 * material.chunk))
+    asked = queries(16 * material.chunk)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    rgb = material.query(*asked)
+    mapped = (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) * resource.getpagesize()
+    assert mapped <= rgb.numel() * rgb.element_size() + (1 << 20)
+
+
+def test_a_compiler_that_fails_is_told_with_the_remedy():
+    compiled = prepared(Textured(), Variant("compiled"))
+
+    def fail(*_):
+        raise torch._dynamo.exc.TorchDynamoException("file too short")
+
+    compiled.rest = fail
+    with pytest.raises(InputError, match=r"file too short.*remove its cache"):
+        compiled.query(*queries(3))
