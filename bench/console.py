@@ -7,6 +7,7 @@ from rich.console import Console as RichConsole
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from bench.codecs.container import Header
+from bench.fields import PSNR, stats_of
 
 if TYPE_CHECKING:
     from bench.data.portrait import Look
@@ -48,8 +49,7 @@ def job_line(record: dict[str, Any], cached: str) -> str:
         word = "not available" if record["status"] == "unavailable" else "FAILED"
         return f"{record['job']}: {word}: {record['error']}"
     how = {"record": "cached", "file": "scored again from the cached file"}.get(cached)
-    group = record["scores"].get("heldout") or record["scores"]["all"]
-    psnr = group["metrics"]["psnr_display"]["pooled"]
+    psnr = stats_of(record, PSNR)["pooled"]
     shown = "exact" if psnr is None else f"{psnr:.2f} dB"
     how = how or f"fitted in {record['fit_seconds']:.1f} s"
     return f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"

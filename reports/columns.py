@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from bench.fields import FLIP, LOG_PSNR, PSNR, RMSE, SSIM, gate, metric_of
 from bench.records import Record
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, pooled, significant, spread
-from reports.rows import NEW_RUN, Row, metric_name
+from reports.rows import NEW_RUN, Row
 
-PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
 OUTSIDE = "outside the scene"
 _DIGITS = {PSNR: 2, LOG_PSNR: 2, SSIM: 3, FLIP: 3}
 
@@ -158,11 +158,11 @@ def footprints(job: Record) -> list[Column]:
 
 def _bands(job: Record) -> list[tuple[str, str, int]]:
     """(name, group, slices) of the pairs that decide and their subsets, without subsets of subsets."""
-    gate = "heldout" if "heldout" in job["scores"] else "all"
-    found = [("held out" if gate == "heldout" else "all", gate)]
+    decides = gate(job["scores"])
+    found = [("held out" if decides == "heldout" else "all", decides)]
     for group in job["scores"]:
         prefix, _, band = group.partition(", ")
-        if prefix == gate and band and ", " not in band:
+        if prefix == decides and band and ", " not in band:
             found.append((_BAND_NAMES.get(band, band), group))
     order = list(_BAND_NAMES.values())
     found[1:] = sorted(found[1:], key=lambda item: order.index(item[0]) if item[0] in order else len(order))
@@ -186,7 +186,7 @@ def scene(job: Record) -> list[Column]:
 
 def _frames(row: Row, family: str) -> str:
     found = row.job.get("scene", {}).get("metrics", {})
-    name = metric_name(found, family)
+    name = metric_of(found, family)
     if not name:
         return NONE
     return EXACT if found[name] is None else fixed(found[name], _DIGITS[family])
@@ -217,7 +217,7 @@ def _relative(row: Row, group: str) -> str:
 
 def _footprint(row: Row, side: str) -> str:
     found = row.job["footprints"].get(side)
-    return pooled({"pooled": found["psnr_display"]} | found, 2) if found else NONE
+    return pooled({"pooled": found[PSNR]} | found, 2) if found else NONE
 
 
 RELATIVE_ERROR = Column("RMSE", "% mean ↓", lambda row: _relative(row, row.gate))

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
+from bench.fields import FLIP, LOG_PSNR, PSNR, RMSE, SSIM, gate
 from bench.records import Record, Run
-from reports.columns import FLIP, LOG_PSNR, PSNR, RMSE, SSIM
 from reports.rows import Material, Row
 
 
@@ -55,7 +55,7 @@ def run_notes(run: Run) -> list[str]:
 
 
 def _what(job: Record) -> str:
-    pairs = "the held-out pairs" if "heldout" in job["scores"] else "all pairs, none being held out"
+    pairs = "the held-out pairs" if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
     return (
         f"Quality is of {pairs} (but “train”), decoded from the file. PSNR is of the pooled squared error, "
         "mean ± std are over slices."

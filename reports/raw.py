@@ -2,16 +2,13 @@
 
 import csv
 import io
-import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from bench.records import Record, Run
+from bench.fields import flattened
+from bench.records import Run
 from reports.rows import Row, materials
 from reports.table import Table
-
-_ELSEWHERE = {"kind", "fit_key", "score_key", "provenance", "traceback", "metrics", "settings", "shape"}
-_RAW_TIMING = {"kind", "job", "run", "samples_ns", "floor_ratios"}
 
 
 def csv_text(run: Run) -> str:
@@ -39,25 +36,7 @@ def table_csv(tables: Sequence[Table]) -> str:
 
 
 def _fields(row: Row) -> Iterator[tuple[str, Any]]:
-    job = row.job
-    first = ("material", "label", "job", "status", "codec", "seed")
-    yield from ((name, job.get(name)) for name in first)
+    yield from flattened(row.job, row.timing)
     yield "not_comparable", row.obstacle or None
-    yield "settings", json.dumps(job["settings"], sort_keys=True) if "settings" in job else None
-    yield from zip(("height", "width"), job.get("shape", ()), strict=False)
-    yield from _flat("", {name: value for name, value in job.items() if name not in {*first, *_ELSEWHERE}})
-    yield from _flat("metric_version/", job.get("score_key", {}).get("metrics", {}))
-    yield from ((name, job.get("score_key", {}).get(name)) for name in ("btf", "exposure", "sha256"))
     if row.timing:
-        yield from _flat("timing/", {k: v for k, v in row.timing.items() if k not in _RAW_TIMING})
         yield "timing/not_comparable", row.timing_obstacle or None
-
-
-def _flat(prefix: str, values: Record) -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            yield from _flat(f"{prefix}{name}/", value)
-        elif isinstance(value, list):
-            yield from ((f"{prefix}{name}/{i}", item) for i, item in enumerate(value))
-        else:
-            yield prefix + name, value

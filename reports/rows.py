@@ -1,13 +1,13 @@
 """The jobs of a run as the rows of tables: by material, with what keeps a row from being compared with the others."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from bench.fields import CONDITIONS, gate, metric_of, metrics_of, stats_of
 from bench.records import Record, Run
 
 NEW_RUN = "timed in an earlier run than its neighbours"
-_CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
 
 
 @dataclass(frozen=True)
@@ -28,17 +28,15 @@ class Row:
     @property
     def gate(self) -> str:
         """The group of pairs that decides: held-out ones, or all where none are held out."""
-        return "heldout" if "heldout" in self.job["scores"] else "all"
+        return gate(self.job["scores"])
 
     def metric(self, family: str) -> str:
         """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`), or ""."""
-        return metric_name(self.job["scores"][self.gate]["metrics"], family)
+        return metric_of(metrics_of(self.job), family)
 
     def stats(self, group: str, family: str) -> dict[str, Any]:
         """The statistics of a metric over a group of pairs; empty where there are none."""
-        metrics = self.job["scores"].get(group, {}).get("metrics", {})
-        found: dict[str, Any] = metrics.get(metric_name(metrics, family), {})
-        return found
+        return stats_of(self.job, family, group)
 
 
 @dataclass(frozen=True)
@@ -66,11 +64,6 @@ class Material:
         pairs = self.first["pairs"]
         heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out: scored on all"
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
-
-
-def metric_name(names: Iterable[str], family: str) -> str:
-    """The first of the names that is the family's own or a variant of it, or ""."""
-    return next((name for name in names if name == family or name.startswith(f"{family}_")), "")
 
 
 def materials(run: Run) -> list[Material]:
@@ -112,7 +105,7 @@ def _version(version: object) -> str:
 
 
 def _timing_obstacle(timing: Record, latest: Record) -> str:
-    differ = [name for name in _CONDITIONS if timing.get(name) != latest.get(name)]
+    differ = [name for name in CONDITIONS if timing.get(name) != latest.get(name)]
     if differ:
         return "timed under other conditions: " + ", ".join(f"{name} {timing.get(name)}" for name in differ)
     return "" if timing["run"] == latest["run"] else NEW_RUN

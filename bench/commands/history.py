@@ -5,6 +5,7 @@ FILE.parquet where pyarrow is installed. In a notebook, `bench.load_runs(paths)`
 """
 
 import argparse
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,8 +90,8 @@ _FAMILIES = {"PSNR": "psnr_display", "SSIM": "ssim", "FLIP": "flip_ldr"}
 
 def _heldout(frame: "pd.DataFrame", family: str) -> "pd.Series[float]":
     """The number of a family of metrics on held-out pairs, whichever variant of it was measured."""
-    names = map(str, frame.columns)
-    columns = [c for c in names if c.startswith(f"scores/heldout/metrics/{family}") and c.endswith("/pooled")]
+    wanted = re.compile(f"scores/heldout/metrics/{family}(_.*)?/pooled")
+    columns = [name for name in map(str, frame.columns) if wanted.fullmatch(name)]
     return frame[columns].bfill(axis=1).iloc[:, 0] if columns else frame["seed"] * float("nan")
 
 

@@ -4,9 +4,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from bench.fields import FLIP, PSNR, gate, metric_of, metrics_of
 from bench.records import Record
-
-PSNR, FLIP = "psnr_display", "flip_ldr"
 
 
 @dataclass(frozen=True)
@@ -49,39 +48,32 @@ class Quantity:
         return f"{change:+,.{self.digits}f}".replace("-", "−") if round(change, self.digits) else "="
 
 
-def gate(job: Record) -> str:
-    """The group of pairs that decides: held-out ones, or all where none are held out."""
-    return "heldout" if "heldout" in job["scores"] else "all"
-
-
 def deciding(job: Record) -> list[Quantity]:
     """What a verdict is made of: parameters, bytes, PSNR and FLIP of held-out pairs."""
     found = [
         Quantity("parameters", "", "lower", 0, lambda job: job["parameters"], Tolerance()),
         Quantity("bytes", "", "lower", 0, lambda job: job["bytes"]["total"], Tolerance(drawn=0.01, relative=True)),
     ]
-    psnr, flip = _named(job, PSNR), _named(job, FLIP)
+    group, names = gate(job["scores"]), metrics_of(job)
+    psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
-        found.append(_metric(job, psnr, gate(job), "PSNR", 2, Tolerance(certain=0.02, drawn=0.25, alone=0.25)))
+        found.append(_metric(job, psnr, group, "PSNR", 2, Tolerance(certain=0.02, drawn=0.25, alone=0.25)))
     if flip:
-        found.append(_metric(job, flip, gate(job), "FLIP", 4, Tolerance(certain=0.0005, drawn=0.005, alone=0.005)))
+        found.append(_metric(job, flip, group, "FLIP", 4, Tolerance(certain=0.0005, drawn=0.005, alone=0.005)))
     return found
 
 
 def shown(job: Record) -> list[Quantity]:
     """Everything else that a record holds of quality and size."""
-    group = gate(job)
-    found = [_metric(job, _named(job, PSNR), "train", "train PSNR", 2)] if "train" in job["scores"] else []
-    for name in job["scores"][group]["metrics"]:
-        if not name.startswith((PSNR, FLIP)):
-            found.append(_metric(job, name, group, name.removesuffix("_periodic"), 4 if name != "psnr_log1p" else 2))
+    group, names = gate(job["scores"]), metrics_of(job)
+    psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
+    found = [_metric(job, psnr, "train", "train PSNR", 2)] if psnr and "train" in job["scores"] else []
+    for name in names:
+        if name not in (psnr, flip):
+            digits = 2 if job["metrics"][name]["unit"] == "dB" else 4
+            found.append(_metric(job, name, group, name.removesuffix("_periodic"), digits))
     found += [_footprint(side) for side in job.get("footprints", {}) if side != "1"]
     return found + [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
-
-
-def _named(job: Record, family: str) -> str:
-    names = job["scores"][gate(job)]["metrics"]
-    return next((name for name in names if name == family or name.startswith(f"{family}_")), "")
 
 
 def _metric(
@@ -90,7 +82,7 @@ def _metric(
     described = job["metrics"][metric]
 
     def value(job: Record) -> float | None:
-        stats = job["scores"].get(group, {}).get("metrics", {}).get(metric)
+        stats = metrics_of(job, group).get(metric)
         return _number(stats, stats["pooled"], described["unit"]) if stats else None
 
     unit = "" if described["unit"] == "1" else described["unit"]
@@ -100,7 +92,7 @@ def _metric(
 def _footprint(side: str) -> Quantity:
     def value(job: Record) -> float | None:
         stats = job.get("footprints", {}).get(side)
-        return _number(stats, stats["psnr_display"], "dB") if stats else None
+        return _number(stats, stats[PSNR], "dB") if stats else None
 
     return Quantity(f"{side} texels", "dB", "higher", 2, value)
 

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import bench
-from bench.compare.quantities import PSNR, gate
-from bench.compare.timings import CONDITIONS
 from bench.errors import InputError
+from bench.fields import CONDITIONS, PSNR, gate, metric_of, metrics_of, stats_of
 from bench.records import Record, Run
 
 FEW_SEEDS = 6  # of three, one deviation in five (1 − e^−¼) is less than half the true one; of six, one in sixteen
@@ -53,7 +52,7 @@ def few_seeds(run: Run) -> list[str]:
     """Rows whose seeds differ, and are too few to tell by how much, by name."""
     rows: dict[str, list[object]] = {}
     for job in run.jobs:
-        score = job["scores"][gate(job)]["metrics"][PSNR]["pooled"]
+        score = stats_of(job, PSNR)["pooled"]
         rows.setdefault(f"{job['material']}/{job['label']}", []).append(score)
     return [name for name, values in rows.items() if len(values) < FEW_SEEDS and len(set(values)) != 1]
 
@@ -102,15 +101,15 @@ def _job(job: Record) -> Record:
     line["fit_key"] = {key: job["fit_key"][key] for key in _FIT}
     line["score_key"] = {key: job["score_key"][key] for key in _SCORE}
     line["metrics"] = {name: {key: m[key] for key in _DESCRIBED} for name, m in job["metrics"].items()}
-    groups = {gate(job): "", "train": PSNR}
-    line["scores"] = {name: _pooled(job["scores"][name], of) for name, of in groups.items() if name in job["scores"]}
+    decide, train = metrics_of(job), metrics_of(job, "train")
+    kept = {gate(job["scores"]): list(decide), "train": [metric_of(train, PSNR)]}
+    line["scores"] = {name: _pooled(metrics_of(job, name), kept[name]) for name in kept if name in job["scores"]}
     line["footprints"] = {side: _short(stats, PSNR) for side, stats in job["footprints"].items() if side != "1"}
     return _rounded(line)
 
 
-def _pooled(group: Record, family: str) -> Record:
-    found = {name: stats for name, stats in group["metrics"].items() if name.startswith(family)}
-    return {"metrics": {name: _short(stats, "pooled") for name, stats in found.items()}}
+def _pooled(metrics: Record, names: list[str]) -> Record:
+    return {"metrics": {name: _short(metrics[name], "pooled") for name in names if name in metrics}}
 
 
 def _short(stats: Record, number: str) -> Record:

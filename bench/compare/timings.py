@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from bench.fields import CONDITIONS
 from bench.records import Record
 
 FLOOR = "mean-colour"
 FACTOR = 1.25  # what a ratio must change by to be mentioned
-CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
 
 
 @dataclass(frozen=True)

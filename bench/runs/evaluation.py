@@ -14,6 +14,7 @@ from bench.codec import Progress
 from bench.codecs import container, shared
 from bench.codecs.scene_material import unreported
 from bench.conformance.counting import parameters
+from bench.fields import FLIP, PSNR, gate, metric_of
 from bench.hemisphere import to_degrees
 from bench.material import Material
 from bench.metrics import get as get_metric
@@ -46,15 +47,15 @@ def evaluate(
     """
     material = unreported(container.load(header.path, device)[1])
     decoder = Decoder(bench, material, show)
-    gate = "heldout" if "heldout" in bench.groups else "all"
+    decides = gate(bench.groups)
     with timing.torch_threads(threads):
         scores = bench.scorer.score(bench.groups["all"], decoder.watched)
-        footprints = score_footprints(bench.btf, bench.groups[gate], decoder.slice, bench.exposure, COARSE)
+        footprints = score_footprints(bench.btf, bench.groups[decides], decoder.slice, bench.exposure, COARSE)
         pictures = _pictures(bench, decoder)
         scene = bench.judge.record(material) if bench.judge else {}
     summary = summarise(scores, bench.btf.wo, bench.btf.wi, bench.groups)
-    finest = summary[gate]["metrics"]["psnr_display"]
-    one = {"psnr_display": finest["pooled"], "exact": finest["exact"], "slices": finest["slices"]}
+    finest = summary[decides]["metrics"][PSNR]
+    one = {PSNR: finest["pooled"], "exact": finest["exact"], "slices": finest["slices"]}
     if bench.scene_shares is not None:
         summary["scene"] = weighted(scores, bench.scene_shares)
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
@@ -134,7 +135,7 @@ def _pictures(bench: Workbench, decoder: Decoder) -> dict[str, np.ndarray]:
     angles = [np.stack(to_degrees(w[bench.shown]), 1) for w in (bench.btf.wo, bench.btf.wi)]
     pictures = {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
     pictures["pairs"] = bench.shown
-    flip = next((metric for name, metric in bench.scorer.metrics.items() if name.startswith("flip_ldr")), None)
+    flip = bench.scorer.metrics.get(metric_of(bench.scorer.names, FLIP))
     if flip and min(bench.btf.shape) >= flip.smallest:
         error = flip.error_map(flip.prepare(truth, bench.exposure), np.maximum(decoded, 0))
         pictures["flip"] = np.round(magma(error) * 255).astype(np.uint8)

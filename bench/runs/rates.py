@@ -10,11 +10,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from bench.errors import InputError
+from bench.fields import PSNR, stats_of
 from bench.metrics.bd import FEWEST, bd_psnr, bd_rate
 from bench.records import Record
 
 ANCHOR = "pca"
-METRIC = "psnr_display"
 
 
 def rate_records(jobs: list[Record]) -> Iterator[Record]:
@@ -28,7 +28,7 @@ def rate_records(jobs: list[Record]) -> Iterator[Record]:
     for name, points in curves.items():
         if name == ANCHOR or len(points) < FEWEST:
             continue
-        record: Record = {"kind": "rate", "curve": name, "anchor": ANCHOR, "metric": METRIC, "points": points.tolist()}
+        record: Record = {"kind": "rate", "curve": name, "anchor": ANCHOR, "metric": PSNR, "points": points.tolist()}
         try:
             rate, quality = bd_rate(curves[ANCHOR], points), bd_psnr(curves[ANCHOR], points)
         except InputError as error:
@@ -50,8 +50,7 @@ def _curves(jobs: list[Record]) -> dict[str, np.ndarray]:
     """Points (n, 2) of bytes and quality by curve; a job without a finite quality has no point."""
     seeds: dict[str, dict[str, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
     for job in jobs:
-        group = job["scores"].get("heldout") or job["scores"]["all"]
-        quality = group["metrics"][METRIC]["pooled"]
+        quality = stats_of(job, PSNR)["pooled"]
         if quality is not None:
             seeds[job["curve"]][job["label"]].append((job["bytes"]["total"], quality))
     return {curve: np.array([np.mean(points, 0) for points in labels.values()]) for curve, labels in seeds.items()}

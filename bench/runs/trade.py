@@ -16,6 +16,7 @@ from bench import atomic, timing
 from bench.codec import Progress, silent
 from bench.codecs import container
 from bench.errors import InputError
+from bench.fields import FLIP, PSNR, gate, metric_of, metrics_of
 from bench.material import Material
 from bench.metrics.scoring import summarise
 from bench.records import TRADE, TRADE_FORMAT, Record, Run
@@ -32,7 +33,6 @@ from bench.timing.roofline import limit_ns, roofline
 BATCH = 65_536  # whole chunks of every execution
 BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)
 ALL_BATCHES = (*BATCHES, 1 << 20, 1 << 22)
-PSNR, FLIP = "psnr_display", "flip_ldr"
 _BY_MATERIAL = ("choices", "profiles")
 
 
@@ -175,23 +175,22 @@ def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
 
 def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, float | None]:
     """PSNR, FLIP and the PSNR of the worst slice, of the held-out pairs, from a job's record."""
-    group = job["scores"].get("heldout") or job["scores"]["all"]
     with np.load(run.folder / job["slices"], allow_pickle=False) as slices:
-        raw = slices[PSNR][slices["heldout"]] if "heldout" in job["scores"] else slices[PSNR]
-    return _figures(group["metrics"], raw)
+        raw = slices[PSNR][slices["heldout"]] if gate(job["scores"]) == "heldout" else slices[PSNR]
+    return _figures(metrics_of(job), raw)
 
 
 def _score(bench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, float | None]:
     """The same figures, of a material that is computed otherwise."""
-    gate = "heldout" if "heldout" in bench.groups else "all"
+    decides = gate(bench.groups)
     with timing.torch_threads(threads):
-        scores = bench.scorer.score(bench.groups[gate], Slices(bench, material, show).slice)
-    metrics = summarise(scores, bench.btf.wo, bench.btf.wi, {gate: bench.groups[gate]})[gate]["metrics"]
+        scores = bench.scorer.score(bench.groups[decides], Slices(bench, material, show).slice)
+    metrics = summarise(scores, bench.btf.wo, bench.btf.wi, {decides: bench.groups[decides]})[decides]["metrics"]
     return _figures(metrics, scores.raw[PSNR])
 
 
 def _figures(metrics: dict[str, Any], squared: np.ndarray) -> dict[str, float | None]:
-    flip = next((name for name in metrics if name.startswith(FLIP)), "")
+    flip = metric_of(metrics, FLIP)
     worst = float(squared.max())
     return {
         "psnr": metrics[PSNR]["pooled"],

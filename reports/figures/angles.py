@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bench.fields import PSNR
 from bench.records import Run
 from reports.artefacts import Arrays, arrays
-from reports.columns import PSNR
 from reports.figures.canvas import Figure, legend, look, new, png, style
 from reports.rows import Row, materials
 

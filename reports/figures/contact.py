@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.fields import FLIP
 from bench.records import Run
 from reports.artefacts import Arrays, arrays
 from reports.figures.canvas import DPI, Figure, new, png, style
@@ -60,7 +61,7 @@ def _angles(side: str, degrees: np.ndarray) -> str:
 
 def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
     """The FLIP of each shown slice, from the stored numbers."""
-    scores, name = arrays(run.folder, row.job, "slices"), row.metric("flip_ldr")
+    scores, name = arrays(run.folder, row.job, "slices"), row.metric(FLIP)
     if not scores or not name or "pairs" not in pictures:
         return [""] * len(pictures["decoded"])
     by_pair = dict(zip(scores["pairs"].tolist(), scores[name].tolist(), strict=True))

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
+from bench.fields import FLIP
 from bench.records import Run
 from reports.artefacts import angular
-from reports.columns import FLIP
 from reports.figures.canvas import Figure, new, png, short, style
 from reports.rows import Material, materials
 

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from bench.fields import PSNR
 from bench.records import Run
-from reports.columns import PSNR
 from reports.figures.canvas import Figure, legend, log_ticks, look, new, png, style
 from reports.rows import Material, Row, materials
 
