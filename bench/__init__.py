@@ -1,15 +1,33 @@
-"""The suite: what a BTF is, what a codec must do, how it is measured, run, stored and compared."""
+"""The suite: what a BTF is, what a codec must do, how it is measured, run, stored and compared.
 
+`bench.open`, `encode`, `load`, `score` and `load_runs` are what scripts call: see docs/api.md.
+"""
+
+import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bench.library import encode as encode
+    from bench.library import load as load
+    from bench.library import open as open
+    from bench.library import score as score
     from bench.runs.history import load_runs as load_runs
+
+    __version__: str
+
+_LAZY = dict.fromkeys(("open", "encode", "load", "score"), "bench.library") | {"load_runs": "bench.runs.history"}
 
 
 def __getattr__(name: str) -> Any:
-    """`bench.load_runs`, imported when it is asked for: `import bench` alone is instant."""
-    if name == "load_runs":
-        from bench.runs.history import load_runs
+    """What is imported when it is asked for: `import bench` alone is instant, and imports no PyTorch."""
+    if name == "__version__":
+        from importlib.metadata import version
 
-        return load_runs
+        return version("neubtf-bench")
+    if name in _LAZY:
+        return getattr(importlib.import_module(_LAZY[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), "__version__", *_LAZY])

@@ -6,8 +6,11 @@ Frame, units and colour space: see `bench.btf`.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any, overload
 
+import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -68,16 +71,25 @@ class Material:
         self.dtype = dtype or self.dtype
         return self
 
+    @overload
+    def query(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor | float | None = None) -> Tensor: ...
+    @overload
+    def query(self, uv: ArrayLike, wo: ArrayLike, wi: ArrayLike, footprint: ArrayLike | None = None) -> np.ndarray: ...
+
     @torch.no_grad()
-    def query(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor | float | None = None) -> Tensor:
+    def query(self, uv: Any, wo: Any, wi: Any, footprint: Any = None) -> Tensor | np.ndarray:
         """RGB (n, 3) float32, ≥ 0, of n queries: uv (n, 2), wo and wi (n, 3), footprint (n,) or one number.
 
-        A direction at or below the horizon answers 0. Directions must be of unit length within 1e-3 and every
-        number finite: `InputError` names the first row that is not. Memory beyond inputs and outputs is bounded.
+        Queries are tensors, or NumPy arrays, and so is the answer. A direction at or below the horizon answers 0.
+        Directions must be of unit length within 1e-3 and every number finite: `InputError` names the first row that is
+        not. Memory beyond inputs and outputs is bounded.
         """
+        if not isinstance(uv, Tensor):
+            return self.query(*map(_tensor, (uv, wo, wi, 0.0 if footprint is None else footprint))).cpu().numpy()
         keep_buffers()
-        footprint = torch.as_tensor(0.0 if footprint is None else footprint, device=uv.device).expand(len(uv))
-        _check_shapes(uv, wo, wi)
+        footprint = torch.as_tensor(0.0 if footprint is None else footprint, device=uv.device)
+        _check_shapes(uv, wo, wi, footprint)
+        footprint = footprint.expand(len(uv))
         out = torch.empty(len(uv), 3, device=uv.device)
         for start in range(0, len(uv), self.chunk):
             rows = slice(start, start + self.chunk)
@@ -116,11 +128,25 @@ def keep_buffers() -> None:
     torch.empty(31 << 20, dtype=torch.uint8)
 
 
-def _check_shapes(uv: Tensor, wo: Tensor, wi: Tensor) -> None:
-    n = len(uv)
+def _tensor(values: ArrayLike | Tensor) -> Tensor:
+    """The same numbers as a tensor, which may share their memory; whole numbers become floats."""
+    if isinstance(values, Tensor):
+        return values
+    try:
+        array = np.asarray(values)
+        array = array if np.issubdtype(array.dtype, np.floating) else array.astype(np.float32)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"query: not an array of numbers ({error})") from error
+    return torch.from_numpy(np.require(array, requirements=["C", "W"]))  # no strides below 0, no read-only memory
+
+
+def _check_shapes(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
+    n = len(uv) if uv.ndim else 0
     if uv.shape != (n, 2) or wo.shape != (n, 3) or wi.shape != (n, 3):
         shapes = f"{tuple(uv.shape)}, {tuple(wo.shape)}, {tuple(wi.shape)}"
         raise InputError(f"query: uv, wo, wi must be (n, 2), (n, 3), (n, 3), not {shapes}")
+    if footprint.shape not in ((), (1,), (n,)):
+        raise InputError(f"query: footprint must be one number or ({n},), not {tuple(footprint.shape)}")
 
 
 def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor, start: int) -> None:

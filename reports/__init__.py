@@ -73,6 +73,16 @@ def parameters_text(jobs: Sequence["Record"], format: str = "text") -> str:
     return writers[format]([table] if table else [])
 
 
+def score_text(record: "Record") -> str:
+    """The tables of one codec file that was scored outside a run: bytes and quality, and where the error lies."""
+    from bench.records import Records, Run
+    from reports import text
+
+    jobs = Records()
+    jobs.put(record["job"], record)
+    return text.scored(Run(Path(), jobs=jobs))
+
+
 def stress_text(records: Sequence["Record"], format: str = "text") -> str:
     """The tables of the stress test alone, of records of the kind `stress`."""
     from reports import text

@@ -116,6 +116,7 @@ SHORT = (
     _NS,
     _FLOOR,
 )
+SCORED = SHORT[: SHORT.index(_FIT)]  # what is known of a file without its fit
 SIZE = (
     _PARAMETERS,
     _CHANNELS,

@@ -33,6 +33,14 @@ def terminal(run: Run) -> str:
     return "\n\n".join([*nothing, *map(_plain, shown), "\n".join(map(_wrapped, notes))]).rstrip()
 
 
+def scored(run: Run) -> str:
+    """The same of files that were scored outside a run, which nobody fitted or timed."""
+    tables = []
+    for material in materials(run):
+        tables += [main_table(material, columns.SCORED), _detail(material), scene_table(material)]
+    return "\n\n".join(_plain(table) for table in tables if table)
+
+
 def _detail(material: Material) -> Table | None:
     """One table in place of three: bands of directions and footprints."""
     if material.first is None:

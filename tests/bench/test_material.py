@@ -135,3 +135,30 @@ def test_radiance_is_finite_whatever_the_level():
     assert radiance[:2].tolist() == pytest.approx([0.0, 1e6 * np.expm1(0.5)])
     # 1e9 is a gain of data of 1e-8: as a half it would be infinite.
     assert to_radiance(torch.ones(1), 1e9).item() == pytest.approx(np.expm1(1) * 1e-9)
+
+
+def test_arrays_ask_what_tensors_ask_and_the_answer_is_an_array():
+    uv, wo, wi = queries(7)
+    wanted = Constant().query(uv, wo, wi, 0.25)
+    given = [x.numpy() for x in (uv, wo, wi)]
+    answer = Constant().query(*given, 0.25)
+    assert isinstance(answer, np.ndarray)
+    np.testing.assert_array_equal(answer, wanted.numpy())
+    reversed_rows = Constant().query(*(x[::-1] for x in given), np.full(7, 0.25))
+    np.testing.assert_array_equal(reversed_rows, wanted.numpy()[::-1])
+    given[0].setflags(write=False)
+    np.testing.assert_array_equal(Constant().query(*given), wanted.numpy())
+    lists = Constant().query([[0, 1]], [[0, 0, 1]], [[0, 0, 1]])
+    np.testing.assert_array_equal(lists, [[0.5, 0.0, 2.0]])
+    assert isinstance(Constant().query(uv, wo, wi), torch.Tensor)
+
+
+def test_queries_of_wrong_shape_or_kind_are_named():
+    uv, wo, wi = (x.numpy() for x in queries(3))
+    for wrong, message in (
+        ((uv, wo, wi, np.zeros(2)), r"footprint must be one number or \(3,\), not \(2,\)"),
+        ((np.float32(1), wo, wi), "must be"),
+        ((uv.astype(str), wo, "up"), "not an array of numbers"),
+    ):
+        with pytest.raises(InputError, match=message):
+            Constant().query(*wrong)

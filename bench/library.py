@@ -1,0 +1,94 @@
+"""What a script calls, as attributes of `bench`: open a BTF, encode it, load the file, score it; see docs/api.md.
+
+The commands of `neubtf-bench` take the same paths, so that a script measures what a run measures.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from bench import timing
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Progress, silent
+from bench.codecs import container
+from bench.codecs.registry import load_codec
+from bench.data.open import open_named
+from bench.demand.demand import load as load_demand
+from bench.errors import InputError
+from bench.material import Material
+from bench.records import Record
+from bench.runs.evaluation import evaluate, score_key
+from bench.runs.workbench import Workbench
+
+_BESIDE_A_RECORD = ("slices", "angular", "pictures")  # files that a run keeps and a score does not
+
+
+def open(name: str | Path, **data: Any) -> BTF:
+    """The BTF of a built-in material (`neubtf-bench list materials`) or of a path.
+
+    `data` are the `[data]` settings of a suite: `size`, `views`, `lights`, `heldout`, `directions` of what is rendered,
+    `pairs` and `repair` of what was measured. `InputError` says what cannot be opened, and why.
+    """
+    changes = {
+        f"data.{key}": str(value).lower() if isinstance(value, bool) else str(value) for key, value in data.items()
+    }
+    return open_named(str(name), changes)
+
+
+def encode(
+    btf: BTF,
+    codec: str | Codec,
+    out: str | Path,
+    *,
+    seed: int = 0,
+    threads: int = 1,
+    device: str = "cpu",
+    show: Progress = silent,
+    **settings: Any,
+) -> container.Header:
+    """Fit a codec to the training pairs of a BTF and write its file; what the file says of itself.
+
+    `codec` is a name, with its `settings`, or a codec. `show(label, done, total)` follows the fit.
+    """
+    if isinstance(codec, Codec) and settings:
+        raise InputError(f"encode: codec {codec.name} has its settings already: give {min(settings)} where it is made")
+    made = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
+    fit = Fit(torch.device(device), threads, seed, show)
+    with timing.torch_threads(threads):
+        parts = made.encode(btf.subset(btf.split().train), fit)
+    return container.save(Path(out), made, parts)
+
+
+def load(file: str | Path, device: str = "cpu") -> Material:
+    """The material that a codec file holds. `ContainerError` says what is wrong with the file."""
+    return container.load(Path(file), device)[1]
+
+
+def score(
+    file: str | Path,
+    btf: BTF,
+    *,
+    demand: str | Path | None = None,
+    threads: int = 1,
+    device: str = "cpu",
+    show: Progress = silent,
+) -> Record:
+    """Decode a codec file and score it against its BTF, as a run does; the numbers of a job's record.
+
+    `scores` holds every metric over groups of pairs (`heldout`, `train`, `all`, …), `footprints` the PSNR of answers
+    over several texels, `bytes`, `parameters` and `cost` what the file takes. `demand` is the file of a scene to judge
+    by too. Raises `ContainerError` for the file, `InputError` where the BTF has another resolution.
+    """
+    header = container.read_header(Path(file))
+    size = container.load(header.path, device)[1].size
+    if size != btf.shape:
+        decoded, wanted = (" × ".join(map(str, sides)) for sides in (size, btf.shape))
+        raise InputError(
+            f"{file}: decodes to {decoded} texels, and {btf.name} has {wanted}: open the BTF as it was encoded"
+        )
+    bench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
+    found = evaluate(bench, header, device, threads, lambda name, content: name, show)
+    for name in _BESIDE_A_RECORD:
+        found.pop(name)
+    return {"codec": header.codec, "score_key": score_key(bench, header)} | found
