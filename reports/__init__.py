@@ -48,6 +48,7 @@ def table_text(run_folder: str | Path, format: str = "text", kind: str | None = 
     from reports.latex import latex
     from reports.raw import csv_text
     from reports.tables import all_tables
+    from reports.terminal import terminal
 
     writers: dict[str, Callable[..., str]] = {"markdown": text.markdown, "latex": latex, "text": text.plain}
     if format not in (*writers, "csv") or kind not in (None, *KINDS):
@@ -56,7 +57,7 @@ def table_text(run_folder: str | Path, format: str = "text", kind: str | None = 
     if format == "csv":
         return trade.csv_text(run.folder) if kind == "trade" else csv_text(run)
     if format == "text" and kind is None:
-        return text.terminal(run)
+        return terminal(run)
     tables = all_tables(run, narrow=format == "latex")
     return writers[format]([table for table in tables if kind in (None, table.kind)])
 
@@ -76,11 +77,11 @@ def parameters_text(jobs: Sequence["Record"], format: str = "text") -> str:
 def score_text(record: "Record") -> str:
     """The tables of one codec file that was scored outside a run: bytes and quality, and where the error lies."""
     from bench.records import Records, Run
-    from reports import text
+    from reports.terminal import scored
 
     jobs = Records()
     jobs.put(record["job"], record)
-    return text.scored(Run(Path(), jobs=jobs))
+    return scored(Run(Path(), jobs=jobs))
 
 
 def stress_text(records: Sequence["Record"], format: str = "text") -> str:

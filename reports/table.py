@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+BOLD, UNDERLINED = "bold", "underlined"  # how a cell is marked, where a format can
+
 
 @dataclass(frozen=True)
 class Table:
@@ -15,3 +17,4 @@ class Table:
     words: int = 1  # how many columns, from the left, hold words
     material: str = ""  # where the table is of one
     fold: int = 22  # the width at which a terminal folds the first column, where that alone holds words
+    marks: dict[tuple[int, int], str] = field(default_factory=dict)  # by row and column: `BOLD` or `UNDERLINED`

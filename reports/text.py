@@ -1,55 +1,15 @@
-"""Tables as plain text, GitHub Markdown and LaTeX."""
+"""Tables as plain text and as GitHub Markdown."""
 
 import re
 import textwrap
 import unicodedata
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 from tabulate import tabulate
 
-from bench.records import Run
-from reports import columns
-from reports.notes import run_notes
-from reports.rows import Material, materials
-from reports.stress import summary
-from reports.table import Table
-from reports.tables import main_table, rate_tables, scene_table, unfinished_table
+from reports.table import BOLD, UNDERLINED, Table
 
 WIDTH = 120
-
-
-def terminal(run: Run) -> str:
-    """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
-    tables = []
-    for material in materials(run):
-        tables += [main_table(material, columns.SHORT), _detail(material), scene_table(material)]
-    shown = [table for table in (*tables, *rate_tables(run), unfinished_table(run)) if table]
-    main = [table.notes for table in shown if table.kind == "main"]
-    shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []
-    shown = [replace(table, notes=[note for note in table.notes if note not in shared]) for table in shown]
-    nothing = [] if main else ["Nothing was measured in this run."]
-    notes = [note for note in (*shared, summary(run), *run_notes(run)) if note]
-    return "\n\n".join([*nothing, *map(_plain, shown), "\n".join(map(_wrapped, notes))]).rstrip()
-
-
-def scored(run: Run) -> str:
-    """The same of files that were scored outside a run, which nobody fitted or timed."""
-    tables = []
-    for material in materials(run):
-        tables += [main_table(material, columns.SCORED), _detail(material), scene_table(material)]
-    return "\n\n".join(_plain(table) for table in tables if table)
-
-
-def _detail(material: Material) -> Table | None:
-    """One table in place of three: bands of directions and footprints."""
-    if material.first is None:
-        return None
-    job = material.first
-    chosen = [columns.PER_SLICE, *columns.bands(job)[1:], columns.RELATIVE_ERROR, *columns.footprints(job)[1:]]
-    table = main_table(material, chosen)
-    note = "dB: display PSNR, by direction (so many slices) and by footprint. RMSE: of radiance, against its mean."
-    return table and replace(table, kind="detail", title=f"{material.name}: where the error lies", notes=[note])
 
 
 def plain(tables: Sequence[Table]) -> str:
@@ -65,7 +25,7 @@ def _plain(table: Table) -> str:
     widths = [max(map(_width, column)) for column in zip(*lines, *body, strict=True)]
     rule = ["-" * width for width in widths]
     text = [_line(cells, widths, table.words) for cells in (*lines, rule, *body)]
-    return "\n".join([table.title, "", *text, *map(_wrapped, table.notes)])
+    return "\n".join([table.title, "", *text, *map(wrapped, table.notes)])
 
 
 def _line(cells: Sequence[str], widths: list[int], words: int) -> str:
@@ -94,7 +54,8 @@ def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
         yield tuple(lines[i] if i < len(lines) else "" for lines in cells)
 
 
-def _wrapped(note: str) -> str:
+def wrapped(note: str) -> str:
+    """A note folded to the width of a terminal."""
     return textwrap.fill(note, WIDTH, subsequent_indent="  ")
 
 
@@ -104,14 +65,22 @@ def markdown(tables: Sequence[Table]) -> str:
 
 
 def _markdown(table: Table) -> str:
-    headers = [_escaped(f"{name} {unit}") for name, unit in table.headers]
-    rows = [[_escaped(cell) for cell in row] for row in table.rows]
-    text = tabulate(rows, headers, "pipe", colalign=_alignment(table), disable_numparse=True)
-    return "\n\n".join([f"### {_escaped(table.title)}", text, *map(_escaped, table.notes)])
+    return "\n\n".join([f"### {escaped(table.title)}", grid(table), *map(escaped, table.notes)])
 
 
-def _escaped(text: str) -> str:
-    """Text that Markdown shows as it stands."""
+def grid(table: Table) -> str:
+    """The cells of a table as GitHub Markdown, without title and notes."""
+    headers = [escaped(f"{name} {unit}") for name, unit in table.headers]
+    rows = [[_marked(cell, table.marks.get((i, j))) for j, cell in enumerate(row)] for i, row in enumerate(table.rows)]
+    return tabulate(rows, headers, "pipe", colalign=_alignment(table), disable_numparse=True)
+
+
+def _marked(cell: str, mark: str | None) -> str:
+    return {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>"}.get(mark or "", "{}").format(escaped(cell))
+
+
+def escaped(text: str) -> str:
+    """Text that Markdown shows as it stands, on one line."""
     return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", " ".join(text.split()))
 
 

@@ -9,7 +9,8 @@ from reports.latex import latex
 from reports.page import page
 from reports.raw import csv_text
 from reports.tables import all_tables
-from reports.text import markdown, terminal
+from reports.terminal import terminal
+from reports.text import markdown
 
 
 def write(folder: Path) -> Written:

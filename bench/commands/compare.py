@@ -22,8 +22,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.compare import compare
-    from bench.compare.terminal import terminal
     from bench.records import load_run
+    from reports.comparison import markdown, terminal
 
     new = load_run(options.new)
     found = compare(load_run(options.base), new, options.material, options.codec)
@@ -33,8 +33,6 @@ def run(options: argparse.Namespace) -> int:
 
         print(annotations(found))
     if options.markdown:
-        from bench.compare.markdown import markdown
-
         _write(options.markdown, markdown(found))
     if options.junit:
         from bench.compare.junit import junit

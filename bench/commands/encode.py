@@ -86,6 +86,7 @@ def _to_scene(options: argparse.Namespace, codec: "Codec", btf: "BTF", asked: "D
     from bench.demand import fitting
     from bench.demand.judge import Judge, table_of
     from bench.runs.suite import UNIFORM
+    from reports.scene_models import scene_models_text
 
     judge = Judge(table_of(btf), asked, console.show)
     uniform = UNIFORM if options.uniform is None else options.uniform
@@ -100,7 +101,7 @@ def _to_scene(options: argparse.Namespace, codec: "Codec", btf: "BTF", asked: "D
             uniform,
         )
         found = search.run(None if wanted == fitting.Goal() else wanted)
-        console.say(fitting.table(fitting.rows(found, judge, options.threads)))
+        console.say(scene_models_text(fitting.rows(found, judge, options.threads)))
         atomic.write(options.out, found.chosen.header.path.read_bytes())
     console.say(_verdict(found))
     return FINE if found.met else NO

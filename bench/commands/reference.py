@@ -58,6 +58,6 @@ def _committed(folder: str, starts: Sequence[dict[str, Any]]) -> Path:
 
 def _changes(before: Run, after: Run) -> str:
     from bench.compare import compare
-    from bench.compare.terminal import terminal
+    from reports.comparison import terminal
 
     return terminal(compare(before, after))

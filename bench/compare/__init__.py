@@ -17,6 +17,15 @@ from bench.records import Record, Run
 from bench.suggest import did_you_mean
 
 _NEEDED = ("fit_key", "score_key", "metrics", "scores", "bytes", "parameters", "seed")
+_WORDS = {
+    Verdict.FAILED: "failed",
+    Verdict.GONE: "gone",
+    Verdict.WORSE: "worse",
+    Verdict.UNLIKE: "not comparable",
+    Verdict.BETTER: "better",
+    Verdict.SAME: "same",
+    Verdict.NEW: "new",
+}
 REGRESSIONS = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED)
 
 
@@ -30,6 +39,12 @@ class Comparison:
     def having(self, *verdicts: Verdict) -> list[Row]:
         """The rows with one of these verdicts."""
         return [row for row in self.rows if row.verdict in verdicts]
+
+    @property
+    def summary(self) -> str:
+        """One line: how many rows, and what became of them."""
+        counted = [(len(self.having(verdict)), word) for verdict, word in _WORDS.items()]
+        return f"{len(self.rows)} rows: " + (", ".join(f"{n} {word}" for n, word in counted if n) or "nothing there")
 
     @property
     def exit_code(self) -> int:

@@ -4,7 +4,6 @@ GitHub shows ten errors and ten warnings of a step: each row is one line, and th
 """
 
 from bench.compare import REGRESSIONS, Comparison
-from bench.compare.terminal import advised
 from bench.compare.verdicts import Verdict
 
 SHOWN = 10  # of a kind and step
@@ -14,7 +13,7 @@ def annotations(comparison: Comparison) -> str:
     """One command a line: an error for each regression, a warning for what is not comparable or decodes otherwise."""
     errors = [(row.name, "; ".join(row.reasons())) for row in comparison.having(*REGRESSIONS)]
     warnings = [(row.name, "; ".join(row.reasons())) for row in comparison.having(Verdict.UNLIKE)]
-    warnings += [(row.name, advised(row)) for row in comparison.rows if advised(row)]
+    warnings += [(row.name, row.advice) for row in comparison.rows if row.advice]
     lines = [command("error", *finding) for finding in _few(errors)]
     return "\n".join(lines + [command("warning", *finding) for finding in _few(warnings)])
 

@@ -28,6 +28,14 @@ class Row:
     def name(self) -> str:
         return f"{self.material}/{self.label}"
 
+    @property
+    def advice(self) -> str:
+        """A change of decoding time that is worth a look, in words; "" where there is none."""
+        if not self.timing or not self.timing.words:
+            return ""
+        times = f"{self.timing.base:.2f} → {self.timing.new:.2f} × mean-colour"
+        return f"decodes {self.timing.words}, {times} (times advise only)"
+
     def reasons(self) -> list[str]:
         """Each thing that keeps this row from being the same as before, in words."""
         found = [self.why] if self.why else []

@@ -246,20 +246,3 @@ def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, 
     size = next(iter(models.values())).material.size
     found = timing.in_turns(calls, len(order), size, threads, device)
     return {name: float(found[name].summary()["ns_per_sample"]) for name in models}
-
-
-def table(rows: list[dict[str, Any]]) -> str:
-    """The rows for a terminal, gain and price side by side."""
-    lines = [("model", "bytes", "ns/sample", "fit steps", "fit s", "scene PSNR", "scene FLIP", "PSNR outside")]
-    for row in rows:
-        cost = (f"{row['bytes']:,}", f"{row['ns']:.0f}", f"{row['steps']:,}", f"{row['seconds']:.1f}")
-        lines.append(
-            (row["model"], *cost, _number(row["psnr"], 2), _number(row["flip"], 4), _number(row["outside"], 2))
-        )
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
-
-
-def _number(value: float | None, digits: int) -> str:
-    """A number as it is shown; None is one without error, or of nothing."""
-    return "-" if value is None else f"{value:.{digits}f}"

@@ -1,6 +1,6 @@
 from bench.records import load_run
 from reports import table_text
-from reports.text import terminal
+from reports.terminal import terminal
 
 LONG = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
 

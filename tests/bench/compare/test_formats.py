@@ -7,9 +7,8 @@ from junitparser import Error, Failure, JUnitXml, Skipped
 from bench.compare import compare
 from bench.compare.annotations import annotations, command
 from bench.compare.junit import junit
-from bench.compare.markdown import markdown
-from bench.compare.terminal import terminal
 from bench.compare.tracker import FILES, tracker
+from reports.comparison import markdown, terminal
 
 AWKWARD = 'my|codec <b>a</b> channels=7 name="π, 50 %: x" [1](2) and some more words'
 

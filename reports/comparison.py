@@ -1,0 +1,171 @@
+"""A comparison of two runs as tables: for a terminal of 120 columns, and as GitHub Markdown."""
+
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+
+from bench.compare import Comparison
+from bench.compare.quantities import Quantity
+from bench.compare.rows import Row
+from bench.compare.verdicts import Change, Verdict
+from reports.numbers import NONE, NOT_COMPARABLE
+from reports.table import BOLD, Table
+from reports.text import WIDTH, escaped, grid, plain
+
+_MARKS = {
+    Verdict.FAILED: "❌ failed",
+    Verdict.GONE: "❌ gone",
+    Verdict.WORSE: "❌ worse",
+    Verdict.UNLIKE: "➖ not comparable",
+    Verdict.BETTER: "✅ better",
+    Verdict.SAME: "✅ same",
+    Verdict.NEW: "🆕 new",
+}
+_LEGEND = (
+    "Means over the seeds that both have; PSNR and FLIP of held-out pairs. A change within its margin is the "
+    "same: a small tolerance where seeds agree, else at least three standard deviations of the difference."
+)
+_UNLIKE = "n/c: not comparable, and no regression; a new reference makes it comparable again."
+
+
+def terminal(comparison: Comparison) -> str:
+    """The whole of it: what decides, everything else, what to look at, and the sum; without a trailing line break."""
+    tables = []
+    for material in dict.fromkeys(row.material for row in comparison.rows):
+        rows = [row for row in comparison.rows if row.material == material]
+        tables += [_deciding(material, rows), *_others(material, rows)]
+    findings = [_wrapped(f"{_word(row):<7} {row.name}: {text}") for row in comparison.rows for text in _reasons(row)]
+    findings += [_wrapped(f"advice  {row.name}: {row.advice}") for row in comparison.rows if row.advice]
+    legend = [_LEGEND] if any(row.deciding for row in comparison.rows) else []
+    legend += [_UNLIKE] if comparison.having(Verdict.UNLIKE) else []
+    legend += [note[:1].upper() + note[1:] + "." for note in comparison.notes]
+    blocks = [plain(tables), "\n".join(findings), "\n".join(map(_wrapped, legend)), comparison.summary]
+    return "\n\n".join(block for block in blocks if block)
+
+
+def markdown(comparison: Comparison) -> str:
+    """The sum, what to look at, the table of verdicts, and everything else folded away."""
+    blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(_findings(comparison))]
+    if comparison.rows:
+        verdicts = [_MARKS[row.verdict] for row in comparison.rows]
+        blocks.append(grid(_combined(comparison.rows, _decide, "verdict", verdicts)))
+    if rows := [row for row in comparison.rows if row.shown]:
+        rest = grid(_combined(rows, _show, "time, × mean-colour", list(map(_time, rows))))
+        blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
+    blocks += [escaped(note) for note in comparison.notes]
+    return "\n\n".join(block for block in blocks if block) + "\n"
+
+
+def _decide(row: Row) -> list[Change]:
+    return row.deciding
+
+
+def _show(row: Row) -> list[Change]:
+    return row.shown
+
+
+def _word(row: Row) -> str:
+    return NOT_COMPARABLE if row.verdict == Verdict.UNLIKE else row.verdict
+
+
+def _reasons(row: Row) -> list[str]:
+    return [*(row.reasons() if row.verdict not in (Verdict.SAME, Verdict.NEW) else []), *row.notes]
+
+
+def _findings(comparison: Comparison) -> Iterator[str]:
+    for row in comparison.rows:
+        reasons = row.reasons() if row.verdict not in (Verdict.SAME, Verdict.NEW) else []
+        findings = [(_MARKS[row.verdict], text) for text in reasons] + [("ℹ️ note", text) for text in row.notes]
+        findings += [("⏱️ advice", row.advice)] if row.advice else []
+        yield from (f"- {mark}: **{escaped(row.name)}**: {escaped(text)}" for mark, text in findings)
+
+
+def _deciding(material: str, rows: Sequence[Row]) -> Table:
+    """What the verdicts are made of; change and margin of a metric in columns of their own."""
+    quantities = _quantities(rows, _decide)
+    headers = [("codec", "")]
+    for quantity in quantities:
+        headers.append((quantity.name, quantity.scale))
+        headers += [("change", ""), ("margin", "±")] if quantity.metric else []
+    cells = [
+        [row.label, *(cell for q in quantities for cell in _cells(q, _find(row.deciding, q))), _word(row)]
+        for row in rows
+    ]
+    return Table("compare", material, [*headers, ("verdict", "")], cells)
+
+
+def _cells(quantity: Quantity, change: Change | None) -> list[str]:
+    if change is None:
+        return [NONE, "", ""] if quantity.metric else [NONE]
+    value = quantity.written(change.new)
+    if change.verdict == Verdict.UNLIKE:
+        return [value, NOT_COMPARABLE, ""] if quantity.metric else [f"{value} ({NOT_COMPARABLE})"]
+    text = quantity.difference(change.difference or 0.0)
+    if not quantity.metric:
+        return [value if text == "=" else f"{value} ({text})"]
+    return [value, text, quantity.written(change.margin)]
+
+
+def _others(material: str, rows: Sequence[Row]) -> list[Table]:
+    """What is only shown: changes, new − base, of what changed, and times; no table where there is nothing of it."""
+    rows = [row for row in rows if row.shown]
+    quantities = [q for q in _quantities(rows, _show) if any(_changed(row, q) for row in rows)]
+    if not quantities and not any(row.timing for row in rows):
+        return []
+    headers = [("change of", ""), *((q.name.replace("_", " "), q.scale) for q in quantities)]
+    cells = []
+    for row in rows:
+        found = [_find(row.shown, quantity) for quantity in quantities]
+        line = [c.quantity.difference(c.difference) if c and c.difference is not None else NONE for c in found]
+        cells.append([row.label, *line, _time(row)])
+    title = f"{material}: everything else"
+    return [Table("compare", title, [*headers, ("time", "× mean-colour")], cells)]
+
+
+def _combined(rows: Sequence[Row], of: Callable[[Row], list[Change]], name: str, last: list[str]) -> Table:
+    """Value, change and margin of each quantity in one cell, bold where it decides against or for the row."""
+    quantities, cells = _quantities(rows, of), []
+    marks: dict[tuple[int, int], str] = {}
+    for i, row in enumerate(rows):
+        found = [_find(of(row), quantity) for quantity in quantities]
+        cells.append([row.material, row.label, *map(_cell, found), last[i]])
+        decided = (Verdict.WORSE, Verdict.BETTER)
+        marks |= {(i, j): BOLD for j, change in enumerate(found, 2) if change and change.verdict in decided}
+    headers = [(f"{q.name.replace('_', ' ')}{',' if q.unit else ''}", q.scale) for q in quantities]
+    return Table("compare", "", [("material", ""), ("codec", ""), *headers, (name, "")], cells, words=2, marks=marks)
+
+
+def _cell(change: Change | None) -> str:
+    if change is None:
+        return NONE
+    quantity, text = change.quantity, change.quantity.written(change.new)
+    if change.verdict == Verdict.UNLIKE:
+        return f"{text} (not comparable)"
+    difference = quantity.difference(change.difference or 0.0)
+    text += f" ({difference})" * (difference != "=")
+    return text + (f", ± {quantity.written(change.margin)}" if change.margin else "")
+
+
+def _changed(row: Row, quantity: Quantity) -> bool:
+    change = _find(row.shown, quantity)
+    return change is not None and (change.difference is None or quantity.difference(change.difference) != "=")
+
+
+def _time(row: Row) -> str:
+    return f"{row.timing.base:.2f} → {row.timing.new:.2f}" if row.timing else NONE
+
+
+def _quantities(rows: Sequence[Row], of: Callable[[Row], list[Change]]) -> list[Quantity]:
+    """The quantities of some rows, one of each name, in the order of first appearance."""
+    found: dict[str, Quantity] = {}
+    for row in rows:
+        for change in of(row):
+            found.setdefault(change.quantity.name, change.quantity)
+    return list(found.values())
+
+
+def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:
+    return next((change for change in changes if change.quantity.name == quantity.name), None)
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)

@@ -1,0 +1,45 @@
+"""A run for a terminal of 120 columns: the main tables in short, where the error lies, what failed."""
+
+from dataclasses import replace
+
+from bench.records import Run
+from reports import columns
+from reports.notes import run_notes
+from reports.rows import Material, materials
+from reports.stress import summary
+from reports.table import Table
+from reports.tables import main_table, rate_tables, scene_table, unfinished_table
+from reports.text import plain, wrapped
+
+
+def terminal(run: Run) -> str:
+    """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
+    tables = []
+    for material in materials(run):
+        tables += [main_table(material, columns.SHORT), _detail(material), scene_table(material)]
+    shown = [table for table in (*tables, *rate_tables(run), unfinished_table(run)) if table]
+    main = [table.notes for table in shown if table.kind == "main"]
+    shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []
+    shown = [replace(table, notes=[note for note in table.notes if note not in shared]) for table in shown]
+    nothing = [] if main else ["Nothing was measured in this run."]
+    notes = [note for note in (*shared, summary(run), *run_notes(run)) if note]
+    return "\n\n".join([*nothing, *([plain(shown)] if shown else []), "\n".join(map(wrapped, notes))]).rstrip()
+
+
+def scored(run: Run) -> str:
+    """The same of files that were scored outside a run, which nobody fitted or timed."""
+    tables = []
+    for material in materials(run):
+        tables += [main_table(material, columns.SCORED), _detail(material), scene_table(material)]
+    return plain([table for table in tables if table])
+
+
+def _detail(material: Material) -> Table | None:
+    """One table in place of three: bands of directions and footprints."""
+    if material.first is None:
+        return None
+    job = material.first
+    chosen = [columns.PER_SLICE, *columns.bands(job)[1:], columns.RELATIVE_ERROR, *columns.footprints(job)[1:]]
+    table = main_table(material, chosen)
+    note = "dB: display PSNR, by direction (so many slices) and by footprint. RMSE: of radiance, against its mean."
+    return table and replace(table, kind="detail", title=f"{material.name}: where the error lies", notes=[note])

@@ -1,0 +1,42 @@
+"""Compute, record, render are three places: who may import reports, and what reports may import."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HEAVY = {"torch", "baselines", "neubtf", "scipy", "sklearn", "skimage"}
+
+
+def imported(path):
+    """The modules that a file imports anywhere, also inside functions."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+def files(*folders):
+    return [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+@pytest.mark.parametrize("folder", ["bench", "baselines", "neubtf"])
+def test_only_commands_import_reports(folder):
+    found = [path for path in files(folder) if any(name.split(".")[0] == "reports" for name in imported(path))]
+    assert {path.parent.name for path in found} <= {"commands"}
+
+
+def test_reports_import_neither_codecs_nor_what_computes():
+    allowed = {"bench.compare", "bench.errors", "bench.fields", "bench.metrics", "bench.records"}
+    for path in files("reports"):
+        for name in imported(path):
+            assert name.split(".")[0] not in HEAVY, path
+            assert not name.startswith("bench") or any(name == a or name.startswith(f"{a}.") for a in allowed), path
+
+
+def test_no_table_is_drawn_where_numbers_are_computed():
+    for path in files("bench"):
+        if path.parent.name != "commands":
+            assert "tabulate" not in set(imported(path)), path
