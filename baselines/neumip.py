@@ -20,6 +20,7 @@ from bench.errors import InputError
 from bench.material import DecoderCost, Material, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.quantise import Precision, WeightPrecision, pack, unpack
+from bench.settings import Count, Natural, Positive
 from bench.training import Batch, Objective, Samples, gain_of, train
 
 WIDTHS = (25, 25, 25)
@@ -44,10 +45,10 @@ class NeuMIP(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        steps: int = 10_000  # of the fit
-        batch: int = 4_096  # samples a step
-        rate: float = 1e-2  # highest learning rate
-        channels: int = 7  # of the pyramid, and of the offset texture
+        steps: Natural = 10_000  # of the fit
+        batch: Count = 4_096  # samples a step
+        rate: Positive = 1e-2  # highest learning rate
+        channels: Count = 7  # of the pyramid, and of the offset texture
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = False  # blur the textures at first, less and less, as the authors do
@@ -56,8 +57,6 @@ class NeuMIP(Codec):
         weights: WeightPrecision = "half"  # of the stored networks
 
         def __post_init__(self) -> None:
-            if self.channels < 1:
-                raise InputError(f"codec neumip needs at least one channel, not {self.channels}")
             if self.outputs not in (3, 6):
                 raise InputError(f"codec neumip has 3 or 6 outputs, not {self.outputs}")
 

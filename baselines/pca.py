@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -13,10 +13,10 @@ from baselines.svd import Factors, truncated_svd
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
-from bench.errors import InputError
 from bench.material import DecoderCost, Material, at_least_float32, sample_texture, saturated, to_radiance
 from bench.metrics.scoring import exposure
 from bench.quantise import half_scale
+from bench.settings import Count, Range
 
 BLOCK_BYTES = 16 << 20  # slices read together: many enough for fast products, few enough for the cache
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
@@ -30,14 +30,10 @@ class PCA(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        components: int = 16  # eigen-ABRDFs; fewer where the data have a lower rank
+        components: Count = 16  # eigen-ABRDFs; fewer where the data have a lower rank
         domain: Literal["log", "rgb"] = "log"  # what is decomposed: log1p(8 · exposure · x) or x itself
         precision: Literal["float32", "half", "int8"] = "half"  # coefficients; the basis is half, or float32 with them
-        passes: int = 4  # times the data are read (once where they are small); a flat spectrum wants more
-
-        def __post_init__(self) -> None:
-            if self.components < 1 or self.passes < 2:
-                raise InputError("codec pca needs components ≥ 1 and passes ≥ 2")
+        passes: Annotated[int, Range(2)] = 4  # over the data, one where they are small; flat spectra want more
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = LOG_GAIN * exposure(btf, fit.seed) if self.settings.domain == "log" else 1.0

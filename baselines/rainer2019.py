@@ -15,9 +15,9 @@ from baselines.rainer import Activation, Autoencoder, Encoder, RainerMaterial, a
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.decoder import Decoder, load_vector, to_vector
-from bench.errors import InputError
 from bench.material import Material
 from bench.quantise import Precision, WeightPrecision, pack, unpack
+from bench.settings import Count, Natural, Positive
 from bench.training import Batch, Loss, Samples, gain_of, train
 
 
@@ -29,19 +29,15 @@ class Rainer2019(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        steps: int = 10_000  # of the fit
-        texels: int = 64  # ABRDFs encoded in a step
-        pairs: int = 32  # pairs decoded of each of them
-        rate: float = 3e-3  # highest learning rate
+        steps: Natural = 10_000  # of the fit
+        texels: Count = 64  # ABRDFs encoded in a step
+        pairs: Count = 32  # pairs decoded of each of them
+        rate: Positive = 3e-3  # highest learning rate
         loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
-        latents: int = 8  # channels that the encoder makes
+        latents: Count = 8  # channels that the encoder makes
         activation: Activation = "leaky-relu"  # of the decoder's hidden layers
         precision: Precision = "int8"  # of the stored latents, means and deviations
         weights: WeightPrecision = "half"  # of the stored decoder
-
-        def __post_init__(self) -> None:
-            if min(self.texels, self.pairs, self.latents) < 1:
-                raise InputError("codec rainer2019 needs texels, pairs and latents of at least 1")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)

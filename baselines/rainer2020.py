@@ -30,10 +30,10 @@ from bench.codec import Codec, Fit, Parts, SharedNetwork
 from bench.codecs.shared import Shared
 from bench.decoder import Decoder, load_vector, to_vector
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
-from bench.errors import InputError
 from bench.hemisphere import thin, ubo2003
 from bench.material import Material
 from bench.quantise import Precision, WeightPrecision, pack, unpack
+from bench.settings import Count, Natural, Positive
 from bench.training import Batch, Loss, Samples, gain_of, train
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
@@ -49,19 +49,15 @@ class Rainer2020Network(SharedNetwork):
 
     @dataclass(frozen=True)
     class Settings:
-        steps: int = 40_000  # of the training
-        texels: int = 64  # ABRDFs encoded in a step
-        pairs: int = 32  # pairs decoded of each of them
-        kept: int = 512  # ABRDFs of each material that are trained on
-        rate: float = 3e-3  # highest learning rate
+        steps: Natural = 40_000  # of the training
+        texels: Count = 64  # ABRDFs encoded in a step
+        pairs: Count = 32  # pairs decoded of each of them
+        kept: Count = 512  # ABRDFs of each material that are trained on
+        rate: Positive = 3e-3  # highest learning rate
         loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
-        latents: int = 32  # channels that the encoder makes
+        latents: Count = 32  # channels that the encoder makes
         activation: Activation = "leaky-relu"  # of the decoder's hidden layers
         weights: WeightPrecision = "half"  # of the stored networks
-
-        def __post_init__(self) -> None:
-            if min(self.texels, self.pairs, self.kept, self.latents) < 1:
-                raise InputError("the network of codec rainer2020 needs texels, pairs, kept and latents of at least 1")
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         canonical = canonical_pairs()

@@ -7,6 +7,7 @@ compression based on multi-level vector quantization", Computer Graphics Forum 2
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -17,8 +18,8 @@ from baselines.svd import truncated_svd
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
-from bench.errors import InputError
 from bench.material import DecoderCost, Material, texel_corners, to_radiance
+from bench.settings import Count, Range
 from bench.training import gain_of
 
 BLOCK_BYTES = 64 << 20  # slices read together
@@ -35,13 +36,9 @@ class VQ(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        codes: int = 32  # entries of the codebook of each stage; fewer where fewer texels differ
-        stages: int = 1  # each further one codes what those before leave
-        components: int = 16  # principal components that the clustering sees
-
-        def __post_init__(self) -> None:
-            if not 1 <= self.codes <= MOST_CODES or min(self.stages, self.components) < 1:
-                raise InputError(f"codec vq needs stages and components ≥ 1, and codes from 1 to {MOST_CODES}")
+        codes: Annotated[int, Range(1, MOST_CODES)] = 32  # entries of a stage's codebook, at most the distinct texels
+        stages: Count = 1  # each further one codes what those before leave
+        components: Count = 16  # principal components that the clustering sees
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)

@@ -18,13 +18,18 @@ SUFFIX = ".partial"
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary name beside `path` to write to; it takes the place of `path` when the block ends without an error.
 
-    The name is random, so that processes of several machines can write the same file, each whole.
+    The name is random, so that processes of several machines can write the same file, each whole. An `OSError` of the
+    temporary name, or of no name, as that of a full disk, tells `path`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(secrets.token_hex(8) + SUFFIX)
     try:
         yield partial
         os.replace(partial, path)
+    except OSError as error:
+        if error.filename in (None, str(partial)):
+            error.filename, error.filename2 = str(path), None
+        raise
     finally:
         partial.unlink(missing_ok=True)
 

@@ -2,13 +2,30 @@
 
 import argparse
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import textwrap
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
+import bench
 from bench import commands
 from bench.codecs.registry import first_line
-from bench.errors import InputError
+from bench.errors import InputError, unwritable
 from bench.exits import FINE, INTERNAL, INTERRUPTED, USAGE
+from bench.suggest import did_you_mean
+
+WIDTH = 100  # columns of a help text at most
+EXAMPLES = "\n\nexamples:\n"  # what follows in a command's docstring is shown as it stands
+EVERYDAY = """examples:
+  neubtf-bench run quick                                 every codec on two materials, in minutes
+  neubtf-bench run quick --material PATH --codec pca     one codec on a measured BTF
+  neubtf-bench encode satin --codec pca -o satin.nbtf    one file
+  neubtf-bench score satin.nbtf satin                    its bytes and quality
+  neubtf-bench list codecs pca                           the settings of a codec
+  neubtf-bench COMMAND --help                            options of a command, with examples
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -18,9 +35,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        options = _parser(words[:1]).parse_args(words)
-        code: int = options.command(options)
-        return code
+        with _terminated_as_interrupted():
+            options = parser(words[:1]).parse_args(words)
+            code: int = options.command(options)
+            return code
     except InputError as error:
         print(f"neubtf-bench: {error}", file=sys.stderr)
         return USAGE
@@ -30,7 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return FINE
-    except Exception:
+    except Exception as error:
+        if isinstance(error, OSError) and (why := unwritable(error)):
+            print(f"neubtf-bench: {why}", file=sys.stderr)
+            return USAGE
         import traceback
 
         traceback.print_exc()
@@ -38,25 +59,61 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERNAL
 
 
-def _parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser of the command that is wanted; of the others their names, so that none of them is imported."""
-    parser = argparse.ArgumentParser(
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Treat SIGTERM, which schedulers send, as Ctrl-C: what is finished is kept."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser of the command that is wanted; of the others their names, so that none of them is imported.
+
+    `InputError` where there is no such command.
+    """
+    made = argparse.ArgumentParser(
         prog="neubtf-bench",
         description="Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample.",
+        epilog=EVERYDAY,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    made.add_argument("--version", action="version", version=f"neubtf-bench {bench.__version__}")
     known = commands.modules()
-    listing = parser.add_subparsers(required=True, metavar="COMMAND")
+    if wanted and not wanted[0].startswith("-") and wanted[0] not in known:
+        raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
+    listing = made.add_subparsers(required=True, metavar="COMMAND")
     for name in known:
         module = known[name]
         if name in wanted:
-            loaded = commands.load(module)
-            text = (loaded.__doc__ or "").split("\n")[0]
-            command = listing.add_parser(name, help=text, description=loaded.__doc__)
-            loaded.arguments(command)
-            command.set_defaults(command=loaded.run)
+            _add(listing, name, module)
         else:
             listing.add_parser(name, help="" if wanted and wanted[0] in known else first_line(module))
-    return parser
+    return made
+
+
+def _add(listing: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, module: str) -> None:
+    """Import a command; its docstring is its help: paragraphs that are filled, then examples as they stand."""
+    loaded = commands.load(module)
+    text, _, examples = (loaded.__doc__ or "").partition(EXAMPLES)
+    command = listing.add_parser(
+        name,
+        help=text.split("\n")[0],
+        description="\n\n".join(textwrap.fill(paragraph, WIDTH) for paragraph in text.split("\n\n")),
+        epilog=f"examples:\n{examples}" if examples else None,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    loaded.arguments(command)
+    command.set_defaults(command=loaded.run)
 
 
 if __name__ == "__main__":

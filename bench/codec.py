@@ -4,16 +4,15 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import torch
 from torch import Tensor
 
 from bench.btf import BTF
 from bench.codecs.zstd import ZSTD
-from bench.errors import InputError
 from bench.material import Material
-from bench.suggest import did_you_mean
+from bench.settings import Setting, convert, described, parse
 
 if TYPE_CHECKING:
     from bench.codecs.shared import Shared
@@ -22,6 +21,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 SCENE = "scene"
 COMMON = (ZSTD, SCENE)  # the settings of every codec, true or false
+COMMON_MEANINGS = {
+    ZSTD: "store each part compressed by Zstandard, without loss (extra neubtf-bench[zstd])",
+    SCENE: "fit to the demand of a scene instead of to the whole BTF (see docs/scenes.md)",
+}
 Progress = Callable[[str, int, int], None]  # label, done, total
 
 
@@ -90,7 +93,7 @@ class Configured:
     """What has a `name`, a `version` and `Settings`.
 
     `Settings` is a frozen dataclass of int, float, bool, str and `Literal` fields, each with a default and a comment
-    of one line.
+    of one line. The types of `bench.settings` say a range, too.
     """
 
     name: ClassVar[str]
@@ -106,9 +109,9 @@ class Configured:
         Two has every codec: `zstd`, its file is compressed by Zstandard, without loss, and `scene`, it is fitted to
         the demand of a scene instead of to the whole BTF.
         """
-        self.zstd: bool = _convert(self.name, ZSTD, bool, zstd)
-        self.scene: bool = _convert(self.name, SCENE, bool, scene)
-        self.settings: Any = parse_settings(self.name, self.Settings, settings)
+        self.zstd: bool = convert(self.name, ZSTD, bool, zstd)
+        self.scene: bool = convert(self.name, SCENE, bool, scene)
+        self.settings: Any = parse(self.name, self.Settings, settings)
 
 
 class SharedNetwork(Configured):
@@ -142,41 +145,6 @@ class Codec(Configured):
         raise NotImplementedError
 
 
-def parse_settings(codec: str, settings: type, values: dict[str, Any]) -> Any:
-    """A `Settings` object with some fields set, from Python values or strings.
-
-    `InputError` where a field is unknown (with the nearest name) or a value does not convert.
-    """
-    kinds = get_type_hints(settings)
-    for name in values:
-        if name not in kinds:
-            raise InputError(f"codec {codec} has no setting {name!r}{did_you_mean(name, kinds)}")
-    return settings(**{name: _convert(codec, name, kinds[name], value) for name, value in values.items()})
-
-
-_WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-
-
-def _convert(codec: str, name: str, kind: type, value: Any) -> Any:
-    choices = get_args(kind) if get_origin(kind) is Literal else ()
-    if choices:
-        if value not in choices:
-            wanted = " or ".join(map(repr, choices))
-            raise InputError(f"setting {name} of codec {codec} must be {wanted}, not {value!r}")
-        return value
-    try:
-        if isinstance(value, str) and kind is bool:
-            return _WORDS[value.lower()]
-        if isinstance(value, bool) != (kind is bool):
-            raise ValueError
-        if kind is int and int(value) != float(value):
-            raise ValueError
-        return kind(value)
-    except (KeyError, ValueError, TypeError):
-        wanted = {bool: "true or false", int: "a whole number", float: "a number"}.get(kind, kind.__name__)
-        raise InputError(f"setting {name} of codec {codec} must be {wanted}, not {value!r}") from None
-
-
 def settings_dict(codec: Configured) -> dict[str, Any]:
     """The settings of a codec as plain values, for files and records."""
     return dataclasses.asdict(codec.settings) | {name: True for name in COMMON if getattr(codec, name)}
@@ -185,3 +153,9 @@ def settings_dict(codec: Configured) -> dict[str, Any]:
 def setting_names(codec: type[Configured]) -> set[str]:
     """The names of the settings of a codec."""
     return {field.name for field in dataclasses.fields(codec.Settings)} | set(COMMON)
+
+
+def described_settings(codec: type[Configured]) -> list[Setting]:
+    """Every setting of a codec, its own first, then those that every codec has."""
+    common = [Setting(name, "false", "true or false", COMMON_MEANINGS[name]) for name in COMMON]
+    return described(codec.Settings) + common

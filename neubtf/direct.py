@@ -13,6 +13,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.decoder import Decoder
 from bench.material import Material
+from bench.settings import Count, Natural, Positive
 from bench.training import Batch, Loss, Objective, Samples, distance, gain_of, train
 from neubtf.renderer import RendererSettings, load, render, store
 
@@ -27,10 +28,10 @@ class NeuBTFDirect(Codec):
 
     @dataclass(frozen=True)
     class Settings(RendererSettings):
-        steps: int = 10_000  # of the fit
-        batch: int = 4_096  # samples a step
-        rate: float = 1e-2  # highest learning rate of the renderer
-        latent_rate: float = 1e-2  # highest learning rate of the neural texture
+        steps: Natural = 10_000  # of the fit
+        batch: Count = 4_096  # samples a step
+        rate: Positive = 1e-2  # highest learning rate of the renderer
+        latent_rate: Positive = 1e-2  # highest learning rate of the neural texture
         loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:

@@ -12,9 +12,9 @@ from torch import Tensor
 
 from bench.codec import Parts
 from bench.decoder import Architecture, Decoder, load_vector, to_vector
-from bench.errors import InputError
 from bench.material import DecoderCost, Material, to_radiance
 from bench.quantise import Precision, WeightPrecision, pack, unpack
+from bench.settings import Count, Positive
 
 DIRECTIONS = 4  # numbers of the two directions that the renderer sees
 
@@ -23,19 +23,15 @@ DIRECTIONS = 4  # numbers of the two directions that the renderer sees
 class RendererSettings:
     """What shapes a NeuBTF file, common to every codec that writes one."""
 
-    latents: int = 14  # channels of the neural texture
-    layers: int = 3  # hidden layers of the renderer
-    width: int = 32  # channels of each hidden layer
+    latents: Count = 14  # channels of the neural texture
+    layers: Count = 3  # hidden layers of the renderer
+    width: Count = 32  # channels of each hidden layer
     activation: Literal["sine", "relu"] = "sine"  # of the hidden layers
-    omega: float = 2.0  # frequency of the sine; without the layer norm SIREN's is 30
+    omega: Positive = 2.0  # frequency of the sine; without the layer norm SIREN's is 30
     norm: bool = True  # layer norm before each activation
     residual: bool = True  # residual connections between layers of equal width
     precision: Precision = "int8"  # of the stored neural texture
     weights: WeightPrecision = "half"  # of the stored renderer
-
-    def __post_init__(self) -> None:
-        if min(self.latents, self.layers, self.width) < 1 or self.omega <= 0:
-            raise InputError("NeuBTF needs latents, layers and width of at least 1 and omega > 0")
 
     @property
     def architecture(self) -> Architecture:

@@ -11,13 +11,14 @@ steps alternate, at random, with steps that show the guidance of the file's own 
 
 import bisect
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from bench.decoder import Decoder
 from bench.errors import InputError
+from bench.settings import Count, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Loss, Objective, Samples, distance
 from neubtf.augmentation import Disturbance, Window
 from neubtf.autoencoder import STRIDE
@@ -33,33 +34,28 @@ RENDERER = 0  # its group of parameters, before the encoder
 class FitSettings(RendererSettings):
     """What a NeuBTF file is, and how it is fitted."""
 
-    steps: int = 10_000  # of the fit, in three stages
-    direct: float = 0.5  # share of the steps that fit texture and renderer without the autoencoder
-    taught: float = 0.1  # share of the steps that teach the autoencoder this texture; the rest is guided
-    explore: float = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
-    explore_weight: float = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
-    batch: int = 4_096  # single samples whose pixels a step compares
-    slices: int = 1  # whole slices whose style and spectrum a step compares
-    crop: int = 64  # texels a side that a step sees of a larger picture
-    smallest: float = 0.5  # scale of an input; the material can then be guided at this scale, too
-    rate: float = 1e-2  # highest learning rate of the renderer and of the first stage's texture
-    encoder_rate: float = 2e-3  # highest learning rate of the autoencoder
+    steps: Natural = 10_000  # of the fit, in three stages
+    direct: Share = 0.5  # share of the steps that fit texture and renderer without the autoencoder
+    taught: Share = 0.1  # share of the steps that teach the autoencoder this texture; the rest is guided
+    explore: Share = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
+    explore_weight: NotNegative = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
+    batch: Count = 4_096  # single samples whose pixels a step compares
+    slices: Natural = 1  # whole slices whose style and spectrum a step compares
+    crop: Annotated[int, Range(STRIDE)] = 64  # texels a side that a step sees of a larger picture
+    smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # scale of an input, at which it can be guided later, too
+    rate: Positive = 1e-2  # highest learning rate of the renderer and of the first stage's texture
+    encoder_rate: Positive = 2e-3  # highest learning rate of the autoencoder
     loss: Loss = "both"  # of a pixel's log radiance: absolute, squared, or their sum
-    pixel: float = 1.0  # weight of the pixels' loss
-    style: float = 0.002  # weight of the difference of Gram matrices
-    frequency: float = 0.002  # weight of the focal frequency loss
-    hue: float = 1.0  # largest turn of an input's hue, in turns
-    blur: float = 1.0  # largest blur of an input, σ in texels
-    noise: float = 0.05  # largest noise of an input, σ
+    pixel: NotNegative = 1.0  # weight of the pixels' loss
+    style: NotNegative = 0.002  # weight of the difference of Gram matrices
+    frequency: NotNegative = 0.002  # weight of the focal frequency loss
+    hue: NotNegative = 1.0  # largest turn of an input's hue, in turns
+    blur: NotNegative = 1.0  # largest blur of an input, σ in texels
+    noise: NotNegative = 0.05  # largest noise of an input, σ
     keep_encoder: bool = False  # store the autoencoder, for new textures
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.batch < 1 or self.slices < 0 or self.crop < STRIDE:
-            raise InputError(f"neubtf needs at least one sample a step, slices ≥ 0, and a crop of at least {STRIDE}")
-        if not (0 <= self.explore <= 1 and self.explore_weight >= 0 and 0 < self.smallest <= 1):
-            raise InputError("neubtf needs explore in [0, 1], explore_weight ≥ 0, and smallest in (0, 1]")
-        if min(self.direct, self.taught) < 0 or self.direct + self.taught >= 1 or (self.taught and not self.direct):
+        if self.direct + self.taught >= 1 or (self.taught and not self.direct):
             raise InputError("neubtf needs shares direct + taught below 1, and direct steps for what is taught")
 
 

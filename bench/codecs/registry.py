@@ -37,6 +37,11 @@ def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
     return codec
 
 
+def origin(entry: EntryPoint) -> str:
+    """The distribution that a codec comes from, and its version: `neubtf-bench 0.1.0`."""
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown distribution"
+
+
 def describe(entry: EntryPoint) -> str:
     """The first line of a codec's docstring, read from its source, so that listing imports no PyTorch."""
     module, _, attribute = entry.value.partition(":")

@@ -1,4 +1,9 @@
-"""render a folder of PBR maps (ambientCG, Poly Haven, glTF, Substance) as a BTF"""
+"""render a folder of PBR maps (ambientCG, Poly Haven, glTF, Substance) as a BTF
+
+examples:
+  neubtf-bench bake Bricks076_2K -o bricks.npz
+  neubtf-bench bake Bricks076_2K --size 128 --views 49 --lights 49 --depth 0.05 -o bricks.npz
+"""
 
 import argparse
 from pathlib import Path

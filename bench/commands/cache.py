@@ -1,4 +1,9 @@
-"""show the cache of rendered materials and scratch files, or remove it"""
+"""show the cache of rendered materials and scratch files, or remove it
+
+examples:
+  neubtf-bench cache
+  neubtf-bench cache --clear
+"""
 
 import argparse
 

@@ -1,4 +1,9 @@
-"""the conformance test of a codec, yours or ours"""
+"""the conformance test of a codec, yours or ours
+
+examples:
+  neubtf-bench check pca
+  neubtf-bench check my-codec --set components=4
+"""
 
 import argparse
 

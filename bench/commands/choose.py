@@ -1,6 +1,10 @@
 """pick the codec and settings that meet a wish for quality, bytes or time
 
 Where nothing that was measured meets it, and not all of the suite was, the rest is fitted and measured first.
+
+examples:
+  neubtf-bench choose satin --min-psnr 30
+  neubtf-bench choose satin --max-bytes 300k --max-ns 40
 """
 
 import argparse

@@ -3,6 +3,10 @@
 Parameters and bytes must be the same, PSNR and FLIP of held-out pairs within a margin that the table shows; everything
 else is shown, and times advise. Exit codes: 0 nothing got worse, 1 a regression or a job that vanished, 3 a job failed,
 4 nothing can be compared.
+
+examples:
+  neubtf-bench compare bench/reference/ci.jsonl runs/ci
+  neubtf-bench compare runs/before runs/after --markdown verdict.md
 """
 
 import argparse

@@ -1,4 +1,9 @@
-"""write a BTF anew, cut, shrunk or thinned, as .npz or EXR pictures"""
+"""write a BTF anew, cut, shrunk or thinned, as .npz or EXR pictures
+
+examples:
+  neubtf-bench convert material.btf --thin 1000 -o thinned.npz
+  neubtf-bench convert material.btf --crop 0,0,128,128 --downsample 2 -o small
+"""
 
 import argparse
 from pathlib import Path

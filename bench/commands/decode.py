@@ -1,4 +1,9 @@
-"""decode a codec file into slices: a folder of EXR pictures with pairs.csv"""
+"""decode a codec file into slices: a folder of EXR pictures with pairs.csv
+
+examples:
+  neubtf-bench decode satin.nbtf -o slices
+  neubtf-bench decode satin.nbtf --like satin -o slices
+"""
 
 import argparse
 from pathlib import Path

@@ -1,6 +1,10 @@
 """what a scene asks of a material: which texels, how large, seen and lit from where
 
 The scene is a TOML file (see docs/scenes.md), one that ships with the suite, by name, or a Mitsuba 3 XML file.
+
+examples:
+  neubtf-bench demand table-top -o table-top.npz
+  neubtf-bench demand room.xml --bsdf sofa -o sofa.npz
 """
 
 import argparse

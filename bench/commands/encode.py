@@ -1,6 +1,10 @@
 """encode one BTF, all its training pairs, into a codec file
 
 With --demand the file is the smallest that does as well in the pictures of a scene: see docs/scenes.md.
+
+examples:
+  neubtf-bench encode satin --codec pca --set components=8 -o satin.nbtf
+  neubtf-bench encode cable-knit --codec pca --demand table-top.npz -o cable-knit.nbtf
 """
 
 import argparse

@@ -2,6 +2,10 @@
 
 Prints how each codec did from run to run. With `--out` every number of every job goes into a file: FILE.csv, or
 FILE.parquet where pyarrow is installed. In a notebook, `bench.load_runs(paths)` gives the same as a pandas frame.
+
+examples:
+  neubtf-bench history runs/*
+  neubtf-bench history runs/* -o all.csv
 """
 
 import argparse

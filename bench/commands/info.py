@@ -1,4 +1,9 @@
-"""what a codec file or a BTF holds"""
+"""what a codec file or a BTF holds
+
+examples:
+  neubtf-bench info satin.nbtf
+  neubtf-bench info material.btf --picture material.png
+"""
 
 import argparse
 from pathlib import Path

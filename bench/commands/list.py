@@ -1,12 +1,22 @@
-"""list codecs, materials, suites and metrics"""
+"""list codecs, materials, suites and metrics, or the settings of one codec
+
+examples:
+  neubtf-bench list
+  neubtf-bench list codecs pca
+"""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from bench.exits import FINE
 
+if TYPE_CHECKING:
+    from bench.settings import Setting
+
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", nargs="?", choices=["codecs", "materials", "suites", "metrics"])
+    parser.add_argument("what", nargs="?", choices=["codecs", "materials", "suites", "metrics"], help="only these")
+    parser.add_argument("name", nargs="?", help="of a codec: list its settings, their defaults and what they may be")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -15,6 +25,8 @@ def run(options: argparse.Namespace) -> int:
     from bench.data import materials
     from bench.runs import suite
 
+    if options.name:
+        return _settings(options.what, options.name)
     listings: dict[str, dict[str, str]] = {
         "codecs": {name: registry.describe(entry) for name, entry in sorted(registry.codec_entries().items())},
         "materials": materials.describe(),
@@ -29,3 +41,28 @@ def run(options: argparse.Namespace) -> int:
             print(f"{title}:")
             print("\n".join(f"  {name:<{width}}  {text}" for name, text in entries.items()))
     return FINE
+
+
+def _settings(what: str, name: str) -> int:
+    """Print the settings of a codec, and of the network that it shares over materials, where it has one."""
+    from bench.codec import described_settings
+    from bench.codecs.registry import codec_entries, describe, load_codec, origin
+    from bench.errors import InputError
+    from bench.settings import described
+
+    if what != "codecs":
+        raise InputError(f"list {what} {name}: only codecs have settings: list codecs NAME")
+    codec, entry = load_codec(name), codec_entries()[name]
+    print(f"{name}, version {codec.version}, of {origin(entry)}: {describe(entry)}")
+    _table(described_settings(codec))
+    if codec.network:
+        print(f"settings of the network that it shares over materials (neubtf-bench pretrain {name} --set KEY=VALUE):")
+        _table(described(codec.network.Settings))
+    return FINE
+
+
+def _table(settings: "list[Setting]") -> None:
+    rows = [("setting", "default", "must be", "meaning"), *((s.name, s.default, s.kind, s.meaning) for s in settings)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())

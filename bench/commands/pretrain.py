@@ -3,6 +3,10 @@
 The training set is procedural, so that it needs no data: variations of the built-in materials and random surfaces,
 none of which a suite holds. The file lies where encoding and decoding look for it: in $NEUBTF_SHARED, else in shared/
 under the cache folder. A training that was killed goes on from where it was.
+
+examples:
+  neubtf-bench pretrain rainer2020
+  neubtf-bench pretrain rainer2020 --steps 1000 --materials 16 -o brief.nbtf
 """
 
 import argparse

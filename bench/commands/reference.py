@@ -3,6 +3,10 @@
 `reference update RUN` writes the committed reference of the suite that was run, or FILE, and prints what changed. To
 know how far the seeds of a codec scatter, a reference should have more of them than a run: add seeds to the run's
 folder first, with `neubtf-bench run SUITE --seed N --out RUN`.
+
+examples:
+  neubtf-bench reference update runs/ci
+  neubtf-bench reference update runs/mine -o reference.jsonl
 """
 
 import argparse

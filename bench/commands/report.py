@@ -1,4 +1,8 @@
-"""write a run's tables and pictures again from its records"""
+"""write a run's tables and pictures again from its records
+
+examples:
+  neubtf-bench report runs/quick
+"""
 
 import argparse
 from pathlib import Path

@@ -1,6 +1,11 @@
 """run a suite: encode, write, decode, score, time, record, report
 
 A run that was stopped, by Ctrl-C, a kill or a full disk, goes on when the same command is given again.
+
+examples:
+  neubtf-bench run quick
+  neubtf-bench run quick --material satin --codec pca --codec neumip --set pca.components=24 --out runs/mine
+  neubtf-bench run standard --jobs 8
 """
 
 import argparse

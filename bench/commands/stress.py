@@ -3,6 +3,10 @@
 Every installed codec is tried, or those of --codec, and every metric and loss on extreme pictures. Rows are extremes,
 columns codecs; a cell is pass, FAIL with the figure that is wrong, or n/a with the reason below. Records go to --out,
 and every report beside it shows them. --query and --data try one drawn case again, as a failure prints it.
+
+examples:
+  neubtf-bench stress
+  neubtf-bench stress --codec my-codec --case constant --out runs/constant
 """
 
 import argparse

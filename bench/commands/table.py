@@ -2,6 +2,11 @@
 
 `table parameters` sets decoder parameters and texture channels beside those of the NeuBTF paper. Codecs that the run
 did not measure are counted in a small file that is made for it, so that it needs no run.
+
+examples:
+  neubtf-bench table
+  neubtf-bench table rate runs/rd
+  neubtf-bench table main runs/quick --format latex
 """
 
 import argparse

@@ -1,4 +1,9 @@
-"""measure what each setting, execution and precision gives up in quality for speed and bytes"""
+"""measure what each setting, execution and precision gives up in quality for speed and bytes
+
+examples:
+  neubtf-bench trade --material satin
+  neubtf-bench trade --material satin --codec neumip
+"""
 
 import argparse
 from pathlib import Path

@@ -2,6 +2,9 @@
 
 The file must be one of codec neubtf that was written with keep_encoder=true. JPEG and PNG pictures (8 or 16 bits) are
 decoded as sRGB, EXR and Radiance .hdr are linear; grey is repeated, alpha is left out.
+
+examples:
+  neubtf-bench propagate brick.nbtf --guidance wall.jpg -o wall.nbtf
 """
 
 import argparse

@@ -1,4 +1,8 @@
+import errno
 import json
+import re
+import shlex
+import signal
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
@@ -6,6 +10,7 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 
+import bench
 from bench import cli, commands
 from bench.codecs import container
 from bench.conformance.check import tiny_btf
@@ -115,6 +120,10 @@ def test_info_of_a_btf_says_what_it_is(folder, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (["encod"], "no command named 'encod'; did you mean 'encode'?"),
+        (["list", "codecs", "pcaa"], "did you mean 'pca'?"),
+        (["list", "suites", "quick"], "only codecs have settings"),
+        (["check", "pca", "--set", "components=0"], "must be a whole number ≥ 1, not '0'"),
         (["run", "quik"], "did you mean 'quick'?"),
         (["run", "--set", "components"], "write KEY=VALUE"),
         (["run", "--codec", "pcaa"], "did you mean 'pca'?"),
@@ -196,3 +205,64 @@ def test_light_commands_import_no_torch(code):
     probe = f"{code}\nimport json, sys; print(json.dumps([m for m in ('torch', 'skimage') if m in sys.modules]))"
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout.splitlines()[-1]) == []
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"neubtf-bench {bench.__version__}\n"
+
+
+def test_every_example_of_every_help_text_is_a_command_that_parses(capsys):
+    shown = [*cli.EVERYDAY.splitlines()]
+    for module in commands.modules().values():
+        _, _, examples = (commands.load(module).__doc__ or "").partition(cli.EXAMPLES)
+        assert examples, module
+        shown += examples.splitlines()
+    tried = 0
+    for line in shown:
+        words = shlex.split(re.split(" {4,}", line.strip())[0])
+        if words[:1] == ["neubtf-bench"] and words[1] != "COMMAND":
+            cli.parser(words[1:]).parse_args(words[1:])
+            tried += 1
+    assert tried > 40
+
+
+def test_help_shows_the_examples_as_they_stand(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["run", "--help"])
+    assert "\nexamples:\n  neubtf-bench run quick\n" in capsys.readouterr().out
+
+
+def test_the_settings_of_a_codec_are_listed(capsys):
+    assert cli.main(["list", "codecs", "rainer2020"]) == 0
+    out = capsys.readouterr().out
+    assert "of neubtf-bench" in out
+    assert re.search(r"^  precision +int8 +'float32' or 'half' or 'int8' +of the stored latents", out, re.M)
+    assert re.search(r"^  steps +40000 +a whole number ≥ 0 +of the training", out, re.M)
+    assert re.search(r"^  zstd +false", out, re.M)
+
+
+def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypatch, capsys):
+    def full(source, target):
+        raise OSError(errno.ENOSPC, "No space left on device", str(source))
+
+    monkeypatch.setattr("bench.atomic.os.replace", full)
+    file = tmp_path / "a.nbtf"
+    assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert said == f"neubtf-bench: {file}: cannot be written (No space left on device): " + said.split("): ")[1]
+    assert said.count("\n") == 1
+    assert not list(tmp_path.glob("*.partial"))
+
+
+def test_a_termination_is_as_an_interruption(monkeypatch, capsys):
+    def command(options):
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr("bench.commands.list.run", command)
+    before = signal.getsignal(signal.SIGTERM)
+    assert cli.main(["list"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -1,11 +1,14 @@
+import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import pytest
 import torch
 
-from bench.codec import Codec, Fit, settings_dict
+from bench.codec import Codec, Fit, described_settings, settings_dict
+from bench.codecs.registry import codec_entries, load_codec
 from bench.errors import InputError
+from bench.settings import Count, Positive, Range, Share, described
 
 
 class Sample(Codec):
@@ -35,7 +38,7 @@ def test_settings_have_defaults_and_take_strings():
         ({"count": "many"}, "setting count of codec sample must be a whole number, not 'many'"),
         ({"count": 2.5}, "must be a whole number, not 2.5"),
         ({"count": True}, "must be a whole number, not True"),
-        ({"rate": "fast"}, "must be a number, not 'fast'"),
+        ({"rate": "fast"}, "must be a finite number, not 'fast'"),
         ({"half": "perhaps"}, "must be true or false, not 'perhaps'"),
         ({"half": 1}, "must be true or false, not 1"),
         ({"domain": "hsv"}, "must be 'log' or 'rgb', not 'hsv'"),
@@ -53,3 +56,53 @@ def test_a_fit_tells_its_progress_and_seeds_its_generator():
     assert list(fit.progress("ab", "reading")) == ["a", "b"]
     assert seen == [("reading", 0, 2), ("reading", 1, 2), ("reading", 2, 2)]
     assert torch.equal(torch.rand(3, generator=fit.generator()), torch.rand(3, generator=Fit(seed=5).generator()))
+
+
+class Ranged(Codec):
+    """A codec whose settings have ranges."""
+
+    name, version = "ranged", 1
+
+    @dataclass(frozen=True)
+    class Settings:
+        count: Count = 3  # how many
+        share: Share = 0.5  # of everything
+        rate: Positive = 1.0
+        level: Annotated[int, Range(2, 6)] = 4  # of detail
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"count": "0"}, "setting count of codec ranged must be a whole number ≥ 1, not '0'"),
+        ({"count": 1e400}, "must be a whole number ≥ 1, not inf"),
+        ({"share": 1.5}, "must be a finite number from 0 to 1, not 1.5"),
+        ({"rate": 0}, "must be a finite number > 0, not 0"),
+        ({"rate": "nan"}, "must be a finite number > 0, not 'nan'"),
+        ({"rate": "inf"}, "must be a finite number > 0, not 'inf'"),
+        ({"level": 7}, "must be a whole number from 2 to 6, not 7"),
+    ],
+)
+def test_a_value_out_of_range_is_refused_and_the_range_named(settings, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        Ranged(**settings)
+    assert Ranged(count=1, share="1", rate="1e-9", level=2).settings.level == 2
+
+
+def test_settings_are_described_with_default_range_and_comment():
+    shown = [(s.name, s.default, s.kind, s.meaning) for s in described_settings(Ranged)]
+    assert shown[0] == ("count", "3", "a whole number ≥ 1", "how many")
+    assert shown[2] == ("rate", "1.0", "a finite number > 0", "")
+    assert [name for name, *_ in shown] == ["count", "share", "rate", "level", "zstd", "scene"]
+
+
+@pytest.mark.parametrize("name", sorted(codec_entries()))
+def test_every_installed_codec_refuses_numbers_that_are_not_finite_and_says_what_each_setting_means(name):
+    codec = load_codec(name)
+    for configured in filter(None, (codec, codec.network)):
+        for setting in described(configured.Settings):
+            assert setting.meaning, setting.name
+            if "number" in setting.kind:
+                for value in ("nan", "inf", "-inf", "1e400"):
+                    with pytest.raises(InputError, match=f"setting {setting.name} of codec {name} must be"):
+                        configured(**{setting.name: value})
