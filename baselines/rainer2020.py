@@ -26,8 +26,7 @@ from baselines.rainer import (
     statistics,
 )
 from bench.btf import BTF, Layout
-from bench.codec import Codec, Fit, Parts, SharedNetwork
-from bench.codecs.shared import Shared
+from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork
 from bench.decoder import Decoder, load_vector, to_vector
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.hemisphere import thin, ubo2003
@@ -84,22 +83,22 @@ class Rainer2020(Codec):
         precision: Precision = "int8"  # of the stored latents, means and deviations
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        shared, gain = fit.shared(self.name), gain_of(btf, fit)
+        network, gain = fit.shared(self.name), gain_of(btf, fit)
         samples = Samples(btf, gain, fit)
-        coder = Coder(shared, samples).to(fit.device)
+        coder = Coder(network, samples).to(fit.device)
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
         rows = [coder(samples.abrdfs(block)) for block in fit.progress(blocks, "encoding")]
         texture = torch.cat(rows).reshape(*btf.shape, -1)
         return Parts(
             texture=pack("latents", texture, self.settings.precision),
             other={"gain": torch.tensor([gain])},
-            shared=shared,
+            network=network,
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        if parts.shared is None:
+        if parts.network is None:
             raise ValueError("the file names no shared network")
-        decoder = decoder_of(parts.shared)
+        decoder = decoder_of(parts.network)
         return RainerMaterial(decoder, unpack("latents", parts.texture), float(parts.other["gain"])).to(device)
 
 
@@ -109,20 +108,20 @@ def canonical_pairs() -> Layout:
     return Layout.of(np.repeat(side, CANONICAL, 0), np.tile(side, (CANONICAL, 1)))
 
 
-def encoder_of(shared: Shared) -> tuple[Encoder, Layout]:
-    """The encoder of a shared file, and the pairs that it sees."""
-    settings = Rainer2020Network(**shared.header.settings).settings
-    canonical = unpack_layout(shared.parts.encoder)
+def encoder_of(network: TrainedNetwork) -> tuple[Encoder, Layout]:
+    """The encoder of a trained network, and the pairs that it sees."""
+    settings = Rainer2020Network(**network.settings).settings
+    canonical = unpack_layout(network.parts.encoder)
     encoder = Encoder(len(canonical.view), settings.latents)
-    load_vector(unpack("weights", shared.parts.encoder), encoder)
+    load_vector(unpack("weights", network.parts.encoder), encoder)
     return encoder, canonical
 
 
-def decoder_of(shared: Shared) -> Decoder:
-    """The decoder of a shared file."""
-    settings = Rainer2020Network(**shared.header.settings).settings
+def decoder_of(network: TrainedNetwork) -> Decoder:
+    """The decoder of a trained network."""
+    settings = Rainer2020Network(**network.settings).settings
     decoder = Decoder(architecture(settings.latents, settings.activation))
-    load_vector(unpack("weights", shared.parts.decoder), decoder)
+    load_vector(unpack("weights", network.parts.decoder), decoder)
     return decoder
 
 
@@ -134,10 +133,10 @@ class Coder(torch.nn.Module):
     it is interpolated at the canonical pairs, as interpolation follows the cosine.
     """
 
-    def __init__(self, shared: Shared, samples: Samples):
+    def __init__(self, network: TrainedNetwork, samples: Samples):
         super().__init__()
-        self.encoder, canonical = encoder_of(shared)
-        self.decoder = decoder_of(shared)
+        self.encoder, canonical = encoder_of(network)
+        self.decoder = decoder_of(network)
         self.resampled = Resampler(samples.btf.layout, canonical)
         self.register_buffer("asked", torch.linspace(0, samples.pairs - 1, min(samples.pairs, ASKED)).round().long())
         self.register_buffer("where", directions(samples.wo, samples.wi).cpu()[self.asked])

@@ -10,17 +10,15 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF
-from bench.codecs.zstd import ZSTD
+from bench.errors import MissingDataError
 from bench.material import Material
 from bench.settings import Setting, convert, described, parse
 
 if TYPE_CHECKING:
-    from bench.codecs.shared import Shared
     from bench.density import Density
 
 T = TypeVar("T")
-SCENE = "scene"
-COMMON = (ZSTD, SCENE)  # the settings of every codec, true or false
+ZSTD, SCENE = COMMON = ("zstd", "scene")  # the settings of every codec, true or false
 COMMON_MEANINGS = {
     ZSTD: "store each part compressed by Zstandard, without loss (extra neubtf-bench[zstd])",
     SCENE: "fit to the demand of a scene instead of to the whole BTF (see docs/scenes.md)",
@@ -51,13 +49,16 @@ class Fit:
     checkpoint: Path | None = None  # where a long fit keeps its state, to go on from it when it is started again
     history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; goes into the record
     density: "Density | None" = None  # where the scene that is fitted to looks; without one, everywhere alike
-    network: Path | None = None  # the file of the network that the codec shares; by default where `pretrain` puts it
+    network: "TrainedNetwork | None" = None  # the one that the codec shares over materials, where it has one
 
-    def shared(self, name: str) -> "Shared":
-        """The network that codec `name` shares over materials. `MissingDataError` says how to get it."""
-        from bench.codecs import shared
-
-        return shared.find(name, self.network)
+    def shared(self, name: str) -> "TrainedNetwork":
+        """The network that codec `name` shares over materials. `MissingDataError` where this fit was given none."""
+        if self.network is None:
+            raise MissingDataError(
+                f"codec {name} needs the network that it shares over materials: give it as `Fit(network=...)`, from "
+                f"`bench.codecs.shared.find({name!r})`; `neubtf-bench pretrain {name}` makes it"
+            )
+        return self.network
 
     def log(self, step: int, **values: float) -> None:
         """Add a point to the curve of this fit: `seconds`, `psnr` and what else a codec has to say at a step."""
@@ -86,7 +87,24 @@ class Parts:
     encoder: dict[str, Tensor] = field(default_factory=dict)  # what makes new textures; no query needs it
     other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, what else decoding needs
     scene: dict[str, Any] = field(default_factory=dict)  # what was fitted to, where it was one scene's demand
-    shared: "Shared | None" = None  # the network that was used, of those trained once: the file names it by its hash
+    network: "TrainedNetwork | None" = None  # the shared network that was used: the file names it by its hash
+
+
+@dataclass(frozen=True)
+class TrainedNetwork:
+    """A shared network after its training, read from its file."""
+
+    path: Path
+    codec: str
+    settings: dict[str, Any]  # of its training
+    sha256: str
+    file_bytes: int
+    parts: Parts
+
+    @property
+    def origins(self) -> set[str]:
+        """The `bench.codecs.shared.origin` of each BTF that it was trained on."""
+        return {bytes(digest).hex() for digest in self.parts.other["origins"].tolist()}
 
 
 class Configured:

@@ -88,18 +88,16 @@ def _scene_lines(header: Header) -> list[str]:
 
 def _material_lines(header: Header) -> list[str]:
     """What a codec file decodes to."""
-    from bench.codecs import shared
-    from bench.codecs.container import load
+    from bench.codecs.loading import load
     from bench.conformance.counting import parameters
 
-    material = load(header.path)[1]
+    _, material, network = load(header.path)
     lines = [
         f"resolution: {material.size[0]} × {material.size[1]} texels",
         f"decoder: {parameters(material):,} parameters, {material.cost.texture_channels} texture channels, "
         f"{material.cost.flops_per_sample:,} FLOP and {material.cost.bytes_per_sample:,} bytes read a sample",
     ]
-    if header.shared:
-        network = shared.named_by(header).header
+    if network:
         lines.append(f"shared network: {network.path}, {network.file_bytes:,} bytes, sha256 {network.sha256}")
     return lines
 

@@ -7,10 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from bench.btf import Layout
-from bench.demand.corners import corners, share_of
-from bench.demand.demand import Demand
-from bench.demand.need import COVERED, Window
+COVERED = 0.999  # of the demand counts: the rest may lie outside the pairs and the levels of detail that are kept
 
 
 class Drawn(NamedTuple):
@@ -39,24 +36,6 @@ class Density:
     weight: Tensor  # … and what their radiance weighs in it, cosines included
     per_pair: Tensor  # (N,) float64: the demand on each pair
     uniform: float
-
-    @classmethod
-    def of(cls, demand: Demand, layout: Layout, window: Window, uniform: float) -> "Density":
-        """The density of a demand over the pairs of a BTF cut to a window."""
-        found, importance = corners(layout, demand), demand.importance
-        cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as `PairInterpolator` takes it
-        wi = torch.from_numpy(demand.wi)
-        return cls(
-            window.within(torch.from_numpy(demand.uv).double()).float(),
-            torch.from_numpy(demand.footprint) * window.stretch,
-            torch.from_numpy(demand.wo),
-            wi,
-            torch.from_numpy(importance).cumsum(0),
-            found.sample,
-            found.weight * wi[:, 2:] / cos_i[found.sample.long()],
-            torch.from_numpy(share_of(found, importance, len(layout.view))),
-            uniform,
-        )
 
     @property
     def weights(self) -> Tensor:

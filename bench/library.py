@@ -11,7 +11,7 @@ import torch
 from bench import timing
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Progress, silent
-from bench.codecs import container
+from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
 from bench.data.open import open_named
 from bench.demand.demand import load as load_demand
@@ -54,7 +54,7 @@ def encode(
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} has its settings already: give {min(settings)} where it is made")
     made = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
-    fit = Fit(torch.device(device), threads, seed, show)
+    fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(made))
     with timing.torch_threads(threads):
         parts = made.encode(btf.subset(btf.split().train), fit)
     return container.save(Path(out), made, parts)
@@ -62,7 +62,7 @@ def encode(
 
 def load(file: str | Path, device: str = "cpu") -> Material:
     """The material that a codec file holds. `ContainerError` says what is wrong with the file."""
-    return container.load(Path(file), device)[1]
+    return loading.load(Path(file), device).material
 
 
 def score(
@@ -80,15 +80,14 @@ def score(
     over several texels, `bytes`, `parameters` and `cost` what the file takes. `demand` is the file of a scene to judge
     by too. Raises `ContainerError` for the file, `InputError` where the BTF has another resolution.
     """
-    header = container.read_header(Path(file))
-    size = container.load(header.path, device)[1].size
-    if size != btf.shape:
-        decoded, wanted = (" × ".join(map(str, sides)) for sides in (size, btf.shape))
+    loaded = loading.load(Path(file), device)
+    if loaded.material.size != btf.shape:
+        decoded, wanted = (" × ".join(map(str, sides)) for sides in (loaded.material.size, btf.shape))
         raise InputError(
             f"{file}: decodes to {decoded} texels, and {btf.name} has {wanted}: open the BTF as it was encoded"
         )
     bench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
-    found = evaluate(bench, header, device, threads, lambda name, content: name, show)
+    found = evaluate(bench, loaded, threads, lambda name, content: name, show)
     for name in _BESIDE_A_RECORD:
         found.pop(name)
-    return {"codec": header.codec, "score_key": score_key(bench, header)} | found
+    return {"codec": loaded.header.codec, "score_key": score_key(bench, loaded.header)} | found

@@ -22,7 +22,7 @@ import numpy as np
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, silent
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.open import open_material
 from bench.metrics import default_names
@@ -59,7 +59,7 @@ class Bench:
             parts = codec.encode(self.training, Fit(threads=self.threads, seed=seed))
             seconds = time.process_time() - start
             header = container.save(Path(folder) / "file", codec, parts)
-            material = container.load(header.path)[1]
+            material = loading.load(header.path)[1]
             wo, wi = self.btf.wo, self.btf.wi
             scores = self.scorer.score(
                 np.concatenate([*self.groups.values()]),

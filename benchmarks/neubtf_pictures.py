@@ -22,7 +22,7 @@ from skimage import data
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.materials import load
 from bench.data.materials.maps import resize
@@ -74,7 +74,7 @@ class Bench:
             btf, fit = load(name, size=SMALL), Fit()
             container.save(path, codec, codec.encode(btf.subset(btf.split().train), fit))
             curve.write_text(json.dumps(fit.history))
-        return container.load(path)[1], json.loads(curve.read_text())
+        return loading.load(path)[1], json.loads(curve.read_text())
 
     def save(self, figure: Figure, name: str) -> None:
         path = self.out / f"neubtf-{name}"
@@ -275,7 +275,7 @@ def draw_latents(bench: Bench) -> None:
     from PIL import Image
 
     for name in ("brick", "satin"):
-        material = container.load(bench.keep / f"{name}-{SIZE}-left-0.nbtf")[1]
+        material = loading.load(bench.keep / f"{name}-{SIZE}-left-0.nbtf")[1]
         assert isinstance(material, NeuBTFMaterial)
         page = Image.fromarray(sheet(material.texture[:64]))
         path = bench.out / f"neubtf-latents-{name}.png"

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from bench.codec import Parts, Progress, followed, silent
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE
@@ -38,7 +38,7 @@ class Source:
     def read(cls, path: Path) -> "Source":
         """`InputError` for a file without autoencoder, `ContainerError` where it is damaged or of another version."""
         encoder, guidance = read_encoder(path)
-        header, _ = container.load(path)  # what does not decode should not be made anew
+        header = loading.load(path).header  # what does not decode should not be made anew
         return cls(header, container.read_parts(path)[1], encoder, guidance)
 
     @property

@@ -8,7 +8,6 @@ Nothing is ever unpickled. Where the setting `zstd` is true, each part is one ui
 safetensors file of its tensors, compressed by Zstandard.
 """
 
-import dataclasses
 import hashlib
 import json
 import math
@@ -18,14 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench import atomic
-from bench.codecs.zstd import ZSTD, compressed, expanded
+from bench.codecs.zstd import compressed, expanded
 from bench.errors import ContainerError
 
 if TYPE_CHECKING:
-    import torch
-
     from bench.codec import Codec, Parts, SharedNetwork
-    from bench.material import Material
 
 FORMAT = 1
 KEY = "neubtf"
@@ -51,7 +47,7 @@ class Header:
     file_bytes: int
     kind: str = MATERIAL
     scene: dict[str, Any] = field(default_factory=dict)  # the demand that it was fitted to: see `bench.demand.need`
-    shared: str = ""  # the hash of the shared network's file, where one is needed to decode
+    network: str = ""  # the hash of the shared network's file, where one is needed to decode
     provenance: dict[str, Any] = field(default_factory=dict)  # what else than a BTF the file was made from
 
     def part_bytes(self) -> dict[str, int]:
@@ -78,7 +74,7 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
     """The bytes of a codec file. The same parts give the same bytes."""
     from safetensors.torch import save as serialise
 
-    from bench.codec import SharedNetwork, settings_dict
+    from bench.codec import ZSTD, SharedNetwork, settings_dict
 
     by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
     for part, found in by_part.items():
@@ -97,7 +93,7 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
     }
     says |= {"provenance": provenance} if provenance else {}
     says |= {"kind": SHARED} if isinstance(codec, SharedNetwork) else {}
-    says |= {"shared": parts.shared.header.sha256} if parts.shared else {}
+    says |= {"shared": parts.network.sha256} if parts.network else {}
     says |= {"scene": parts.scene} if parts.scene else {}
     data = serialise(tensors, {KEY: json.dumps(says, sort_keys=True, separators=(",", ":"))})
     return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
@@ -112,7 +108,7 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
     """Check a codec file against its own hash and read its tensors. `ContainerError` says what is wrong."""
     from safetensors.torch import load as deserialise
 
-    from bench.codec import Parts
+    from bench.codec import ZSTD, Parts
 
     data = _read(Path(path))
     header, parts = _parse(Path(path), data), Parts()
@@ -121,42 +117,6 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
         found = expanded(tensor, path) if header.settings.get(ZSTD) else {name: tensor}
         getattr(parts, part).update(found)
     return header, parts
-
-
-def load(path: Path, device: "torch.device | str" = "cpu") -> "tuple[Header, Material]":
-    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong.
-
-    The shared network that a file names is looked for beside it and where `bench.codecs.shared` keeps such files.
-    """
-    import torch
-
-    from bench.codecs import shared
-    from bench.codecs.registry import load_codec
-
-    path = Path(path)
-    header, parts = read_parts(path)
-    if header.kind == SHARED:
-        raise ContainerError(f"{path}: no material, but the network that codec {header.codec} shares over materials")
-    codec_class = load_codec(header.codec, wanted_by=str(path))
-    if header.version != codec_class.version:
-        raise ContainerError(
-            f"{path}: written by version {header.version} of codec {header.codec}, this is version "
-            f"{codec_class.version}: encode it again, or install the version that wrote it"
-        )
-    if header.shared:
-        parts = dataclasses.replace(parts, shared=shared.named_by(header))
-    try:
-        material = codec_class(**header.settings).decode(parts, torch.device(device))
-        return header, _of_scene(material, header) if header.scene else material
-    except (KeyError, ValueError, RuntimeError, IndexError, TypeError) as error:
-        what = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
-
-
-def _of_scene(material: "Material", header: Header) -> "Material":
-    from bench.codecs.scene_material import SceneMaterial
-
-    return SceneMaterial(material, header.scene, str(header.path)).to(material.device)
 
 
 def _read(path: Path) -> bytes:

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from bench.demand.need import Window, cell_of, from_hex
+from bench.codecs.window import Window, cell_of, from_hex
 from bench.material import Material
 
 log = logging.getLogger(__name__)

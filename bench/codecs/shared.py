@@ -11,40 +11,17 @@ import json
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import torch
+from torch import Tensor
+
+from bench.btf import BTF
 from bench.cache import cache_dir
+from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork, settings_dict
 from bench.codecs import container
 from bench.errors import ContainerError, InputError, MissingDataError
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from bench.btf import BTF
-    from bench.codec import Fit, Parts, SharedNetwork
-
-
-@dataclass(frozen=True)
-class Shared:
-    """A shared network, read from its file."""
-
-    header: container.Header
-    parts: "Parts"
-
-    @property
-    def origins(self) -> set[str]:
-        """The `origin` of each BTF that it was trained on."""
-        return {bytes(digest).hex() for digest in self.parts.other["origins"].tolist()}
-
-    def refuse(self, btf: "BTF") -> None:
-        """`InputError` where it was trained on this material, at whatever size and directions."""
-        if origin(btf) in self.origins:
-            raise InputError(
-                f"{btf.name}: codec {self.header.codec} cannot be measured on it, as its shared network was trained "
-                f"on it ({self.header.path}): choose another material, or pretrain without this one"
-            )
 
 
 def folder() -> Path:
@@ -58,30 +35,38 @@ def place(codec: str) -> Path:
     return folder() / f"{codec}{container.SUFFIX}"
 
 
-def hashed_name(header: container.Header, sha256: str = "") -> str:
-    """A shared file's name by its hash: that of `header`, or another of the same codec."""
-    return f"{header.codec}-{(sha256 or header.sha256)[:12]}{container.SUFFIX}"
+def hashed_name(codec: str, sha256: str) -> str:
+    """The name of a shared network's file by its hash."""
+    return f"{codec}-{sha256[:12]}{container.SUFFIX}"
 
 
-def read(path: Path) -> Shared:
+def read(path: Path) -> TrainedNetwork:
     """A shared network's file. `ContainerError` says what is wrong."""
-    header, parts = container.read_parts(path)
+    return _trained(*container.read_parts(path))
+
+
+def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
     if header.kind != container.SHARED:
-        raise ContainerError(f"{path}: a material coded with {header.codec}, no network shared over materials")
+        raise ContainerError(f"{header.path}: a material coded with {header.codec}, no network shared over materials")
     if not {"fingerprints", "origins"} <= parts.other.keys():
-        raise ContainerError(f"{path}: does not say what it was trained on")
-    return Shared(header, parts)
+        raise ContainerError(f"{header.path}: does not say what it was trained on")
+    return TrainedNetwork(header.path, header.codec, header.settings, header.sha256, header.file_bytes, parts)
 
 
-def find(codec: str, path: Path | None = None) -> Shared:
+def find(codec: str, path: Path | None = None) -> TrainedNetwork:
     """The network that a codec shares, at `path` or at its place. `MissingDataError` says how to get it."""
     path = path or place(codec)
     if not path.exists():
         raise missing(codec, path)
     found = read(path)
-    if found.header.codec != codec:
-        raise ContainerError(f"{path}: the network of codec {found.header.codec}, not of {codec}")
+    if found.codec != codec:
+        raise ContainerError(f"{path}: the network of codec {found.codec}, not of {codec}")
     return found
+
+
+def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
+    """The network that a codec shares, at its place; None where it shares none."""
+    return find(codec.name) if codec.network else None
 
 
 def missing(codec: str, path: Path | None = None) -> MissingDataError:
@@ -92,21 +77,21 @@ def missing(codec: str, path: Path | None = None) -> MissingDataError:
     )
 
 
-def named_by(header: container.Header) -> Shared:
+def named_by(header: container.Header) -> TrainedNetwork:
     """The network that a material's file names by its hash: beside it or in `folder()`, by that name or any of the
     codec's. `ContainerError` says where to put it."""
-    names = (hashed_name(header, header.shared), f"{header.codec}{container.SUFFIX}")
+    names = (hashed_name(header.codec, header.network), f"{header.codec}{container.SUFFIX}")
     for path in (place / name for place in (header.path.parent, folder()) for name in names):
-        if path.is_file() and container.read_header(path).sha256 == header.shared:
-            return read(path)
+        if path.is_file() and (found := container.read_parts(path))[0].sha256 == header.network:
+            return _trained(*found)
     raise ContainerError(
-        f"{header.path}: needs the network that codec {header.codec} shares over materials, sha256 {header.shared}: "
+        f"{header.path}: needs the network that codec {header.codec} shares over materials, sha256 {header.network}: "
         f"put its file beside it, or into {folder()}, as {names[0]}; {place(header.codec)} is "
         + ("another one" if place(header.codec).exists() else f"not there (`neubtf-bench pretrain {header.codec}`)")
     )
 
 
-def make(network: "SharedNetwork", btfs: Sequence["BTF"], fit: "Fit", path: Path) -> container.Header:
+def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> container.Header:
     """Train a network on some BTFs and write its file; another one that lies there keeps a name with its hash.
 
     A training that was killed goes on from its state, which lies beside the file as long as it is not finished.
@@ -118,30 +103,24 @@ def make(network: "SharedNetwork", btfs: Sequence["BTF"], fit: "Fit", path: Path
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
     parts.other.update(fingerprints=_digests(fingerprints), origins=_digests(origins))
     if before:
-        shutil.copyfile(path, path.with_name(hashed_name(before)))
+        shutil.copyfile(path, path.with_name(hashed_name(before.codec, before.sha256)))
     header = container.save(path, network, parts)
     state.unlink(missing_ok=True)
     return header
 
 
-def _key(network: "SharedNetwork", fit: "Fit", fingerprints: list[str]) -> str:
+def _key(network: SharedNetwork, fit: Fit, fingerprints: list[str]) -> str:
     """All that shapes a shared file."""
-    import torch
-
-    from bench.codec import settings_dict
-
     known = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
     known += [fit.threads, torch.__version__, fingerprints]
     return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
 
 
-def _digests(digests: list[str]) -> "Tensor":
-    import torch
-
+def _digests(digests: list[str]) -> Tensor:
     return torch.tensor([list(bytes.fromhex(digest)) for digest in digests], dtype=torch.uint8)
 
 
-def origin(btf: "BTF") -> str:
+def origin(btf: BTF) -> str:
     """A hex digest of the surface that a BTF shows, the same at every size and for all directions.
 
     Of a rendered material it is that of recipe, parameters and seed, of baked maps that of the names of folder and
@@ -156,3 +135,12 @@ def origin(btf: "BTF") -> str:
         case _:
             known = [btf.source.fingerprint()]
     return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
+
+
+def refuse(network: TrainedNetwork, btf: BTF) -> None:
+    """`InputError` where a network was trained on this material, at whatever size and directions."""
+    if origin(btf) in network.origins:
+        raise InputError(
+            f"{btf.name}: codec {network.codec} cannot be measured on it, as its shared network was trained "
+            f"on it ({network.path}): choose another material, or pretrain without this one"
+        )

@@ -9,7 +9,6 @@ from bench.errors import ContainerError, InputError
 if TYPE_CHECKING:
     from torch import Tensor
 
-ZSTD = "zstd"  # the setting that every codec has, and the name of a compressed part
 LEVEL = 19
 LIMIT = 1 << 32  # bytes that a part may take: what a small file expands to must not fill the memory
 

@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from bench.btf import BTF
-    from bench.codecs import container
+    from bench.codecs import loading
     from bench.console import Console
     from bench.data.decoded import DecodedSource
     from bench.data.open import open_named
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.hemisphere import DIRECTION_SETS, thin
     from bench.suggest import did_you_mean
 
-    header, material = container.load(options.file, usable_device(options.device))
+    header, material, _ = loading.load(options.file, usable_device(options.device))
     with Console() as console:
         if options.like:
             like = open_named(options.like, {}, console.show)

@@ -8,6 +8,7 @@ examples:
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from bench.exits import FINE, NO
 
 if TYPE_CHECKING:
     from bench.btf import BTF
-    from bench.codec import Codec
+    from bench.codec import Codec, Fit
     from bench.console import Console
     from bench.demand.demand import Demand
     from bench.demand.fitting import Found
@@ -42,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     import torch
 
     from bench.codec import Fit
-    from bench.codecs import container
+    from bench.codecs import container, shared
     from bench.codecs.registry import load_codec
     from bench.console import Console, file_lines
     from bench.data.open import open_named
@@ -55,14 +56,18 @@ def run(options: argparse.Namespace) -> int:
     codec = load_codec(options.codec)(**settings)
     asked = demand.load(options.demand) if options.demand else None
     device = torch.device(usable_device(options.device))
+    network = shared.find_for(codec)
     code = FINE
+
+    def fit() -> Fit:
+        return Fit(device, options.threads, options.seed, console.show, network=network)
+
     with Console() as console, torch_threads(options.threads):
         btf = open_named(options.btf, changes, console.show)
         if asked:
-            code = _to_scene(options, codec, btf, asked, console)
+            code = _to_scene(options, codec, btf, asked, fit, console)
         else:
-            fit = Fit(device, options.threads, options.seed, console.show)
-            container.save(options.out, codec, codec.encode(btf.subset(btf.split().train), fit))
+            container.save(options.out, codec, codec.encode(btf.subset(btf.split().train), fit()))
     console.say(file_lines(container.read_header(options.out)))
     return code
 
@@ -79,14 +84,18 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError(f"--uniform {options.uniform}: a share lies between 0 and 1")
 
 
-def _to_scene(options: argparse.Namespace, codec: "Codec", btf: "BTF", asked: "Demand", console: "Console") -> int:
+def _to_scene(
+    options: argparse.Namespace,
+    codec: "Codec",
+    btf: "BTF",
+    asked: "Demand",
+    fit: "Callable[[], Fit]",
+    console: "Console",
+) -> int:
     """Write the smallest model that does in a scene, or the full one, and show what is gained and paid."""
     import tempfile
 
-    import torch
-
     from bench import atomic
-    from bench.codec import Fit
     from bench.demand import fitting
     from bench.demand.judge import Judge, table_of
     from bench.runs.suite import UNIFORM
@@ -96,14 +105,7 @@ def _to_scene(options: argparse.Namespace, codec: "Codec", btf: "BTF", asked: "D
     uniform = UNIFORM if options.uniform is None else options.uniform
     wanted = fitting.Goal(options.target_psnr, options.target_flip)
     with tempfile.TemporaryDirectory() as folder:
-        search = fitting.Search(
-            codec,
-            btf.subset(btf.split().train),
-            judge,
-            lambda: Fit(torch.device(options.device), options.threads, options.seed, console.show),
-            Path(folder),
-            uniform,
-        )
+        search = fitting.Search(codec, btf.subset(btf.split().train), judge, fit, Path(folder), uniform)
         found = search.run(None if wanted == fitting.Goal() else wanted)
         console.say(scene_models_text(fitting.rows(found, judge, options.threads)))
         atomic.write(options.out, found.chosen.header.path.read_bytes())

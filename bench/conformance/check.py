@@ -16,8 +16,8 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF, ArraySource
-from bench.codec import Codec, Fit, SharedNetwork
-from bench.codecs import container, shared
+from bench.codec import Codec, Fit, SharedNetwork, TrainedNetwork
+from bench.codecs import container, loading, shared
 from bench.conformance.counting import parameters
 from bench.errors import InputError
 from bench.hemisphere import thin, ubo2003, uniform
@@ -64,19 +64,20 @@ class Bench:
 
     codec: Codec
     folder: Path
-    shared: SharedNetwork | None = None  # the network that the codec shares over materials, to be trained
+    trainable: SharedNetwork | None = None  # a network to share, to be trained; else the one at its place
 
     @cached_property
     def btf(self) -> BTF:
         return tiny_btf()
 
     @cached_property
-    def network(self) -> Path | None:
-        """The file of the shared network, trained on other materials; None where the codec shares none."""
-        if self.shared is None:
-            return None
+    def network(self) -> TrainedNetwork | None:
+        """The network that the codec shares, trained on other materials; None where it shares none."""
+        if self.trainable is None:
+            return shared.find_for(self.codec)
+        path = self.folder / f"{self.codec.name}{container.SUFFIX}"
         with torch_threads(1):
-            return shared.make(self.shared, others(self.btf), Fit(seed=1), self.folder / f"{self.codec.name}.nbtf").path
+            return shared.read(shared.make(self.trainable, others(self.btf), Fit(seed=1), path).path)
 
     def encode(self, name: str) -> container.Header:
         with torch_threads(1):
@@ -89,7 +90,7 @@ class Bench:
 
     @cached_property
     def material(self) -> Material:
-        return container.load(self.header.path)[1]
+        return loading.load(self.header.path, network=self.network)[1]
 
     @cached_property
     def queries(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -115,10 +116,10 @@ def _same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:
 FRESH = """
 import sys, torch
 from safetensors.torch import load_file, save_file
-from bench.codecs import container
+from bench.codecs import loading
 torch.set_num_threads(1)
 queries = load_file(sys.argv[2])
-rgb = container.load(sys.argv[1])[1].query(*(queries[k] for k in ("uv", "wo", "wi", "footprint")))
+rgb = loading.load(sys.argv[1])[1].query(*(queries[k] for k in ("uv", "wo", "wi", "footprint")))
 save_file({"rgb": rgb}, sys.argv[3])
 """
 

@@ -15,11 +15,13 @@ import numpy as np
 import torch
 
 from bench import timing
-from bench.btf import BTF
+from bench.btf import BTF, Layout
 from bench.codec import SCENE, Codec, Fit, Parts, settings_dict
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.codecs.scene_material import unreported
+from bench.codecs.window import Window
+from bench.demand.corners import corners, share_of
 from bench.demand.demand import Demand
 from bench.demand.judge import FLIP, PSNR, Judge
 from bench.demand.need import Need
@@ -47,13 +49,31 @@ class Problem:
         """The problem of one codec, at whatever settings."""
         need = Need.of(btf, demand, every_pair=not codec.interpolates)
         cut = need.cut(btf)
-        density = Density.of(demand, cut.layout, need.window, uniform)
+        density = density_of(demand, cut.layout, need.window, uniform)
         return cls(need, cut, density, need.says(demand) | {"uniform": uniform})
 
     def encode(self, codec: Codec, fit: Fit) -> Parts:
         """What the codec finds."""
         parts = codec.encode(self.btf, dataclasses.replace(fit, density=self.density))
         return dataclasses.replace(parts, scene=self.says)
+
+
+def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -> Density:
+    """The density of a demand over the pairs of a BTF cut to a window."""
+    found, importance = corners(layout, demand), demand.importance
+    cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as `PairInterpolator` takes it
+    wi = torch.from_numpy(demand.wi)
+    return Density(
+        window.within(torch.from_numpy(demand.uv).double()).float(),
+        torch.from_numpy(demand.footprint) * window.stretch,
+        torch.from_numpy(demand.wo),
+        wi,
+        torch.from_numpy(importance).cumsum(0),
+        found.sample,
+        found.weight * wi[:, 2:] / cos_i[found.sample.long()],
+        torch.from_numpy(share_of(found, importance, len(layout.view))),
+        uniform,
+    )
 
 
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
@@ -158,7 +178,7 @@ class Search:
         parts = self.problem.encode(codec, fit) if codec.scene else codec.encode(self.btf, fit)
         seconds = time.perf_counter() - start
         header = container.save(self.folder / f"{name}{container.SUFFIX}", codec, parts)
-        material = unreported(container.load(header.path, fit.device)[1])
+        material = unreported(loading.load(header.path, fit.device)[1])
         score = self.judge.score(material, (PSNR, FLIP))
         steps = int(fit.history[-1]["step"]) if fit.history else 0
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)

@@ -5,83 +5,17 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from bench.btf import BTF, Layout
+from bench.codecs.window import CELLS, Window, cell_of, to_hex
 from bench.demand.corners import corners, pair_shares, share_of
 from bench.demand.demand import Demand
+from bench.density import COVERED
 from bench.directions import Hemisphere
 
 FINEST = 0.01  # the share of the demand that may be finer than what is stored
-COVERED = 0.999  # of the demand lies between the directions that are kept
-CELLS = 16  # a side of the map of demanded directions, over the stereographic plane
 
 Array = np.ndarray
-
-
-@dataclass(frozen=True)
-class Window:
-    """A window of a periodic texture of `size` texels, from (top, left) on, stored over boxes of factor × factor."""
-
-    size: tuple[int, int]
-    top: int
-    left: int
-    height: int
-    width: int
-    factor: int = 1
-
-    @classmethod
-    def whole(cls, size: tuple[int, int], factor: int = 1) -> "Window":
-        """All of the texture, but for what does not fill a box."""
-        return cls(size, 0, 0, size[0] // factor * factor, size[1] // factor * factor, factor)
-
-    @property
-    def all(self) -> bool:
-        """Whether nothing is left out and nothing is coarser."""
-        return self == Window.whole(self.size)
-
-    @property
-    def full(self) -> bool:
-        """Whether it is the whole texture, but for what does not fill a box."""
-        return self.sides == Window.whole(self.size, self.factor).sides
-
-    @property
-    def stretch(self) -> float:
-        """What a footprint is multiplied with, so that it is as many texels of the window."""
-        return max(self.size) / max(self.height, self.width)
-
-    def cut(self, btf: BTF) -> BTF:
-        """The BTF of the window."""
-        if not self.full:
-            btf = btf.crop(self.top, self.left, self.height, self.width)
-        return btf.downsample(self.factor)
-
-    @property
-    def sides(self) -> tuple[int, int]:
-        """Height and width in texels of the whole texture."""
-        return self.height, self.width
-
-    def within(self, uv: Tensor) -> Tensor:
-        """uv (n, 2) of the whole texture in units of the window; beyond its border, the nearest texel of it."""
-        u = self._along(uv[:, 0], self.left, self.width, self.size[1])
-        v = self._along(1 - uv[:, 1], self.top, self.height, self.size[0])
-        return torch.stack([u, 1 - v], 1)
-
-    def _along(self, place: Tensor, start: int, length: int, side: int) -> Tensor:
-        if length == side:
-            return place
-        texels = (place * side - start).remainder(side)
-        half = self.factor / 2
-        # What is nearer to the start, the other way round, is clamped to it.
-        texels = torch.where(texels > (length + side) / 2, texels - side, texels)
-        return texels.clamp(half, length - half) / length
-
-    def holds(self, uv: Tensor) -> Tensor:
-        """Mask (n,) of the uv (n, 2) that lie in the window."""
-        across = (uv[:, 0] * self.size[1] - self.left).remainder(self.size[1]) <= self.width
-        down = ((1 - uv[:, 1]) * self.size[0] - self.top).remainder(self.size[0]) <= self.height
-        rest = Window.whole(self.size, self.factor)  # what does not fill a box is no loss
-        return (across | (self.width == rest.width)) & (down | (self.height == rest.height))
 
 
 @dataclass(frozen=True)
@@ -120,8 +54,8 @@ class Need:
             "factor": window.factor,
             "pairs": len(self.pairs),
             "finest": self.finest,
-            "views": _hex(self.views),
-            "lights": _hex(self.lights),
+            "views": to_hex(self.views),
+            "lights": to_hex(self.lights),
         }
 
 
@@ -206,20 +140,3 @@ def _cells(directions: Array) -> Array:
         for across in range(3):
             near[row + down, col + across] = True
     return near[1:-1, 1:-1]
-
-
-def cell_of(directions: Tensor) -> Tensor:
-    """The number row · CELLS + column (n,) int32 of directions (n, 3) in a map of the stereographic plane."""
-    scale = CELLS / 2 / (1 + directions[:, 2])
-    col, row = ((directions[:, axis] * scale + CELLS / 2).int() for axis in (0, 1))
-    return (row * CELLS + col).clamp_(0, CELLS**2 - 1)
-
-
-def _hex(cells: Array) -> str:
-    return np.packbits(cells).tobytes().hex()
-
-
-def from_hex(text: str) -> Array:
-    """The map (CELLS, CELLS) that a file records. `ValueError` where it is none."""
-    bits = np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8))
-    return bits.reshape(CELLS, CELLS).astype(bool)

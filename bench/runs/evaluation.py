@@ -11,7 +11,8 @@ import numpy as np
 
 from bench import atomic, timing
 from bench.codec import Progress
-from bench.codecs import container, shared
+from bench.codecs.container import Header
+from bench.codecs.loading import Loaded
 from bench.codecs.scene_material import unreported
 from bench.conformance.counting import parameters
 from bench.fields import FLIP, PSNR, gate, metric_of
@@ -28,7 +29,7 @@ COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices th
 Keep = Callable[[str, dict[str, Any]], str]
 
 
-def score_key(bench: Workbench, header: container.Header) -> dict[str, Any]:
+def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
     """All that shapes the figures of a file: where a record has this key, nothing is scored again."""
     return {
         "sha256": header.sha256,
@@ -38,15 +39,13 @@ def score_key(bench: Workbench, header: container.Header) -> dict[str, Any]:
     } | ({"demand": bench.demand.fingerprint} if bench.demand else {})
 
 
-def evaluate(
-    bench: Workbench, header: container.Header, device: str, threads: int, keep: Keep, show: Progress
-) -> Record:
-    """Decode a codec file from the disk and score it: the part of its record that the score key answers for.
+def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Record:
+    """Score what was decoded from a codec file: the part of its record that the score key answers for.
 
     `keep(name, content)` stores what does not go into the record, and gives the name that the record says.
     """
-    material = unreported(container.load(header.path, device)[1])
-    decoder = Decoder(bench, material, show)
+    header, material = file.header, unreported(file.material)
+    decoder = Slices(bench, material, show)
     decides = gate(bench.groups)
     with timing.torch_threads(threads):
         scores = bench.scorer.score(bench.groups["all"], decoder.watched)
@@ -65,7 +64,7 @@ def evaluate(
         "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
         "provenance": bench.btf.provenance,
         "settings": header.settings,
-        "bytes": _bytes(header),
+        "bytes": _bytes(file),
         "parameters": parameters(material),
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: _described(name) for name in bench.scorer.names},
@@ -79,7 +78,7 @@ def evaluate(
 
 
 @dataclass
-class Decoder:
+class Slices:
     """The decoded material, asked for the slices of its BTF's pairs."""
 
     bench: Workbench
@@ -108,10 +107,10 @@ def write_content(path: Path, content: dict[str, Any]) -> None:
                 np.savez_compressed(file, **content)
 
 
-def _bytes(header: container.Header) -> dict[str, int]:
+def _bytes(file: Loaded) -> dict[str, int]:
     """Of the file by part and in all, and of the shared network's file where it needs one."""
-    found = header.part_bytes() | {"total": header.file_bytes}
-    return found | ({"shared": shared.named_by(header).header.file_bytes} if header.shared else {})
+    found = file.header.part_bytes() | {"total": file.header.file_bytes}
+    return found | ({"shared": file.network.file_bytes} if file.network else {})
 
 
 def _described(name: str) -> dict[str, Any]:
@@ -127,7 +126,7 @@ def _slices(bench: Workbench, scores: Scores) -> dict[str, np.ndarray]:
     return {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw | angles
 
 
-def _pictures(bench: Workbench, decoder: Decoder) -> dict[str, np.ndarray]:
+def _pictures(bench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
     """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma."""
     truth = np.stack([bench.btf[i] for i in bench.shown])
     decoded = np.stack([decoder.slice(i) for i in bench.shown])

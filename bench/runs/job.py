@@ -23,8 +23,8 @@ from typing import Any
 import torch
 
 from bench import timing
-from bench.codec import Codec, Fit, Parts, Progress, settings_dict, silent
-from bench.codecs import container, shared
+from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
+from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
 from bench.demand import fitting
 from bench.demand.demand import Demand
@@ -130,7 +130,7 @@ class Job:
         return seed_of(self.bench.name, self.codec.name, self.task.repetition)
 
     @cached_property
-    def network(self) -> shared.Shared | None:
+    def network(self) -> TrainedNetwork | None:
         """The network that the codec shares over materials, its file beside those that name it."""
         if self.codec.network is None:
             return None
@@ -150,7 +150,7 @@ class Job:
             "device": torch.device(self.task.device).type,
             "threads": self.task.threads,
             "torch": torch.__version__,
-        } | ({"shared": self.network.header.sha256} if self.network else {})
+        } | ({"shared": self.network.sha256} if self.network else {})
         if self.codec.scene:
             key |= {"demand": self._demand.fingerprint, "uniform": self.task.uniform}
         return key
@@ -205,7 +205,8 @@ class Job:
         return Result(record, "file" if fit["fit_cached"] else "")
 
     def _scored(self, header: container.Header) -> Record:
-        return evaluate(self.bench, header, self.task.device, self.task.threads, self.place.keep, self.show)
+        file = loading.load(header.path, self.task.device, self.network)
+        return evaluate(self.bench, file, self.task.threads, self.place.keep, self.show)
 
     def _file(self) -> tuple[container.Header, Record]:
         """The codec file, from an earlier run where its key is the same, else encoded now; and facts of its fit."""
@@ -225,7 +226,7 @@ class Job:
     def _fetch(self, path: Path) -> None:
         """Where the run's folder is out of reach: have the files of the earlier record here, if it is of this fit."""
         same = self.task.earlier and self.task.earlier.get("fit_key") == self.fit_key
-        if self.place.shared or path.exists() or not same:
+        if self.place.of_run or path.exists() or not same:
             return
         if not self.task.sent:
             raise _WantedError
@@ -235,14 +236,14 @@ class Job:
     def _encode(self) -> tuple[Record, Parts]:
         """Facts of the fit, seconds and curve, and what it found."""
         if self.network:
-            self.network.refuse(self.bench.btf)
+            shared.refuse(self.network, self.bench.btf)
         fit = Fit(
             torch.device(self.task.device),
             self.task.threads,
             self.seed,
             self.show,
             self.checkpoint,
-            network=self.network.header.path if self.network else None,
+            network=self.network,
         )
         with timing.torch_threads(self.task.threads):
             start = time.perf_counter()

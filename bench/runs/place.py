@@ -16,7 +16,7 @@ class Place:
     """A folder laid out as the run's, and what a job put there. Names are relative to it."""
 
     folder: Path
-    shared: bool  # it is the run's own
+    of_run: bool  # it is the run's own
     made: list[str] = field(default_factory=list)
     lent: list[str] = field(default_factory=list)
 
@@ -44,7 +44,7 @@ class Place:
 
     def parcel(self) -> dict[str, bytes]:
         """What was made out of reach of the run's folder, for who can write there; nothing of it stays here."""
-        if self.shared:
+        if self.of_run:
             return {}
         files = {name: (self.folder / name).read_bytes() for name in self.made}
         for name in (*self.made, *self.lent):

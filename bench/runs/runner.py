@@ -20,7 +20,7 @@ import torch
 
 from bench import atomic, records, timing
 from bench.codec import Fit, Progress, silent
-from bench.codecs import container, shared
+from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
 from bench.codecs.scene_material import unreported
 from bench.demand import demand
@@ -91,8 +91,8 @@ def _networks(suite: Suite, options: Options) -> dict[str, tuple[str, bytes]]:
         if network and name in suite.pretrain:
             ready(network(), Fit(torch.device(options.device), suite.threads, show=options.show))
         if network and shared.place(name).exists():
-            header = shared.find(name).header
-            found[name] = (shared.hashed_name(header), header.path.read_bytes())
+            trained = shared.find(name)
+            found[name] = (shared.hashed_name(name, trained.sha256), trained.path.read_bytes())
             atomic.write(options.folder / "files" / found[name][0], found[name][1])
     return found
 
@@ -200,7 +200,7 @@ class _Session:
 
     def _time(self, jobs: list[Record]) -> None:
         folder, device, threads = self.options.folder, self.options.device, self.suite.threads
-        decoded = {job["job"]: unreported(container.load(folder / job["file"], device)[1]) for job in jobs}
+        decoded = {job["job"]: unreported(loading.load(folder / job["file"], device)[1]) for job in jobs}
         conditions = timing.conditions(threads, device)
         for name, measured in timing.compare(decoded, threads).items():
             if name != timing.FLOOR:

@@ -14,14 +14,14 @@ import torch
 
 from bench import atomic, timing
 from bench.codec import Progress, silent
-from bench.codecs import container
+from bench.codecs import loading
 from bench.errors import InputError
 from bench.fields import FLIP, PSNR, gate, metric_of, metrics_of
 from bench.material import Material
 from bench.metrics.scoring import summarise
 from bench.records import TRADE, TRADE_FORMAT, Record, Run
 from bench.runs.choose import answers, psnr
-from bench.runs.evaluation import Decoder as Slices
+from bench.runs.evaluation import Slices
 from bench.runs.suite import MaterialSpec, Suite
 from bench.runs.workbench import Workbench, workbench
 from bench.timing.execution import Variant, exists_on, networks, prepared
@@ -107,7 +107,7 @@ def _failed(suite: Suite, spec: MaterialSpec, run: Run, device: str) -> list[dic
 
 
 def _load(run: Run, job: Record, device: str) -> Material:
-    return container.load(run.folder / job["file"], device)[1]
+    return loading.load(run.folder / job["file"], device)[1]
 
 
 def _plain(suite: Suite, job: Record) -> bool:
@@ -142,14 +142,14 @@ def _choices(
             rows.append(row)
             timed[len(rows) - 1] = ready
     measured = timing.compare({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(BATCH))
-    shared = {"batch": BATCH, "threads": suite.threads, "device": device}
+    conditions = {"batch": BATCH, "threads": suite.threads, "device": device}
     for i, ready in timed.items():
         summary = _summary(measured[str(i)])
         least = _limit(ready, ceilings)
-        rows[i] |= summary | shared | {"limit_ns": least, "of_limit": least / summary["ns_per_sample"]}
+        rows[i] |= summary | conditions | {"limit_ns": least, "of_limit": least / summary["ns_per_sample"]}
     floor = {"material": bench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
     _mark([row for row in rows if "error" not in row])
-    return [*rows, floor | shared | _summary(measured[timing.FLOOR])]
+    return [*rows, floor | conditions | _summary(measured[timing.FLOOR])]
 
 
 def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:

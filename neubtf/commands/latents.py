@@ -19,13 +19,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.codecs import container
+    from bench.codecs import loading
     from bench.codecs.scene_material import SceneMaterial
     from bench.errors import InputError
     from neubtf.latents import draw
     from neubtf.renderer import NeuBTFMaterial
 
-    header, material = container.load(options.file)
+    header, material, _ = loading.load(options.file)
     if isinstance(material, SceneMaterial):
         material = material.inner
     if not isinstance(material, NeuBTFMaterial):

@@ -45,7 +45,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.codecs.container import load
+    from bench.codecs.loading import load
     from bench.console import Console, file_lines
     from neubtf.guidance import Treatment
     from neubtf.propagation import propagate

@@ -10,7 +10,7 @@ from baselines.mean_colour import MeanColour
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.codecs import container
+from bench.codecs import container, loading
 
 
 def made() -> BTF:
@@ -23,7 +23,7 @@ def made() -> BTF:
 def test_every_slice_is_the_mean(tmp_path: Path, half: bool, tolerance: float) -> None:
     btf, codec = made(), MeanColour(half=half)
     header = container.save(tmp_path / "a.nbtf", codec, codec.encode(btf, Fit()))
-    material = container.load(tmp_path / "a.nbtf")[1]
+    material = loading.load(tmp_path / "a.nbtf")[1]
     mean = np.mean(list(btf), 0, dtype=np.float64)
     for pair in (0, 40, 80):
         np.testing.assert_allclose(material.slice(btf.wo[pair], btf.wi[pair]), mean, rtol=tolerance)

@@ -13,7 +13,7 @@ from baselines.svd import truncated_svd
 from bench import hemisphere
 from bench.btf import BTF, ArraySource, Source
 from bench.codec import Fit, Parts
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.errors import InputError
 from bench.material import Material
 from bench.metrics.scoring import exposure
@@ -41,7 +41,7 @@ def made(pairs: int = 25, height: int = 8, width: int = 6, views: int = 5, seed:
 def stored(codec: PCA, btf: BTF, folder: Path, fit: Fit | None = None) -> Material:
     path = folder / "a.nbtf"
     container.save(path, codec, codec.encode(btf, fit or Fit()))
-    return container.load(path)[1]
+    return loading.load(path)[1]
 
 
 def slices(material: Material, btf: BTF) -> np.ndarray:

@@ -10,7 +10,7 @@ from baselines.table import Table
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.material import Material, texel_centres
 
 
@@ -24,7 +24,7 @@ def btf_of(values: np.ndarray) -> BTF:
 def stored(btf: BTF, folder: Path) -> Material:
     codec = Table()
     container.save(folder / "a.nbtf", codec, codec.encode(btf, Fit()))
-    return container.load(folder / "a.nbtf")[1]
+    return loading.load(folder / "a.nbtf")[1]
 
 
 @pytest.mark.parametrize("brightest", [1.0, 6e4, 1e7])

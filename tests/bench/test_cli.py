@@ -12,7 +12,7 @@ import pytest
 
 import bench
 from bench import cli, commands
-from bench.codecs import container
+from bench.codecs import loading
 from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
@@ -102,7 +102,7 @@ def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
     assert "components = 3" in out
     assert f"{file.stat().st_size:,} bytes" in out
     assert cli.main(["decode", str(file), "--like", str(folder), "-o", str(tmp_path / "slices")]) == 0
-    decoded, material = open_btf(tmp_path / "slices"), container.load(file)[1]
+    decoded, material = open_btf(tmp_path / "slices"), loading.load(file)[1]
     wo, wi = decoded.wo[7].tolist(), decoded.wi[7].tolist()
     # The angles went through degrees in a text file.
     np.testing.assert_allclose(decoded[7], material.slice(wo, wi).numpy(), atol=1e-4)

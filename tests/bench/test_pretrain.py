@@ -36,7 +36,7 @@ def test_pretrain_encode_info_and_decode(measured, tmp_path, capsys):
     assert str(shared.place("rainer2020")) in said
     assert "trained on: 1 materials" in said
     assert cli.main(encode) == 0
-    network = shared.find("rainer2020").header
+    network = shared.find("rainer2020")
     assert f"shared network: {network.path}, {network.file_bytes:,} bytes" in capsys.readouterr().out
     assert cli.main(["info", str(network.path)]) == 0
     assert "no material, but the network" in capsys.readouterr().out

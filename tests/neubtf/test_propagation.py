@@ -11,7 +11,7 @@ from torch import Tensor
 
 from bench import cli
 from bench.codec import Fit
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
 from bench.conformance.counting import parameters
 from bench.data.readers import open_btf
@@ -85,7 +85,7 @@ def test_the_new_file_is_a_material_like_any_other(file: Path, tmp_path: Path, c
     out = tmp_path / "new.nbtf"
     assert propagate(file, tmp_path / "large.png", out) == 0
     assert "seam" in capsys.readouterr().out
-    header, material = container.load(out)
+    header, material, _ = loading.load(out)
     assert (header.codec, header.settings["keep_encoder"]) == ("neubtf", False)
     assert material.size == (20, 31)
     assert (parameters(material), material.cost.texture_channels) == (3011, 14)
@@ -123,13 +123,13 @@ def test_pictures_of_every_kind_guide(file: Path, tmp_path: Path, kind: str) -> 
     else:
         Image.fromarray(codes).convert("RGB" if kind in ("P", "1") else "RGBA").convert(kind).save(path, "png")
     assert propagate(file, path, tmp_path / "new.nbtf") == 0
-    assert container.load(tmp_path / "new.nbtf")[1].size == (9, 8)
+    assert loading.load(tmp_path / "new.nbtf")[1].size == (9, 8)
 
 
 def test_a_picture_of_nine_texels_guides(file: Path, tmp_path: Path) -> None:
     Image.fromarray(np.arange(27, dtype=np.uint8).reshape(3, 3, 3) * 9).save(tmp_path / "small.png")
     assert propagate(file, tmp_path / "small.png", tmp_path / "new.nbtf") == 0
-    assert container.load(tmp_path / "new.nbtf")[1].size == (3, 3)
+    assert loading.load(tmp_path / "new.nbtf")[1].size == (3, 3)
 
 
 def test_what_is_too_large_is_refused_with_a_scale_that_fits(file: Path, tmp_path: Path, capsys) -> None:
@@ -145,7 +145,7 @@ def test_what_is_too_large_is_refused_with_a_scale_that_fits(file: Path, tmp_pat
 def test_a_picture_8k_wide_guides_at_a_scale(file: Path, tmp_path: Path) -> None:
     Image.new("L", (8192, 64), 99).save(tmp_path / "wide.png")
     assert propagate(file, tmp_path / "wide.png", tmp_path / "new.nbtf", "--scale", "0.0625") == 0
-    assert container.load(tmp_path / "new.nbtf")[1].size == (4, 512)
+    assert loading.load(tmp_path / "new.nbtf")[1].size == (4, 512)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import torch
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, settings_dict
-from bench.codecs import container, shared
+from bench.codecs import container, loading, shared
 from bench.conformance.check import Bench, CheckError
 from bench.material import Material
 from bench.timing import torch_threads
@@ -109,7 +109,7 @@ class Subject:
             changes = {"steps": stretch * SHORT["steps"]} | changes
         codec, path = self.codec(**changes), self.bench.folder / f"stress{container.SUFFIX}"
         container.save(path, codec, codec.encode(btf, self.fit()))
-        return Encoded(btf, container.load(path)[1])
+        return Encoded(btf, loading.load(path, network=self.bench.network)[1])
 
     @cached_property
     def usual(self) -> Encoded:
@@ -126,8 +126,7 @@ class Subject:
         """The tensors of the ordinary material's file."""
         if self.stored is not None:
             return self.stored
-        header, parts = container.read_parts(self.bench.header.path)
-        return dataclasses.replace(parts, shared=shared.named_by(header)) if header.shared else parts
+        return dataclasses.replace(container.read_parts(self.bench.header.path)[1], network=self.bench.network)
 
     def decode(self, parts: Parts) -> Material:
         """The material of some tensors, which need not be those of a file."""

@@ -36,7 +36,7 @@ def scaled_texture(subject: Subject) -> Material:
 
 def largest_weights(subject: Subject) -> Material:
     """Every stored weight at half's maximum, its sign kept."""
-    if subject.parts.shared:
+    if subject.parts.network:
         material = subject.decode(subject.parts)
         for p in (p for network in material.modules() for p in network.parameters()):
             p.data = p.sign() * HALF_MAX

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from bench.codec import Codec, Fit, Parts
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.console import file_lines
@@ -82,7 +82,7 @@ def test_a_thousand_mutations_are_each_refused(encoded, tmp_path):
         mutated = mutate(data, rng)
         path.write_bytes(mutated)
         with pytest.raises(ContainerError) as error:
-            container.load(path)
+            loading.load(path)
         assert str(path) in str(error.value), trial
 
 
@@ -139,7 +139,7 @@ def test_a_file_that_is_whole_but_foreign_is_explained(encoded, tmp_path, change
     path = tmp_path / "foreign.nbtf"
     path.write_bytes(rewritten(data, change))
     with pytest.raises(InputError) as error:
-        container.load(path)
+        loading.load(path)
     assert message in str(error.value)
     assert str(path) in str(error.value)
 
@@ -157,7 +157,7 @@ def test_what_is_no_codec_file_is_called_so(tmp_path, data):
 
 def test_a_missing_file_is_a_container_error(tmp_path):
     with pytest.raises(ContainerError, match="cannot be read"):
-        container.load(tmp_path / "absent.nbtf")
+        loading.load(tmp_path / "absent.nbtf")
 
 
 def test_numbers_that_are_not_finite_are_never_written(tmp_path):

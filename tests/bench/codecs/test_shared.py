@@ -10,7 +10,7 @@ import torch
 from baselines.mean_colour import MeanColourMaterial
 from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Parts, SharedNetwork
-from bench.codecs import container, shared
+from bench.codecs import container, loading, shared
 from bench.conformance.check import others, tiny_btf
 from bench.data import materials
 from bench.errors import ContainerError, InputError, MissingDataError
@@ -41,17 +41,17 @@ class Tinted(Codec):
     network = Tint
 
     def encode(self, btf, fit):
-        return Parts(texture={"mean": torch.from_numpy(sum(btf) / len(btf))}, shared=fit.shared(self.name))
+        return Parts(texture={"mean": torch.from_numpy(sum(btf) / len(btf))}, network=fit.shared(self.name))
 
     def decode(self, parts, device):
-        return MeanColourMaterial((parts.texture["mean"] * parts.shared.parts.decoder["colour"]).float())
+        return MeanColourMaterial((parts.texture["mean"] * parts.network.parts.decoder["colour"]).float())
 
 
 @pytest.fixture(autouse=True)
 def places(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_SHARED", str(tmp_path / "shared"))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    for module in ("registry", "job", "runner"):
+    for module in ("codecs.registry", "runs.job", "runs.runner"):
         monkeypatch.setattr(f"bench.{module}.load_codec", lambda name, wanted_by="": Tinted)
 
 
@@ -61,45 +61,61 @@ def make(**settings):
 
 def encoded(path):
     codec = Tinted()
-    return container.save(path, codec, codec.encode(tiny_btf(4, 3, 3), Fit()))
+    return container.save(path, codec, codec.encode(tiny_btf(4, 3, 3), Fit(network=shared.find_for(codec))))
 
 
 def test_a_material_is_two_files_and_the_second_is_found_by_its_hash(tmp_path):
     network, header = make(), encoded(tmp_path / "file.nbtf")
     assert (network.kind, header.kind) == ("shared", "material")
-    assert header.shared == network.sha256
+    assert header.network == network.sha256
     assert sum(header.part_bytes().values()) == header.path.stat().st_size
-    material = container.load(header.path)[1]
-    beside = tmp_path / shared.hashed_name(network)
+    material = loading.load(header.path)[1]
+    beside = tmp_path / shared.hashed_name(network.codec, network.sha256)
     shared.place("tinted").rename(beside)
-    assert container.load(header.path)[1].texture.equal(material.texture)
+    assert loading.load(header.path)[1].texture.equal(material.texture)
 
 
 def test_what_another_network_took_the_place_of_still_decodes(tmp_path):
     make()
     header = encoded(tmp_path / "file.nbtf")
-    before = container.load(header.path)[1]
-    assert make(bright=0.5).sha256 != header.shared
-    assert container.load(header.path)[1].texture.equal(before.texture)
+    before = loading.load(header.path)[1]
+    assert make(bright=0.5).sha256 != header.network
+    assert loading.load(header.path)[1].texture.equal(before.texture)
 
 
 def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path):
     with pytest.raises(MissingDataError, match=r"not there.*neubtf-bench pretrain tinted"):
         encoded(tmp_path / "file.nbtf")
+    with pytest.raises(MissingDataError, match=r"Fit\(network=.*neubtf-bench pretrain tinted"):
+        Tinted().encode(tiny_btf(4, 3, 3), Fit())
     make()
     header = encoded(tmp_path / "file.nbtf")
     shared.place("tinted").unlink()
-    with pytest.raises(ContainerError, match=f"{header.shared}.*as tinted-{header.shared[:12]}.nbtf.*pretrain tinted"):
-        container.load(header.path)
+    wanted = f"{header.network}.*as tinted-{header.network[:12]}.nbtf.*pretrain tinted"
+    with pytest.raises(ContainerError, match=wanted):
+        loading.load(header.path)
     make(bright=2.0)
     with pytest.raises(ContainerError, match="is another one"):
-        container.load(header.path)
+        loading.load(header.path)
+
+
+def test_a_network_that_is_at_hand_is_not_read_again(tmp_path, monkeypatch):
+    make()
+    network, header = shared.find("tinted"), encoded(tmp_path / "file.nbtf")
+    read = []
+    monkeypatch.setattr("bench.codecs.container._read", lambda path: read.append(path) or path.read_bytes())
+    loading.load(header.path, network=network)
+    assert read == [header.path]
+    loading.load(header.path)
+    assert read[1:] == [header.path, network.path]
+    other = dataclasses.replace(network, sha256="0" * 64, parts=Parts())
+    assert loading.load(header.path, network=other)[1].texture.equal(loading.load(header.path)[1].texture)
 
 
 def test_a_network_is_no_material_and_a_material_no_network(tmp_path):
     network, header = make(), encoded(tmp_path / "file.nbtf")
     with pytest.raises(ContainerError, match="no material, but the network that codec tinted shares"):
-        container.load(network.path)
+        loading.load(network.path)
     with pytest.raises(ContainerError, match="no network shared over materials"):
         shared.read(header.path)
 
@@ -120,9 +136,9 @@ def test_it_refuses_what_it_was_trained_on_at_any_size_and_directions():
     found = shared.read(shared.make(Tint(), [trained], Fit(), shared.place("tinted")).path)
     for same in (trained, trained.subset([1, 2]), materials.load("leather", 6, 5, 3, "ubo2014", 2)):
         with pytest.raises(InputError, match="leather: codec tinted cannot be measured"):
-            found.refuse(same)
-    found.refuse(materials.load("leather", size=4, views=4, lights=4, heldout=0, seed=1))
-    found.refuse(tiny_btf(4, 3, 3))
+            shared.refuse(found, same)
+    shared.refuse(found, materials.load("leather", size=4, views=4, lights=4, heldout=0, seed=1))
+    shared.refuse(found, tiny_btf(4, 3, 3))
 
 
 def test_the_origin_of_baked_maps_is_that_of_their_files_and_of_measured_data_their_content():
@@ -180,7 +196,7 @@ def test_a_record_has_two_sizes_and_its_run_decodes_without_the_place_of_network
     assert record["bytes"]["shared"] == network.path.stat().st_size
     assert record["bytes"]["total"] == (tmp_path / "run" / record["file"]).stat().st_size
     network.path.unlink()
-    container.load(tmp_path / "run" / record["file"])
+    loading.load(tmp_path / "run" / record["file"])
 
 
 @pytest.mark.usefixtures("tiny")
@@ -190,7 +206,7 @@ def test_a_worker_that_cannot_reach_the_run_s_folder_is_told_the_network(tmp_pat
     record = job(tmp_path / "run")
     assert record["fit_key"]["shared"] == network.sha256
     network.path.unlink()
-    container.load(tmp_path / "run" / record["file"])
+    loading.load(tmp_path / "run" / record["file"])
 
 
 @pytest.mark.usefixtures("tiny")

@@ -8,7 +8,7 @@ import torch
 import zstandard
 
 from bench.codec import Fit, Parts, settings_dict
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.codecs.zstd import compressed, expanded
 from bench.conformance.check import Bench, batches, same_bytes, tiny_btf
@@ -27,7 +27,7 @@ def test_a_compressed_file_is_smaller_and_decodes_to_the_same(tmp_path):
     assert sum(packed.part_bytes().values()) == packed.file_bytes == packed.path.stat().st_size
     assert packed.tensors["texture/zstd"][0] == "U8"
     assert (packed.settings.get("zstd"), "zstd" in plain.settings) == (True, False)
-    one, other = (container.load(header.path)[1].slice([0, 0, 1], [0, 0, 1]) for header in (plain, packed))
+    one, other = (loading.load(header.path)[1].slice([0, 0, 1], [0, 0, 1]) for header in (plain, packed))
     assert one.equal(other)
     names = [sorted(container.read_parts(header.path)[1].other) for header in (plain, packed)]
     assert names[0] == names[1]
@@ -54,10 +54,10 @@ def test_without_the_package_it_is_said_what_to_install(tmp_path, monkeypatch):
     header = saved(tmp_path / "packed.nbtf", zstd=True)
     monkeypatch.setitem(sys.modules, "zstandard", None)
     with pytest.raises(InputError, match=r"packed\.nbtf: needs .*pip install 'neubtf-bench\[zstd\]'"):
-        container.load(header.path)
+        loading.load(header.path)
     with pytest.raises(InputError, match=r"zstd = true: needs the package zstandard"):
         compressed(b"data")
-    container.load(saved(tmp_path / "plain.nbtf").path)
+    loading.load(saved(tmp_path / "plain.nbtf").path)
 
 
 @pytest.mark.parametrize(
@@ -82,4 +82,4 @@ def test_a_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
     header = container.save(tmp_path / "file", codec, Parts(texture={"mean": torch.zeros(64, 64, 3)}))
     assert header.file_bytes < 1000
     with pytest.raises(ContainerError, match="more than 10000 bytes"):
-        container.load(header.path)
+        loading.load(header.path)

@@ -10,8 +10,9 @@ from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.codec import Codec, Parts
 from bench.codecs.quantise import unpack
 from bench.codecs.registry import load_codec
-from bench.conformance import check, stability
+from bench.conformance import stability
 from bench.conformance.check import CHECKS
+from bench.conformance.verdicts import check
 from bench.material import DecoderCost, Material
 
 

@@ -15,18 +15,18 @@ from baselines.vq import VQ
 from bench import cli
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.codecs.scene_material import SceneMaterial
 from bench.codecs.training import Samples
+from bench.codecs.window import Window, from_hex
 from bench.conformance.check import tiny_btf
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
-from bench.demand.fitting import Goal, Search, encode, sized, steps_of
+from bench.demand.fitting import Goal, Search, density_of, encode, sized, steps_of
 from bench.demand.judge import Judge
-from bench.demand.need import Need, Window, from_hex, needed_pairs
+from bench.demand.need import Need, needed_pairs
 from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
-from bench.density import Density
 from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import texel_centres
@@ -64,7 +64,7 @@ def random_demand(count=4000, footprint=0.0):
 
 
 def loaded(codec, parts, folder):
-    return container.load(container.save(folder / "a.nbtf", codec, parts).path)[1]
+    return loading.load(container.save(folder / "a.nbtf", codec, parts).path)[1]
 
 
 def test_a_near_scene_needs_a_window_of_the_texture_and_few_pairs():
@@ -141,7 +141,7 @@ def test_one_direction_of_light_keeps_a_triangle_around_it():
 def test_samples_follow_the_demand_and_a_share_is_uniform():
     btf, asked = tiny_btf(32, 9, 9), demand(NEAR)
     window = Window.whole(btf.shape)
-    density = Density.of(asked, btf.layout, window, 0.25)
+    density = density_of(asked, btf.layout, window, 0.25)
     samples = Samples(btf, 2.0, Fit(density=density))
     batch = samples.draw(20_000, torch.Generator().manual_seed(0))
     drawn = batch.pair >= len(btf)
@@ -158,7 +158,7 @@ def test_samples_follow_the_demand_and_a_share_is_uniform():
 
 def test_samples_between_pairs_are_what_the_table_interpolates():
     btf, asked = tiny_btf(16, 9, 9), demand(NEAR)
-    samples = Samples(btf, 1.0, Fit(density=Density.of(asked, btf.layout, Window.whole(btf.shape), 0.0)))
+    samples = Samples(btf, 1.0, Fit(density=density_of(asked, btf.layout, Window.whole(btf.shape), 0.0)))
     batch = samples.draw(500, torch.Generator().manual_seed(0))
     full = Table().decode(Table().encode(btf, Fit()), torch.device("cpu"))
     wo, wi = samples.wo[batch.pair], samples.wi[batch.pair]
@@ -208,7 +208,7 @@ def test_a_file_says_what_it_was_fitted_to_and_a_wrong_window_is_an_error(tmp_pa
     parts.scene["window"][3] += 5
     container.save(tmp_path / "b.nbtf", PCA(components=2), parts)
     with pytest.raises(InputError, match="a window of"):
-        container.load(tmp_path / "b.nbtf")
+        loading.load(tmp_path / "b.nbtf")
 
 
 def test_sizes_shrink_together():

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from baselines.mean_colour import MeanColour
-from bench.codecs import container
+from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError, MissingDataError
 from bench.metrics import get
@@ -60,7 +60,7 @@ def test_a_run_leaves_records_files_and_what_reports_need(tmp_path):
 
 def test_what_is_scored_is_what_the_file_decodes_to(tmp_path):
     job = outcomes(tmp_path)[1].record
-    material = container.load(tmp_path / job["file"])[1]
+    material = loading.load(tmp_path / job["file"])[1]
     btf = tiny_btf(12, 6, 6)
     exposure = job["score_key"]["exposure"]
     from bench.metrics.display import to_display

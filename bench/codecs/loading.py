@@ -1,0 +1,52 @@
+"""Decodes a codec file: finds the codec that it names, its shared network where it needs one, and the scene it fits."""
+
+import dataclasses
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+
+from bench.codec import TrainedNetwork
+from bench.codecs import registry, shared
+from bench.codecs.container import SHARED, Header, read_parts
+from bench.codecs.scene_material import SceneMaterial
+from bench.errors import ContainerError
+from bench.material import Material
+
+
+class Loaded(NamedTuple):
+    """A codec file, what it decodes to, and the shared network that it was decoded with, where it needs one."""
+
+    header: Header
+    material: Material
+    network: TrainedNetwork | None = None
+
+
+def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork | None = None) -> Loaded:
+    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong.
+
+    The shared network that the file names is `network` where its hash agrees, else `shared.named_by` finds its file.
+    """
+    path = Path(path)
+    header, parts = read_parts(path)
+    if header.kind == SHARED:
+        raise ContainerError(f"{path}: no material, but the network that codec {header.codec} shares over materials")
+    codec_class = registry.load_codec(header.codec, wanted_by=str(path))
+    if header.version != codec_class.version:
+        raise ContainerError(
+            f"{path}: written by version {header.version} of codec {header.codec}, this is version "
+            f"{codec_class.version}: encode it again, or install the version that wrote it"
+        )
+    if not header.network:
+        network = None
+    elif network is None or network.sha256 != header.network:
+        network = shared.named_by(header)
+    parts = dataclasses.replace(parts, network=network)
+    try:
+        material = codec_class(**header.settings).decode(parts, torch.device(device))
+        if header.scene:
+            material = SceneMaterial(material, header.scene, str(path)).to(material.device)
+    except (KeyError, ValueError, RuntimeError, IndexError, TypeError) as error:
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
+    return Loaded(header, material, network)

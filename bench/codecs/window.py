@@ -1,0 +1,96 @@
+"""What of a texture a file fitted to a scene holds: a window of texels, and maps of the directions asked for."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.btf import BTF
+
+CELLS = 16  # a side of the map of demanded directions, over the stereographic plane
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window of a periodic texture of `size` texels, from (top, left) on, stored over boxes of factor × factor."""
+
+    size: tuple[int, int]
+    top: int
+    left: int
+    height: int
+    width: int
+    factor: int = 1
+
+    @classmethod
+    def whole(cls, size: tuple[int, int], factor: int = 1) -> "Window":
+        """All of the texture, but for what does not fill a box."""
+        return cls(size, 0, 0, size[0] // factor * factor, size[1] // factor * factor, factor)
+
+    @property
+    def all(self) -> bool:
+        """Whether nothing is left out and nothing is coarser."""
+        return self == Window.whole(self.size)
+
+    @property
+    def full(self) -> bool:
+        """Whether it is the whole texture, but for what does not fill a box."""
+        return self.sides == Window.whole(self.size, self.factor).sides
+
+    @property
+    def stretch(self) -> float:
+        """What a footprint is multiplied with, so that it is as many texels of the window."""
+        return max(self.size) / max(self.height, self.width)
+
+    def cut(self, btf: BTF) -> BTF:
+        """The BTF of the window."""
+        if not self.full:
+            btf = btf.crop(self.top, self.left, self.height, self.width)
+        return btf.downsample(self.factor)
+
+    @property
+    def sides(self) -> tuple[int, int]:
+        """Height and width in texels of the whole texture."""
+        return self.height, self.width
+
+    def within(self, uv: Tensor) -> Tensor:
+        """uv (n, 2) of the whole texture in units of the window; beyond its border, the nearest texel of it."""
+        u = self._along(uv[:, 0], self.left, self.width, self.size[1])
+        v = self._along(1 - uv[:, 1], self.top, self.height, self.size[0])
+        return torch.stack([u, 1 - v], 1)
+
+    def _along(self, place: Tensor, start: int, length: int, side: int) -> Tensor:
+        if length == side:
+            return place
+        texels = (place * side - start).remainder(side)
+        half = self.factor / 2
+        # What is nearer to the start, the other way round, is clamped to it.
+        texels = torch.where(texels > (length + side) / 2, texels - side, texels)
+        return texels.clamp(half, length - half) / length
+
+    def holds(self, uv: Tensor) -> Tensor:
+        """Mask (n,) of the uv (n, 2) that lie in the window."""
+        across = (uv[:, 0] * self.size[1] - self.left).remainder(self.size[1]) <= self.width
+        down = ((1 - uv[:, 1]) * self.size[0] - self.top).remainder(self.size[0]) <= self.height
+        rest = Window.whole(self.size, self.factor)  # what does not fill a box is no loss
+        return (across | (self.width == rest.width)) & (down | (self.height == rest.height))
+
+
+def cell_of(directions: Tensor) -> Tensor:
+    """The number row · CELLS + column (n,) int32 of directions (n, 3) in a map of the stereographic plane."""
+    scale = CELLS / 2 / (1 + directions[:, 2])
+    col, row = ((directions[:, axis] * scale + CELLS / 2).int() for axis in (0, 1))
+    return (row * CELLS + col).clamp_(0, CELLS**2 - 1)
+
+
+def to_hex(cells: Array) -> str:
+    """A map (CELLS, CELLS) as a file records it."""
+    return np.packbits(cells).tobytes().hex()
+
+
+def from_hex(text: str) -> Array:
+    """The map (CELLS, CELLS) that a file records. `ValueError` where it is none."""
+    bits = np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8))
+    return bits.reshape(CELLS, CELLS).astype(bool)
