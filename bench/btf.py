@@ -60,6 +60,10 @@ class Source:
         """Single values (n, 3) float32 at n places."""
         return self._scratch[row * self.shape[1] + col, pair].astype(np.float32)
 
+    def of(self, pairs: Array) -> "Source":
+        """A source of these pairs under the same numbers, which may leave out what only others need."""
+        return self
+
     @cached_property
     def _scratch(self) -> Array:
         path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}.npy"
@@ -277,7 +281,8 @@ class BTF:
 
     def subset(self, pairs: ArrayLike) -> "BTF":
         """The same BTF at some of its pairs, given by index."""
-        return self._with(np.asarray(pairs), self.source)
+        chosen = np.asarray(pairs)
+        return self._with(chosen, self.source.of(self.pairs[chosen]))
 
     def downsample(self, factor: int) -> "BTF":
         """The BTF box-filtered over factor × factor texels, in linear light."""

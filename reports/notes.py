@@ -89,6 +89,8 @@ def _timing(material: Material) -> Iterator[str]:
             f"{state.get('threads')} CPU thread(s), {state.get('device')}, {state.get('execution')}, {fetch}; "
             "floor: one bilinear fetch of a colour, in turns with the others."
         )
+    for reason in dict.fromkeys(row.timing["unrest"] for row in timed if row.timing and row.timing.get("unrest")):
+        yield f"The machine was not quiet while this was timed: {reason}."
     for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):
         labels = ", ".join(row.label for row in material.measured if row.timing_obstacle == reason)
         yield f"{labels}: {reason}."

@@ -10,18 +10,21 @@ from bench.errors import InputError, MissingDataError
 from bench.runs.suite import Data, MaterialSpec, Suite, named, with_changes
 
 
-def open_material(spec: MaterialSpec, data: Data, show: Progress) -> BTF:
-    """The BTF of a suite's material. `MissingDataError` says where to get measured data that are not there."""
+def open_material(spec: MaterialSpec, data: Data, show: Progress, draw: int = 0) -> BTF:
+    """The BTF of a suite's material, without what `data.split` keeps from view.
+
+    Its held-out pairs are validation pairs, or test pairs: of a rendered material those of a `draw`. Of a measured one
+    the test pairs are what the data declare, or else whole views and lights (`BTF.split`); where validation pairs are
+    asked for, the test pairs are left out, and `BTF.split` holds whole views and lights of the rest.
+    `MissingDataError` says where to get measured data that are not there.
+    """
     if not spec.path:
         from bench.data.materials import load
 
         return load(
             spec.name,
             data.size,
-            data.views,
-            data.lights,
-            data.directions,
-            data.heldout,
+            data.sampling(draw),
             progress=lambda done, total: show(f"rendering {spec.name}", done, total),
         )
     path = spec.found()
@@ -34,11 +37,29 @@ def open_material(spec: MaterialSpec, data: Data, show: Progress) -> BTF:
     if looks_like_maps(path):
         from bench.data.bake import open_svbrdf
 
-        return open_svbrdf(path, data, lambda done, total: show(f"baking {spec.name}", done, total))
+        return open_svbrdf(path, data, lambda done, total: show(f"baking {spec.name}", done, total), draw)
     from bench.data.readers import open_btf
 
     btf = thinned(open_btf(path), data.pairs)
+    if data.split == "validation":
+        btf = without_test(btf)
     return repaired(btf, show) if data.repair else btf
+
+
+def draw_of(spec: MaterialSpec, data: Data, repetition: int) -> int:
+    """Which draw of test pairs a repetition is scored at; 0 where it is the same for all."""
+    from bench.data.bake.naming import looks_like_maps
+
+    path = spec.found() if spec.path else None
+    rendered = not spec.path or (path is not None and looks_like_maps(path))
+    return repetition if rendered and data.split == "test" else 0
+
+
+def without_test(btf: BTF) -> BTF:
+    """The pairs that tables do not report: what is held out of them are validation pairs."""
+    left = btf.subset(btf.split().train)
+    left.heldout = None
+    return left
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:

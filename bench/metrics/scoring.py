@@ -80,7 +80,8 @@ class Scorer:
     """Scores any number of codecs against one BTF.
 
     `names` are metrics of the registry, by default `bench.metrics.default_names`; `exposure` is that of the material,
-    by default measured. `cache_bytes` bounds what is kept of the reference between codecs.
+    by default measured of `sampled` (None: of the BTF itself). `cache_bytes` bounds what is kept of the reference
+    between codecs.
 
     Raises `InputError` for an unknown metric, and for a periodic one where the BTF is not periodic.
     """
@@ -91,6 +92,7 @@ class Scorer:
         names: Sequence[str] | None = None,
         *,
         exposure: float | None = None,
+        sampled: BTF | None = None,
         seed: int = 0,
         threads: int | None = None,
         cache_bytes: int = 512 << 20,
@@ -100,7 +102,7 @@ class Scorer:
         self.metrics = {name: _load(name, btf) for name in self.names}
         self.exposure = exposure if exposure is not None else 1.0
         if exposure is None or any(metric.per_material for metric in self.metrics.values()):
-            values = sample(btf, seed)
+            values = sample(btf if sampled is None else sampled, seed)
             self.exposure = exposure_of(values) if exposure is None else exposure
             self.metrics = {name: metric.for_material(values) for name, metric in self.metrics.items()}
         self._apply = {name: m for name, m in self.metrics.items() if min(btf.shape) >= m.smallest}

@@ -78,6 +78,7 @@ class Task:
             "label": self.codec.label,
             "curve": self.codec.curve,
             "seed": self.repetition,
+            "split": self.data.split,
         }
 
 
@@ -103,7 +104,7 @@ def work(task: Task, show: Progress = silent) -> Result:
     """Do one job. A failure is a record with its error; what no job can help (a full disk) is `InputError`."""
     with _ONE_AT_A_TIME:
         try:
-            bench = workbench(task.run, task.material, task.data, task.scorers, show, task.demand)
+            bench = workbench(task.run, task.material, task.data, task.scorers, show, task.demand, task.repetition)
             return Job(task, bench, show).run()
         except MissingDataError as error:
             return Result(task.base | {"status": "unavailable", "error": str(error)})

@@ -146,7 +146,10 @@ class _Session:
     def jobs(self, workers: Workers) -> Iterator[Outcome]:
         """Each job's outcome as it ends, recorded."""
         scorers = None if workers.here else self.suite.threads
-        told = (dataclasses.replace(task, scorers=scorers, **self._told(task)) for task in self.tasks)
+        # Repetition after repetition, as each opens its material with other test pairs.
+        names = [material.name for material in self.suite.materials]
+        order = sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition))
+        told = (dataclasses.replace(task, scorers=scorers, **self._told(task)) for task in order)
         results = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
         for count, (task, result) in enumerate(results, 1):
             outcome = self._outcome(task, result)

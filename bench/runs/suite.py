@@ -15,6 +15,7 @@
     views = 25
     lights = 25
     heldout = 150
+    split = "test"                   # which held-out pairs are scored: test, for tables, or validation, to choose by
 
     [[codecs]]
     codec = "pca"
@@ -31,10 +32,13 @@ import tomllib
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
 from bench.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from bench.data.pairs import Sampling
 
 UNIFORM = 0.1  # of the samples of a fit to a scene, or of the weights of its pairs, are spread over everything alike
 
@@ -48,8 +52,15 @@ class Data:
     views: int = 25
     lights: int = 25
     heldout: int = 150  # random pairs besides, drawn uniformly in solid angle up to 75°
+    split: str = "test"  # these are test pairs, drawn anew for each seed; or "validation" pairs, to choose by
     pairs: int = 0  # of measured data about so many, spread evenly over views and lights; 0: all
     repair: bool = False  # mask measured values that are not finite by the mean of their pair
+
+    def sampling(self, draw: int = 0) -> "Sampling":
+        """The pairs of a rendered material; `draw` is of its test pairs."""
+        from bench.data.pairs import Sampling
+
+        return Sampling(self.directions, self.views, self.lights, self.heldout, self.split, draw)
 
 
 @dataclass(frozen=True)
@@ -148,6 +159,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     known |= {"demand", "uniform"}
     _only(file, "", table, known)
     data = Data(**_typed(file, "data.", table.get("data", {}), Data))
+    _split(f"{file}: data.split", data.split)
     seeds, pretrain = _list(file, "seeds", table, int, [0]), _list(file, "pretrain", table, str, [])
     materials = [_material(file, entry) for entry in _value(file, "materials", table.get("materials", []), list)]
     codecs = [spec for entry in _value(file, "codecs", table.get("codecs", []), list) for spec in _sweep(file, entry)]
@@ -216,6 +228,8 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
         if fields[name] is bool and value not in ("true", "false"):
             raise InputError(f"--set {key}: must be true or false, not {value!r}")
         converted: Any = int(value) if fields[name] is int else value == "true" if fields[name] is bool else value
+        if name == "split":
+            _split(f"--set {key}", value)
         change = {name: converted}
         return dataclasses.replace(suite, data=dataclasses.replace(suite.data, **change))
     codecs = [_set(spec, name, value) if _has(spec.codec, scope, name) else spec for spec in suite.codecs]
@@ -275,6 +289,13 @@ def _value(file: str, key: str, value: Any, kind: Any) -> Any:
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         raise InputError(f"{file}: {key} must be of type {kind.__name__}, not {value!r}")
     return value
+
+
+def _split(key: str, value: str) -> None:
+    from bench.data.pairs import SPLITS
+
+    if value not in SPLITS:
+        raise InputError(f"{key} must be {' or '.join(SPLITS)}, not {value!r}{did_you_mean(value, SPLITS)}")
 
 
 def _list(file: str, key: str, table: dict[str, Any], kind: Any, default: list[Any]) -> list[Any]:

@@ -53,7 +53,7 @@ def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progr
     for spec in suite.materials:
         jobs = _jobs(suite, spec, run)
         if jobs:
-            bench = workbench("trade", spec, suite.data, None, show)
+            bench = workbench("trade", spec, suite.data, None, show, repetition=suite.seeds[0])
             result["choices"] += _choices(bench, jobs, suite, run, device, ceilings, show)
             plain = {job["label"]: _load(run, job, device) for job in jobs if _plain(suite, job)}
             found = profile(plain or {jobs[0]["label"]: _load(run, jobs[0], device)}, cores, _batches(full))
@@ -144,12 +144,12 @@ def _choices(
     measured = timing.compare({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(BATCH))
     conditions = {"batch": BATCH, "threads": suite.threads, "device": device}
     for i, ready in timed.items():
-        summary = _summary(measured[str(i)])
+        summary = measured[str(i)].summary()
         least = _limit(ready, ceilings)
         rows[i] |= summary | conditions | {"limit_ns": least, "of_limit": least / summary["ns_per_sample"]}
     floor = {"material": bench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
     _mark([row for row in rows if "error" not in row])
-    return [*rows, floor | conditions | _summary(measured[timing.FLOOR])]
+    return [*rows, floor | conditions | measured[timing.FLOOR].summary()]
 
 
 def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
@@ -157,11 +157,6 @@ def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
     if not (_plain(suite, job) and networks(material)):
         return []
     return [variant for variant in map(Variant.parse, suite.variants) if exists_on(variant, material.device)]
-
-
-def _summary(measured: timing.Timing) -> dict[str, Any]:
-    summary = measured.summary()
-    return summary | {"unrest": unrest(summary)}
 
 
 def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:

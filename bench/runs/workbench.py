@@ -9,7 +9,7 @@ import torch
 
 from bench.btf import BTF, Split
 from bench.codec import Progress
-from bench.data.open import open_material
+from bench.data.open import draw_of, open_material
 from bench.demand.corners import pair_shares
 from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
@@ -45,7 +45,8 @@ class Workbench:
 
     @cached_property
     def scorer(self) -> Scorer:
-        return Scorer(self.btf, threads=self.scorers)
+        # The exposure is that of the training pairs: one for a material, whatever pairs are drawn to test it.
+        return Scorer(self.btf, threads=self.scorers, sampled=self.training)
 
     @cached_property
     def judge(self) -> Judge | None:
@@ -89,12 +90,22 @@ _latest: dict[object, Workbench] = {}  # one: a scorer keeps hundreds of megabyt
 
 
 def workbench(
-    run: str, spec: MaterialSpec, data: Data, scorers: int | None, show: Progress, demand: str = ""
+    run: str,
+    spec: MaterialSpec,
+    data: Data,
+    scorers: int | None,
+    show: Progress,
+    demand: str = "",
+    repetition: int = 0,
 ) -> Workbench:
-    """The workbench of a material, which the jobs of one run share as long as they follow each other."""
-    key = (run, spec, data, scorers, demand)
+    """The workbench of a material, which the jobs of one run share as long as they follow each other.
+
+    Jobs of another `repetition` are scored at another draw of test pairs, where there is one.
+    """
+    draw = draw_of(spec, data, repetition)
+    key = (run, spec, data, scorers, demand, draw)
     if key not in _latest:
         _latest.clear()
         asked = load_demand(Path(demand)) if demand else None
-        _latest[key] = Workbench(open_material(spec, data, show), spec.name, scorers, asked)
+        _latest[key] = Workbench(open_material(spec, data, show, draw), spec.name, scorers, asked)
     return _latest[key]

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from bench.material import DecoderCost, Material, sample_texture
 from bench.timing.clock import calibrated
-from bench.timing.machine import Watch
+from bench.timing.machine import Watch, unrest
 from bench.timing.queries import Queries
 
 SAMPLES = 30
@@ -36,7 +36,10 @@ class Timing:
     machine: dict[str, Any] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
-        """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor."""
+        """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor.
+
+        `unrest` says in words why the machine was not quiet, "" where it was.
+        """
         quarter, three_quarters = np.percentile(self.samples, [25, 75])
         return {
             "ns_per_sample": float(np.median(self.samples)),
@@ -46,6 +49,7 @@ class Timing:
             "ratio_interval95": interval95(self.ratios),
             "floor_ns": float(np.median(self.samples / self.ratios)),
             **self.machine,
+            "unrest": unrest(self.machine),
         }
 
 

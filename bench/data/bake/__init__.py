@@ -9,7 +9,7 @@ import json
 import logging
 import os
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,8 @@ from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
 from bench.data.bake.partial import Partial
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
+from bench.data.joined import with_heldout
 from bench.data.materials.renderer import RENDERER_VERSION, render
-from bench.data.materials.store import sample_pairs
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
 from bench.errors import InputError
@@ -35,6 +35,15 @@ log = logging.getLogger(__name__)
 Array = np.ndarray
 
 
+@dataclass(frozen=True)
+class Pairs:
+    """Which pairs are baked, (N, 3) each, and a mask (N,) of those that are held out."""
+
+    wo: Array
+    wi: Array
+    heldout: Array | None = None
+
+
 def bake(
     surface: Surface,
     data: Data,
@@ -45,20 +54,35 @@ def bake(
 ) -> None:
     """Render a surface at the pairs that `data` asks for and write it: `.npz`, or a folder of EXR pictures.
 
-    Pairs are those of the built-in materials (`bench.data.materials.load`): a product, then held-out pairs drawn by
-    `seed`. Values are linear Rec. 709 f_r · cos θ_i. The result appears under its name when it is complete.
+    Pairs are those of the built-in materials (`bench.data.pairs`): a product, then held-out pairs, drawn by `seed`.
+    Values are linear Rec. 709 f_r · cos θ_i. The result appears under its name when it is complete.
     `renderer` is one of `RENDERERS`; what "mitsuba" had finished when it was killed is kept beside `out`, and taken up
     by the same call.
     Raises `InputError` where `out` cannot be written, counts are out of range or Mitsuba is not installed.
     """
+    sampling = data.sampling()
+    wo, wi = sampling.everything(surface.name, seed)
+    heldout = np.arange(len(wo)) >= data.views * data.lights if data.heldout else None
+    described = _described(surface, seed) | _sampled(data) | {"heldout": sampling.described()}
+    _bake(surface, Pairs(wo, wi, heldout), described, out, progress, seed, renderer)
+
+
+def _bake(
+    surface: Surface,
+    pairs: Pairs,
+    described: dict[str, Any],
+    out: Path,
+    progress: Callable[[int, int], None],
+    seed: int = 0,
+    renderer: str = "builtin",
+) -> None:
+    """Render a surface at some pairs into a file or folder; see `bake`."""
     check_place(out)
-    wo, wi, grid = sample_pairs(data.directions, (data.views, data.lights), data.heldout, seed)
-    heldout = np.arange(len(wo)) >= grid if data.heldout else None
-    described = _described(surface, data, seed)
+    wo, wi = pairs.wo, pairs.wi
 
     def write(values: Array, notes: dict[str, Any]) -> None:
         source = ArraySource(values)
-        write_btf(BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=notes), out)
+        write_btf(BTF(surface.name, wo, wi, source, heldout=pairs.heldout, periodic=True, provenance=notes), out)
 
     if renderer == "mitsuba":
         _path_traced(surface, wo, wi, seed, described, out, progress, write)
@@ -114,20 +138,34 @@ def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -
     return hashed.hexdigest()
 
 
-def open_svbrdf(folder: Path, data: Data, progress: Callable[[int, int], None]) -> BTF:
-    """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped.
+def open_svbrdf(folder: Path, data: Data, progress: Callable[[int, int], None], draw: int = 0) -> BTF:
+    """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` is of its test pairs.
 
+    The training pairs and the held-out ones are a file each, so that another draw bakes no product again.
     Raises `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
-    found = recognise(folder)
-    path = cache_dir() / "materials" / f"{folder.resolve().name}-{data.size}-{_key(found, data)[:24]}.npz"
+    sampling = data.sampling(draw)
+    product = _cached(folder, data.size, Pairs(*sampling.product()), _sampled(data), progress)
+    if not data.heldout:
+        return product
+    words = {"heldout": sampling.described()}
+    pairs = Pairs(*sampling.drawn(product.name, 0))
+    return with_heldout(product, _cached(folder, data.size, pairs, words, progress), **words)
+
+
+def _cached(
+    folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], progress: Callable[[int, int], None]
+) -> BTF:
+    """A folder of maps at some pairs, which `sampled` describes: from the cache, or baked into it."""
+    found, name = recognise(folder), folder.resolve().name
+    path = cache_dir() / "materials" / f"{name}-{size}-{_key(found, size, sampled)[:24]}.npz"
     if not path.exists():
-        surface = read_surface(found, data.size)
+        surface = read_surface(found, size)
         path.parent.mkdir(parents=True, exist_ok=True)
         log.warning("baking %s\n%s", folder, table(surface))
-        bake(surface, data, path, progress)
+        _bake(surface, pairs, _described(surface, 0) | sampled, path, progress)
     btf = open_btf(path)
-    btf.name = folder.resolve().name
+    btf.name = name
     return btf
 
 
@@ -137,15 +175,19 @@ def table(surface: Surface) -> str:
     return "\n".join(f"  {role:<{width}}  {text}" for role, text in surface.notes.items())
 
 
-def _key(found: MapFiles, data: Data) -> str:
+def _key(found: MapFiles, size: int, sampled: dict[str, Any]) -> str:
     """Everything that shapes the values of a bake with its defaults."""
-    sampling = [data.size, data.directions, data.views, data.lights, data.heldout]
     content = [FolderFiles(found.folder).digest(found.files.values()), sorted(found.files.items())]
-    described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, sampling, content])
+    described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, size, sampled, content])
     return hashlib.sha256(described.encode()).hexdigest()
 
 
-def _described(surface: Surface, data: Data, seed: int) -> dict[str, Any]:
+def _sampled(data: Data) -> dict[str, Any]:
+    """The training pairs, in words."""
+    return {"directions": f"{data.directions}: {data.views} views, {data.lights} lights"}
+
+
+def _described(surface: Surface, seed: int) -> dict[str, Any]:
     return {
         "source": "baked from maps by bench.bake",
         "maps": surface.notes,
@@ -153,8 +195,6 @@ def _described(surface: Surface, data: Data, seed: int) -> dict[str, Any]:
         "renderer_version": RENDERER_VERSION,
         "sub_points": SUB_POINTS,
         "seed": seed,
-        "directions": f"{data.directions}: {data.views} views, {data.lights} lights",
-        "heldout": f"{data.heldout} pairs uniform in solid angle, theta_deg <= 75",
         "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
         "reference_plane": "mean height",
         "transport": "direct light, self-shadowing; no inter-reflection",

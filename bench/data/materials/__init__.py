@@ -5,7 +5,7 @@ Names and descriptions live here; recipes, renderer and image libraries are impo
 
 import importlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
 from bench.suggest import did_you_mean
@@ -13,6 +13,7 @@ from bench.suggest import did_you_mean
 if TYPE_CHECKING:
     from bench.btf import BTF
     from bench.data.materials.maps import Recipe
+    from bench.data.pairs import Sampling
 
 _REGISTRY: dict[str, tuple[str, str]] = {
     "brick": ("bench.data.materials.photographs:Brick", "rough diffuse relief: brickwork from a photograph"),
@@ -28,7 +29,13 @@ _REGISTRY: dict[str, tuple[str, str]] = {
         "bench.data.materials.cable_knit:CableKnit",
         "cable-knit wool: strong parallax, occlusion and shadows",
     ),
+    "hammered-copper": (
+        "bench.data.materials.hammered_copper:HammeredCopper",
+        "hammered copper: glossy dents with patina (kept apart)",
+    ),
+    "wicker": ("bench.data.materials.wicker:Wicker", "woven willow rods: parallax and gaps (kept apart)"),
 }
+KEPT_APART = ("hammered-copper", "wicker")  # no default is ever chosen on these: docs/materials.md
 
 
 def names() -> list[str]:
@@ -53,20 +60,21 @@ def recipe(name: str) -> "Recipe":
 def load(
     name: str,
     size: int = 64,
-    views: int = 25,
-    lights: int = 25,
-    directions: str = "ubo2003",
-    heldout: int = 150,
+    sampling: "Sampling | None" = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    **pairs: Any,
 ) -> "BTF":
     """A built-in material as a periodic BTF of size² texels, rendered once and then mapped from the cache.
 
-    Pairs: the product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights +
-    light), then `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks.
-    `seed` shapes the material's random structure and the held-out pairs. `progress(done, pairs)` is called while
-    rendering. Raises `InputError` for an unknown name or direction set and for counts out of range.
+    Pairs are those of a `Sampling`, or of one with the fields given by name: `load("satin", views=81, lights=81)`. They
+    are the product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights + light),
+    then `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks: validation
+    pairs, or those of `split="test"`. `seed` shapes the material's random structure and the held-out pairs.
+    `progress(done, pairs)` is called while rendering. Raises `InputError` for an unknown name or direction set and for
+    counts out of range.
     """
     from bench.data.materials.store import load_or_render
+    from bench.data.pairs import Sampling
 
-    return load_or_render(name, recipe(name), size, (views, lights), directions, heldout, seed, progress)
+    return load_or_render(name, recipe(name), size, sampling or Sampling(**pairs), seed, progress)

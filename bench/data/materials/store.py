@@ -16,10 +16,11 @@ import numpy as np
 from bench import atomic
 from bench.btf import BTF, ArraySource
 from bench.cache import cache_dir
+from bench.data.joined import with_heldout
 from bench.data.materials.maps import Recipe
 from bench.data.materials.renderer import RENDERER_VERSION, SUB_POINTS, render
+from bench.data.pairs import Sampling
 from bench.errors import InputError
-from bench.hemisphere import DIRECTION_SETS, thin, uniform
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
@@ -37,55 +38,53 @@ class StoredSource(ArraySource):
 
 
 def load_or_render(
+    name: str, recipe: Recipe, size: int, sampling: Sampling, seed: int, progress: Progress | None = None
+) -> BTF:
+    """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`.
+
+    The training pairs and the held-out ones are a rendering each, so that another draw renders no product again.
+    """
+    if size < 1:
+        raise InputError(f"size must be at least 1, not {size}")
+    directions = {"directions": sampling.directions, "views": sampling.views, "lights": sampling.lights}
+    product = _rendered(name, recipe, size, sampling.product(), seed, directions, progress)
+    product.heldout = np.zeros(len(product), bool)
+    if not sampling.heldout:
+        return product
+    words = {"heldout": sampling.described()}
+    return with_heldout(
+        product, _rendered(name, recipe, size, sampling.drawn(name, seed), seed, words, progress), **words
+    )
+
+
+def _rendered(
     name: str,
     recipe: Recipe,
     size: int,
-    counts: tuple[int, int],
-    directions: str,
-    heldout: int,
+    pairs: tuple[Array, Array],
     seed: int,
-    progress: Progress | None = None,
+    sampled: dict[str, Any],
+    progress: Progress | None,
 ) -> BTF:
-    """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`."""
-    if size < 1 or heldout < 0:
-        raise InputError(f"size must be at least 1 and heldout at least 0, not {size}, {heldout}")
-    wo, wi, grid = sample_pairs(directions, counts, heldout, seed)
-    described = _describe(name, recipe, size, counts, directions, heldout, seed)
+    """A surface at some pairs, `wo` and `wi`, which `sampled` describes: from the cache, or rendered into it."""
+    described = _describe(name, recipe, size, seed) | sampled
     key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
     path = cache_dir() / "materials" / f"{name}-{size}-{key[:24]}.npy"
-    shape = (len(wo), size, size, 3)
+    shape = (len(pairs[0]), size, size, 3)
     values = _read(path, shape)
     if values is None:
         with atomic.alone(path):
             values = _read(path, shape)
             if values is None:
-                _write(path, recipe, wo, wi, shape, seed, described, progress)
+                _write(path, recipe, *pairs, shape, seed, described, progress)
                 values = _read(path, shape)
     if values is None:
         raise InputError(f"{path}: cannot be read back after writing it; is the disk full?")
-    source = StoredSource(values, key)
-    return BTF(name, wo, wi, source, heldout=np.arange(len(wo)) >= grid, periodic=True, provenance=described)
+    return BTF(name, *pairs, StoredSource(values, key), periodic=True, provenance=described)
 
 
-def sample_pairs(directions: str, counts: tuple[int, int], heldout: int, seed: int) -> tuple[Array, Array, int]:
-    """`wo` and `wi` (N, 3) float32: a product grid, view-major, then random pairs; and the number of the former."""
-    if directions not in DIRECTION_SETS:
-        raise InputError(f"unknown direction set {directions!r}: there are {', '.join(DIRECTION_SETS)}")
-    everything = DIRECTION_SETS[directions]()
-    if not all(1 <= count <= len(everything) for count in counts):
-        raise InputError(f"views and lights must be between 1 and the {len(everything)} of {directions}, not {counts}")
-    views, lights = (everything[thin(everything, count)] for count in counts)
-    rng = np.random.default_rng([seed, 0x5EED])
-    random_wo, random_wi = uniform(rng, heldout), uniform(rng, heldout)
-    wo = np.concatenate([np.repeat(views, len(lights), 0), random_wo])
-    wi = np.concatenate([np.tile(lights, (len(views), 1)), random_wi])
-    return wo, wi, len(views) * len(lights)
-
-
-def _describe(
-    name: str, recipe: Recipe, size: int, counts: tuple[int, int], directions: str, heldout: int, seed: int
-) -> dict[str, Any]:
-    """Everything that shapes the values: the cache key is its hash, and `BTF.provenance` holds it."""
+def _describe(name: str, recipe: Recipe, size: int, seed: int) -> dict[str, Any]:
+    """Everything but the pairs that shapes the values: the cache key is its hash, and `BTF.provenance` holds it."""
     return {
         "source": "rendered by bench.materials",
         "renderer_version": RENDERER_VERSION,
@@ -95,10 +94,6 @@ def _describe(
         "seed": seed,
         "size": size,
         "sub_points": SUB_POINTS,
-        "directions": directions,
-        "views": counts[0],
-        "lights": counts[1],
-        "heldout": f"{heldout} pairs uniform in solid angle, theta_deg <= 75",
         "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
         "reference_plane": "mean height",
         "transport": "direct light, self-shadowing; no inter-reflection",

@@ -33,7 +33,7 @@ SUITE = Suite(
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch):
     """Every material of these suites is the tiny one, larger than SSIM's window."""
-    monkeypatch.setattr("bench.runs.workbench.open_material", lambda spec, data, show: tiny_btf(12, 6, 6))
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
 
 
@@ -135,7 +135,7 @@ def test_a_failure_is_a_record_and_is_retried_only_when_asked(tmp_path, monkeypa
 
 
 def test_material_that_is_not_there_is_a_row_that_says_where_to_get_it(tmp_path, monkeypatch):
-    def missing(spec, data, show):
+    def missing(*_):
         raise MissingDataError("not there: ask the library")
 
     monkeypatch.setattr("bench.runs.workbench.open_material", missing)

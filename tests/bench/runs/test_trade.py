@@ -36,7 +36,7 @@ def measured(tmp_path_factory):
     """A run of the suite, and what was measured of it."""
     folder = tmp_path_factory.mktemp("trade")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.runs.workbench.open_material", lambda spec, data, show: tiny_btf(12, 6, 6))
+        patch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
         patch.setattr("bench.timing.fused.with_drjit.drjit", without_drjit)
         patch.setattr(timing, "SAMPLES", 3)
         patch.setattr("bench.timing.clock.SPAN_NS", 10_000)

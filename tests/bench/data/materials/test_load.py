@@ -11,6 +11,8 @@ import pytest
 from bench.data import materials
 from bench.data.materials import store
 from bench.data.materials.maps import Maps
+from bench.data.materials.renderer import render
+from bench.data.pairs import Sampling
 from bench.errors import InputError
 from bench.hemisphere import thin, to_degrees, ubo2003
 
@@ -64,7 +66,7 @@ def test_the_second_load_renders_nothing_and_gives_the_same(no_rendering):
     first = materials.load("leather", **SMALL)
     no_rendering()
     second = materials.load("leather", **SMALL)
-    assert isinstance(second.source.values, np.memmap)
+    assert all(isinstance(part.values, np.memmap) for part in second.source.parts)
     assert second.fingerprint == first.fingerprint
     np.testing.assert_array_equal(np.stack(list(second)), np.stack(list(first)))
 
@@ -88,7 +90,7 @@ def test_a_changed_renderer_renders_anew(constant, monkeypatch, cache):
     materials.load("satin", **SMALL)
     monkeypatch.setattr(store, constant, getattr(store, constant) + 1)
     materials.load("satin", **SMALL)
-    assert len(list(cache.glob("*.npy"))) == 2
+    assert len(list(cache.glob("*.npy"))) == 4  # the product and the held-out pairs, twice
 
 
 def test_an_interrupted_rendering_leaves_nothing_behind(monkeypatch, cache):
@@ -103,8 +105,8 @@ def test_an_interrupted_rendering_leaves_nothing_behind(monkeypatch, cache):
 def test_values_without_their_description_are_not_trusted(cache):
     """The description is written last: a crash between the two leaves values alone."""
     first = np.stack(list(materials.load("satin", **SMALL)))
-    next(cache.glob("*.json")).unlink()
     values = next(cache.glob("*.npy"))
+    values.with_suffix(".json").unlink()
     values.write_bytes(values.read_bytes()[:-1] + b"\x7b")
     np.testing.assert_array_equal(np.stack(list(materials.load("satin", **SMALL))), first)
 
@@ -118,9 +120,44 @@ def test_a_truncated_file_is_rendered_again(cache, keep):
 
 
 def test_the_description_on_disk_is_the_provenance(cache):
-    btf = materials.load("cable-knit", **SMALL)
+    btf = materials.load("cable-knit", **SMALL | {"heldout": 0})
     assert json.loads(next(cache.glob("*.json")).read_text()) == json.loads(json.dumps(btf.provenance))
     assert btf.provenance["parameters"]["height"] == materials.recipe("cable-knit").height
+
+
+def test_another_draw_renders_its_pairs_and_no_product(cache, monkeypatch):
+    first = materials.load("satin", **SMALL)
+    made = []
+    monkeypatch.setattr(store, "render", lambda maps, wo, *rest: made.append(len(wo)) or render(maps, wo, *rest))
+    tests = [materials.load("satin", **SMALL, split="test", draw=draw) for draw in (0, 1)]
+    assert made == [5, 5]
+    for btf in tests:
+        np.testing.assert_array_equal(btf.wo[:12], first.wo[:12])
+        assert btf.subset(btf.split().train).fingerprint == first.subset(first.split().train).fingerprint
+    assert len({btf.fingerprint for btf in (first, *tests)}) == 3
+
+
+def test_no_two_draws_share_a_pair_and_validation_pairs_are_one_draw():
+    def drawn(material="satin", **which):
+        return {tuple(w) for w in np.concatenate(Sampling(heldout=200, **which).drawn(material, 0))}
+
+    tests = [drawn(split="test", draw=draw) for draw in range(3)]
+    everything = [*tests, drawn(split="validation"), drawn("brick", split="test")]
+    assert len(set.union(*everything)) == sum(map(len, everything))
+    assert drawn(split="validation", draw=1) == drawn("brick", split="validation")
+    assert drawn(split="test", draw=1) == tests[1]
+    with pytest.raises(InputError, match="test or validation, not 'tset'"):
+        Sampling(split="tset")
+
+
+def test_joined_tables_answer_as_their_parts():
+    btf = materials.load("leather", **SMALL)
+    whole = np.stack(list(btf))
+    pair, row, col = np.array([0, 13, 5, 16, 12]), np.array([0, 7, 3, 2, 1]), np.array([4, 5, 6, 7, 0])
+    np.testing.assert_array_equal(btf.gather(pair, row, col), whole[pair, row, col])
+    np.testing.assert_array_equal(btf.texels(row, col), whole[:, row, col].swapaxes(0, 1))
+    some = btf.subset([3, 15])
+    np.testing.assert_array_equal(some.texels(row, col), whole[[3, 15]][:, row, col].swapaxes(0, 1))
 
 
 def test_highlights_beyond_half_precision_are_kept_in_single():
@@ -129,7 +166,7 @@ def test_highlights_beyond_half_precision_are_kept_in_single():
         def maps(self, seed):
             return Maps(0, 1.0, 0.03, metalness=1.0)
 
-    btf = store.load_or_render("polished", Polished(), 2, (1, 1), "ubo2003", 0, 0)
+    btf = store.load_or_render("polished", Polished(), 2, Sampling(views=1, lights=1, heldout=0), 0)
     assert btf.source.values.dtype == np.float32
     assert np.isfinite(btf[0]).all()
     assert btf[0].max() > 65504
@@ -155,6 +192,6 @@ def test_listing_imports_nothing_heavy():
 
 
 def test_rendering_imports_no_torch(cache):
-    loading = "from bench.data.materials import load; load('satin', 4, 1, 1, heldout=0)"
+    loading = "from bench.data.materials import load; load('satin', 4, views=1, lights=1, heldout=0)"
     code = f"import sys; {loading}; print('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"

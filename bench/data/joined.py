@@ -1,0 +1,63 @@
+"""Two tables of one surface as one BTF: the product that is trained on, and the pairs that are held out."""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from bench.btf import BTF, Source
+
+Array = np.ndarray
+
+
+class Joined(Source):
+    """The pairs of one source, then those of another of the same shape."""
+
+    def __init__(self, first: Source, second: Source):
+        if first.shape != second.shape:
+            raise ValueError(f"pictures of {first.shape} and of {second.shape} are no one surface's")
+        self.parts = (first, second)
+        self.shape, self.count = first.shape, first.count + second.count
+
+    def slice(self, pair: int) -> Array:
+        first, second = self.parts
+        return first.slice(pair) if pair < first.count else second.slice(pair - first.count)
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        out = np.empty((len(rows), len(pairs), 3), np.float32)
+        for chosen, part, inside in self._parts(pairs):
+            out[:, chosen] = part.texels(rows, cols, inside)
+        return out
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        out = np.empty((len(pair), 3), np.float32)
+        for chosen, part, inside in self._parts(pair):
+            out[chosen] = part.gather(inside, row[chosen], col[chosen])
+        return out
+
+    def _parts(self, pairs: Array) -> list[tuple[Array, Source, Array]]:
+        """For each part that some pairs are of: which of them, the part, and their numbers in it."""
+        first, second = self.parts
+        late = pairs >= first.count
+        halves = [(np.flatnonzero(~late), first, 0), (np.flatnonzero(late), second, first.count)]
+        return [(chosen, part, pairs[chosen] - start) for chosen, part, start in halves if len(chosen)]
+
+    def of(self, pairs: Array) -> Source:
+        first = self.parts[0]
+        return first if len(pairs) and int(pairs.max()) < first.count else self
+
+    def fingerprint(self) -> str:
+        return hashlib.sha256(" and ".join(part.fingerprint() for part in self.parts).encode()).hexdigest()
+
+
+def with_heldout(product: BTF, drawn: BTF, **provenance: Any) -> BTF:
+    """A product of views and lights, and after it the pairs of another table of the surface, all of these held out."""
+    return BTF(
+        product.name,
+        np.concatenate([product.wo, drawn.wo]),
+        np.concatenate([product.wi, drawn.wi]),
+        Joined(product.source, drawn.source),
+        heldout=np.arange(len(product) + len(drawn)) >= len(product),
+        periodic=product.periodic,
+        provenance=product.provenance | provenance,
+    )
