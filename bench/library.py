@@ -28,6 +28,7 @@ def open(name: str | Path, **data: Any) -> BTF:
     """The BTF of a built-in material (`neubtf-bench list materials`) or of a path.
 
     `data` are the `[data]` settings of a suite: `size`, `views`, `lights`, `heldout`, `directions` of what is rendered,
+    `split` (which pairs are held out: "test", for what is reported, or "validation", for what choices are made by),
     `pairs` and `repair` of what was measured. `InputError` says what cannot be opened, and why.
     """
     changes = {

@@ -88,7 +88,7 @@ class Bench:
 def rows(names: list[str], codecs: list[str], seeds: int, threads: int) -> Iterator[str]:
     """The lines of the table, each as soon as its last seed is done."""
     for name in names:
-        bench = Bench(open_material(named(name), Data(), silent), threads)
+        bench = Bench(open_material(named(name), Data(split="validation"), silent), threads)
         for text in codecs:
             train, held, ssim, size, seconds = zip(*(bench.measure(parse(text), s) for s in range(seeds)), strict=True)
             cells = [name, text, *(_spread(values, 2) for values in (train, held)), _spread(ssim, 3)]

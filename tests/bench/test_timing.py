@@ -69,6 +69,7 @@ def test_the_floor_is_stored_with_its_own_time(timings):
     low, high = summary["ratio_interval95"]
     assert low <= summary["ratio_to_floor"] <= high
     assert summary["floor_again"] > 0
+    assert summary["unrest"] == unrest(summary)
 
 
 def test_a_machine_that_is_not_quiet_is_told():

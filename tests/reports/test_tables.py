@@ -39,6 +39,13 @@ def test_without_timing_there_is_a_dash(made):
     assert cells(table)["time ns ↓"] == "—"
 
 
+def test_what_pairs_were_scored_and_that_the_machine_was_not_quiet_is_said(made):
+    made.start().job(split="test").timing(unrest="other processes used 1.4 cores")
+    text = table_text(made.folder, "markdown", "main")
+    assert "Quality is of the test pairs" in text
+    assert "not quiet while this was timed: other processes used 1.4 cores" in text
+
+
 def test_exact_slices_are_counted_openly(made):
     (table,) = tables(made.job("table", psnr=None), "main")
     assert cells(table)["PSNR dB ↑"] == cells(table)["PSNR per slice dB ↑"] == "exact"

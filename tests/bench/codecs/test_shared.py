@@ -134,7 +134,7 @@ def test_a_damaged_network_is_refused_by_name_and_not_written_over(tmp_path):
 def test_it_refuses_what_it_was_trained_on_at_any_size_and_directions():
     trained = materials.load("leather", size=4, views=4, lights=4, heldout=0)
     found = shared.read(shared.make(Tint(), [trained], Fit(), shared.place("tinted")).path)
-    for same in (trained, trained.subset([1, 2]), materials.load("leather", 6, 5, 3, "ubo2014", 2)):
+    for same in (trained, trained.subset([1, 2]), materials.load("leather", 6, views=5, lights=3, heldout=2)):
         with pytest.raises(InputError, match="leather: codec tinted cannot be measured"):
             shared.refuse(found, same)
     shared.refuse(found, materials.load("leather", size=4, views=4, lights=4, heldout=0, seed=1))
@@ -170,7 +170,7 @@ SUITE = Suite("test", "", materials=(MaterialSpec("tiny"),), codecs=(CodecSpec("
 @pytest.fixture
 def tiny(monkeypatch):
     """The material of the suite; 160 others to train on."""
-    monkeypatch.setattr("bench.runs.workbench.open_material", lambda spec, data, show: tiny_btf(12, 4, 4))
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 4, 4))
     monkeypatch.setattr("bench.runs.pretraining.load_variation", lambda number: others(tiny_btf(4, 3, 3))[number % 5])
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
 

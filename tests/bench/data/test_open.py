@@ -3,6 +3,8 @@ import pytest
 
 from bench.btf import BTF
 from bench.codec import silent
+from bench.conformance.check import tiny_btf
+from bench.data import convert
 from bench.data.open import open_material
 from bench.errors import InputError, MissingDataError
 from bench.runs.suite import Data, MaterialSpec
@@ -24,3 +26,31 @@ def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):
         open_material(MaterialSpec("f", "f.btf", "ask UBO"), Data(), silent)
     with pytest.raises(InputError, match=r"f\.btf: not there.*check the path"):
         open_material(MaterialSpec("f", "f.btf"), Data(), silent)
+
+
+def test_validation_pairs_of_measured_data_are_other_whole_views_and_lights_than_the_test_pairs(tmp_path):
+    convert.write_btf(tiny_btf(4, 9, 9), tmp_path / "a.npz")
+    spec = MaterialSpec("a", str(tmp_path / "a.npz"))
+    tests, choosing = (open_material(spec, Data(split=split), silent) for split in ("test", "validation"))
+
+    def directions(btf, pairs):
+        return {tuple(w) for w in btf.wo[pairs]}, {tuple(w) for w in btf.wi[pairs]}
+
+    split = tests.split()
+    left = directions(tests, split.train)
+    seen = directions(choosing, np.arange(len(choosing)))
+    assert seen == left  # nothing of the new views and lights of the test pairs is there to choose by
+    again = choosing.split()
+    assert again.heldout.keys() == {"new view", "new light", "both new"}
+    views, lights = directions(choosing, again.train)
+    assert len(views) < len(left[0])
+    assert len(lights) < len(left[1])
+
+
+def test_what_the_data_declare_held_out_are_test_pairs(tmp_path):
+    btf = tiny_btf(4, 9, 9)
+    declared = BTF("a", btf.wo, btf.wi, btf.source, heldout=np.arange(81) >= 72)
+    convert.write_btf(declared, tmp_path / "a.npz")
+    choosing = open_material(MaterialSpec("a", str(tmp_path / "a.npz")), Data(split="validation"), silent)
+    assert len(choosing) == 72
+    assert sum(map(len, choosing.split().heldout.values())) > 0

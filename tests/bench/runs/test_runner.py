@@ -13,13 +13,14 @@ import torch
 from baselines.mean_colour import MeanColour
 from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
+from bench.data.open import open_material
 from bench.errors import InputError, MissingDataError
 from bench.metrics import get
 from bench.records import FILE, load_run
 from bench.runs.executors import InProcess, Workers
 from bench.runs.job import seed_of
 from bench.runs.runner import Options, run
-from bench.runs.suite import CodecSpec, MaterialSpec, Suite
+from bench.runs.suite import CodecSpec, Data, MaterialSpec, Suite
 
 SUITE = Suite(
     "test",
@@ -168,6 +169,24 @@ def test_groups_cover_training_heldout_and_the_hull(tmp_path):
     assert pairs["train"] + pairs["heldout"] == 36
     assert pairs.get("heldout, inside hull", 0) + pairs.get("heldout, outside hull", 0) == pairs["heldout"]
     assert {"heldout, new view", "heldout, new light", "heldout, both new"} <= pairs.keys()
+
+
+def test_each_seed_is_scored_at_test_pairs_of_its_own_and_fitted_to_the_same(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.runs.workbench.open_material", open_material)
+    data = Data(size=12, views=3, lights=3, heldout=6)
+    suite = Suite(
+        "test", "", seeds=(0, 1), data=data, materials=(MaterialSpec("satin"),), codecs=SUITE.codecs[:1], threads=1
+    )
+    first, second = (done.record for done in outcomes(tmp_path, suite))
+    assert first["split"] == "test"
+    assert first["score_key"]["btf"] != second["score_key"]["btf"]
+    assert first["score_key"]["exposure"] == second["score_key"]["exposure"]
+    assert first["fit_key"]["training"] == second["fit_key"]["training"]
+    choosing = replace(suite, data=replace(data, split="validation"))
+    again = list(outcomes(tmp_path, choosing))
+    assert [done.cached for done in again] == ["file", "file"]  # the same fits, scored at other pairs
+    assert {done.record["split"] for done in again} == {"validation"}
+    assert len({done.record["score_key"]["btf"] for done in again}) == 1
 
 
 def test_seeds_follow_their_named_parts_alone():

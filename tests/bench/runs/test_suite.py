@@ -91,6 +91,19 @@ def test_a_bad_suite_is_explained_by_file_and_key(tmp_path, change, message):
     assert message in str(error.value)
 
 
+def test_a_suite_is_scored_at_test_pairs_but_where_it_says_validation():
+    suite = parse_suite("test", TEXT)
+    assert (suite.data.split, suite.data.sampling(3).split, suite.data.sampling(3).draw) == ("test", "test", 3)
+    assert parse_suite("test", TEXT.replace("size = 16", 'split = "validation"')).data.split == "validation"
+    assert with_changes(suite, [], [], {"data.split": "validation"}, None).data.split == "validation"
+    for wrong in (
+        lambda: parse_suite("test", TEXT.replace("size = 16", 'split = "tests"')),
+        lambda: with_changes(suite, [], [], {"data.split": "tests"}, None),
+    ):
+        with pytest.raises(InputError, match=r"data\.split must be test or validation, not 'tests'; did"):
+            wrong()
+
+
 def test_an_unknown_suite_suggests_the_nearest_and_a_missing_file_is_named():
     with pytest.raises(InputError, match=r"no suite named 'quik'; did you mean 'quick'"):
         load_suite("quik")
