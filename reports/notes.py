@@ -55,7 +55,8 @@ def run_notes(run: Run) -> list[str]:
 
 
 def _what(job: Record) -> str:
-    pairs = "the held-out pairs" if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
+    held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
+    pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
     return (
         f"Quality is of {pairs} (but “train”), decoded from the file. PSNR is of the pooled squared error, "
         "mean ± std are over slices."
