@@ -47,7 +47,7 @@ def common_notes(material: Material) -> list[str]:
 
 def run_notes(run: Run) -> list[str]:
     """Where the numbers come from, and what of the records could not be read."""
-    notes = [_provenance(run.starts[-1])] if run.starts else []
+    notes = [_provenance(run.starts[-1]), *_older(run)] if run.starts else []
     if run.unreadable:
         lines = ", ".join(map(str, run.unreadable[:10])) + (", …" if len(run.unreadable) > 10 else "")
         notes.append(f"{len(run.unreadable)} line(s) of records.jsonl could not be read: {lines}.")
@@ -109,6 +109,18 @@ def _not_comparable(material: Material) -> Iterator[str]:
     for row in material.rows:
         if row.obstacle:
             yield f"n/c: {row.label} is not comparable with the other rows: {row.obstacle}."
+
+
+def _older(run: Run) -> Iterator[str]:
+    """The rows that another revision of the suite fitted or scored than the one that started last."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for job in run.jobs:
+        made = {step: (job.get(step) or {}).get("git") for step in ("fitted", "scored")}
+        if job["status"] == "ok" and set(made.values()) - {run.starts[-1].get("git"), None}:
+            found.setdefault((str(made["fitted"]), str(made["scored"])), []).append(job["job"])
+    for (fitted, scored), jobs in found.items():
+        listed = ", ".join(jobs[:5]) + (f" and {len(jobs) - 5} more" if len(jobs) > 5 else "")
+        yield f"Fitted by revision {fitted}, scored by {scored}: {listed}."
 
 
 def _provenance(start: Record) -> str:

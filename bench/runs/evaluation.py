@@ -11,10 +11,13 @@ import numpy as np
 
 from bench import atomic, timing
 from bench.codec import Progress
+from bench.codecs import loading
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
+from bench.codecs.registry import load_codec
 from bench.codecs.scene_material import unreported
 from bench.conformance.counting import parameters
+from bench.errors import ContainerError
 from bench.fields import FLIP, PSNR, gate, metric_of
 from bench.hemisphere import to_degrees
 from bench.material import Material
@@ -23,6 +26,7 @@ from bench.metrics.display import to_display
 from bench.metrics.magma import magma
 from bench.metrics.scoring import Scores, polar_maps, score_footprints, summarise, weighted
 from bench.records import Record
+from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
 
 COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices themselves, which are those of one
@@ -31,11 +35,14 @@ Keep = Callable[[str, dict[str, Any]], str]
 
 def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
     """All that shapes the figures of a file: where a record has this key, nothing is scored again."""
+    codec = load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
+    code = identity(codec, __name__, *(type(metric).__module__ for metric in bench.scorer.metrics.values()))["code"]
     return {
         "sha256": header.sha256,
         "btf": bench.btf.fingerprint,
         "exposure": bench.exposure,
         "metrics": {name: get_metric(name).version for name in bench.scorer.names},
+        "code": code,
     } | ({"demand": bench.demand.fingerprint} if bench.demand else {})
 
 
@@ -75,6 +82,14 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
         "angular": keep(f"angular/{header.path.stem}.json", angular),
         "pictures": keep(f"pictures/{header.path.stem}.npz", pictures),
     }
+
+
+def recorded(folder: Path, job: Record, device: str) -> Material:
+    """The decoded material of a job's file. `ContainerError` where the file is not the one that its record is of."""
+    file = loading.load(folder / job["file"], device)
+    if file.header.sha256 != job["score_key"]["sha256"]:
+        raise ContainerError(f"{file.header.path}: not the file that {job['job']} is recorded of: run the suite again")
+    return file.material
 
 
 @dataclass

@@ -1,21 +1,25 @@
 """One job, wherever it runs: told as plain data, it opens its material, fits, writes, scores, and answers a record.
 
 A job has two keys. The *fit key* names what shapes the file (codec, settings, training pairs, seed, threads, device
-class, PyTorch): where a file of that key is there, nothing is fitted again. The *score key* names what shapes the
-numbers (the file's hash, the pairs, metric versions, exposure): where a record of that key is there, nothing is scored
-again. Files appear whole or not at all, and hold nothing of when and where: a job may be done twice, even at once.
+class, PyTorch, and the code that fits: `bench.runs.identity`): where a file of that key is there, nothing is fitted
+again. It counts only if its header and the facts of its fit, written beside it, agree on key and hash. The *score key*
+names what shapes the numbers (the file's hash, the pairs, metric versions, exposure, the code that decodes and scores):
+where a record of that key is there, nothing is scored again. Files appear whole or not at all, and hold nothing of when
+and where: a job may be done twice, even at once.
 """
 
 import dataclasses
 import errno
 import hashlib
 import json
+import logging
 import platform
 import re
 import threading
 import time
 import traceback
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,13 +32,16 @@ from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
 from bench.demand import fitting
 from bench.demand.demand import Demand
-from bench.errors import InputError, MissingDataError
+from bench.errors import ContainerError, InputError, MissingDataError
 from bench.records import Record
 from bench.runs.evaluation import evaluate, score_key
+from bench.runs.identity import identity
 from bench.runs.place import Place
-from bench.runs.provenance import processor
+from bench.runs.provenance import processor, revision
 from bench.runs.suite import UNIFORM, CodecSpec, Data, MaterialSpec
 from bench.runs.workbench import Workbench, workbench
+
+log = logging.getLogger(__name__)
 
 STATE, FRESH_STATE = ".state", ".fresh"  # of a fit under way, to go on from; the latter within one run alone
 FACTS = ".fit.json"  # beside a codec file
@@ -151,6 +158,7 @@ class Job:
             "device": torch.device(self.task.device).type,
             "threads": self.task.threads,
             "torch": torch.__version__,
+            **identity(self.codec),
         } | ({"shared": self.network.sha256} if self.network else {})
         if self.codec.scene:
             key |= {"demand": self._demand.fingerprint, "uniform": self.task.uniform}
@@ -202,7 +210,8 @@ class Job:
         key = score_key(self.bench, header)
         if earlier.get("score_key") == key:
             return Result(cached="record")
-        record = self.base | fit | {"status": "ok", "score_key": key, "file": self.file} | self._scored(header)
+        record = self.base | fit | {"status": "ok", "score_key": key, "file": self.file, "scored": made()}
+        record |= self._scored(header)
         return Result(record, "file" if fit["fit_cached"] else "")
 
     def _scored(self, header: container.Header) -> Record:
@@ -214,15 +223,29 @@ class Job:
         path = self.place.folder / self.file
         if not self.task.fresh:
             self._fetch(path)
-            if path.exists():
-                return container.read_header(path), _facts(path) | {"fit_cached": True}
+            if path.exists() and (found := self._found(path)):
+                return found
         facts, parts = self._encode()
-        # Facts first: a file without them would be taken for finished, and they would be lost.
-        self.place.keep(str(Path(self.file).with_suffix(FACTS)), facts)
         header = container.save(path, self.codec, parts)
         self.place.made.append(self.file)
+        facts |= {"fit_key": self.fit_key, "sha256": header.sha256, "fitted": made()}
+        self.place.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # without them the file counts for nothing
         self.checkpoint.unlink(missing_ok=True)
-        return header, facts | {"fit_cached": False}
+        return header, _told(facts) | {"fit_cached": False}
+
+    def _found(self, path: Path) -> tuple[container.Header, Record] | None:
+        """A codec file that is there, and the facts of its fit; None, with a warning, where it is not of this job."""
+        try:
+            header, facts = container.read_header(path), json.loads(path.with_suffix(FACTS).read_text("utf-8"))
+            same = isinstance(facts, dict) and facts.get("fit_key") == json.loads(json.dumps(self.fit_key))
+        except (ContainerError, OSError, ValueError) as error:
+            log.warning("%s is fitted anew: %s", self.task.name, error)
+            return None
+        says = (header.codec, header.version, header.settings, header.sha256)
+        if same and says == (self.codec.name, self.codec.version, settings_dict(self.codec), facts.get("sha256")):
+            return header, _told(facts) | {"fit_cached": True}
+        log.warning("%s is fitted anew: %s is not the file that was fitted for it", self.task.name, path)
+        return None
 
     def _fetch(self, path: Path) -> None:
         """Where the run's folder is out of reach: have the files of the earlier record here, if it is of this fit."""
@@ -258,11 +281,14 @@ class Job:
         return {"fit_seconds": seconds, "history": fit.history}, parts
 
 
-def _facts(path: Path) -> Record:
-    """What is known of the fit of a codec file, which the file does not hold, so that its bytes are the same."""
-    beside = path.with_suffix(FACTS)
-    facts: Record = json.loads(beside.read_text(encoding="utf-8")) if beside.exists() else {}
-    return facts
+def _told(facts: Record) -> Record:
+    """What a record says of its fit, of what the file does not hold, so that its bytes are the same."""
+    return {name: facts[name] for name in ("fit_seconds", "history", "fitted") if name in facts}
+
+
+def made() -> Record:
+    """By which revision of the suite, and when, something was made that may be taken up again later."""
+    return {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
 
 
 def machine() -> dict[str, str]:

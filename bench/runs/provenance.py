@@ -15,15 +15,17 @@ PACKAGES = ("neubtf-bench", "torch", "numpy", "scipy", "scikit-image", "OpenEXR"
 def provenance() -> dict[str, Any]:
     """Git revision of the suite (None outside a checkout), package versions, processor and operating system."""
     return {
-        "git": _revision(Path(__file__).parent),
+        "git": revision(),
         "packages": {name: version(name) for name in PACKAGES},
         "python": sys.version.split()[0],
         "machine": {"system": platform.platform(), "processor": processor(), "cores": os.cpu_count()},
     }
 
 
-def _revision(folder: Path) -> str | None:
-    command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+@cache
+def revision() -> str | None:
+    """The git revision of the suite as this process found it; None outside a checkout."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):

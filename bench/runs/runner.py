@@ -20,12 +20,13 @@ import torch
 
 from bench import atomic, records, timing
 from bench.codec import Fit, Progress, silent
-from bench.codecs import container, loading, shared
+from bench.codecs import container, shared
 from bench.codecs.registry import load_codec
 from bench.codecs.scene_material import unreported
 from bench.demand import demand
 from bench.errors import InputError
 from bench.records import Record, Run
+from bench.runs.evaluation import recorded
 from bench.runs.executors import Workers, in_process
 from bench.runs.job import FACTS, FRESH_STATE, STATE, Result, Task, work
 from bench.runs.lock import locked
@@ -203,7 +204,7 @@ class _Session:
 
     def _time(self, jobs: list[Record]) -> None:
         folder, device, threads = self.options.folder, self.options.device, self.suite.threads
-        decoded = {job["job"]: unreported(loading.load(folder / job["file"], device)[1]) for job in jobs}
+        decoded = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
         conditions = timing.conditions(threads, device)
         for name, measured in timing.compare(decoded, threads).items():
             if name != timing.FLOOR:

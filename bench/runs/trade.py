@@ -14,14 +14,13 @@ import torch
 
 from bench import atomic, timing
 from bench.codec import Progress, silent
-from bench.codecs import loading
 from bench.errors import InputError
 from bench.fields import FLIP, PSNR, gate, metric_of, metrics_of
 from bench.material import Material
 from bench.metrics.scoring import summarise
 from bench.records import TRADE, TRADE_FORMAT, Record, Run
 from bench.runs.choose import answers, psnr
-from bench.runs.evaluation import Slices
+from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import MaterialSpec, Suite
 from bench.runs.workbench import Workbench, workbench
 from bench.timing.execution import Variant, exists_on, networks, prepared
@@ -55,8 +54,8 @@ def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progr
         if jobs:
             bench = workbench("trade", spec, suite.data, None, show, repetition=suite.seeds[0])
             result["choices"] += _choices(bench, jobs, suite, run, device, ceilings, show)
-            plain = {job["label"]: _load(run, job, device) for job in jobs if _plain(suite, job)}
-            found = profile(plain or {jobs[0]["label"]: _load(run, jobs[0], device)}, cores, _batches(full))
+            plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
+            found = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, _batches(full))
             result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in found]
         result["choices"] += _failed(suite, spec, run, device)
     result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
@@ -106,10 +105,6 @@ def _failed(suite: Suite, spec: MaterialSpec, run: Run, device: str) -> list[dic
     return rows
 
 
-def _load(run: Run, job: Record, device: str) -> Material:
-    return loading.load(run.folder / job["file"], device)[1]
-
-
 def _plain(suite: Suite, job: Record) -> bool:
     """Whether a job is of a codec entry that sweeps nothing: those stand for their codec."""
     return any(spec.label == job["label"] and not spec.swept for spec in suite.codecs)
@@ -127,7 +122,7 @@ def _choices(
     """Each choice of one material: quality, bytes, time in turns with all the others, place on the two fronts."""
     rows, timed = [], {}
     for job in jobs:
-        material = _load(run, job, device)
+        material = recorded(run.folder, job, device)
         for variant in (Variant(), *_variants(suite, job, material)):
             row = {"material": bench.name, "job": job["job"], "label": job["label"], "codec": job["codec"]}
             row |= {"settings": job["settings"], "execution": variant.execution, "precision": variant.precision}

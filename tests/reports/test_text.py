@@ -1,5 +1,6 @@
-from bench.records import load_run
+from bench.records import append, load_run
 from reports import table_text
+from reports.notes import run_notes
 from reports.terminal import terminal
 
 LONG = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
@@ -42,3 +43,10 @@ def test_labels_of_any_script_pass_through(made):
     made.job("编码 ünï", material="布 / ткань")
     for format in ("text", "markdown", "latex", "csv"):
         assert "ünï" in table_text(made.folder, format)
+
+
+def test_rows_that_another_revision_made_are_named(made):
+    append(made.folder, {"kind": "run", "run": "2", "suite": "made", "git": "new", "machine": {}})
+    made.job("pca components=8", fitted={"git": "old"}, scored={"git": "new"})
+    made.job("vq", fitted={"git": "new"}, scored={"git": "new"})
+    assert run_notes(load_run(made.folder))[1:] == ["Fitted by revision old, scored by new: satin/pca components=8/0."]

@@ -14,9 +14,10 @@ from baselines.mean_colour import MeanColour
 from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
 from bench.data.open import open_material
-from bench.errors import InputError, MissingDataError
+from bench.errors import ContainerError, InputError, MissingDataError
 from bench.metrics import get
 from bench.records import FILE, load_run
+from bench.runs.evaluation import recorded
 from bench.runs.executors import InProcess, Workers
 from bench.runs.job import seed_of
 from bench.runs.runner import Options, run
@@ -152,14 +153,45 @@ def test_a_bad_setting_stops_the_run_before_anything_is_written(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_file_cut_in_the_cache_fails_the_job_by_name(tmp_path):
-    job = outcomes(tmp_path)[0].record
-    path = tmp_path / job["file"]
+def cut(path):
     path.write_bytes(path.read_bytes()[:-10])
-    again = outcomes(tmp_path)[0].record
-    assert again["status"] == "failed"
-    assert "truncated" in again["error"]
-    assert outcomes(tmp_path, fresh=True)[0].record["status"] == "ok"
+
+
+@pytest.mark.parametrize("suffix", [".nbtf", ".fit.json"])
+@pytest.mark.parametrize("spoil", [cut, lambda path: path.unlink(), lambda path: path.write_text("[1]")])
+def test_what_is_spoiled_in_the_cache_is_fitted_anew(suffix, spoil, tmp_path, caplog):
+    job = outcomes(tmp_path)[0].record
+    spoil((tmp_path / job["file"]).with_suffix(suffix))
+    again = outcomes(tmp_path)[0]
+    assert (again.record["status"], again.cached) == ("ok", "") or again.cached == "record"
+    assert container.read_header(tmp_path / job["file"]).sha256 == job["score_key"]["sha256"]
+    assert outcomes(tmp_path)[0].cached == "record"
+
+
+def test_the_file_of_another_codec_under_the_right_name_is_not_taken_for_it(tmp_path, caplog):
+    mean, pca = (outcome.record for outcome in outcomes(tmp_path))
+    (tmp_path / pca["file"]).write_bytes((tmp_path / mean["file"]).read_bytes())
+    mean_again, pca_again = (outcome.record for outcome in outcomes(tmp_path))
+    assert "tiny/pca components=4/0 is fitted anew" in caplog.text
+    assert (mean_again["score_key"], pca_again["score_key"]) == (mean["score_key"], pca["score_key"])
+    assert container.read_header(tmp_path / pca["file"]).codec == "pca"
+
+
+def test_what_was_put_in_a_files_place_is_not_timed(tmp_path):
+    mean, pca = (outcome.record for outcome in outcomes(tmp_path))
+    (tmp_path / pca["file"]).write_bytes((tmp_path / mean["file"]).read_bytes())
+    with pytest.raises(ContainerError, match="not the file that tiny/pca components=4/0 is recorded of"):
+        recorded(tmp_path, pca, "cpu")
+
+
+def test_a_record_says_which_revision_fitted_and_which_scored_it(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.runs.job.revision", lambda: "first")
+    before = outcomes(tmp_path)[0].record
+    monkeypatch.setattr("bench.runs.job.revision", lambda: "second")
+    monkeypatch.setattr("bench.runs.evaluation.get_metric", lambda name: replace(get(name), version=99))
+    after = outcomes(tmp_path)[0].record
+    assert (before["fitted"]["git"], before["scored"]["git"]) == ("first", "first")
+    assert (after["fitted"], after["scored"]["git"]) == (before["fitted"], "second")
 
 
 def test_groups_cover_training_heldout_and_the_hull(tmp_path):

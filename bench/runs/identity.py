@@ -1,0 +1,187 @@
+"""The identity of the code that fits: what a codec's file depends on besides its settings and its data.
+
+It is found, not declared, so that no author can forget it. From the modules of the codec's class, imports are followed
+in the source through the codec's own package, `bench`, and every other package that is no installed distribution. The
+syntax of each module reached counts: comments, docstrings and layout do not. Of an installed distribution the version
+counts. A package that imports modules by a computed name counts whole.
+"""
+
+import ast
+import hashlib
+import importlib.util
+import sys
+import uuid
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from pathlib import Path
+
+from bench.codec import Codec
+
+# What every fit goes through, whichever codec it is of; and where it is one of a scene.
+ALWAYS, OF_SCENES = ("bench.codecs.container",), ("bench.demand.fitting",)
+INSTALLED = {"site-packages", "dist-packages"}
+BY_NAME = {"import_module", "__import__", "spec_from_file_location", "run_path", "exec", "eval"}
+
+
+def identity(codec: Codec, *more: str) -> dict[str, object]:
+    """`code`, a hash of the source that a fit of this codec runs, and `libraries`, the versions of what it imports.
+
+    `more` are modules that count besides.
+    """
+    kinds = (type(codec), *([codec.network] if codec.network else []))
+    roots = {kind.__module__ for each in kinds for kind in each.__mro__ if kind is not object}
+    return _identity(frozenset(roots | set(ALWAYS) | set(more) | set(OF_SCENES if codec.scene else ())))
+
+
+@cache
+def _identity(roots: frozenset[str]) -> dict[str, object]:
+    own = {root.partition(".")[0] for root in roots} | {"bench"}
+    sources, libraries = _reached(roots, own)
+    told = "\n".join(f"{name} {digest}" for name, digest in sorted(sources.items()))
+    found = {name: found for name in sorted(libraries) if (found := _version(name))}
+    return {"code": hashlib.sha256(told.encode()).hexdigest(), "libraries": found}
+
+
+def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[str]]:
+    """A digest of each module that the roots import, over any number of others; and the libraries they import."""
+    sources: dict[str, str] = {}
+    libraries: set[str] = set()
+    waiting = sorted(roots)
+    while waiting:
+        name = waiting.pop()
+        top = name.partition(".")[0]
+        if name in sources or top in sys.stdlib_module_names:
+            continue
+        if top not in own and _installed(top):
+            libraries.add(top)
+        elif path := _file(name):
+            source = _source(path, name)
+            sources[name] = source.digest
+            waiting += source.imported
+            waiting += [name.rpartition(".")[0]] if "." in name else []  # a package runs before what is in it
+            waiting += _everything_in(top) if source.by_name and top != "bench" else []
+    # What was typed into a shell has no source: its digest is new in each process, so that nothing of it is kept.
+    return sources | {root: str(uuid.uuid4()) for root in roots if root not in sources}, libraries
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A module's file: a digest of what it does, the modules it imports, and whether it imports by computed names."""
+
+    digest: str
+    imported: tuple[str, ...] = ()
+    by_name: bool = False
+
+
+@cache
+def _source(path: Path, module: str) -> _Source:
+    content = path.read_bytes()
+    try:
+        tree = ast.parse(content)
+    except (SyntaxError, ValueError):  # compiled
+        return _Source(hashlib.sha256(content).hexdigest())
+    imported, by_name = tuple(_imported(tree, module, path)), _imports_by_name(tree)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            node.body = node.body[_documented(node) :]
+    return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported, by_name)
+
+
+def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    first = node.body[0] if node.body else None
+    return isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str)
+
+
+@cache
+def _file(module: str) -> Path | None:
+    """The file of a module, found without importing it; None where there is none."""
+    loaded = getattr(sys.modules.get(module), "__file__", None)
+    if loaded:
+        return Path(loaded)
+    top, *parts = module.split(".")
+    place = _place(top)
+    if place is None or not parts:
+        return place if place and place.is_file() else None
+    inside = place.parent.joinpath(*parts)
+    candidates = (inside.with_name(f"{inside.name}.py"), inside / "__init__.py", *_compiled(inside))
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def _compiled(place: Path) -> Iterator[Path]:
+    return (path for suffix in EXTENSION_SUFFIXES for path in [place.with_name(place.name + suffix)])
+
+
+def _place(top: str) -> Path | None:
+    """The file of a top-level module or package."""
+    try:
+        found = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    if found is None:
+        return None
+    if found.origin and found.has_location:
+        return Path(found.origin)
+    folders = list(found.submodule_search_locations or ())  # of a package without __init__.py
+    return Path(folders[0]) / "__init__.py" if folders else None
+
+
+def _installed(top: str) -> bool:
+    place = _place(top)
+    return place is None or bool(INSTALLED & set(place.parts))
+
+
+def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
+    """The modules that a module may import, wherever in it; not those that only a type checker sees."""
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    unseen = {id(inner) for node in ast.walk(tree) if _for_types(node) for inner in ast.walk(node)}
+    for node in ast.walk(tree):
+        if id(node) in unseen:
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            base = ".".join([*parents, *([node.module] if node.module else [])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _for_types(node: ast.AST) -> bool:
+    """Whether a node is the body of `if TYPE_CHECKING`."""
+    return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test) and not node.orelse
+
+
+def _imports_by_name(tree: ast.Module) -> bool:
+    """Whether a module imports others by a name that only running it tells."""
+    calls = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
+    names = (f.attr if isinstance(f, ast.Attribute) else f.id for f in calls if isinstance(f, ast.Attribute | ast.Name))
+    return bool(BY_NAME & set(names))
+
+
+def _everything_in(top: str) -> Iterator[str]:
+    """Every module of a package."""
+    place = _place(top)
+    if place is None or place.name != "__init__.py":
+        return
+    for path in place.parent.rglob("*.py"):
+        inside = path.relative_to(place.parent).with_suffix("").parts
+        yield ".".join([top, *(inside[:-1] if inside[-1] == "__init__" else inside)])
+
+
+@cache
+def _version(top: str) -> str | None:
+    """The version of the distribution that a top-level package is of; None where it is not installed."""
+    for distribution in _distributions().get(top, ()):
+        try:
+            return version(distribution)
+        except PackageNotFoundError:
+            continue
+    return None
+
+
+@cache
+def _distributions() -> dict[str, list[str]]:
+    return {name: sorted(set(found)) for name, found in packages_distributions().items()}

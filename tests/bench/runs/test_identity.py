@@ -1,0 +1,129 @@
+"""The identity of the code that fits changes with whatever of it shapes a file, and with nothing else."""
+
+import importlib
+from textwrap import dedent
+
+import pytest
+
+from bench.codecs.registry import load_codec
+from bench.runs import identity as subject
+from bench.runs.identity import identity
+
+CODEC = """
+    from mypackage.deep import helper
+    from bench.codec import Codec
+
+    class Mine(Codec):
+        '''It is mine.'''
+        name, version = "mine", 1
+
+        def encode(self, btf, fit):
+            from . import late
+            return helper(btf) + late.more
+"""
+FILES = {
+    "__init__.py": "",
+    "mine.py": CODEC,
+    "deep/__init__.py": "from .inner import helper",
+    "deep/inner.py": "def helper(x):\n    return x",
+    "late.py": "import sklearn.cluster\nmore = 1",
+    "unused.py": "word = 1",
+    "tables.bin": "1",
+}
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A package of a codec and what it imports."""
+    for name, text in FILES.items():
+        path = tmp_path / "mypackage" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(dedent(text))
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path / "mypackage"
+
+
+def forget():
+    for cached in (subject._identity, subject._file, subject._source):
+        cached.cache_clear()
+
+
+def told(package):
+    """The identity of the package's codec as a fresh process finds it."""
+    forget()
+    importlib.invalidate_caches()
+    return subject._identity(frozenset({"mypackage.mine", "bench.codec", *subject.ALWAYS}))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("mine.py", "late.more", "late.more + 1"),
+        ("deep/inner.py", "return x", "return -x"),
+        ("deep/__init__.py", "from .inner import helper", "from .inner import helper\nx = 1"),
+        ("late.py", "more = 1", "more = 2"),  # imported within a function
+    ],
+)
+def test_it_changes_with_whatever_the_codec_imports_of_its_own_package(name, old, new, package):
+    before = told(package)
+    path = package / name
+    path.write_text(path.read_text().replace(old, new))
+    assert told(package) != before
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("unused.py", "word = 1", "word = 2"),
+        ("mine.py", "It is mine.", "It is still mine."),
+        ("late.py", "more = 1", "more = 1  # one"),
+    ],
+)
+def test_what_shapes_no_file_changes_nothing(name, old, new, package):
+    before = told(package)
+    path = package / name
+    path.write_text(path.read_text().replace(old, new))
+    assert told(package) == before
+
+
+def test_a_module_found_by_a_computed_name_counts(package):
+    (package / "late.py").write_text("import importlib\nmore = importlib.import_module('mypackage.un' + 'used').word")
+    before = told(package)
+    (package / "unused.py").write_text("word = 2")
+    assert told(package) != before
+
+
+def test_libraries_that_shape_the_file_are_named(package):
+    assert "sklearn" in told(package)["libraries"]
+    assert "sklearn" in identity(load_codec("vq")())["libraries"]
+    assert "sklearn" not in identity(load_codec("pca")())["libraries"]
+
+
+def changed_source(monkeypatch, tmp_path, module):
+    """The same process with one module's source changed."""
+    forget()
+    file = subject._file
+
+    def other(name):
+        if name != module:
+            return file(name)
+        path = tmp_path / "changed.py"
+        path.write_text(file(name).read_text() + "\nCHANGED = True\n")
+        return path
+
+    monkeypatch.setattr(subject, "_file", other)
+
+
+@pytest.mark.parametrize(
+    "module", ["bench.codecs.training", "bench.codecs.decoder", "bench.codecs.quantise", "bench.codecs.container"]
+)
+def test_the_part_of_the_suite_that_fits_and_writes_counts(module, monkeypatch, tmp_path):
+    codec = load_codec("neubtf-direct")()
+    before = identity(codec)
+    changed_source(monkeypatch, tmp_path, module)
+    try:
+        assert identity(codec) != before
+    finally:
+        monkeypatch.undo()
+        forget()
+    assert identity(codec) == before
