@@ -10,6 +10,7 @@ from bench.codecs.container import Header
 from bench.fields import PSNR, stats_of
 
 if TYPE_CHECKING:
+    from bench.btf import BTF
     from bench.data.portrait import Look
 
 
@@ -114,22 +115,36 @@ def _network_lines(header: Header) -> list[str]:
 
 def btf_lines(seen: "Look") -> str:
     """A BTF: size, directions, split, range of values, what its reader says of it, and what seems wrong."""
-    from bench.hemisphere import to_degrees
-
     btf, values = seen.btf, seen.values
-    layout, split = seen.layout, btf.split()
-    theta = [to_degrees(w)[0].max() for w in (btf.wo, btf.wi)]
+    split = btf.split()
     low, middle, high = np.percentile(values, [0, 50, 100])
-    product = "their product" if layout.grid is not None else "no product"
-    heldout = sum(map(len, split.heldout.values()))
     lines = [
         f"{btf.name}: {btf.shape[0]} × {btf.shape[1]} texels, {len(btf):,} pairs, "
         + ("periodic" if btf.periodic else "not periodic"),
-        f"training directions: {len(layout.views)} views up to {theta[0]:.1f}°, {len(layout.lights)} lights up to "
-        f"{theta[1]:.1f}° ({product})",
-        f"split: {len(split.train):,} training pairs, {heldout:,} held out",
+        f"training: {_pairs_line(btf, split.train)}",
+        *_heldout_lines(btf, split.heldout),
         f"values (of some slices): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}",
         f"fingerprint: {btf.fingerprint}",
     ]
     lines += [f"  {key}: {value}" for key, value in btf.provenance.items()]
     return "\n".join(lines + [f"warning: {text}" for text in seen.warnings()])
+
+
+def _heldout_lines(btf: "BTF", groups: dict[str, np.ndarray]) -> list[str]:
+    words = {name: "held out" if name == "heldout" else f"held out, {name}" for name in groups}
+    return [f"{words[name]}: {_pairs_line(btf, pairs)}" for name, pairs in groups.items()] or ["held out: no pairs"]
+
+
+def _pairs_line(btf: "BTF", pairs: np.ndarray) -> str:
+    """Some pairs of a BTF: how many, and from which directions."""
+    from bench.btf import Layout
+    from bench.hemisphere import to_degrees
+
+    if not len(pairs):
+        return "no pairs"
+    layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
+    views, lights = (
+        f"{len(w):,} {word}{'s' * (len(w) != 1)} up to {to_degrees(w)[0].max():.1f}°"
+        for w, word in ((layout.views, "view"), (layout.lights, "light"))
+    )
+    return f"{len(pairs):,} pairs, {views}, {lights}" + (" (their product)" if layout.grid is not None else "")

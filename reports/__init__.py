@@ -12,20 +12,22 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bench.records import Record
 
-# The kinds of table, in the order of a report.
-KINDS = (
-    "main",
-    "angular",
-    "radiance",
-    "footprints",
-    "scene",
-    "rate",
-    "fits",
-    "trade",
-    "parameters",
-    "stress",
-    "unfinished",
-)
+_NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
+# The kinds of table, in the order of a report, and why a run may have none of a kind.
+WHY_EMPTY = {
+    "main": _NO_NUMBERS,
+    "angular": _NO_NUMBERS,
+    "radiance": _NO_NUMBERS,
+    "footprints": _NO_NUMBERS,
+    "scene": "the run was not judged by a scene: give `run` the --demand of one",
+    "rate": "no codec was measured at several rates: sweep a setting in the suite, as `components = [8, 16]`",
+    "fits": "no fit left a curve: codecs that are fitted in steps leave one",
+    "trade": "no trade was measured: `neubtf-bench trade` does, into the folder of its run",
+    "parameters": "none of the codecs of the paper's table is in this run",
+    "stress": "no stress test lies beside this run: `neubtf-bench stress` makes one",
+    "unfinished": "every job has a result",
+}
+KINDS = tuple(WHY_EMPTY)
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from bench.console import Console, job_line
     from bench.runs import runner
-    from bench.runs.suite import load_suite, with_changes
+    from bench.runs.suite import described_changes, load_suite, with_changes
 
     changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
     changes |= {"data.repair": "true"} if options.repair else {}
@@ -75,6 +75,8 @@ def run(options: argparse.Namespace) -> int:
     workers = _workers(options, suite.threads)
     outcomes: list[runner.Outcome] = []
     with Console() as console:
+        for line in described_changes(suite, changes):
+            console.say(line)
         settings = runner.Options(folder, device, options.fresh, options.retry_failed, console.show, workers)
         try:
             for outcome in runner.run(suite, settings):

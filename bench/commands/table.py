@@ -10,10 +10,11 @@ examples:
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 from bench.errors import InputError
-from bench.exits import FINE
+from bench.exits import FINE, NOTHING
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +31,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from reports import KINDS, table_text
+    from reports import KINDS, WHY_EMPTY, table_text
 
     kinds = [word for word in options.what if word in KINDS]
     folders = [Path(word) for word in options.what if word not in KINDS]
@@ -39,7 +40,12 @@ def run(options: argparse.Namespace) -> int:
     if kinds == ["parameters"]:
         print(_parameters(folders[0] if folders else None, options.format))
         return FINE
-    print(table_text(folders[0] if folders else _newest_run(kinds), options.format, kinds[0] if kinds else None))
+    folder = folders[0] if folders else _newest_run(kinds)
+    text = table_text(folder, options.format, kinds[0] if kinds else None)
+    if not text.strip():
+        print(f"neubtf-bench: {folder}: no such table: {WHY_EMPTY[kinds[0] if kinds else 'main']}", file=sys.stderr)
+        return FINE if kinds == ["unfinished"] else NOTHING
+    print(text)
     return FINE
 
 

@@ -31,11 +31,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.console import Console
-    from bench.runs.suite import load_suite, with_changes
+    from bench.runs.suite import described_changes, load_suite, with_changes
 
-    suite = with_changes(load_suite(options.suite), options.material, options.codec, assignments(options.set), None)
+    changes = assignments(options.set)
+    suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, None)
     folder = options.out or Path("runs") / suite.name
     with Console() as console:
+        for line in described_changes(suite, changes):
+            console.say(line)
         states = measure(suite, folder, usable_device(options.device), console, options.full)
         if "ok" not in states:
             return NOTHING

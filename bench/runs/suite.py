@@ -239,6 +239,17 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
     return dataclasses.replace(suite, codecs=tuple(unique.values()))
 
 
+def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
+    """In words, which codecs of a suite each change of a setting reached; nothing for `data.KEY`."""
+    codecs, lines = dict.fromkeys(spec.codec for spec in suite.codecs), []
+    for key, value in changes.items():
+        scope, _, name = key.rpartition(".")
+        if scope != "data":
+            reached = [codec for codec in codecs if _has(codec, scope, name)]
+            lines.append(f"--set {key}={value} changes {', '.join(reached)}")
+    return lines
+
+
 def _has(codec: str, scope: str, setting: str) -> bool:
     from bench.codec import setting_names
     from bench.codecs.registry import load_codec

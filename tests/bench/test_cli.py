@@ -47,6 +47,11 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     assert cli.main(["table", str(tmp_path / "run"), "--format", "csv"]) == 0
     assert "mean-colour" in capsys.readouterr().out
     assert cli.main(["report", str(tmp_path / "run")]) == 0
+    capsys.readouterr()
+    assert cli.main(["table", "rate", str(tmp_path / "run")]) == 4
+    assert "no such table: no codec was measured at several rates" in capsys.readouterr().err
+    assert cli.main(["table", "unfinished", str(tmp_path / "run")]) == 0
+    assert "every job has a result" in capsys.readouterr().err
     (tmp_path / "runs").mkdir()
     (tmp_path / "run").rename(tmp_path / "runs" / "run")
     monkeypatch.chdir(tmp_path)
@@ -90,7 +95,9 @@ def run(options):
 def test_a_folder_of_pictures_runs_like_any_material(tmp_path, folder, capsys):
     words = ["run", "quick", "--out", str(tmp_path / "run"), "--material", str(folder), "--codec", "pca"]
     assert cli.main([*words, "--set", "components=3"]) == 0
-    assert "btf/pca components=3/0" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "btf/pca components=3/0" in out
+    assert "--set components=3 changes pca\n" in out
 
 
 def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
@@ -114,7 +121,10 @@ def test_info_of_a_btf_says_what_it_is(folder, capsys):
     assert cli.main(["info", str(folder)]) == 0
     out = capsys.readouterr().out
     assert "12 × 12 texels, 36 pairs" in out
-    assert "6 views" in out
+    assert re.search(
+        r"^training: 25 pairs, 5 views up to [\d.]+°, 5 lights up to [\d.]+° \(their product\)$", out, re.M
+    )
+    assert re.search(r"^held out, new view: 5 pairs, 1 view up to [\d.]+°, 5 lights", out, re.M)
 
 
 @pytest.mark.parametrize(

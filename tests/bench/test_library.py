@@ -1,6 +1,7 @@
 """`import bench` as a library: the example of docs/api.md, and what each function promises."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -96,3 +97,13 @@ def test_the_command_prints_the_table_of_a_run_and_writes_json(folder, capsys):
     assert container.read_header("a.nbtf").sha256 == found["score_key"]["sha256"]
     assert cli.main(["score", "a.nbtf", str(folder), "--set", "components=4"]) == 2
     assert "only data.KEY" in capsys.readouterr().err
+
+
+def test_version_and_author_are_the_same_wherever_they_stand():
+    root = PAGE.parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = (root / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {project['version']}\n" in citation
+    assert f"- name: {project['authors'][0]['name']}\n" in citation
+    assert project["authors"][0]["name"] in (root / "LICENSE").read_text(encoding="utf-8")
+    assert bench.__version__ == project["version"]

@@ -1,5 +1,6 @@
 """The walk-through of docs/adding-a-codec.md, taken from the page itself and installed as a package of its own."""
 
+import importlib
 import os
 import re
 import subprocess
@@ -58,3 +59,11 @@ def test_its_files_are_refused_by_name_where_it_is_not_installed(installed, tmp_
     without = neubtf_bench(installed | {"PYTHONPATH": ""}, "info", file)
     assert without.returncode == 2
     assert "no codec named 'ptm' is installed" in without.stderr
+
+
+def test_the_public_interface_holds_what_the_page_lists():
+    rows = re.findall(r"^\| `(bench[\w.]*)` \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.M)
+    assert len(rows) > 10
+    for module, text in rows:
+        for name in re.findall(r"`(\w+)`", text):
+            assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
