@@ -17,7 +17,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.errors import InputError
-from bench.material import DecoderCost, Material, to_radiance
+from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import Count, Natural, Positive
@@ -112,11 +112,25 @@ class Pyramid(nn.Module):
         """The level (n,) of footprints (n,) in texture units: log2 of texels, within the pyramid."""
         return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
 
+    def sample(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
+        """What `fetch` answers at real levels, without a gradient: one bilinear fetch where all want the finest."""
+        if not level.any():
+            return sample_texture(table[: self.counts[0]].unflatten(0, self.levels[0]), uv)
+        index, weight = self._around(uv, level)
+        return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
+
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
         """Values (n, C) of a table of all levels at uv (n, 2), bilinear and periodic.
 
         A level (n,) of whole numbers is that level alone; a real one is linear between the two around it.
         """
+        index, weight = self._around(uv, level)
+        # An embedding bag would say this in one call, but its gradient takes more than twice as long.
+        corners = table.index_select(0, index.flatten()).unflatten(0, index.shape)
+        return (corners * weight[..., None].to(table.dtype)).sum(1)
+
+    def _around(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
+        """Rows of the table and weights of a fetch, both (n, 4) at whole levels and (n, 8) at real ones."""
         lower = level.long()
         index, weight = self._corners(uv, lower)
         if level.is_floating_point():
@@ -124,9 +138,7 @@ class Pyramid(nn.Module):
             upper, upper_weight = self._corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
             index = torch.cat([index, upper], 1)
             weight = torch.cat([weight * (1 - share), upper_weight * share], 1)
-        # An embedding bag would say this in one call, but its gradient takes more than twice as long.
-        corners = table.index_select(0, index.flatten()).unflatten(0, index.shape)
-        return (corners * weight[..., None].to(table.dtype)).sum(1)
+        return index, weight
 
     def _corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
@@ -283,5 +295,8 @@ class NeuMIPMaterial(Material):
         self.networks, self.pyramid, self.table, self.offset, self.gain = networks, pyramid, table, offset, gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        queries = (uv, wo, wi, self.pyramid.level(footprint))
-        return answer(self.networks, self.pyramid, self.table, self.offset, queries) / self.gain
+        if self.offset is not None:
+            texture = self.offset.unflatten(0, self.size)
+            uv = self.networks.move(uv, sample_texture(texture, uv), wo)
+        latents = self.pyramid.sample(self.table, uv, self.pyramid.level(footprint))
+        return self.networks.colour(latents, wo, wi) / self.gain

@@ -15,7 +15,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, at_least_float32, sample_texture, saturated, to_radiance
 from bench.metrics.scoring import exposure
-from bench.quantise import half_scale
+from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
 
 BLOCK_BYTES = 16 << 20  # slices read together: many enough for fast products, few enough for the cache
@@ -25,14 +25,15 @@ LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 class PCA(Codec):
     """Principal components of the ABRDFs, interpolated over directions: the linear baseline."""
 
-    name, version = "pca", 1
+    name, version = "pca", 2
     interpolates, sizes = True, ("components",)
 
     @dataclass(frozen=True)
     class Settings:
         components: Count = 16  # eigen-ABRDFs; fewer where the data have a lower rank
         domain: Literal["log", "rgb"] = "log"  # what is decomposed: log1p(8 · exposure · x) or x itself
-        precision: Literal["float32", "half", "int8"] = "half"  # coefficients; the basis is half, or float32 with them
+        precision: Precision = "int8"  # of the stored coefficients
+        weights: Precision = "int8"  # of the stored eigen-ABRDFs; their mean is half beside eight bits
         passes: Annotated[int, Range(2)] = 4  # over the data, one where they are small; flat spectra want more
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
@@ -50,18 +51,14 @@ class PCA(Codec):
             read, shape, settings.components, settings.passes, fit.generator(), fit.device, fit.row_weights
         )
         return Parts(
-            decoder=_tables(factors, settings.precision),
-            texture=_coefficients(
-                factors.coefficients.T.reshape(*btf.shape, len(factors.coefficients)).cpu(), settings.precision
-            ),
+            decoder=_tables(factors, settings.weights),
+            texture=pack("coefficients", factors.coefficients.T.unflatten(0, btf.shape), settings.precision),
             other={"gain": torch.tensor([gain]), **pack_layout(btf.layout)},
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture = parts.texture["coefficients"].float()
-        if "scale" in parts.texture:
-            texture = texture * parts.texture["scale"] + parts.texture["offset"]
-        mean, basis = parts.decoder["mean"].float(), parts.decoder["basis"].float()
+        texture = unpack("coefficients", parts.texture)
+        mean, basis = unpack("mean", parts.decoder), unpack("basis", parts.decoder)
         table = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1): the mean's coefficient is 1
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
         return PCAMaterial(texture, table, PairInterpolator(unpack_layout(parts.other)), gain).to(device)
@@ -90,7 +87,7 @@ class PCAMaterial(Material):
             return self._combine(pair, weight, coefficients)
         pair, share = self.interpolator.shares(wo, wi)
         level = self._combine(pair, share, coefficients).clamp_min(0)
-        return to_radiance(level, self.gain) * (wi[:, 2:] / self._cosine(pair, share, level))
+        return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
 
     def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · table row · coefficients, (n, 3), without the rows (n, pairs, 3, k) ever standing in memory."""
@@ -99,17 +96,6 @@ class PCAMaterial(Material):
         # Products of halves may be beyond halves, and of either sign: they are added in float32.
         dtype = at_least_float32(rows.dtype)
         return (rows.reshape(len(pair), 3, -1).to(dtype) * coefficients[:, None].to(dtype)).sum(-1)
-
-    def _cosine(self, pair: Tensor, share: Tensor, level: Tensor) -> Tensor:
-        """The mean cosine (n, 3) of the samples' lights that their interpolated logarithms `level` stand for.
-
-        The c for which log1p(r · c) = Σ share · log1p(r · cosine) = level, to second order in the cosines' spread: the
-        arithmetic mean where the level is low and the logarithm straight, the geometric mean where it is high.
-        """
-        cosine = self.interpolator.cos_i[pair].to(share.dtype)
-        arithmetic = (share * cosine).sum(1, keepdim=True).log()
-        geometric = (share * cosine.log()).sum(1, keepdim=True)
-        return torch.exp(arithmetic - level.neg().expm1() * (geometric - arithmetic))
 
 
 def _blocks(pictures: Iterator[np.ndarray], count: int, texels: int) -> Iterator[Tensor]:
@@ -124,19 +110,7 @@ def _blocks(pictures: Iterator[np.ndarray], count: int, texels: int) -> Iterator
             yield torch.from_numpy(block).flatten(0, 1)
 
 
-def _tables(factors: Factors, precision: str) -> dict[str, Tensor]:
-    """mean (N, 3) and basis (N, 3, k), as half where the coefficients are coarser than float32 and half can hold it."""
-    mean = factors.mean.reshape(-1, 3).cpu()
-    basis = factors.basis.reshape(len(mean), 3, factors.basis.shape[1]).cpu()
-    peak = max(float(x.abs().max()) if x.numel() else 0.0 for x in (mean, basis))
-    dtype = torch.float32 if precision == "float32" or half_scale(peak) != 1 else torch.float16
-    return {"mean": mean.to(dtype), "basis": basis.to(dtype)}
-
-
-def _coefficients(texture: Tensor, precision: str) -> dict[str, Tensor]:
-    """Coefficients (H, W, k) as stored; 8 bits carry a scale and an offset a channel."""
-    if precision != "int8":
-        return {"coefficients": texture.half() if precision == "half" else texture}
-    low, high = texture.amin((0, 1)), texture.amax((0, 1))
-    scale = (high - low).clamp_min(1e-12) / 255
-    return {"coefficients": ((texture - low) / scale).round().to(torch.uint8), "scale": scale, "offset": low}
+def _tables(factors: Factors, precision: Precision) -> dict[str, Tensor]:
+    """mean (N, 3) and basis (N, 3, k) as stored."""
+    mean, basis = factors.mean.reshape(-1, 3), factors.basis.unflatten(0, (-1, 3))
+    return pack("mean", mean, "float32" if precision == "float32" else "half") | pack("basis", basis, precision)

@@ -19,6 +19,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, texel_corners, to_radiance
+from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
 from bench.training import gain_of
 
@@ -31,7 +32,7 @@ MOST_CODES = 65_536
 class VQ(Codec):
     """Vector quantisation of the log ABRDFs: an index image and a codebook, found by k-means."""
 
-    name, version = "vq", 1
+    name, version = "vq", 2
     interpolates, sizes = True, ("codes",)
 
     @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class VQ(Codec):
         codes: Annotated[int, Range(1, MOST_CODES)] = 32  # entries of a stage's codebook, at most the distinct texels
         stages: Count = 1  # each further one codes what those before leave
         components: Count = 16  # principal components that the clustering sees
+        precision: Precision = "int8"  # of the stored codebook
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
@@ -52,7 +54,7 @@ class VQ(Codec):
         counts = [int(label.max()) + 1 for label in labels]
         books = _codebooks(btf, gain, labels, fit)
         return Parts(
-            decoder={"codebook": torch.cat(books).half()},
+            decoder=pack("codebook", torch.cat(books), self.settings.precision),
             texture={
                 f"index{stage}": pack_index(label, count)
                 for stage, (label, count) in enumerate(zip(labels, counts, strict=True))
@@ -71,7 +73,7 @@ class VQ(Codec):
         index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
         rows = torch.stack(index, 1) + starts
-        codebook, gain = parts.decoder["codebook"].float(), float(parts.other["gain"])
+        codebook, gain = unpack("codebook", parts.decoder), float(parts.other["gain"])
         return VQMaterial((height, width), rows, codebook, PairInterpolator(unpack_layout(parts.other)), gain).to(
             device
         )
@@ -96,16 +98,15 @@ class VQMaterial(Material):
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         texel, texel_weight = texel_corners(self.size, uv)
-        pair, pair_weight = self.interpolator(wo, wi)
-        # In the log domain the weights of the directions are shares: they carry no cosine.
-        share = pair_weight / pair_weight.sum(1, keepdim=True)
+        pair, share = self.interpolator.shares(wo, wi)
         row = self.rows[texel][..., None] * self.pairs + pair[:, None, None]
         weight = texel_weight[:, :, None, None].to(share.dtype) * share[:, None, None]
         weight = weight.expand(row.shape).to(self.codebook.dtype)
         mixed = functional.embedding_bag(
             row.flatten(1), self.codebook, per_sample_weights=weight.flatten(1), mode="sum"
         )
-        return to_radiance(mixed, self.gain)
+        level = mixed.to(share.dtype).clamp_min(0)
+        return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
 
 
 def _slices(btf: BTF, gain: float, fit: Fit, label: str) -> Iterator[Tensor]:

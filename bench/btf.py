@@ -285,12 +285,17 @@ class BTF:
         return self._with(chosen, self.source.of(self.pairs[chosen]))
 
     def downsample(self, factor: int) -> "BTF":
-        """The BTF box-filtered over factor × factor texels, in linear light."""
+        """The BTF box-filtered over factor × factor texels, in linear light.
+
+        Rows and columns at the end that do not fill a box are left out; what is left is then not periodic.
+        """
         if not 1 <= factor <= min(self.shape):
             raise ValueError(f"factor must be between 1 and {min(self.shape)}, not {factor}")
         if factor == 1:
             return self
-        return self.over(_BoxFiltered(self.source, factor), downsampled=factor)
+        found = self.over(_BoxFiltered(self.source, factor), downsampled=factor)
+        found.periodic = self.periodic and not any(side % factor for side in self.shape)
+        return found
 
     def crop(self, top: int, left: int, height: int, width: int) -> "BTF":
         """The BTF of a window of texels, which may reach around the border; it is not periodic."""

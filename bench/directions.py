@@ -168,6 +168,18 @@ class PairInterpolator(nn.Module):
             return Weights(*(found.expand(len(wo), -1) for found in search(wo[:1], wi[:1])))
         return search(wo, wi)
 
+    def mean_cosine(self, pair: Tensor, share: Tensor, level: Tensor) -> Tensor:
+        """The mean cosine (n, 3) of the samples' lights that their interpolated logarithms `level` (n, 3) stand for.
+
+        The c for which log1p(r · c) = Σ share · log1p(r · cosine) = level, to second order in the cosines' spread: the
+        arithmetic mean where the level is low and the logarithm straight, the geometric mean where it is high. Whoever
+        interpolates log1p(radiance) by `shares` multiplies what it says by the query's cosine over this.
+        """
+        cosine = self.cos_i[pair].to(share.dtype)
+        arithmetic = (share * cosine).sum(1, keepdim=True).log()
+        geometric = (share * cosine.log()).sum(1, keepdim=True)
+        return torch.exp(arithmetic - level.neg().expm1() * (geometric - arithmetic))
+
     def _tensor_product(self, wo: Tensor, wi: Tensor) -> Weights:
         view, light = self.views(wo), self.lights(wi)
         index = self.grid[view.sample[:, :, None], light.sample[:, None, :]]

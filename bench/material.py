@@ -113,10 +113,20 @@ class Material:
 
     def slice(self, wo: Sequence[float], wi: Sequence[float], size: tuple[int, int] | None = None) -> Tensor:
         """The picture (H, W, 3) of one pair at the texel centres of `size`, each with a footprint of one texel."""
+        return self.boxes(wo, wi, 1, size)
+
+    def boxes(
+        self, wo: Sequence[float], wi: Sequence[float], factor: int, size: tuple[int, int] | None = None
+    ) -> Tensor:
+        """The picture (H // factor, W // factor, 3) of one pair over the boxes of factor × factor texels of `size`.
+
+        Where a side is no multiple of the factor, what does not fill a box at its end is left out, as
+        `bench.btf.box_filter` leaves it out: a box is asked where its texels are.
+        """
         height, width = size or self.size
-        uv = texel_centres(height, width)
+        uv = box_centres((height, width), factor)
         view, light = (torch.as_tensor(w, dtype=torch.float32).expand(len(uv), 3) for w in (wo, wi))
-        return self.query(uv, view, light, 1 / max(height, width)).reshape(height, width, 3)
+        return self.query(uv, view, light, factor / max(height, width)).reshape(height // factor, width // factor, 3)
 
 
 @cache
@@ -186,7 +196,14 @@ def to_radiance(level: Tensor, gain: float) -> Tensor:
 
 def texel_centres(height: int, width: int) -> Tensor:
     """uv (height · width, 2) of the texel centres, row by row from the top of the picture."""
-    v, u = torch.meshgrid(1 - (torch.arange(height) + 0.5) / height, (torch.arange(width) + 0.5) / width, indexing="ij")
+    return box_centres((height, width), 1)
+
+
+def box_centres(size: tuple[int, int], factor: int) -> Tensor:
+    """uv of the centres of all whole boxes of factor × factor texels of a picture (H, W), row by row from the top."""
+    height, width = size
+    row, col = (factor * (torch.arange(side // factor) + 0.5) for side in size)
+    v, u = torch.meshgrid(1 - row / height, col / width, indexing="ij")
     return torch.stack([u, v], -1).reshape(-1, 2)
 
 

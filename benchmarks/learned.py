@@ -6,8 +6,8 @@ For instance `python benchmarks/learned.py --material cable-knit svbrdf/rock neu
 a name or a path, looked up under `$NEUBTF_DATA` too. The data are 64² texels, 25 × 25 pairs to train on and 150 between
 them to score. Prints a Markdown table: display-space PSNR pooled over training pairs (75 of them) and held-out pairs,
 SSIM of the latter, each as mean ± standard deviation over the seeds, bytes of the file, how far the held-out PSNR lies
-above that of the best PCA setting of at most 1.05 × the bytes (logarithms or RGB, every precision, every number of
-components), and processor seconds of the fit, which a busy machine stretches less than the clock.
+above that of the best PCA of at most 1.05 × the bytes (logarithms or RGB, every number of components, eight bits), and
+processor seconds of the fit, which a busy machine stretches less than the clock.
 """
 
 import argparse
@@ -73,9 +73,9 @@ class Bench:
     def best_pca(self, limit: float) -> tuple[float, str]:
         """The held-out PSNR, and the settings, of the best PCA whose file has at most `limit` bytes."""
         found = []
-        for domain, precision in itertools.product(("log", "rgb"), ("half", "int8")):
+        for domain in ("log", "rgb"):
             for components in itertools.count(1):
-                text = f"pca:domain={domain},precision={precision},components={components}"
+                text = f"pca:domain={domain},components={components}"
                 if text not in self.pca:
                     _, psnr, _, size, _ = self.measure(parse(text), 0)
                     self.pca[text] = (psnr, size)

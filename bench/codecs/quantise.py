@@ -37,7 +37,7 @@ def pack(name: str, values: Tensor, precision: Precision) -> dict[str, Tensor]:
     if precision == "half":
         scale = half_scale(float(values.abs().max())) if values.numel() else 1.0
         return {name: (values / scale).half()} | ({f"{name}.scale": torch.tensor([scale])} if scale != 1 else {})
-    flat = values.reshape(-1, values.shape[-1]).float()
+    flat = values.flatten(0, -2).float()
     low, high = flat.amin(0), flat.amax(0)
     # A constant channel needs some scale that is not 0.
     step = ((high - low) / 255).clamp_min(1e-12)

@@ -26,6 +26,7 @@ Array = np.ndarray
 Decode = Callable[[int], Array]
 
 SAMPLE_VALUES = 1_000_000
+FOOTPRINTS_VERSION = 2  # of `score_footprints` and of where a decoder is asked for it
 _BLOCK_TEXELS = 1 << 16  # slices are scored in stacks of about this size, or small ones would wait for Python
 
 
@@ -254,8 +255,9 @@ def score_footprints(
     """Display PSNR, pooled over pairs, at footprints of some texels, against box-filtered truth.
 
     `decode(i, factor)` gives pair i at that footprint, linear radiance (H // factor, W // factor, 3): one answer for
-    each whole box of factor × factor texels. Gives {"1": {"psnr_display": …, "exact": …, "slices": …}, …}; a factor
-    that exceeds the picture is left out. None stands for no error at all. Raises `InputError` as `Scorer.score` does.
+    each whole box of factor × factor texels, asked where that box is (`bench.material.box_centres`). Gives
+    {"1": {"psnr_display": …, "exact": …, "slices": …}, …}; a factor that exceeds the picture is left out. None stands
+    for no error at all. Raises `InputError` as `Scorer.score` does.
     """
     errors: dict[int, list[float]] = {factor: [] for factor in factors if factor <= min(btf.shape)}
     for pair in np.asarray(pairs).tolist():

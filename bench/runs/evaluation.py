@@ -24,7 +24,7 @@ from bench.material import Material
 from bench.metrics import get as get_metric
 from bench.metrics.display import to_display
 from bench.metrics.magma import magma
-from bench.metrics.scoring import Scores, polar_maps, score_footprints, summarise, weighted
+from bench.metrics.scoring import FOOTPRINTS_VERSION, Scores, polar_maps, score_footprints, summarise, weighted
 from bench.records import Record
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
@@ -42,6 +42,7 @@ def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
         "btf": bench.btf.fingerprint,
         "exposure": bench.exposure,
         "metrics": {name: get_metric(name).version for name in bench.scorer.names},
+        "footprints": FOOTPRINTS_VERSION,
         "code": code,
     } | ({"demand": bench.demand.fingerprint} if bench.demand else {})
 
@@ -101,10 +102,9 @@ class Slices:
     show: Progress
 
     def slice(self, pair: int, factor: int = 1) -> np.ndarray:
-        """Linear radiance (H // factor, W // factor, 3) of one pair."""
+        """Linear radiance (H // factor, W // factor, 3) of one pair, over whole boxes of texels."""
         btf = self.bench.btf
-        size = (btf.shape[0] // factor, btf.shape[1] // factor)
-        return self.material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), size).numpy()
+        return self.material.boxes(btf.wo[pair].tolist(), btf.wi[pair].tolist(), factor, btf.shape).numpy()
 
     def watched(self, pair: int) -> np.ndarray:
         """The same, while a progress bar follows."""

@@ -12,6 +12,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading
 from bench.material import Material, texel_centres
+from bench.timing.queries import Queries
 
 
 def btf_of(values: np.ndarray) -> BTF:
@@ -78,6 +79,14 @@ def test_one_view_and_one_light(tmp_path: Path) -> None:
 def test_the_cost_counts_the_whole_table(tmp_path: Path) -> None:
     material = stored(btf_of(np.ones((24, 5, 7, 3))), tmp_path)
     assert material.cost.texture_floats == 24 * 5 * 7 * 3
-    # Four texels at 3 × 3 pairs, three half floats each.
-    assert material.cost.bytes_per_sample == 4 * 9 * 3 * 2
+    # Four texels at 3 × 3 pairs, three floats each: stored as halves, and held as what a fetch adds up.
+    assert material.cost.bytes_per_sample == 4 * 9 * 3 * 4
+
+
+def test_half_tables_answer_nearly_as_float32_ones(tmp_path: Path) -> None:
+    btf = btf_of(np.random.default_rng(0).random((24, 5, 7, 3)) * 6e4)
+    material = stored(btf, tmp_path)
+    queries = Queries(200).draw((5, 7), torch.device("cpu"))
+    whole = material.query(*queries)
+    torch.testing.assert_close(material.to(dtype=torch.float16).query(*queries), whole, rtol=1e-4, atol=1.0)
     assert material.cost.parameters == 0

@@ -95,6 +95,13 @@ def test_downsampling_averages_boxes_however_it_is_read():
         btf.downsample(6)
 
 
+@pytest.mark.parametrize(("size", "periodic"), [((4, 6), True), ((5, 6), False), ((4, 7), False)])
+def test_a_period_that_is_cut_is_none(size, periodic):
+    btf, _ = product(size=size)
+    btf.periodic = True
+    assert btf.downsample(2).periodic == periodic
+
+
 def test_box_filter_of_a_constant_is_that_constant():
     np.testing.assert_array_equal(box_filter(np.full((7, 9, 3), 2.5), 4), np.full((1, 2, 3), 2.5))
 

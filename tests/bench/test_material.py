@@ -5,7 +5,7 @@ import torch
 from bench.directions import Hemisphere
 from bench.errors import InputError
 from bench.hemisphere import ubo2003, uniform
-from bench.material import CHUNK, DecoderCost, Material, sample_texture, texel_centres, to_radiance
+from bench.material import CHUNK, DecoderCost, Material, box_centres, sample_texture, texel_centres, to_radiance
 
 
 class Constant(Material):
@@ -86,6 +86,15 @@ def test_a_slice_asks_at_texel_centres_from_the_top_row_down():
     assert material.slice([0, 0, 1], [0, 0, 1]).shape == (4, 6, 3)
     assert material.seen[0][3].unique().tolist() == [pytest.approx(1 / 6)]
     assert material.slice([0, 0, 1], [0, 0, 1], (2, 3)).shape == (2, 3, 3)
+
+
+def test_boxes_are_asked_where_their_texels_are():
+    """Of seven columns in boxes of two the last is left out, and the others stay where they are."""
+    assert box_centres((5, 7), 2)[:, 0].tolist() == pytest.approx([1 / 7, 3 / 7, 5 / 7] * 2)
+    assert box_centres((5, 7), 2)[::3, 1].tolist() == pytest.approx([1 - 1 / 5, 1 - 3 / 5])
+    material = Constant()
+    assert material.boxes([0, 0, 1], [0, 0, 1], 2, (5, 7)).shape == (2, 3, 3)
+    assert material.seen[0][3].unique().tolist() == [pytest.approx(2 / 7)]
 
 
 def test_a_texture_at_its_texel_centres_is_itself_and_linear_between():
