@@ -51,7 +51,7 @@ def stored(codec: Codec, precision: str, weights: str) -> Codec:
 def points(
     kind: type[Codec], rung: dict[str, int], btf: BTF, scorer: Scorer
 ) -> dict[tuple[str, str], tuple[int, float]]:
-    """Bytes and PSNR of one rung at each choice of precisions. The fit has the same seed and the same state each time."""
+    """Bytes and PSNR of one rung at each choice of precisions. The fit is the same each time."""
     split = btf.split()
     training, held = btf.subset(split.train), split.heldout["heldout"]
     found = {}

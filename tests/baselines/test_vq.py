@@ -98,7 +98,7 @@ def test_an_index_beyond_the_codebook_is_refused() -> None:
 
 @pytest.mark.parametrize("settings", [{"codes": 0}, {"stages": 0}, {"components": 0}, {"codes": 1 << 20}])
 def test_settings_without_sense_are_refused(settings: dict[str, int]) -> None:
-    with pytest.raises(InputError, match="needs"):
+    with pytest.raises(InputError, match="of codec vq must be"):
         VQ(**settings)
 
 

@@ -10,7 +10,7 @@ from bench.btf import BTF, ArraySource
 from bench.hemisphere import from_degrees
 from bench.material import DecoderCost, Material
 from bench.metrics.scoring import score_footprints
-from bench.runs.evaluation import Decoder
+from bench.runs.evaluation import Slices
 
 WAVES = torch.tensor([3.0, 2.0])  # of the picture, across and down
 
@@ -34,7 +34,7 @@ def test_an_exact_material_is_exact_at_every_footprint_whatever_its_size(size):
     wo, wi = from_degrees([0, 40], [0, 70]), from_degrees([30, 10], [0, 0])
     values = np.stack([material.slice(o, i).numpy() for o, i in zip(wo, wi, strict=True)])
     btf = BTF("waves", wo, wi, ArraySource(values), periodic=True)
-    decoder = Decoder(SimpleNamespace(btf=btf, name="waves"), material, lambda *_: None)
+    decoder = Slices(SimpleNamespace(btf=btf, name="waves"), material, lambda *_: None)
     found = score_footprints(btf, [0, 1], decoder.slice, 1.0)
     # Rounding of float32 leaves 130 dB and more; half a texel of misregistration 40.
     assert all(entry["psnr_display"] is None or entry["psnr_display"] > 120 for entry in found.values())
