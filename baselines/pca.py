@@ -14,7 +14,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, at_least_float32, sample_texture, saturated, to_radiance
-from bench.metrics.scoring import exposure
+from bench.metrics.display import exposure
 from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
 

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all: written under a temporary name, then renamed."""
+"""Files that are there whole or not at all, written under a temporary name, then renamed; and the cache folder."""
 
 import fcntl
 import os
@@ -71,3 +71,28 @@ def alone(path: Path) -> Iterator[None]:
             yield
         finally:
             lock.unlink(missing_ok=True)
+
+
+def cache_dir() -> Path:
+    """The folder of what can be made again, renderings and scratch files; it is made when missing.
+
+    `$NEUBTF_CACHE`, else `$XDG_CACHE_HOME/neubtf-bench`, else `~/.cache/neubtf-bench`.
+    """
+    if chosen := os.environ.get("NEUBTF_CACHE"):
+        folder = Path(chosen)
+    else:
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "neubtf-bench"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def clear_cache() -> tuple[int, int]:
+    """Remove every cached file; return their number and their bytes."""
+    count = total = 0
+    for path in sorted(cache_dir().rglob("*"), reverse=True):
+        if path.is_dir():
+            path.rmdir()
+        else:
+            count, total = count + 1, total + path.stat().st_size
+            path.unlink()
+    return count, total

@@ -12,9 +12,7 @@ from contextlib import contextmanager
 import bench
 from bench import commands
 from bench.codecs.registry import first_line
-from bench.errors import InputError, unwritable
-from bench.exits import FINE, INTERNAL, INTERRUPTED, USAGE
-from bench.suggest import did_you_mean
+from bench.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
 
 WIDTH = 100  # columns of a help text at most
 EXAMPLES = "\n\nexamples:\n"  # what follows in a command's docstring is shown as it stands
@@ -29,7 +27,7 @@ EVERYDAY = """examples:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code; see `bench.exits`."""
+    """Run one command and return its exit code; see `bench.errors`."""
     if "OMP_WAIT_POLICY" not in os.environ:
         # PyTorch's threads wait for work by turning in place: for 0.2 ms, not 8, in which Dr.Jit's need the cores.
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")

@@ -90,7 +90,7 @@ def _scene_lines(header: Header) -> list[str]:
 def _material_lines(header: Header) -> list[str]:
     """What a codec file decodes to."""
     from bench.codecs.loading import load
-    from bench.conformance.counting import parameters
+    from bench.material import parameters
 
     _, material, network = load(header.path)
     lines = [

@@ -1,6 +1,16 @@
-"""The errors a user can mend: each message names the file, the field and the remedy, on one line."""
+"""What a command says when it cannot go on: errors that a user can mend, "did you mean", and exit codes."""
 
+import difflib
 import errno
+from collections.abc import Iterable
+
+FINE = 0  # exit codes
+NO = 1  # the verdict is no: a regression, a failed check
+USAGE = 2  # bad usage or input
+FAILED = 3  # some or all jobs failed
+NOTHING = 4  # nothing was measured, or nothing is comparable
+INTERNAL = 70
+INTERRUPTED = 130
 
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # no other job would fare better
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG)
@@ -26,3 +36,10 @@ def unwritable(error: OSError) -> str:
     if error.errno in _NOT_ALLOWED and error.filename:
         return f"{place}cannot be used ({error.strerror}): choose another place, or mend its permissions"
     return ""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """`; did you mean 'pca'?` where a known name is near, else `; known: …`."""
+    known = sorted(known)
+    near = difflib.get_close_matches(name, known, 1)
+    return f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"

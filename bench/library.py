@@ -8,7 +8,6 @@ from typing import Any
 
 import torch
 
-from bench import timing
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Progress, silent
 from bench.codecs import container, loading, shared
@@ -20,6 +19,7 @@ from bench.material import Material
 from bench.records import Record
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.workbench import Workbench
+from bench.threads import torch_threads
 
 _BESIDE_A_RECORD = ("slices", "angular", "pictures")  # files that a run keeps and a score does not
 
@@ -56,7 +56,7 @@ def encode(
         raise InputError(f"encode: codec {codec.name} has its settings already: give {min(settings)} where it is made")
     made = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
     fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(made))
-    with timing.torch_threads(threads):
+    with torch_threads(threads):
         parts = made.encode(btf.subset(btf.split().train), fit)
     return container.save(Path(out), made, parts)
 

@@ -129,6 +129,13 @@ class Material:
         return self.query(uv, view, light, factor / max(height, width)).reshape(height // factor, width // factor, 3)
 
 
+def parameters(material: Material) -> int:
+    """Trainable parameters of the decoder networks, counted by torchinfo; 0 where there is no network."""
+    from torchinfo import summary
+
+    return sum(summary(module, verbose=0).trainable_params for module in material.modules())
+
+
 @cache
 def keep_buffers() -> None:
     """Let the C library keep what a chunk frees for the next: it maps larger blocks afresh, page by page, each time.

@@ -26,10 +26,10 @@ from bench.data.open import open_material
 from bench.decoder import Architecture, Decoder
 from bench.errors import InputError
 from bench.material import CHUNK, Material, keep_buffers
-from bench.metrics.display import to_display
-from bench.metrics.scoring import exposure
+from bench.metrics.display import exposure, to_display
 from bench.runs.suite import Data, named
-from bench.timing import interval95, torch_threads
+from bench.threads import torch_threads
+from bench.timing import interval95
 from bench.timing.clock import calibrated, elapsed
 from bench.timing.execution import DTYPES, FUSED_CHUNK, LONG_CHUNK, Variant, needs_compiler, prepared
 from bench.timing.fused.lean import Lean, compiled

@@ -28,7 +28,7 @@ from bench.data.open import open_material
 from bench.metrics import default_names
 from bench.metrics.scoring import Scorer, summarise
 from bench.runs.suite import Data, named
-from bench.timing import torch_threads
+from bench.threads import torch_threads
 
 TRAINING_PAIRS = 75  # scored of all
 LEEWAY = 1.05  # bytes that a PCA may have over the codec it is compared with

@@ -30,9 +30,9 @@ from bench.hemisphere import from_degrees
 from bench.material import Material
 from bench.metrics import default_names
 from bench.metrics.angular import THETA_EDGES_DEG, theta_deg
-from bench.metrics.display import decode_srgb, encode_srgb, to_display
-from bench.metrics.scoring import Scorer, exposure
-from bench.timing import torch_threads
+from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
+from bench.metrics.scoring import Scorer
+from bench.threads import torch_threads
 from neubtf.codec import NeuBTF, most_frontal
 from neubtf.guidance import RADIANCE, Treatment
 from neubtf.latents import sheet

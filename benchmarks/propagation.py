@@ -24,9 +24,8 @@ from bench.btf import BTF, Source
 from bench.codec import Fit
 from bench.codecs import container
 from bench.data.materials import load
-from bench.metrics.display import to_display
-from bench.metrics.scoring import exposure
-from bench.timing import torch_threads
+from bench.metrics.display import exposure, to_display
+from bench.threads import torch_threads
 from neubtf import propagation
 from neubtf.codec import NeuBTF, most_frontal
 from neubtf.guidance import RADIANCE, Treatment, guidance_of

@@ -34,7 +34,7 @@ from bench.demand.scene import named_scene, shipped
 from bench.demand.text_scene import TextScene
 from bench.metrics.display import to_display
 from bench.runs.suite import Data, named
-from bench.timing import torch_threads
+from bench.threads import torch_threads
 
 QUERIES = 100_000
 PICTURED = 1_000_000  # queries of the pictures: frames of an environment's samples are coarse and noisy with fewer

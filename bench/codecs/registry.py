@@ -6,8 +6,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.errors import InputError
-from bench.suggest import did_you_mean
+from bench.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from bench.codec import Codec

@@ -17,8 +17,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from bench.atomic import cache_dir
 from bench.btf import BTF
-from bench.cache import cache_dir
 from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork, settings_dict
 from bench.codecs import container
 from bench.errors import ContainerError, InputError, MissingDataError

@@ -21,9 +21,8 @@ from bench import atomic
 from bench.btf import BTF
 from bench.codec import Fit
 from bench.errors import InputError
-from bench.metrics.display import LOG_SCALE, to_display
+from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
-from bench.metrics.scoring import exposure
 
 if TYPE_CHECKING:
     from bench.density import Density

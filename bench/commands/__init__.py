@@ -1,7 +1,7 @@
 """The commands of `neubtf-bench`, one module each; a method's own come by entry point, `neubtf_bench.commands`.
 
 A command's module has a docstring, whose first line stands in lists, `arguments(parser)`, and `run(options)`, which
-prints and returns an exit code of `bench.exits`. It imports what it needs when it runs, so that the others start fast.
+prints and returns an exit code of `bench.errors`. It imports what it needs when it runs, so that the others start fast.
 """
 
 import importlib

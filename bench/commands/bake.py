@@ -8,7 +8,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.exits import FINE
+from bench.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

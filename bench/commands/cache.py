@@ -7,7 +7,7 @@ examples:
 
 import argparse
 
-from bench.exits import FINE
+from bench.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,12 +15,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench import cache
+    from bench.atomic import cache_dir, clear_cache
 
     if options.clear:
-        count, size = cache.clear()
-        print(f"removed {count} files, {size / 1e6:.1f} MB, from {cache.cache_dir()}")
+        count, size = clear_cache()
+        print(f"removed {count} files, {size / 1e6:.1f} MB, from {cache_dir()}")
         return FINE
-    files = [path for path in cache.cache_dir().rglob("*") if path.is_file()]
-    print(f"{cache.cache_dir()}: {len(files)} files, {sum(path.stat().st_size for path in files) / 1e6:.1f} MB")
+    files = [path for path in cache_dir().rglob("*") if path.is_file()]
+    print(f"{cache_dir()}: {len(files)} files, {sum(path.stat().st_size for path in files) / 1e6:.1f} MB")
     return FINE

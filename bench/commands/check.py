@@ -8,7 +8,7 @@ examples:
 import argparse
 
 from bench.arguments import assignments
-from bench.exits import FINE, NO
+from bench.errors import FINE, NO
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

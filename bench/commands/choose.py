@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 
 from bench.arguments import usable_device
 from bench.commands import trade
-from bench.errors import InputError
-from bench.exits import FAILED, FINE, NO
+from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
     from bench.runs.choose import Choice

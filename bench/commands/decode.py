@@ -9,8 +9,7 @@ import argparse
 from pathlib import Path
 
 from bench.arguments import usable_device
-from bench.errors import InputError
-from bench.exits import FINE
+from bench.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,11 +27,11 @@ def run(options: argparse.Namespace) -> int:
     from bench.btf import BTF
     from bench.codecs import loading
     from bench.console import Console
-    from bench.data.decoded import DecodedSource
+    from bench.data.convert import DecodedSource
     from bench.data.open import open_named
     from bench.data.readers.folder import write_folder
+    from bench.errors import did_you_mean
     from bench.hemisphere import DIRECTION_SETS, thin
-    from bench.suggest import did_you_mean
 
     header, material, _ = loading.load(options.file, usable_device(options.device))
     with Console() as console:

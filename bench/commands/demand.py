@@ -11,8 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.errors import InputError
-from bench.exits import FINE
+from bench.errors import FINE, InputError
 
 if TYPE_CHECKING:
     from bench.demand.collect import Caster

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.arguments import assignments, usable_device
-from bench.errors import InputError
-from bench.exits import FINE, NO
+from bench.errors import FINE, NO, InputError
 
 if TYPE_CHECKING:
     from bench.btf import BTF
@@ -48,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.console import Console, file_lines
     from bench.data.open import open_named
     from bench.demand import demand
-    from bench.timing import torch_threads
+    from bench.threads import torch_threads
 
     _check(options)
     changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})

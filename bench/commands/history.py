@@ -13,7 +13,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.exits import FINE, NOTHING
+from bench.errors import FINE, NOTHING
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,8 +8,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.errors import InputError
-from bench.exits import FINE
+from bench.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

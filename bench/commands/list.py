@@ -8,7 +8,7 @@ examples:
 import argparse
 from typing import TYPE_CHECKING
 
-from bench.exits import FINE
+from bench.errors import FINE
 
 if TYPE_CHECKING:
     from bench.settings import Setting

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.exits import FINE
+from bench.errors import FINE
 from bench.records import Run
 
 

@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.arguments import assignments, usable_device
-from bench.errors import InputError
-from bench.exits import FAILED, FINE, INTERRUPTED, NOTHING
+from bench.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 
 if TYPE_CHECKING:
     from bench.runs.executors import Workers

@@ -12,8 +12,7 @@ import argparse
 from pathlib import Path
 
 from bench.arguments import assignments, usable_device
-from bench.errors import InputError
-from bench.exits import FINE
+from bench.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,8 +16,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.errors import InputError
-from bench.exits import FINE, NO
+from bench.errors import FINE, NO, InputError
 from bench.records import STRESS
 
 if TYPE_CHECKING:

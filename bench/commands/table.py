@@ -13,8 +13,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from bench.errors import InputError
-from bench.exits import FINE, NOTHING
+from bench.errors import FINE, NOTHING, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

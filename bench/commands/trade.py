@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.arguments import assignments, usable_device
-from bench.exits import FAILED, FINE, NOTHING
+from bench.errors import FAILED, FINE, NOTHING
 
 if TYPE_CHECKING:
     from bench.console import Console

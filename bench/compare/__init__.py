@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from bench.compare.rows import Row, compared
 from bench.compare.timings import advice, multiples
 from bench.compare.verdicts import Change, Verdict
-from bench.errors import InputError
-from bench.exits import FAILED, FINE, NO, NOTHING
+from bench.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
 from bench.records import Record, Run
-from bench.suggest import did_you_mean
 
 _NEEDED = ("fit_key", "score_key", "metrics", "scores", "bytes", "parameters", "seed")
 _WORDS = {

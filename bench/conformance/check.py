@@ -18,11 +18,10 @@ from torch import Tensor
 from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, SharedNetwork, TrainedNetwork
 from bench.codecs import container, loading, shared
-from bench.conformance.counting import parameters
 from bench.errors import InputError
 from bench.hemisphere import thin, ubo2003, uniform
-from bench.material import Material, texel_centres
-from bench.timing import torch_threads
+from bench.material import Material, parameters, texel_centres
+from bench.threads import torch_threads
 
 # Float32 sums of some hundred terms in another order differ by about 1e-6 of their size; ten times that is allowed.
 ROUNDING = 1e-5

@@ -10,7 +10,7 @@ from bench.codec import Codec, SharedNetwork
 from bench.codecs.registry import load_codec
 from bench.conformance import stability
 from bench.conformance.check import CHECKS, Bench
-from bench.conformance.counting import parameters
+from bench.material import parameters
 from bench.records import Record
 
 

@@ -5,10 +5,9 @@ import logging
 
 import numpy as np
 
-from bench.btf import BTF, Array, Source
+from bench.btf import BTF, Array, NotFiniteError, Source
 from bench.codec import Progress, silent
 from bench.errors import InputError
-from bench.finite import NotFiniteError
 
 log = logging.getLogger(__name__)
 

@@ -223,7 +223,7 @@ def outside(judge: Judge, material: Material) -> float | None:
 
     It is of `OUTSIDE_PAIRS` pairs evenly among them.
     """
-    from bench.metrics.scoring import exposure
+    from bench.metrics.display import exposure
 
     untouched = np.flatnonzero(judge.shares == 0)
     if not len(untouched):

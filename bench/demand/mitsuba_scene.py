@@ -13,8 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from bench.demand.points import Array, Light, Points
-from bench.errors import InputError
-from bench.suggest import did_you_mean
+from bench.errors import InputError, did_you_mean
 
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
 SAMPLES = 8  # of an emitter that is no point and no direction, at each visible point

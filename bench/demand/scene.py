@@ -38,8 +38,7 @@ from typing import Any
 import numpy as np
 
 from bench.demand.demand import unit
-from bench.errors import InputError
-from bench.suggest import did_you_mean
+from bench.errors import InputError, did_you_mean
 
 Vector = tuple[float, float, float]
 

@@ -15,8 +15,7 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from bench.errors import InputError
-from bench.suggest import did_you_mean
+from bench.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from bench.metrics.base import SliceMetric

@@ -2,10 +2,14 @@
 
 import numpy as np
 
+from bench.btf import BTF
+
 Array = np.ndarray
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709, as the primaries of every BTF here
 LOG_SCALE = 8.0  # of log1p(8 · exposure · x), the curve that learned codecs predict
+
+SAMPLE_VALUES = 1_000_000  # about so many make an exposure
 
 
 def exposure_of(values: Array) -> float:
@@ -17,6 +21,21 @@ def exposure_of(values: Array) -> float:
     values = np.maximum(values, 0)
     bright = float(np.percentile(values, 99)) or float(values.max())
     return 0.8 / bright if bright > 0 else 1.0
+
+
+def sample(btf: BTF, seed: int = 0) -> Array:
+    """A seeded sample (n, 3) of linear radiance: about 1 M values over all pairs, or all where there are fewer."""
+    height, width = btf.shape
+    if len(btf) * height * width * 3 <= SAMPLE_VALUES:
+        return np.concatenate([picture.reshape(-1, 3) for picture in btf])
+    rng = np.random.default_rng(seed)
+    count = -(-SAMPLE_VALUES // 3)
+    return btf.gather(*(rng.integers(0, limit, count) for limit in (len(btf), height, width)))
+
+
+def exposure(btf: BTF, seed: int = 0) -> float:
+    """The exposure of a material: 0.8 over the 99th percentile of `sample`; see `exposure_of`."""
+    return exposure_of(sample(btf, seed))
 
 
 def encode_srgb(linear: Array) -> Array:

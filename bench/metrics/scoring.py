@@ -18,31 +18,15 @@ from bench.btf import BTF, box_filter
 from bench.errors import InputError
 from bench.metrics.angular import as_number, bins, grazing, polar_map
 from bench.metrics.base import SliceMetric
-from bench.metrics.display import exposure_of, to_display
+from bench.metrics.display import exposure_of, sample, to_display
 from bench.metrics.picture import Picture, check_radiance
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
 
 Array = np.ndarray
 Decode = Callable[[int], Array]
 
-SAMPLE_VALUES = 1_000_000
 FOOTPRINTS_VERSION = 2  # of `score_footprints` and of where a decoder is asked for it
 _BLOCK_TEXELS = 1 << 16  # slices are scored in stacks of about this size, or small ones would wait for Python
-
-
-def sample(btf: BTF, seed: int = 0) -> Array:
-    """A seeded sample (n, 3) of linear radiance: about 1 M values over all pairs, or all where there are fewer."""
-    height, width = btf.shape
-    if len(btf) * height * width * 3 <= SAMPLE_VALUES:
-        return np.concatenate([picture.reshape(-1, 3) for picture in btf])
-    rng = np.random.default_rng(seed)
-    count = -(-SAMPLE_VALUES // 3)
-    return btf.gather(*(rng.integers(0, limit, count) for limit in (len(btf), height, width)))
-
-
-def exposure(btf: BTF, seed: int = 0) -> float:
-    """The exposure of a material: 0.8 over the 99th percentile of `sample`; see `bench.metrics.display.exposure_of`."""
-    return exposure_of(sample(btf, seed))
 
 
 @dataclass(frozen=True)

@@ -9,18 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from bench import atomic, timing
+from bench import atomic
 from bench.codec import Progress
 from bench.codecs import loading
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
 from bench.codecs.registry import load_codec
 from bench.codecs.scene_material import unreported
-from bench.conformance.counting import parameters
 from bench.errors import ContainerError
 from bench.fields import FLIP, PSNR, gate, metric_of
 from bench.hemisphere import to_degrees
-from bench.material import Material
+from bench.material import Material, parameters
 from bench.metrics import get as get_metric
 from bench.metrics.display import to_display
 from bench.metrics.magma import magma
@@ -28,6 +27,7 @@ from bench.metrics.scoring import FOOTPRINTS_VERSION, Scores, polar_maps, score_
 from bench.records import Record
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
+from bench.threads import torch_threads
 
 COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices themselves, which are those of one
 Keep = Callable[[str, dict[str, Any]], str]
@@ -55,7 +55,7 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
     header, material = file.header, unreported(file.material)
     decoder = Slices(bench, material, show)
     decides = gate(bench.groups)
-    with timing.torch_threads(threads):
+    with torch_threads(threads):
         scores = bench.scorer.score(bench.groups["all"], decoder.watched)
         footprints = score_footprints(bench.btf, bench.groups[decides], decoder.slice, bench.exposure, COARSE)
         pictures = _pictures(bench, decoder)

@@ -26,7 +26,6 @@ from typing import Any
 
 import torch
 
-from bench import timing
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
@@ -40,6 +39,7 @@ from bench.runs.place import Place
 from bench.runs.provenance import processor, revision
 from bench.runs.suite import UNIFORM, CodecSpec, Data, MaterialSpec
 from bench.runs.workbench import Workbench, workbench
+from bench.threads import torch_threads
 
 log = logging.getLogger(__name__)
 
@@ -269,7 +269,7 @@ class Job:
             self.checkpoint,
             network=self.network,
         )
-        with timing.torch_threads(self.task.threads):
+        with torch_threads(self.task.threads):
             start = time.perf_counter()
             if self.codec.scene:
                 parts = fitting.encode(self.codec, self.bench.training, fit, self._demand, self.task.uniform)

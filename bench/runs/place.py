@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bench import atomic
-from bench.cache import cache_dir
+from bench.atomic import cache_dir
 from bench.runs import lock
 from bench.runs.evaluation import write_content
 

@@ -10,7 +10,7 @@ from bench.codecs import shared
 from bench.codecs.container import Header
 from bench.data.materials.variations import load_variation
 from bench.errors import InputError
-from bench.timing import torch_threads
+from bench.threads import torch_threads
 
 MATERIALS = 160  # variations that a network is trained on
 

@@ -23,6 +23,7 @@ from bench.runs.choose import answers, psnr
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import MaterialSpec, Suite
 from bench.runs.workbench import Workbench, workbench
+from bench.threads import torch_threads
 from bench.timing.execution import Variant, exists_on, networks, prepared
 from bench.timing.machine import unrest
 from bench.timing.profile import profile
@@ -173,7 +174,7 @@ def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, float | None]
 def _score(bench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, float | None]:
     """The same figures, of a material that is computed otherwise."""
     decides = gate(bench.groups)
-    with timing.torch_threads(threads):
+    with torch_threads(threads):
         scores = bench.scorer.score(bench.groups[decides], Slices(bench, material, show).slice)
     metrics = summarise(scores, bench.btf.wo, bench.btf.wi, {decides: bench.groups[decides]})[decides]["metrics"]
     return _figures(metrics, scores.raw[PSNR])

@@ -6,18 +6,17 @@ ratios compare. The floor is timed twice a turn: where it differs from itself, o
 say that the machine was not quiet.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
-from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from bench.material import DecoderCost, Material, sample_texture
+from bench.threads import torch_threads
 from bench.timing.clock import calibrated
 from bench.timing.machine import Watch, unrest
 from bench.timing.queries import Queries
@@ -66,18 +65,6 @@ class _Floor(Material):
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         return sample_texture(self.texture, uv)
-
-
-@contextmanager
-def torch_threads(count: int) -> Iterator[None]:
-    """PyTorch, and the libraries under NumPy and scikit-learn, limited to `count` CPU threads inside."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        with threadpool_limits(count):
-            yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def conditions(threads: int, device: str) -> dict[str, Any]:

@@ -22,9 +22,8 @@ import torch._dynamo
 from torch import Tensor, nn
 
 from bench.codecs.decoder import Decoder
-from bench.errors import InputError
+from bench.errors import InputError, did_you_mean
 from bench.material import Material
-from bench.suggest import did_you_mean
 
 EXECUTIONS = ("eager", "compiled", "fused")
 DTYPES = {

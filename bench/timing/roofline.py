@@ -5,7 +5,7 @@ from typing import Any
 import torch
 
 from bench.material import DecoderCost
-from bench.timing import torch_threads
+from bench.threads import torch_threads
 from bench.timing.clock import calibrated
 
 SIDE = 1024  # of the matrices that are multiplied

@@ -11,8 +11,7 @@ import argparse
 from pathlib import Path
 
 from bench.arguments import usable_device
-from bench.errors import InputError
-from bench.exits import FINE
+from bench.errors import FINE, InputError
 
 MARGIN = 1 / 6  # of a side: about what the built-in photographs lose
 

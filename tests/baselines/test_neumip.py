@@ -11,10 +11,9 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, training
 from bench.conformance.check import tiny_btf
-from bench.conformance.counting import parameters
 from bench.decoder import load_vector
 from bench.errors import InputError
-from bench.material import sample_texture
+from bench.material import parameters, sample_texture
 from bench.training import Samples
 
 CHANNELS = 7  # as the authors have it

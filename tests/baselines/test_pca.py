@@ -16,7 +16,7 @@ from bench.codec import Fit, Parts
 from bench.codecs import container, loading
 from bench.errors import InputError
 from bench.material import Material
-from bench.metrics.scoring import exposure
+from bench.metrics.display import exposure
 
 CPU = torch.device("cpu")
 FLOAT32 = {"precision": "float32", "weights": "float32"}

@@ -11,8 +11,8 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, training
 from bench.conformance.check import tiny_btf
-from bench.conformance.counting import parameters
 from bench.errors import InputError
+from bench.material import parameters
 from bench.training import Samples
 
 

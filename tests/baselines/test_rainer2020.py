@@ -11,9 +11,9 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit, TrainedNetwork
 from bench.codecs import container, loading, shared, training
 from bench.conformance.check import others, tiny_btf
-from bench.conformance.counting import parameters
 from bench.errors import InputError
 from bench.hemisphere import from_degrees
+from bench.material import parameters
 
 
 def network(**settings: Any) -> Rainer2020Network:

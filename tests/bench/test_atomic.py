@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bench import atomic
+from bench.atomic import cache_dir, clear_cache
 
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path):
@@ -47,6 +48,7 @@ MAKE = """
 import sys, time
 from pathlib import Path
 from bench import atomic
+from bench.atomic import cache_dir, clear_cache
 path = Path(sys.argv[1])
 with atomic.alone(path):
     if not path.exists():
@@ -61,3 +63,15 @@ def test_several_processes_make_a_file_once(tmp_path):
     makers = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(3)]
     assert "".join(maker.communicate()[0] for maker in makers) == "made\n"
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_folder_follows_the_environment_and_is_emptied_on_request(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "here"))
+    assert cache_dir() == tmp_path / "here"
+    (cache_dir() / "scratch").mkdir()
+    (cache_dir() / "scratch" / "a.npy").write_bytes(b"12345")
+    assert clear_cache() == (1, 5)
+    assert list(cache_dir().iterdir()) == []
+    monkeypatch.delenv("NEUBTF_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert cache_dir() == tmp_path / "xdg" / "neubtf-bench"

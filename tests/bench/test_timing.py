@@ -7,7 +7,8 @@ import torch
 from bench import timing
 from bench.codecs.decoder import Architecture, Decoder
 from bench.material import DecoderCost, Material
-from bench.timing import BATCH, FLOOR, SAMPLES, Timing, compare, conditions, torch_threads
+from bench.threads import torch_threads
+from bench.timing import BATCH, FLOOR, SAMPLES, Timing, compare, conditions
 from bench.timing.clock import calibrated
 from bench.timing.machine import unrest
 from bench.timing.profile import profile

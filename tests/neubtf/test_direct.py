@@ -7,9 +7,8 @@ import torch
 from bench.codec import Fit, Parts
 from bench.codecs import container, training
 from bench.conformance.check import tiny_btf
-from bench.conformance.counting import parameters
 from bench.errors import InputError
-from bench.material import Material
+from bench.material import Material, parameters
 from neubtf.direct import NeuBTFDirect
 from neubtf.renderer import render
 

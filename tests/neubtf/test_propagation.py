@@ -13,9 +13,9 @@ from bench import cli
 from bench.codec import Fit
 from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
-from bench.conformance.counting import parameters
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_exr
+from bench.material import parameters
 from neubtf.autoencoder import FAINT, Autoencoder
 from neubtf.codec import NeuBTF
 from neubtf.direct import NeuBTFDirect

@@ -15,7 +15,7 @@ from bench.codec import Codec, Fit, Parts, settings_dict
 from bench.codecs import container, loading, shared
 from bench.conformance.check import Bench, CheckError
 from bench.material import Material
-from bench.timing import torch_threads
+from bench.threads import torch_threads
 
 Array = np.ndarray
 

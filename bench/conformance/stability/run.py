@@ -12,10 +12,9 @@ from bench.codec import Progress, silent
 from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.stability import CASES, metrics
 from bench.conformance.stability.case import Case, Verdict, judge, subject_of
-from bench.errors import InputError
+from bench.errors import InputError, did_you_mean
 from bench.records import Record
 from bench.runs.executors import Workers
-from bench.suggest import did_you_mean
 
 PICTURES = "pictures"  # the group of the metrics' and losses' cases
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from bench.atomic import cache_dir
 from bench.btf import BTF, ArraySource
-from bench.cache import cache_dir
 from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
 from bench.data.bake.partial import Partial
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface

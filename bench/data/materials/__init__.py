@@ -7,8 +7,7 @@ import importlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from bench.errors import InputError
-from bench.suggest import did_you_mean
+from bench.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from bench.btf import BTF

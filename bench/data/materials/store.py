@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from bench import atomic
+from bench.atomic import cache_dir
 from bench.btf import BTF, ArraySource
-from bench.cache import cache_dir
 from bench.data.joined import with_heldout
 from bench.data.materials.maps import Recipe
 from bench.data.materials.renderer import RENDERER_VERSION, SUB_POINTS, render

@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.btf import BTF
+from bench.btf import BTF, finite
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.files import ZipFiles
 from bench.data.readers.npz import NpzSource, read_array
 from bench.errors import InputError
-from bench.finite import finite
 from bench.hemisphere import from_angles
 
 KEY = "rgb_geomean"

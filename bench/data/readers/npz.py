@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF, ArraySource
+from bench.btf import BTF, ArraySource, finite
 from bench.data.readers.checks import no_duplicates, readable, unit_directions
 from bench.data.readers.files import ZipFiles, file_digest
 from bench.errors import InputError
-from bench.finite import finite
 
 Array = np.ndarray
 

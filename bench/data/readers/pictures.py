@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import Source
+from bench.btf import Source, finite
 from bench.data.readers.checks import readable
 from bench.data.readers.files import Files, FolderFiles
 from bench.errors import InputError
-from bench.finite import finite
 
 Array = np.ndarray
 MAX_PIXELS = 1 << 26

@@ -16,11 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF, Source
+from bench.btf import BTF, Source, finite
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.files import file_digest
 from bench.errors import InputError
-from bench.finite import finite
 from bench.hemisphere import from_angles
 
 Array = np.ndarray

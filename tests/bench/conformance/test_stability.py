@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from baselines.mean_colour import MeanColour, MeanColourMaterial
+from bench.btf import NotFiniteError
 from bench.cli import main
 from bench.codec import Parts
 from bench.codecs.quantise import unpack
@@ -17,7 +18,6 @@ from bench.conformance import stability
 from bench.conformance.stability import metrics, properties
 from bench.conformance.stability.case import SHORT, shortened, subject_of
 from bench.errors import InputError
-from bench.finite import NotFiniteError
 from bench.material import Material
 from bench.records import load_run
 

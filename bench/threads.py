@@ -1,0 +1,19 @@
+"""How many CPU threads a block of work may use."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+from threadpoolctl import threadpool_limits
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """PyTorch, and the libraries under NumPy and scikit-learn, limited to `count` CPU threads inside."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        with threadpool_limits(count):
+            yield
+    finally:
+        torch.set_num_threads(before)
