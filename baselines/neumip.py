@@ -7,7 +7,7 @@ stage, losses, and a Gaussian blur of the textures that fades during the fit and
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -15,16 +15,26 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import Architecture, Decoder, load_vector, to_vector
+from bench.decoder import COUNTS, Architecture, Decoder, Directions, direction_inputs, load_vector, to_vector
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import Count, Natural, Positive
-from bench.training import Batch, Objective, Samples, gain_of, train
+from bench.training import (
+    RANDOM_SPREAD,
+    Batch,
+    Objective,
+    Optimiser,
+    Samples,
+    Start,
+    first_latents,
+    gain_of,
+    groups_of,
+    train,
+)
 
 WIDTHS = (25, 25, 25)
-LATENT_SPREAD = 0.1  # standard deviation of the first latents
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
 LOWEST_COSINE = 0.6  # of the view in the offset: nearer to the horizon it grows no further
 COARSE_SHARE = 4  # one sample in so many is of a coarser level
@@ -40,14 +50,22 @@ LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.
 class NeuMIP(Codec):
     """NeuMIP: a pyramid of latents, a parallax offset and a decoder; answers at any footprint."""
 
-    name, version = "neumip", 1
+    name, version = "neumip", 2
     sizes = ("channels",)
+    recipes: ClassVar = {
+        "paper": {"directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
+    }
 
     @dataclass(frozen=True)
     class Settings:
         steps: Natural = 10_000  # of the fit
         batch: Count = 4_096  # samples a step
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
+        start: Start = "components"  # of the finest latents: principal components of the log ABRDFs, or random
+        optimiser: Optimiser = "muon"  # of hidden matrices; all else is Adam's
+        hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         rate: Positive = 1e-2  # highest learning rate
+        directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
         channels: Count = 7  # of the pyramid, and of the offset texture
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
         offset: bool = True  # the neural offset; without it the decoder alone
@@ -161,7 +179,9 @@ class Networks(nn.Module):
 
     def __init__(self, settings: NeuMIP.Settings, generator: torch.Generator | None = None):
         super().__init__()
-        self.decoder = Decoder(Architecture(4 + settings.channels, WIDTHS, settings.outputs), generator)
+        self.directions = settings.directions
+        inputs = COUNTS[settings.directions] + settings.channels
+        self.decoder = Decoder(Architecture(inputs, WIDTHS, settings.outputs), generator)
         self.offset = Decoder(Architecture(settings.channels + 2, WIDTHS, 1), generator) if settings.offset else None
         self.register_buffer("to_rgb", torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
 
@@ -183,7 +203,7 @@ class Networks(nn.Module):
 
     def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """gain · radiance (n, 3), not clamped, of latents (n, 7): YUV → RGB → expm1, times a mask if there is one."""
-        out = self.decoder(torch.cat([wi[:, :2], wo[:, :2], latents], 1))
+        out = self.decoder(torch.cat([*direction_inputs(wo, wi, self.directions), latents], 1))
         rgb = to_radiance(out[:, :3] @ self.to_rgb.to(out.dtype), 1.0)
         return rgb * (SHUT + out[:, 3:].sigmoid()) if out.shape[1] > 3 else rgb
 
@@ -207,12 +227,24 @@ class Fitting(Objective):
         self.pyramid = Pyramid(self.samples.shape, len(levels))
         self.networks = Networks(settings, generator)
         self.networks.start_at(self.samples.mean(generator))
-        latents = torch.randn(sum(self.pyramid.counts), settings.channels, generator=generator)
-        self.table = nn.Parameter(LATENT_SPREAD * latents)
+        finest = first_latents(self.samples, settings.channels, settings.start, generator)
+        self.table = nn.Parameter(self._levels(finest, generator))
         self.offset = nn.Parameter(torch.zeros(self.samples.texels, settings.channels)) if settings.offset else None
 
+    def _levels(self, finest: Tensor, generator: torch.Generator) -> Tensor:
+        """The first latents of all levels: box averages of the finest ones, or random as they are."""
+        if self.settings.start == "random":
+            count, channels = sum(self.pyramid.counts[1:]), finest.shape[1]
+            return torch.cat([finest, RANDOM_SPREAD * torch.randn(count, channels, generator=generator)])
+        picture = finest.T.unflatten(1, self.samples.shape)
+        levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
+        return torch.cat([level.flatten(1).T for level in levels])
+
     def groups(self) -> list[dict[str, Any]]:
-        return [{"params": list(self.parameters()), "lr": self.settings.rate}]
+        settings = self.settings
+        networks = groups_of([self.networks], settings.rate, settings.optimiser, settings.hidden_rate)
+        textures = [self.table] if self.offset is None else [self.table, self.offset]
+        return [*networks, {"params": textures, "lr": settings.rate}]
 
     def blurred(self, progress: float) -> tuple[Tensor, Tensor | None]:
         """The table and the offset texture as they are looked up at some progress of the fit."""
@@ -277,7 +309,7 @@ class NeuMIPMaterial(Material):
 
     def __init__(self, pyramid: Pyramid, networks: Networks, table: Tensor, offset: Tensor | None, gain: float):
         size = pyramid.levels[0]
-        channels = networks.decoder.architecture.inputs - 4
+        channels = networks.decoder.architecture.inputs - COUNTS[networks.directions]
         if table.shape != (sum(pyramid.counts), channels):
             raise InputError(f"a pyramid over {size} has {sum(pyramid.counts)} rows, not {tuple(table.shape)}")
         both = [networks.decoder, *([] if networks.offset is None else [networks.offset])]

@@ -5,6 +5,7 @@ of its log radiance in each colour. The decoder answers for latents and two dire
 deviation and moved by the mean.
 """
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import torch
@@ -12,10 +13,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.codec import Fit
-from bench.decoder import LEAK, Architecture, Decoder
+from bench.decoder import LEAK, Architecture, Decoder, direction_inputs
 from bench.directions import stereographic
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Batch, Loss, Objective, Samples, distance
+from bench.settings import Count, Natural, Positive
+from bench.training import Batch, Loss, Objective, Optimiser, Samples, distance, groups_of
 
 WIDTHS = (106, 106, 106, 106)
 CONVOLUTIONS = ((16, 7), (32, 5), (64, 5))  # channels and kernel of the encoder's layers
@@ -25,11 +27,13 @@ LEAST_DEVIATION = 1e-3  # of log radiance: a constant ABRDF is not blown up
 BLOCK = 256  # texels encoded at once
 
 Activation = Literal["leaky-relu", "relu"]
+Directions = Literal["stereographic", "xyzh"]
+COUNTS = {"stereographic": 4, "xyzh": 9}  # numbers of two directions
 
 
-def architecture(latents: int, activation: Activation) -> Architecture:
-    """The decoder of so many latents: with two directions in two coordinates each, to four layers, to a colour."""
-    return Architecture(latents + 4, WIDTHS, activation=activation)
+def architecture(latents: int, activation: Activation, directions: Directions = "stereographic") -> Architecture:
+    """The decoder of so many latents: with the numbers of two directions, to four layers, to a colour."""
+    return Architecture(latents + COUNTS[directions], WIDTHS, activation=activation)
 
 
 class Encoder(nn.Module):
@@ -67,9 +71,11 @@ def encoded(encoder: nn.Module, abrdfs: Tensor, found: Tensor) -> Tensor:
     return encoder((abrdfs - mean[:, None]) / deviation[:, None])
 
 
-def directions(wo: Tensor, wi: Tensor) -> Tensor:
-    """The decoder's coordinates (n, 4) of two unit directions: light, then view, each in the stereographic plane."""
-    return torch.cat([stereographic(wi), stereographic(wo)], 1)
+def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic") -> Tensor:
+    """What the decoder sees (n, k) of two unit directions: each in the stereographic plane, or all of both and half."""
+    if directions == "stereographic":
+        return torch.cat([stereographic(wi), stereographic(wo)], 1)
+    return torch.cat(direction_inputs(wo, wi, directions), 1)
 
 
 def radiance(decoder: Decoder, latents: Tensor, found: Tensor, where: Tensor) -> Tensor:
@@ -78,34 +84,50 @@ def radiance(decoder: Decoder, latents: Tensor, found: Tensor, where: Tensor) ->
     return mean + deviation * decoder(torch.cat([latents, where], 1))
 
 
-class Autoencoder(Objective):
-    """Encoder and decoder, fitted on a few texels and a few pairs of each a step."""
+@dataclass(frozen=True)
+class FitSettings:
+    """How networks of Rainer's are fitted."""
+
+    steps: Natural = 10_000  # of the fit
+    texels: Count = 64  # ABRDFs encoded in a step
+    pairs: Count = 32  # pairs decoded of each of them
+    optimiser: Optimiser = "muon"  # of the decoder's hidden matrices; all else is Adam's
+    hidden_rate: Positive = 2e-2  # highest learning rate of Muon
+    rate: Positive = 3e-3  # highest learning rate
+    loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+
+
+class Fitted(Objective):
+    """A decoder and what makes its latents; each texel's statistics are taken from the data."""
 
     statistics: Tensor  # (texels, 2, 3): mean and deviation of each texel's log ABRDF
 
-    def __init__(
-        self,
-        samples: Samples,
-        encoder: nn.Module,
-        decoder: Decoder,
-        step: tuple[int, int],
-        rate: float,
-        loss: Loss,
-        fit: Fit,
-    ):
+    def __init__(self, samples: Samples, decoder: Decoder, settings: FitSettings, fit: Fit):
         super().__init__(samples)
-        self.encoder, self.decoder = encoder, decoder
-        self.step, self.highest, self.distance = step, rate, loss
+        self.decoder, self.settings = decoder, settings
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
         found = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
         self.register_buffer("statistics", torch.cat(found), persistent=False)
 
     def where(self, batch: Batch) -> Tensor:
-        """The decoder's coordinates (n, 4) of the pairs of a batch."""
+        """The decoder's coordinates (n, k) of the pairs of a batch."""
         raise NotImplementedError
 
+    def decode(self, latents: Tensor, batch: Batch) -> Tensor:
+        """Log radiance (n, 3) of latents (n, D) at the texels and pairs of a batch."""
+        return radiance(self.decoder, latents, self.statistics[batch.texel].flatten(1), self.where(batch))
+
+
+class Autoencoder(Fitted):
+    """Encoder and decoder, fitted on a few texels and a few pairs of each a step."""
+
+    def __init__(self, samples: Samples, encoder: nn.Module, decoder: Decoder, settings: FitSettings, fit: Fit):
+        super().__init__(samples, decoder, settings, fit)
+        self.encoder = encoder
+
     def groups(self) -> list[dict[str, Any]]:
-        return [{"params": list(self.parameters()), "lr": self.highest}]
+        settings = self.settings
+        return groups_of([self.encoder, self.decoder], settings.rate, settings.optimiser, settings.hidden_rate)
 
     def latents(self, texel: Tensor) -> Tensor:
         """The latents (n, D) that the encoder makes of some texels' ABRDFs."""
@@ -118,24 +140,20 @@ class Autoencoder(Objective):
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         texel, place = batch.texel.unique(return_inverse=True)
-        return self._decode(self.encode(texel)[place], batch)
-
-    def _decode(self, latents: Tensor, batch: Batch) -> Tensor:
-        return radiance(self.decoder, latents, self.statistics[batch.texel].flatten(1), self.where(batch))
+        return self.decode(self.encode(texel)[place], batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        texels, pairs = self.step
-        device = self.samples.device
-        texel = torch.randint(self.samples.texels, (texels,), generator=generator).to(device)
-        batch = self.samples.draw_at(texel.repeat_interleave(pairs), generator)
-        latents = self.latents(texel).repeat_interleave(pairs, 0)
-        return distance(self._decode(latents, batch), batch.target, self.distance)
+        settings, device = self.settings, self.samples.device
+        texel = torch.randint(self.samples.texels, (settings.texels,), generator=generator).to(device)
+        batch = self.samples.draw_at(texel.repeat_interleave(settings.pairs), generator)
+        latents = self.latents(texel).repeat_interleave(settings.pairs, 0)
+        return distance(self.decode(latents, batch), batch.target, settings.loss)
 
 
 class RainerMaterial(Material):
     """A texture (H, W, D + 6) of latents, means and deviations, fetched bilinearly, and the decoder."""
 
-    def __init__(self, decoder: Decoder, texture: Tensor, gain: float):
+    def __init__(self, decoder: Decoder, texture: Tensor, gain: float, directions: Directions = "stereographic"):
         height, width, channels = texture.shape
         cost = DecoderCost(
             parameters=decoder.architecture.parameters,
@@ -145,8 +163,8 @@ class RainerMaterial(Material):
             bytes_per_sample=4 * channels * texture.element_size(),
         )
         super().__init__((height, width), cost)
-        self.decoder, self.texture, self.gain = decoder, texture, gain
+        self.decoder, self.texture, self.gain, self.directions = decoder, texture, gain, directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         latents, found = sample_texture(self.texture, uv).tensor_split([-STATISTICS], dim=1)
-        return to_radiance(radiance(self.decoder, latents, found, directions(wo, wi)), self.gain)
+        return to_radiance(radiance(self.decoder, latents, found, coordinates(wo, wi, self.directions)), self.gain)

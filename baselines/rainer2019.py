@@ -7,41 +7,57 @@ encoder's layers, the activation, the loss, the optimiser, and the six further c
 """
 
 from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from baselines.rainer import Activation, Autoencoder, Encoder, RainerMaterial, architecture, directions
+from baselines.rainer import (
+    Activation,
+    Autoencoder,
+    Directions,
+    Encoder,
+    FitSettings,
+    Fitted,
+    RainerMaterial,
+    architecture,
+    coordinates,
+)
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import Decoder, load_vector, to_vector
+from bench.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.material import Material
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.settings import Count, Natural, Positive
-from bench.training import Batch, Loss, Samples, gain_of, train
+from bench.settings import Count, Positive
+from bench.training import Batch, Samples, distance, first_latents, gain_of, groups_of, train
 
 
 class Rainer2019(Codec):
     """Rainer 2019: an encoder from ABRDFs to latents and a wide decoder, one pair of networks a material."""
 
-    name, version = "rainer2019", 1
+    name, version = "rainer2019", 2
     sizes = ("latents",)
+    recipes: ClassVar = {"paper": {"directions": "stereographic", "start": "encoder", "optimiser": "adam"}}
 
     @dataclass(frozen=True)
-    class Settings:
-        steps: Natural = 10_000  # of the fit
-        texels: Count = 64  # ABRDFs encoded in a step
-        pairs: Count = 32  # pairs decoded of each of them
-        rate: Positive = 3e-3  # highest learning rate
-        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+    class Settings(FitSettings):
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, Adam alone
+        start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
+        directions: Directions = "xyzh"  # inputs: each stereographic as published, or all of both and of their half
         latents: Count = 8  # channels that the encoder makes
+        latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
         activation: Activation = "leaky-relu"  # of the decoder's hidden layers
         precision: Precision = "int8"  # of the stored latents, means and deviations
         weights: WeightPrecision = "half"  # of the stored decoder
 
+        @property
+        def architecture(self) -> Architecture:
+            return architecture(self.latents, self.activation, self.directions)
+
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
-        fitting = Fitting(Samples(btf, gain, fit), self.settings, fit)
+        samples = Samples(btf, gain, fit)
+        fitting = (Encoded if self.settings.start == "encoder" else Free)(samples, self.settings, fit)
         train(fitting, fit, self.settings.steps)
         texels = torch.arange(fitting.samples.texels, device=fit.device)
         texture = torch.cat([fitting.encode(texels), fitting.statistics.flatten(1)], 1)
@@ -52,21 +68,50 @@ class Rainer2019(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        decoder = Decoder(architecture(self.settings.latents, self.settings.activation))
+        decoder = Decoder(self.settings.architecture)
         load_vector(unpack("weights", parts.decoder), decoder)
-        return RainerMaterial(decoder, unpack("latents", parts.texture), float(parts.other["gain"])).to(device)
+        texture, gain = unpack("latents", parts.texture), float(parts.other["gain"])
+        return RainerMaterial(decoder, texture, gain, self.settings.directions).to(device)
 
 
-class Fitting(Autoencoder):
-    """Encoder and decoder of one material."""
+class Encoded(Autoencoder):
+    """Encoder and decoder of one material, as published."""
 
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
         generator = fit.generator()
         encoder = Encoder(samples.pairs, settings.latents, generator)
-        decoder = Decoder(architecture(settings.latents, settings.activation), generator)
-        step = (settings.texels, settings.pairs)
-        super().__init__(samples, encoder, decoder, step, settings.rate, settings.loss, fit)
-        self.directions = directions(samples.wo, samples.wi)
+        super().__init__(samples, encoder, Decoder(settings.architecture, generator), settings, fit)
+        self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
 
     def where(self, batch: Batch) -> Tensor:
-        return self.directions[batch.pair]
+        return self.coordinates[batch.pair]
+
+
+class Free(Fitted):
+    """Latents without an encoder, which the file does not hold either, and the decoder."""
+
+    settings: Rainer2019.Settings
+
+    def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
+        generator = fit.generator()
+        super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
+        self.texture = nn.Parameter(first_latents(samples, settings.latents, "components", generator))
+        self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
+
+    def where(self, batch: Batch) -> Tensor:
+        return self.coordinates[batch.pair]
+
+    def groups(self) -> list[dict[str, Any]]:
+        settings = self.settings
+        decoder = groups_of([self.decoder], settings.rate, settings.optimiser, settings.hidden_rate)
+        return [*decoder, {"params": [self.texture], "lr": settings.latent_rate}]
+
+    def encode(self, texel: Tensor) -> Tensor:
+        return self.texture.detach()[texel]
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        return self.decode(self.texture.index_select(0, batch.texel), batch)
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        batch = self.samples.draw(self.settings.texels * self.settings.pairs, generator)
+        return distance(self.predict(batch, progress), batch.target, self.settings.loss)

@@ -18,9 +18,10 @@ from baselines.rainer import (
     Activation,
     Autoencoder,
     Encoder,
+    FitSettings,
     RainerMaterial,
     architecture,
-    directions,
+    coordinates,
     encoded,
     radiance,
     statistics,
@@ -32,8 +33,8 @@ from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.hemisphere import thin, ubo2003
 from bench.material import Material
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.settings import Count, Natural, Positive
-from bench.training import Batch, Loss, Samples, gain_of, train
+from bench.settings import Count, Natural
+from bench.training import Batch, Optimiser, Samples, gain_of, train
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
 ASKED = 128  # pairs of a material that the decoder's answers are held against, while it is encoded
@@ -47,13 +48,10 @@ class Rainer2020Network(SharedNetwork):
     name, version = "rainer2020", 1
 
     @dataclass(frozen=True)
-    class Settings:
+    class Settings(FitSettings):
         steps: Natural = 40_000  # of the training
-        texels: Count = 64  # ABRDFs encoded in a step
-        pairs: Count = 32  # pairs decoded of each of them
+        optimiser: Optimiser = "adam"  # of all; with "muon" the decoder's hidden matrices are stepped by Muon
         kept: Count = 512  # ABRDFs of each material that are trained on
-        rate: Positive = 3e-3  # highest learning rate
-        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
         latents: Count = 32  # channels that the encoder makes
         activation: Activation = "leaky-relu"  # of the decoder's hidden layers
         weights: WeightPrecision = "half"  # of the stored networks
@@ -139,7 +137,7 @@ class Coder(torch.nn.Module):
         self.decoder = decoder_of(network)
         self.resampled = Resampler(samples.btf.layout, canonical)
         self.register_buffer("asked", torch.linspace(0, samples.pairs - 1, min(samples.pairs, ASKED)).round().long())
-        self.register_buffer("where", directions(samples.wo, samples.wi).cpu()[self.asked])
+        self.register_buffer("where", coordinates(samples.wo, samples.wi).cpu()[self.asked])
 
     asked: Tensor  # (P,)
     where: Tensor  # (P, 4)
@@ -184,16 +182,16 @@ class Resampler(torch.nn.Module):
 class Pool(Samples):
     """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at other pairs to answer for.
 
-    Texel t is of BTF `material[t]`; pair p of that BTF has the decoder's coordinates `coordinates[material[t], p]`.
+    Texel t is of BTF `material[t]`; pair p of that BTF has the decoder's coordinates `where[material[t], p]`.
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
         generator, device = fit.generator(), fit.device
         drawn = [_drawn(btf, canonical, most, generator, fit) for btf in fit.progress(btfs, "materials")]
-        seen, asked, coordinates = zip(*drawn, strict=True)
+        seen, asked, where = zip(*drawn, strict=True)
         self.device, self.seen, self.kept = device, torch.cat(seen), torch.cat(asked)
         self.texels, self.pairs = len(self.seen), TARGETS
-        self.coordinates = torch.stack(coordinates)
+        self.where = torch.stack(where)
         counts = torch.tensor([len(texels) for texels in seen], device=device)
         self.material = torch.arange(len(drawn), device=device).repeat_interleave(counts)
 
@@ -211,7 +209,7 @@ def _drawn(
     resampled, samples = Resampler(given.layout, canonical).to(fit.device), Samples(given, gain, fit)
     seen = torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(BLOCK)])
     targets = Samples(asked, gain, fit)
-    return seen, targets.abrdfs(texel).half(), directions(targets.wo, targets.wi)
+    return seen, targets.abrdfs(texel).half(), coordinates(targets.wo, targets.wi)
 
 
 def _asked(btf: BTF, generator: torch.Generator) -> np.ndarray:
@@ -229,8 +227,7 @@ class Fitting(Autoencoder):
         generator = fit.generator()
         encoder = Encoder(pool.seen.shape[1], settings.latents, generator)
         decoder = Decoder(architecture(settings.latents, settings.activation), generator)
-        step = (settings.texels, settings.pairs)
-        super().__init__(pool, encoder, decoder, step, settings.rate, settings.loss, fit)
+        super().__init__(pool, encoder, decoder, settings, fit)
 
     def where(self, batch: Batch) -> Tensor:
-        return self.samples.coordinates[self.samples.material[batch.texel], batch.pair]
+        return self.samples.where[self.samples.material[batch.texel], batch.pair]

@@ -14,13 +14,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.svd import truncated_svd
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, texel_corners, to_radiance
 from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
+from bench.svd import truncated_svd
 from bench.training import gain_of
 
 BLOCK_BYTES = 64 << 20  # slices read together

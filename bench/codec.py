@@ -1,7 +1,7 @@
 """What a codec must do: turn a BTF into named tensors, and named tensors into a material."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -111,25 +111,28 @@ class Configured:
     """What has a `name`, a `version` and `Settings`.
 
     `Settings` is a frozen dataclass of int, float, bool, str and `Literal` fields, each with a default and a comment
-    of one line. The types of `bench.settings` say a range, too.
+    of one line. The types of `bench.settings` say a range, too. Where there is a setting `recipe`, `recipes` says which
+    defaults each of its values changes.
     """
 
     name: ClassVar[str]
     version: ClassVar[int]
+    recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
 
     @dataclass(frozen=True)
     class Settings:
         pass
 
     def __init__(self, *, zstd: bool | str = False, scene: bool | str = False, **settings: Any):
-        """With the default settings but for those named; strings are converted (`components="16"`).
+        """With the default settings, those of the recipe if one is named, but for those named; strings are converted.
 
         Two has every codec: `zstd`, its file is compressed by Zstandard, without loss, and `scene`, it is fitted to
         the demand of a scene instead of to the whole BTF.
         """
         self.zstd: bool = convert(self.name, ZSTD, bool, zstd)
         self.scene: bool = convert(self.name, SCENE, bool, scene)
-        self.settings: Any = parse(self.name, self.Settings, settings)
+        recipe = self.recipes.get(settings.get("recipe", ""), {})
+        self.settings: Any = parse(self.name, self.Settings, {**recipe, **settings})
 
 
 class SharedNetwork(Configured):

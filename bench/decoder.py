@@ -1,5 +1,17 @@
 """The small network of every learned codec: part of the public interface, see `bench.codecs.decoder`."""
 
 from bench.codecs.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
+from bench.codecs.inputs import COUNTS, Directions, direction_inputs
 
-__all__ = ["LEAK", "Activation", "Architecture", "Decoder", "Network", "load_vector", "to_vector"]
+__all__ = [
+    "COUNTS",
+    "LEAK",
+    "Activation",
+    "Architecture",
+    "Decoder",
+    "Directions",
+    "Network",
+    "direction_inputs",
+    "load_vector",
+    "to_vector",
+]

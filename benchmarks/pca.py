@@ -19,11 +19,11 @@ import torch
 
 from baselines.mean_colour import MeanColour
 from baselines.pca import PCA
-from baselines.svd import truncated_svd
 from baselines.table import Table
 from bench import hemisphere
 from bench.btf import BTF, ArraySource, Source
 from bench.codec import Fit
+from bench.svd import truncated_svd
 
 
 def grid(views: int, lights: int) -> tuple[np.ndarray, np.ndarray]:

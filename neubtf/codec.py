@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 class NeuBTF(Codec):
     """NeuBTF: an autoencoder makes the neural texture from a guidance image; can be re-textured."""
 
-    name, version = "neubtf", 1
+    name, version = "neubtf", 2
     sizes = ("latents", "width")
 
     @dataclass(frozen=True)

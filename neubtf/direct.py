@@ -4,32 +4,47 @@ The decoder is the paper's, and the file as well; what is lost is the guidance i
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import Decoder
+from bench.decoder import Decoder, direction_inputs
 from bench.material import Material
 from bench.settings import Count, Natural, Positive
-from bench.training import Batch, Loss, Objective, Samples, distance, gain_of, train
-from neubtf.renderer import RendererSettings, load, render, store
-
-LATENT_SPREAD = 0.1  # standard deviation of the first latents
+from bench.training import (
+    Batch,
+    Loss,
+    Objective,
+    Optimiser,
+    Samples,
+    Start,
+    distance,
+    first_latents,
+    gain_of,
+    groups_of,
+    train,
+)
+from neubtf.renderer import RendererSettings, load, store
 
 
 class NeuBTFDirect(Codec):
     """NeuBTF's texture and renderer, fitted without the autoencoder: sooner done, cannot be re-textured."""
 
-    name, version = "neubtf-direct", 1
+    name, version = "neubtf-direct", 2
     sizes = ("latents", "width")
+    recipes: ClassVar = {"paper": {"directions": "xy", "start": "random", "optimiser": "adam"}}
 
     @dataclass(frozen=True)
     class Settings(RendererSettings):
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, random latents, Adam alone
         steps: Natural = 10_000  # of the fit
         batch: Count = 4_096  # samples a step
+        start: Start = "components"  # of the neural texture: principal components of the log ABRDFs, or random
+        optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; all else is Adam's
+        hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         rate: Positive = 1e-2  # highest learning rate of the renderer
         latent_rate: Positive = 1e-2  # highest learning rate of the neural texture
         loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
@@ -52,18 +67,20 @@ class Direct(Objective):
         self.settings = settings
         self.renderer = Decoder(settings.architecture, generator)
         self.renderer.start_at(samples.mean(generator))
-        first = torch.randn(samples.texels, settings.latents, generator=generator)
-        self.texture = nn.Parameter(LATENT_SPREAD * first)
+        self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
+        self.directions: Tensor
+        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
+        self.register_buffer("directions", seen, persistent=False)
 
     def groups(self) -> list[dict[str, Any]]:
-        return [
-            {"params": list(self.renderer.parameters()), "lr": self.settings.rate},
-            {"params": [self.texture], "lr": self.settings.latent_rate},
-        ]
+        settings = self.settings
+        renderer = groups_of([self.renderer], settings.rate, settings.optimiser, settings.hidden_rate)
+        return [*renderer, {"params": [self.texture], "lr": settings.latent_rate}]
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        latents = self.texture.index_select(0, batch.texel)
-        return render(self.renderer, latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
+        latents, seen = self.texture.index_select(0, batch.texel), self.directions.index_select(0, batch.pair)
+        answer: Tensor = self.renderer(torch.cat([latents, seen], 1))
+        return answer
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         batch = self.samples.draw(self.settings.batch, generator)

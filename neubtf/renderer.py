@@ -11,12 +11,10 @@ import torch
 from torch import Tensor
 
 from bench.codec import Parts
-from bench.decoder import Architecture, Decoder, load_vector, to_vector
+from bench.decoder import COUNTS, Architecture, Decoder, Directions, direction_inputs, load_vector, to_vector
 from bench.material import DecoderCost, Material, to_radiance
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import Count, Positive
-
-DIRECTIONS = 4  # numbers of the two directions that the renderer sees
 
 
 @dataclass(frozen=True)
@@ -24,6 +22,7 @@ class RendererSettings:
     """What shapes a NeuBTF file, common to every codec that writes one."""
 
     latents: Count = 14  # channels of the neural texture
+    directions: Directions = "xyzh"  # inputs: x and y of both as in the paper, or all of both and of their half vector
     layers: Count = 3  # hidden layers of the renderer
     width: Count = 32  # channels of each hidden layer
     activation: Literal["sine", "relu"] = "sine"  # of the hidden layers
@@ -36,7 +35,7 @@ class RendererSettings:
     @property
     def architecture(self) -> Architecture:
         return Architecture(
-            inputs=self.latents + DIRECTIONS,
+            inputs=self.latents + COUNTS[self.directions],
             widths=(self.width,) * self.layers,
             activation=self.activation,
             omega=self.omega,
@@ -45,9 +44,9 @@ class RendererSettings:
         )
 
 
-def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor, directions: Directions) -> Tensor:
     """Log radiance (n, 3) of latents (n, D) and unit directions wo, wi (n, 3)."""
-    return renderer(torch.cat([latents, wo[:, :2], wi[:, :2]], 1))
+    return renderer(torch.cat([latents, *direction_inputs(wo, wi, directions)], 1))
 
 
 def store(renderer: Decoder, texture: Tensor, gain: float, settings: RendererSettings) -> Parts:
@@ -63,13 +62,14 @@ def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
     """The material of the parts that `store` gave."""
     renderer = Decoder(settings.architecture)
     load_vector(unpack("weights", parts.decoder), renderer)
-    return NeuBTFMaterial(renderer, unpack("latents", parts.texture), float(parts.other["gain"]))
+    texture, gain = unpack("latents", parts.texture), float(parts.other["gain"])
+    return NeuBTFMaterial(renderer, texture, gain, settings.directions)
 
 
 class NeuBTFMaterial(Material):
     """A neural texture (H, W, D), fetched bilinearly, and a renderer. It ignores the footprint."""
 
-    def __init__(self, renderer: Decoder, texture: Tensor, gain: float):
+    def __init__(self, renderer: Decoder, texture: Tensor, gain: float, directions: Directions):
         height, width, channels = texture.shape
         cost = DecoderCost(
             parameters=renderer.architecture.parameters,
@@ -79,7 +79,7 @@ class NeuBTFMaterial(Material):
             bytes_per_sample=4 * channels * texture.element_size(),
         )
         super().__init__((height, width), cost)
-        self.renderer, self.texture, self.gain = renderer, texture, gain
+        self.renderer, self.texture, self.gain, self.directions = renderer, texture, gain, directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return to_radiance(self.renderer.at(self.texture, uv, wo[:, :2], wi[:, :2]), self.gain)
+        return to_radiance(self.renderer.at(self.texture, uv, *direction_inputs(wo, wi, self.directions)), self.gain)

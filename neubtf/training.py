@@ -11,7 +11,7 @@ steps alternate, at random, with steps that show the guidance of the file's own 
 
 import bisect
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -19,15 +19,15 @@ from torch import Tensor, nn
 from bench.decoder import Decoder
 from bench.errors import InputError
 from bench.settings import Count, Natural, NotNegative, Positive, Range, Share
-from bench.training import Batch, Loss, Objective, Samples, distance
+from bench.training import Batch, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
 from neubtf.augmentation import Disturbance, Window
 from neubtf.autoencoder import STRIDE
 from neubtf.encoder import Encoder, displayed
 from neubtf.losses import Style, focal_frequency, shown
 from neubtf.renderer import RendererSettings, render
 
+ENCODER = 0  # its group of parameters, before those of the texture and the renderer
 DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as if they had it
-RENDERER = 0  # its group of parameters, before the encoder
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,9 @@ class FitSettings(RendererSettings):
     slices: Natural = 1  # whole slices whose style and spectrum a step compares
     crop: Annotated[int, Range(STRIDE)] = 64  # texels a side that a step sees of a larger picture
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # scale of an input, at which it can be guided later, too
+    start: Literal["encoder", "components"] = "encoder"  # of the first texture: what the autoencoder makes
+    optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; all else is Adam's
+    hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 1e-2  # highest learning rate of the renderer and of the first stage's texture
     encoder_rate: Positive = 2e-3  # highest learning rate of the autoencoder
     loss: Loss = "both"  # of a pixel's log radiance: absolute, squared, or their sum
@@ -79,16 +82,21 @@ class Staged(Objective):
         self.renderer = Decoder(settings.architecture, generator)
         self.renderer.start_at(samples.mean(generator))
         with torch.no_grad():  # what the encoder makes of the guidance is near what it can be taught
-            self.texture = nn.Parameter(by_texel(encoder(guidance)).contiguous())
+            texture = by_texel(encoder(guidance)).contiguous()
+        if settings.start == "components":
+            texture = first_latents(samples, settings.latents, "components", generator)
+        self.texture = nn.Parameter(texture)
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
         self.guidance: Tensor
         self.register_buffer("guidance", guidance, persistent=False)
         self.ends = [round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)]
 
     def groups(self) -> list[dict[str, Any]]:
+        settings = self.settings
         return [
-            {"params": [*self.renderer.parameters(), self.texture], "lr": self.settings.rate},
-            {"params": list(self.encoder.parameters()), "lr": self.settings.encoder_rate},
+            {"params": list(self.encoder.parameters()), "lr": settings.encoder_rate},
+            {"params": [self.texture], "lr": settings.rate},
+            *groups_of([self.renderer], settings.rate, settings.optimiser, settings.hidden_rate),
         ]
 
     def stage(self, step: int) -> int:
@@ -98,7 +106,7 @@ class Staged(Objective):
     def rate(self, step: int, steps: int, group: int) -> float:
         stage = self.stage(step)
         start, end = [*self.ends, steps][stage : stage + 2]
-        fixed = stage == 2 and group == RENDERER and self.settings.direct > 0
+        fixed = stage == 2 and group != ENCODER and self.settings.direct > 0
         return 0.0 if fixed else super().rate(step - start, end - start, group)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
@@ -112,7 +120,8 @@ class Staged(Objective):
 
     def rendered(self, latents: Tensor, texel: Tensor, pair: Tensor) -> Tensor:
         """Log radiance (n, 3) of some of the latents and pairs."""
-        return render(self.renderer, latents.index_select(0, texel), self.samples.wo[pair], self.samples.wi[pair])
+        wo, wi = self.samples.wo[pair], self.samples.wi[pair]
+        return render(self.renderer, latents.index_select(0, texel), wo, wi, self.settings.directions)
 
     def look(self, smallest: float, generator: torch.Generator) -> Look:
         """A random slice, disturbed, or the guidance; the guidance keeps its scale."""

@@ -20,6 +20,7 @@ from torch.nn import functional
 from bench import atomic
 from bench.btf import BTF
 from bench.codec import Fit
+from bench.codecs.optimiser import Optimisers
 from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
@@ -132,6 +133,12 @@ class Samples:
             return self.kept[texel].float()
         return self._log(self.btf.texels(*np.divmod(texel.cpu().numpy(), self.shape[1]))).to(self.device)
 
+    def slices(self, pair: Tensor) -> Tensor:
+        """The log radiance (texels, n, 3) of some pairs (n,)."""
+        if self.kept is not None:
+            return self.kept[:, pair.to(self.device)].float()
+        return torch.stack([self._log(self.btf[int(p)]).reshape(-1, 3) for p in pair], 1).to(self.device)
+
     def centres(self, texel: Tensor) -> Tensor:
         """uv (n, 2) of the centres of some texels (n,); see `bench.btf` for the frame."""
         height, width = self.shape
@@ -155,7 +162,10 @@ class Objective(nn.Module):
         self.samples = samples
 
     def groups(self) -> list[dict[str, Any]]:
-        """Parameter groups for Adam, each with its highest learning rate, `lr`."""
+        """Parameter groups, each with its highest learning rate, `lr`.
+
+        One with `hidden` holds matrices between hidden layers, which Muon steps; the others are Adam's.
+        """
         raise NotImplementedError
 
     def rate(self, step: int, steps: int, group: int) -> float:
@@ -201,22 +211,13 @@ def train(objective: Objective, fit: Fit, steps: int) -> None:
 
 
 class _Loop:
-    """The state of a fit under way: parameters, Adam's moments, generator, step, halvings, and the curve."""
+    """The state of a fit under way: parameters, the optimisers' moments, generator, step, halvings, and the curve."""
 
     def __init__(self, objective: Objective, fit: Fit, steps: int):
         self.objective, self.fit, self.steps = objective, fit, steps
         self.generator = fit.generator()
-        groups = objective.groups()
-        fused = fit.device.type in ("cpu", "cuda")
-        self.adam = torch.optim.Adam(groups, lr=0.0, fused=fused)
-        self.highest = [group["lr"] for group in groups]
-        self.parameters = [p for group in self.adam.param_groups for p in group["params"]]
-        for p in self.parameters:
-            self.adam.state[p] = {
-                "step": torch.zeros((), device=fit.device if fused else "cpu"),
-                "exp_avg": torch.zeros_like(p),
-                "exp_avg_sq": torch.zeros_like(p),
-            }
+        self.optimisers = Optimisers(objective.groups(), fit.device)
+        self.highest, self.parameters = self.optimisers.highest, self.optimisers.parameters
         self.step, self.halvings, self.curve = 0, 0, list[tuple[int, float, float]]()
         self.probe = objective.samples.draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
         self.started = self.saved = time.perf_counter()
@@ -225,12 +226,8 @@ class _Loop:
 
     def _tensors(self) -> dict[str, Tensor]:
         """Every tensor that a step changes, by name; not copies."""
-        moments = {
-            f"adam.{i}.{name}": value
-            for i, p in enumerate(self.parameters)
-            for name, value in self.adam.state[p].items()
-        }
-        return {f"model.{k}": v for k, v in self.objective.state_dict().items()} | moments
+        model = {f"model.{name}": value for name, value in self.objective.state_dict().items()}
+        return model | self.optimisers.tensors()
 
     def _state(self) -> dict[str, Tensor]:
         progress = torch.tensor([self.step, self.halvings])
@@ -268,12 +265,12 @@ class _Loop:
         """Steps up to `end`, then keep the state, or go back to the last good one."""
         total = torch.zeros((), device=self.fit.device)
         while self.step < end:
-            for i, (group, highest) in enumerate(zip(self.adam.param_groups, self.highest, strict=True)):
-                group["lr"] = highest * self.objective.rate(self.step, self.steps, i) / 2**self.halvings
+            shares = (self.objective.rate(self.step, self.steps, i) for i in range(len(self.highest)))
             loss = self.objective.loss(self.generator, self.step / self.steps)
-            self.adam.zero_grad(set_to_none=True)
             loss.backward()
-            self.adam.step()
+            self.optimisers.step(
+                [highest * share / 2**self.halvings for highest, share in zip(self.highest, shares, strict=True)]
+            )
             total += loss.detach()
             self.step += 1
         # A gradient that is not finite leaves its parameter so, for good: looking once every so often misses nothing.

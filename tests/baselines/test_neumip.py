@@ -28,10 +28,15 @@ def fitted(btf: BTF | None = None, **settings: Any) -> NeuMIPMaterial:
 
 @pytest.mark.parametrize(
     ("settings", "count", "channels"),
-    [({}, 3332, 14), ({"outputs": 3}, 3254, 14), ({"offset": False}, 1756, 7)],
-    ids=["authors' code", "authors' text", "no offset"],
+    [
+        ({"recipe": "paper"}, 3332, 14),
+        ({"directions": "xy", "outputs": 3}, 3254, 14),
+        ({"directions": "xy", "offset": False}, 1756, 7),
+        ({}, 3332 + 5 * 25, 14),
+    ],
+    ids=["the paper's recipe", "authors' text", "no offset", "ours"],
 )
-def test_parameters_are_those_that_were_published(settings: dict[str, Any], count: int, channels: int) -> None:
+def test_parameters_are_those_published_and_our_inputs(settings: dict[str, Any], count: int, channels: int) -> None:
     material = fitted(**settings)
     assert parameters(material) == material.cost.parameters == count
     assert material.cost.texture_channels == channels
@@ -90,7 +95,7 @@ def test_the_blur_is_a_periodic_gaussian(size: tuple[int, int]) -> None:
 
 
 def test_the_output_stage_is_the_authors() -> None:
-    networks = Networks(NeuMIP().settings)
+    networks = Networks(NeuMIP(directions="xy").settings)
     load_vector(torch.zeros(1756), networks.decoder)
     y, u, v, mask = 0.3, -0.1, 0.2, torch.tensor([0.5, -1.0, 2.0])
     with torch.no_grad():

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from baselines.rainer import Encoder
-from baselines.rainer2019 import Fitting, Rainer2019
+from baselines.rainer2019 import Encoded, Rainer2019
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, training
@@ -20,14 +20,20 @@ def codec(**settings: Any) -> Rainer2019:
     return Rainer2019(**{"steps": 10, "texels": 8, "pairs": 8} | settings)
 
 
-def test_the_decoder_is_the_published_one() -> None:
-    ours = codec()
+def test_the_decoder_of_the_papers_recipe_is_the_published_one() -> None:
+    ours = codec(recipe="paper")
     parts = ours.encode(tiny_btf(), Fit())
     material = ours.decode(parts, torch.device("cpu"))
     assert parts.decoder["weights"].shape == (35_725,)
     assert parts.texture["latents"].shape == (8, 8, 8 + 6)
     assert parameters(material) == material.cost.parameters == 35_725
     assert material.cost.texture_channels == 14
+
+
+def test_our_recipe_adds_five_inputs_to_the_decoder() -> None:
+    ours = codec()
+    material = ours.decode(ours.encode(tiny_btf(), Fit()), torch.device("cpu"))
+    assert parameters(material) == material.cost.parameters == 35_725 + 5 * 106
 
 
 def test_the_further_channels_are_mean_and_deviation_of_each_texel() -> None:
@@ -39,9 +45,10 @@ def test_the_further_channels_are_mean_and_deviation_of_each_texel() -> None:
     np.testing.assert_allclose(parts.texture["latents"][..., 11:], logs.std(0), rtol=2e-3)
 
 
-def test_it_comes_near_the_data() -> None:
+@pytest.mark.parametrize("recipe", ["ours", "paper"])
+def test_it_comes_near_the_data(recipe: str) -> None:
     fit = Fit()
-    codec(steps=200, texels=8, pairs=16).encode(tiny_btf(), fit)
+    codec(steps=200, texels=8, pairs=16, recipe=recipe).encode(tiny_btf(), fit)
     assert fit.history[-1]["psnr"] > 25
 
 
@@ -51,7 +58,7 @@ def test_latents_are_what_the_encoder_makes_of_an_abrdf() -> None:
     values = np.stack(list(like))
     values[:, 4:] = values[:, :4]
     btf = BTF("twice", like.wo, like.wi, ArraySource(values))
-    latents = codec(precision="float32").encode(btf, Fit()).texture["latents"]
+    latents = codec(precision="float32", start="encoder").encode(btf, Fit()).texture["latents"]
     torch.testing.assert_close(latents[4:], latents[:4], rtol=1e-5, atol=1e-5)
     assert (latents[0, 0] - latents[0, 3]).abs().max() > 1e-3
 
@@ -63,25 +70,27 @@ def test_the_encoder_takes_any_number_of_pairs(pairs: int) -> None:
 
 def test_blocks_of_texels_encode_as_single_ones() -> None:
     btf, fit = tiny_btf(20), Fit()
-    fitting = Fitting(Samples(btf, 1.0, fit), codec().settings, fit)
+    fitting = Encoded(Samples(btf, 1.0, fit), codec().settings, fit)
     texels = torch.arange(400)
     together = fitting.encode(texels)
     single = torch.cat([fitting.encode(texel[None]) for texel in texels[250:260]])
     torch.testing.assert_close(together[250:260], single, rtol=1e-5, atol=1e-5)
 
 
-def test_a_material_of_one_colour_is_coded() -> None:
+@pytest.mark.parametrize("recipe", ["ours", "paper"])
+def test_a_material_of_one_colour_is_coded(recipe: str) -> None:
     like = tiny_btf()
     btf = BTF("grey", like.wo, like.wi, ArraySource(np.full((len(like), 2, 2, 3), 0.25, np.float32)))
-    ours = codec()
+    ours = codec(recipe=recipe)
     material = ours.decode(ours.encode(btf, Fit()), torch.device("cpu"))
     assert (material.slice([0, 0, 1], [0, 0, 1]) - 0.25).abs().max() < 0.01
 
 
-def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("recipe", ["ours", "paper"])
+def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recipe: str) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
     monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
-    ours, btf = codec(steps=30, texels=2, pairs=4), tiny_btf()
+    ours, btf = codec(steps=30, texels=2, pairs=4, recipe=recipe), tiny_btf()
 
     def halt(label: str, done: int, total: int) -> None:
         if label.startswith("fitting") and done == 20:

@@ -130,7 +130,7 @@ def test_what_is_asked_in_training_are_the_pairs_declared_held_out() -> None:
     btf = BTF("split", base.wo, base.wi, base.source, heldout=heldout)
     pool = Pool([btf, base], canonical_pairs(), 10, Fit())
     assert (pool.texels, pool.pairs) == (20, 375)
-    assert len(pool.coordinates[0].unique(dim=0)) == 3
+    assert len(pool.where[0].unique(dim=0)) == 3
     assert len(pool.coordinates[1].unique(dim=0)) == 81
     assert pool.seen.shape == (20, 625, 3)
 

@@ -1,5 +1,6 @@
 import re
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Annotated, Literal
 
 import pytest
@@ -22,6 +23,27 @@ class Sample(Codec):
         rate: float = 0.5
         half: bool = True
         domain: Literal["log", "rgb"] = "log"
+
+
+class Cooked(Sample):
+    """A codec with a recipe of its own and one that a paper gives."""
+
+    recipes = MappingProxyType({"paper": {"count": 9, "domain": "rgb"}})
+
+    @dataclass(frozen=True)
+    class Settings(Sample.Settings):
+        recipe: Literal["ours", "paper"] = "ours"
+
+
+def test_a_recipe_changes_defaults_and_what_is_named_changes_the_recipe():
+    ours = {"count": 3, "rate": 0.5, "half": True, "domain": "log", "recipe": "ours"}
+    assert settings_dict(Cooked()) == ours
+    assert settings_dict(Cooked(recipe="paper")) == ours | {"recipe": "paper", "count": 9, "domain": "rgb"}
+    assert settings_dict(Cooked(recipe="paper", count="4"))["count"] == 4
+    # A file's header names every setting: it means what it says, whatever a recipe becomes later.
+    assert Cooked(**(ours | {"recipe": "paper"})).settings.count == 3
+    with pytest.raises(InputError, match="must be 'ours' or 'paper'"):
+        Cooked(recipe="papper")
 
 
 def test_settings_have_defaults_and_take_strings():

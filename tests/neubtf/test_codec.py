@@ -36,10 +36,11 @@ def cut(rows: int, cols: int, pairs: int = 81) -> BTF:
     return BTF("cut", whole.wo[:pairs], whole.wi[:pairs], ArraySource(values))
 
 
-def test_the_decoder_is_the_papers() -> None:
-    codec, parts = fitted()
+@pytest.mark.parametrize(("directions", "count"), [("xy", 3011), ("xyzh", 3011 + 5 * 32)])
+def test_the_decoder_with_the_papers_inputs_is_the_papers(directions: str, count: int) -> None:
+    codec, parts = fitted(directions=directions)
     material = codec.decode(parts, torch.device("cpu"))
-    assert parameters(material) == material.cost.parameters == 3011
+    assert parameters(material) == material.cost.parameters == count
     assert material.cost.texture_channels == 14
     assert parts.texture["latents"].shape == (8, 8, 14)
 

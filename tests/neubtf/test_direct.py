@@ -19,8 +19,8 @@ def fitted(**settings: Any) -> tuple[NeuBTFDirect, Parts, Material]:
     return codec, parts, codec.decode(parts, torch.device("cpu"))
 
 
-def test_the_decoder_is_the_papers() -> None:
-    _, parts, material = fitted()
+def test_the_decoder_of_the_papers_recipe_is_the_papers() -> None:
+    _, parts, material = fitted(recipe="paper")
     assert parts.decoder["weights"].shape == (3011,)
     assert parts.decoder["weights"].dtype == torch.float16
     assert parts.texture["latents"].shape == (8, 8, 14)
@@ -29,9 +29,10 @@ def test_the_decoder_is_the_papers() -> None:
     assert material.cost.texture_channels == 14
 
 
-def test_it_comes_near_the_data() -> None:
+@pytest.mark.parametrize("recipe", ["ours", "paper"])
+def test_it_comes_near_the_data(recipe: str) -> None:
     fit = Fit()
-    NeuBTFDirect(steps=300, batch=1024).encode(tiny_btf(), fit)
+    NeuBTFDirect(steps=300, batch=1024, recipe=recipe).encode(tiny_btf(), fit)
     # One colour a texel, the mean over pairs, reaches 16 dB.
     assert fit.history[-1]["psnr"] > 25
 
@@ -39,11 +40,15 @@ def test_it_comes_near_the_data() -> None:
 @pytest.mark.parametrize(
     ("settings", "count"),
     [
-        ({"norm": False, "omega": 30}, 3011 - 192),
-        ({"activation": "relu"}, 3011),
-        ({"residual": False}, 3011),
-        ({"layers": 1}, 18 * 32 + 32 + 64 + 99),
-        ({"width": 16, "latents": 4}, (8 * 16 + 16) + 2 * (16 * 16 + 16) + 3 * 32 + (16 * 3 + 3)),
+        ({}, 3011 + 5 * 32),
+        ({"start": "random"}, 3011 + 5 * 32),
+        ({"directions": "xy"}, 3011),
+        ({"recipe": "paper", "directions": "xyzh"}, 3011 + 5 * 32),
+        ({"norm": False, "omega": 30}, 3171 - 192),
+        ({"activation": "relu"}, 3171),
+        ({"residual": False}, 3171),
+        ({"layers": 1}, 23 * 32 + 32 + 64 + 99),
+        ({"width": 16, "latents": 4}, (13 * 16 + 16) + 2 * (16 * 16 + 16) + 3 * 32 + (16 * 3 + 3)),
     ],
 )
 def test_every_ablation_fits(settings: dict[str, Any], count: int) -> None:
@@ -78,7 +83,7 @@ def test_the_stored_texture_is_what_was_fitted() -> None:
     wo, wi = torch.tensor([[0.6, 0.0, 0.8]]), torch.tensor([[0.0, 0.0, 1.0]])
     latents = parts.texture["latents"][2, 5][None]
     with torch.no_grad():
-        expected = render(material.renderer, latents, wo, wi).expm1() / parts.other["gain"]  # type: ignore[attr-defined]
+        expected = render(material.renderer, latents, wo, wi, "xyzh").expm1() / parts.other["gain"]  # type: ignore[attr-defined]
     asked = material.query(torch.tensor([[5.5 / 8, 1 - 2.5 / 8]]), wo, wi)
     torch.testing.assert_close(asked, expected.clamp_min(0))
 

@@ -88,7 +88,7 @@ def test_the_new_file_is_a_material_like_any_other(file: Path, tmp_path: Path, c
     header, material, _ = loading.load(out)
     assert (header.codec, header.settings["keep_encoder"]) == ("neubtf", False)
     assert material.size == (20, 31)
-    assert (parameters(material), material.cost.texture_channels) == (3011, 14)
+    assert (parameters(material), material.cost.texture_channels) == (3171, 14)
     assert header.provenance["file_sha256"] == container.read_header(file).sha256
     assert header.provenance["guidance"] == "large.png"
     assert header.provenance["guidance_pixels"] == "31 x 20"
