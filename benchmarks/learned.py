@@ -25,6 +25,7 @@ from bench.codec import Codec, Fit, silent
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.open import open_material
+from bench.fields import SSIM, metric_of
 from bench.metrics import default_names
 from bench.metrics.scoring import Scorer, summarise
 from bench.runs.suite import Data, named
@@ -48,7 +49,7 @@ class Bench:
         self.btf, self.threads, self.training = btf, threads, btf.subset(split.train)
         some = np.sort(np.random.default_rng(0).choice(split.train, TRAINING_PAIRS, replace=False))
         self.groups = {"train": some, "heldout": split.heldout["heldout"]}
-        self.ssim = next(name for name in default_names(btf.periodic) if name.startswith("ssim"))
+        self.ssim = metric_of(default_names(btf.periodic), SSIM)
         self.scorer = Scorer(btf, ["psnr_display", self.ssim], threads=threads)
         self.pca: dict[str, tuple[float, int]] = {}  # held-out PSNR and bytes by setting
 

@@ -26,6 +26,7 @@ from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.materials import load
 from bench.data.materials.maps import resize
+from bench.fields import SSIM, metric_of
 from bench.hemisphere import from_degrees
 from bench.material import Material
 from bench.metrics import default_names
@@ -288,7 +289,7 @@ def draw_failure(bench: Bench) -> None:
     btf = load(FAILING, size=SMALL)
     codecs = [load_codec(name)() for name in ("neubtf", "neubtf-direct", "neumip")]
     materials = [bench.whole(FAILING, codec)[0] for codec in codecs]
-    ssim = next(name for name in default_names(btf.periodic) if name.startswith("ssim"))
+    ssim = metric_of(default_names(btf.periodic), SSIM)
     scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
     held = btf.split().heldout["heldout"]
     ring = np.digitize(theta_deg(btf.wo[held]), THETA_EDGES_DEG[1:-1])

@@ -1,16 +1,16 @@
 """The columns of tables by material: name, unit, and the cell of a row."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
-from bench.fields import FLIP, LOG_PSNR, PSNR, RMSE, SSIM, gate, metric_of
+from bench.fields import PSNR, RMSE, gate, metric_of, metrics_of
+from bench.metrics import label_of
 from bench.records import Record
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, pooled, significant, spread
-from reports.rows import NEW_RUN, Row
+from reports.rows import NEW_RUN, Material, Row, described
 
 OUTSIDE = "outside the scene"
-_DIGITS = {PSNR: 2, LOG_PSNR: 2, SSIM: 3, FLIP: 3}
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,22 @@ class Column:
     sparse: bool = False
 
 
-def _pooled(row: Row, family: str, group: str = "") -> str:
-    return pooled(row.stats(group or row.gate, family), _DIGITS[family])
+def _digits(unit: str) -> int:
+    return 2 if unit == "dB" else 3
 
 
-def _spread(row: Row, family: str) -> str:
-    return spread(row.stats(row.gate, family), _DIGITS[family])
+def _scale(said: Record) -> str:
+    """The unit of a metric with an arrow to the better end."""
+    unit = "" if said["unit"] == "1" else said["unit"]
+    return f"{unit} {'↑' if said['direction'] == 'higher' else '↓'}".strip()
+
+
+def _pooled(row: Row, family: str, group: str = "", unit: str = "dB") -> str:
+    return pooled(row.stats(group or row.gate, family), _digits(unit))
+
+
+def _spread(row: Row, family: str, unit: str = "dB") -> str:
+    return spread(row.stats(row.gate, family), _digits(unit))
 
 
 def _part(row: Row, part: str) -> str:
@@ -102,21 +112,6 @@ _FIT = Column("fit", "s", _seconds)
 _NS = Column("time", "ns ↓", _nanoseconds)
 _FLOOR = Column("time", "× floor", _ratio)
 
-SHORT = (
-    _PARAMETERS,
-    _CHANNELS,
-    _TOTAL,
-    _BITS,
-    Column("train", "dB ↑", _TRAIN.cell),
-    _HELDOUT,
-    Column("log", "dB ↑", partial(_pooled, family=LOG_PSNR)),
-    Column("SSIM", "↑", partial(_pooled, family=SSIM)),
-    Column("FLIP", "↓", partial(_pooled, family=FLIP)),
-    _FIT,
-    _NS,
-    _FLOOR,
-)
-SCORED = SHORT[: SHORT.index(_FIT)]  # what is known of a file without its fit
 SIZE = (
     _PARAMETERS,
     _CHANNELS,
@@ -127,16 +122,40 @@ SIZE = (
     _SHARED,
     _BITS,
 )
-QUALITY = (
-    _TRAIN,
-    _HELDOUT,
-    PER_SLICE,
-    Column("log PSNR", "dB ↑", partial(_pooled, family=LOG_PSNR)),
-    Column("SSIM", "↑", partial(_spread, family=SSIM)),
-    Column("FLIP", "↓", partial(_spread, family=FLIP)),
-)
 TIME = (_FIT, _NS, Column("95 % interval", "ns", _interval), _FLOOR)
-MAIN = (*SIZE, *QUALITY, *TIME)
+
+
+def scored(material: Material) -> list[Column]:
+    """What is known of a file without its fit, for a terminal."""
+    train = Column("train", "dB ↑", _TRAIN.cell)
+    return [_PARAMETERS, _CHANNELS, _TOTAL, _BITS, train, _HELDOUT, *_others(material, _pooled)]
+
+
+def short(material: Material) -> list[Column]:
+    """What fits a terminal."""
+    return [*scored(material), _FIT, _NS, _FLOOR]
+
+
+def quality(material: Material) -> list[Column]:
+    """PSNR of training and of held-out pairs, and every other metric."""
+    return [_TRAIN, _HELDOUT, PER_SLICE, *_others(material)]
+
+
+def main(material: Material) -> list[Column]:
+    """All of a codec's cost, quality and time."""
+    return [*SIZE, *quality(material), *TIME]
+
+
+def _others(material: Material, cell: Callable[..., str] | None = None) -> Iterator[Column]:
+    """A column for each metric but PSNR, and the errors of radiance, which have a table of their own.
+
+    Decibels are pooled, other metrics are mean ± std over slices, unless a `cell` writes them all.
+    """
+    for name, said in material.metrics.items():
+        unit = said["unit"]
+        if name != PSNR and unit != "radiance":
+            write = cell or (_pooled if unit == "dB" else _spread)
+            yield Column(label_of(name), _scale(said), partial(write, family=name, unit=unit))
 
 
 def bands(job: Record) -> list[Column]:
@@ -174,23 +193,28 @@ def scene(job: Record) -> list[Column]:
     """How a material does in the frames of a scene, over the pairs it looks between, and over those it does not."""
     if "scene" not in job:
         return []
-    weighted = [(PSNR, "dB ↑"), (LOG_PSNR, "dB ↑"), (SSIM, "↑"), (FLIP, "↓")]
-    names = {PSNR: "PSNR", LOG_PSNR: "log PSNR", SSIM: "SSIM", FLIP: "FLIP"}
+    frames = [name for name in job["scene"]["metrics"] if described(job, name)["unit"] != "radiance"]
+    weighted = [name for name in metrics_of(job, "scene") if described(job, name)["unit"] != "radiance"]
     return [
         _TOTAL,
-        *(Column(f"frames {names[f]}", unit, partial(_frames, family=f)) for f, unit in weighted),
-        *(Column(f"weighted {names[f]}", unit, partial(_pooled, family=f, group="scene")) for f, unit in weighted),
+        *(_of_scene("frames", _frames, name, job) for name in frames),
+        *(_of_scene("weighted", partial(_pooled, group="scene"), name, job) for name in weighted),
         Column("outside PSNR", "dB ↑", partial(_pooled, family=PSNR, group=OUTSIDE)),
         _HELDOUT,
     ]
 
 
-def _frames(row: Row, family: str) -> str:
+def _of_scene(where: str, cell: Callable[..., str], name: str, job: Record) -> Column:
+    said = described(job, name)
+    return Column(f"{where} {label_of(name)}", _scale(said), partial(cell, family=name, unit=said["unit"]))
+
+
+def _frames(row: Row, family: str, unit: str) -> str:
     found = row.job.get("scene", {}).get("metrics", {})
     name = metric_of(found, family)
     if not name:
         return NONE
-    return EXACT if found[name] is None else fixed(found[name], _DIGITS[family])
+    return EXACT if found[name] is None else fixed(found[name], _digits(unit))
 
 
 _BAND_NAMES = {

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from bench.fields import FLIP, LOG_PSNR, PSNR, RMSE, SSIM, gate
+from bench.fields import PSNR, gate
 from bench.records import Record, Run
 from reports.rows import Material, Row
 
@@ -65,19 +65,13 @@ def _what(job: Record) -> str:
 
 def _metrics(material: Material) -> Iterator[str]:
     """Full names of the metrics behind the columns, with unit, direction, space and version."""
-    assert material.first is not None
-    known, versions = material.first.get("metrics", {}), material.first["score_key"]["metrics"]
-    names = [material.measured[0].metric(family) for family in (PSNR, LOG_PSNR, SSIM, FLIP, RMSE)]
-    words = [_metric(name, known.get(name, {}), versions.get(name)) for name in names if name]
-    if words:
-        yield "Metrics: " + "; ".join(words) + "."
+    if material.metrics:
+        yield "Metrics: " + "; ".join(_metric(name, said) for name, said in material.metrics.items()) + "."
 
 
-def _metric(name: str, described: Record, version: int | None) -> str:
-    words = [word for word in (described.get("unit"), described.get("space")) if word and word != "1"]
-    if "direction" in described:
-        words.append(f"{described['direction']} is better")
-    return ", ".join([f"{name} version {version}", *words])
+def _metric(name: str, described: Record) -> str:
+    words = [word for word in (described["unit"], described.get("space")) if word and word != "1"]
+    return ", ".join([f"{name} version {described['version']}", *words, f"{described['direction']} is better"])
 
 
 def _timing(material: Material) -> Iterator[str]:

@@ -56,6 +56,11 @@ class Material:
         return next((row.job for row in self.measured), None)
 
     @property
+    def metrics(self) -> dict[str, Record]:
+        """Every metric that a comparable row was scored with, as the records describe it."""
+        return {name: described(row.job, name) for row in self.measured for name in metrics_of(row.job)}
+
+    @property
     def split(self) -> str:
         """Size and pairs in words: "64 × 64 texels, 625 training pairs, 150 held out"."""
         if self.first is None:
@@ -64,6 +69,15 @@ class Material:
         pairs = self.first["pairs"]
         heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out: scored on all"
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
+
+
+def described(job: Record, name: str) -> Record:
+    """What a record says of a metric: unit, direction, space, version.
+
+    Of one that it does not describe, as those of frames, which have a border, it is what it says of a variant.
+    """
+    known = job["metrics"]
+    return {"unit": "1", "direction": "higher", "version": "?"} | known.get(name, known.get(metric_of(known, name), {}))
 
 
 def materials(run: Run) -> list[Material]:
@@ -91,17 +105,13 @@ def _difference(key: Record, wanted: Record) -> str:
     """In words, what two scores do not share and would have to."""
     reasons = [f"another {text}" for part, text in _SHARED.items() if key.get(part) != wanted.get(part)]
     mine, theirs = key.get("metrics", {}), wanted.get("metrics", {})
-    for name in sorted(mine.keys() | theirs.keys()):
-        if mine.get(name) != theirs.get(name):
-            reasons.append(f"{name} {_version(mine.get(name))} instead of {_version(theirs.get(name))}")
+    for name in sorted(mine.keys() & theirs.keys()):  # what only one was scored with is a gap, no obstacle
+        if mine[name] != theirs[name]:
+            reasons.append(f"{name} version {mine[name]} instead of version {theirs[name]}")
     return ", ".join(reasons)
 
 
 _SHARED = {"btf": "BTF (its fingerprint differs)", "exposure": "exposure", "demand": "demand of a scene"}
-
-
-def _version(version: object) -> str:
-    return "not measured" if version is None else f"version {version}"
 
 
 def _timing_obstacle(timing: Record, latest: Record) -> str:

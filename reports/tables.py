@@ -30,14 +30,14 @@ def all_tables(run: Run, narrow: bool = False) -> list[Table]:
     return [table for table in (*tables, *points, *more, *rest) if table]
 
 
-def main_table(material: Material, chosen: Sequence[Column] = columns.MAIN) -> Table | None:
+def main_table(material: Material, chosen: Sequence[Column] = ()) -> Table | None:
     """Cost, quality and time of each codec; None where nothing was measured."""
-    return _table("main", material, "", chosen, main_notes(material))
+    return _table("main", material, "", chosen or columns.main(material), main_notes(material))
 
 
 def quality_table(material: Material) -> Table | None:
     """The columns of the main table that say how good a codec is."""
-    return _table("main", material, "quality", columns.QUALITY, quality_notes(material))
+    return _table("main", material, "quality", columns.quality(material), quality_notes(material))
 
 
 def cost_table(material: Material) -> Table | None:

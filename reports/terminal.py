@@ -16,7 +16,7 @@ def terminal(run: Run) -> str:
     """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
     tables = []
     for material in materials(run):
-        tables += [main_table(material, columns.SHORT), _detail(material), scene_table(material)]
+        tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
     shown = [table for table in (*tables, *rate_tables(run), unfinished_table(run)) if table]
     main = [table.notes for table in shown if table.kind == "main"]
     shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []
@@ -30,7 +30,7 @@ def scored(run: Run) -> str:
     """The same of files that were scored outside a run, which nobody fitted or timed."""
     tables = []
     for material in materials(run):
-        tables += [main_table(material, columns.SCORED), _detail(material), scene_table(material)]
+        tables += [main_table(material, columns.scored(material)), _detail(material), scene_table(material)]
     return plain([table for table in tables if table])
 
 

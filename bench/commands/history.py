@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import FINE, NOTHING
+from bench.fields import RMSE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,9 +74,10 @@ def _table(frame: "pd.DataFrame") -> str:
 
     keys = ["material", "label", "folder", "started", "git"]
     frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
-    metrics = {name: _heldout(frame, family) for name, family in _FAMILIES.items()}
-    frame = frame[[*keys, "status", *(name for name in _SIZES if name in frame)]].assign(**metrics)
-    numbers = {"parameters": ",.0f", "bytes/total": ",.0f", "PSNR": ".2f", "SSIM": ".3f", "FLIP": ".4f"}
+    metrics = _heldout(frame)
+    columns = {name: column for name, (column, _) in metrics.items()}
+    frame = frame[[*keys, "status", *(name for name in _SIZES if name in frame)]].assign(**columns)
+    numbers = {"parameters": ",.0f", "bytes/total": ",.0f"} | {name: form for name, (_, form) in metrics.items()}
     rows = []
     for values, jobs in frame.groupby(keys, sort=False, dropna=False):
         material, label, folder, started, git = values
@@ -83,20 +85,27 @@ def _table(frame: "pd.DataFrame") -> str:
         cells = [material, label, folder, when, git if isinstance(git, str) else "—"]
         cells.append(f"{(jobs['status'] == 'ok').sum()} of {len(jobs)}")
         rows.append(cells + [_mean(jobs, column, form) for column, form in numbers.items()])
-    headers = ["material", "codec", "run", "started", "revision", "jobs", "parameters", "bytes", *_FAMILIES]
+    headers = ["material", "codec", "run", "started", "revision", "jobs", "parameters", "bytes", *metrics]
     aligned = ["left"] * 6 + ["right"] * len(numbers)
     return tabulate(rows, headers, "simple", colalign=aligned, disable_numparse=True)
 
 
 _SIZES = ("parameters", "bytes/total")
-_FAMILIES = {"PSNR": "psnr_display", "SSIM": "ssim", "FLIP": "flip_ldr"}
+_POOLED = re.compile("scores/heldout/metrics/(.*)/pooled")
 
 
-def _heldout(frame: "pd.DataFrame", family: str) -> "pd.Series[float]":
-    """The number of a family of metrics on held-out pairs, whichever variant of it was measured."""
-    wanted = re.compile(f"scores/heldout/metrics/{family}(_.*)?/pooled")
-    columns = [name for name in map(str, frame.columns) if wanted.fullmatch(name)]
-    return frame[columns].bfill(axis=1).iloc[:, 0] if columns else frame["seed"] * float("nan")
+def _heldout(frame: "pd.DataFrame") -> "dict[str, tuple[pd.Series[float], str]]":
+    """The numbers of held-out pairs and their format, by the metric's label, whichever variant of it was measured."""
+    from bench.metrics import label_of
+
+    found: dict[str, list[str]] = {}
+    for column in map(str, frame.columns):
+        if (match := _POOLED.fullmatch(column)) and not match[1].startswith(RMSE):
+            found.setdefault(label_of(match[1]), []).append(column)
+    return {
+        label: (frame[columns].bfill(axis=1).iloc[:, 0], ".2f" if label.endswith("PSNR") else ".4f")
+        for label, columns in found.items()
+    }
 
 
 def _mean(jobs: "pd.DataFrame", column: str, form: str) -> str:

@@ -30,6 +30,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--material", action="append", default=[], help="only this material, by name or path; repeatable"
     )
     parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument("--metric", action="append", default=[], help="score with this metric too; repeatable")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
     parser.add_argument("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
     parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
@@ -62,11 +63,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from bench.console import Console, job_line
     from bench.runs import runner
-    from bench.runs.suite import described_changes, load_suite, with_changes
+    from bench.runs.suite import described_changes, load_suite, with_changes, with_metrics
 
     changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
     changes |= {"data.repair": "true"} if options.repair else {}
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
+    suite = with_metrics(suite, options.metric)
     if options.demand:
         suite = replace(suite, demand=options.demand)
     folder = options.out or Path("runs") / suite.name

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from bench import fields
 from bench import metrics as registry
 from bench.btf import BTF
 from bench.codec import Progress, silent
@@ -22,8 +23,7 @@ from bench.metrics.magma import magma
 Array = np.ndarray
 
 NAMES = registry.default_names(periodic=False)  # a frame has borders
-PSNR = NAMES[0]
-FLIP = next(name for name in NAMES if name.startswith("flip"))
+PSNR, FLIP = (fields.metric_of(NAMES, family) for family in (fields.PSNR, fields.FLIP))
 
 
 def table_of(btf: BTF) -> BTF:

@@ -7,11 +7,13 @@ A metric's name says everything that shapes its number. Two parts of a name are 
 - the ending `_periodic`: the filters wrap around the picture instead of meeting a border, which is right for a
   material that repeats and wrong for any other picture.
 
-To add a metric, write one file with a class derived from `bench.metrics.base.SliceMetric` and add one line below.
+To add a metric, write one file with a class derived from `bench.metrics.base.SliceMetric` and add one line below. A
+suite or `--metric` chooses it by name; `default=True` has every codec scored with it. Tables call it by its `label`.
 """
 
 import importlib
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +31,7 @@ class Metric:
 
     `direction` is "higher" or "lower", whichever is better; `space` is what the numbers are compared in. A change
     of `version` makes older records not comparable. `target` is "module:Class"; `options` go to its constructor.
+    `label` is what tables call it.
     """
 
     name: str
@@ -37,6 +40,8 @@ class Metric:
     space: str
     version: int
     target: str
+    label: str = ""
+    default: bool = False  # whether codecs are scored with it where a suite chooses nothing else
     periodic: bool = False  # whether `name` + "_periodic" exists; in a variant, whether it is that variant
     options: dict[str, Any] = field(default_factory=dict, hash=False)
 
@@ -48,17 +53,39 @@ class Metric:
 
 
 _REGISTERED = (
-    Metric("psnr_display", "dB", "higher", "display", 1, "bench.metrics.psnr:DisplayPSNR"),
-    Metric("psnr_log1p", "dB", "higher", "log1p", 1, "bench.metrics.psnr:LogPSNR"),
-    Metric("rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.rmse:LinearRMSE"),
-    Metric("ssim", "1", "higher", "display luma", 1, "bench.metrics.ssim:SSIM", periodic=True),
-    Metric("flip_ldr_{ppd}ppd", "1", "lower", "display", 1, "bench.metrics.flip:LDR", periodic=True),
-    Metric("flip_hdr_{ppd}ppd", "1", "lower", "HDR, ACES", 1, "bench.metrics.flip_hdr:HDR", periodic=True),
-    Metric("flip_hdr_hable_{ppd}ppd", "1", "lower", "HDR, Hable", 1, "bench.metrics.flip_hdr:Hable", periodic=True),
+    Metric("psnr_display", "dB", "higher", "display", 1, "bench.metrics.psnr:DisplayPSNR", "PSNR", default=True),
+    Metric("psnr_log1p", "dB", "higher", "log1p", 1, "bench.metrics.psnr:LogPSNR", "log PSNR", default=True),
+    Metric("rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.rmse:LinearRMSE", "RMSE", default=True),
+    Metric("ssim", "1", "higher", "display luma", 1, "bench.metrics.ssim:SSIM", "SSIM", default=True, periodic=True),
     Metric(
-        "flip_hdr_reinhard_{ppd}ppd", "1", "lower", "HDR, Reinhard", 1, "bench.metrics.flip_hdr:Reinhard", periodic=True
+        "flip_ldr_{ppd}ppd", "1", "lower", "display", 1, "bench.metrics.flip:LDR", "FLIP", default=True, periodic=True
+    ),
+    Metric("flip_hdr_{ppd}ppd", "1", "lower", "HDR, ACES", 1, "bench.metrics.flip_hdr:HDR", "HDR FLIP", periodic=True),
+    Metric(
+        "flip_hdr_hable_{ppd}ppd",
+        "1",
+        "lower",
+        "HDR, Hable",
+        1,
+        "bench.metrics.flip_hdr:Hable",
+        "HDR FLIP, Hable",
+        periodic=True,
+    ),
+    Metric(
+        "flip_hdr_reinhard_{ppd}ppd",
+        "1",
+        "lower",
+        "HDR, Reinhard",
+        1,
+        "bench.metrics.flip_hdr:Reinhard",
+        "HDR FLIP, Reinhard",
+        periodic=True,
     ),
 )
+
+
+# What codecs are scored with where a suite chooses nothing else, as a suite names it: without the periodic ending.
+DEFAULTS = tuple(metric.name.replace("{ppd}", "67") for metric in _REGISTERED if metric.default)
 
 
 def registered() -> tuple[Metric, ...]:
@@ -71,17 +98,43 @@ def get(name: str) -> Metric:
 
     Raises `InputError`, with the nearest names, where there is none.
     """
+    metric = _found(name)
+    match = re.fullmatch(_pattern(metric), name)
+    return _variant(metric, name, **(match.groupdict() if match else {}))
+
+
+def _found(name: str) -> Metric:
+    """The registered metric that a name is of."""
     for metric in _REGISTERED:
-        found = re.fullmatch(_pattern(metric), name)
-        if found:
-            return _variant(metric, name, **found.groupdict())
+        if re.fullmatch(_pattern(metric), name):
+            return metric
     raise InputError(f"no metric is named {name!r}{did_you_mean(name, _examples())}")
 
 
+def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
+    """The metrics of a material among those that a suite names: the periodic variants where the material repeats.
+
+    The metric that everything is judged by, `psnr_display`, comes first, named or not. `InputError` for an unknown
+    name.
+    """
+    plain = [_REGISTERED[0].name, *(name.removesuffix(PERIODIC) for name in names)]
+    ending = {name: PERIODIC if _found(name).periodic and periodic else "" for name in plain}
+    return tuple(f"{name}{end}" for name, end in ending.items())
+
+
 def default_names(periodic: bool) -> tuple[str, ...]:
-    """What every codec is scored with, on a material that repeats or does not."""
-    ending = PERIODIC if periodic else ""
-    return ("psnr_display", "psnr_log1p", "rmse_linear", f"ssim{ending}", f"flip_ldr_67ppd{ending}")
+    """What codecs are scored with where nothing else is chosen, on a material that repeats or does not."""
+    return chosen_names(DEFAULTS, periodic)
+
+
+def label_of(name: str) -> str:
+    """What tables call a metric; a name that the registry does not know, as of an older record, stands for itself."""
+    try:
+        ppd = get(name).options.get("ppd")
+        label = _found(name).label
+    except InputError:
+        return name.replace("_", " ")
+    return (label or name.replace("_", " ")) + (f" {ppd:g}ppd" if ppd else "")
 
 
 def _pattern(metric: Metric) -> str:

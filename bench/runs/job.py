@@ -32,6 +32,7 @@ from bench.codecs.registry import load_codec
 from bench.demand import fitting
 from bench.demand.demand import Demand
 from bench.errors import ContainerError, InputError, MissingDataError
+from bench.metrics import DEFAULTS
 from bench.records import Record
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.identity import identity
@@ -61,6 +62,7 @@ class Task:
     threads: int
     demand: str = ""  # the path of the demand that is judged by
     uniform: float = UNIFORM
+    metrics: tuple[str, ...] = DEFAULTS  # as the suite names them
     device: str = "cpu"
     scorers: int | None = None  # threads that score; None: one a core
     fresh: bool = False
@@ -111,7 +113,9 @@ def work(task: Task, show: Progress = silent) -> Result:
     """Do one job. A failure is a record with its error; what no job can help (a full disk) is `InputError`."""
     with _ONE_AT_A_TIME:
         try:
-            bench = workbench(task.run, task.material, task.data, task.scorers, show, task.demand, task.repetition)
+            bench = workbench(
+                task.run, task.material, task.data, task.scorers, show, task.demand, task.repetition, task.metrics
+            )
             return Job(task, bench, show).run()
         except MissingDataError as error:
             return Result(task.base | {"status": "unavailable", "error": str(error)})

@@ -134,6 +134,7 @@ class _Session:
         suite, options = self.suite, self.options
         fixed: dict[str, Any] = {"run": self.run_id, "folder": options.folder.absolute(), "data": suite.data}
         fixed |= {"demand": str(Path(suite.demand).absolute()) if suite.demand else "", "uniform": suite.uniform}
+        fixed["metrics"] = suite.metrics
         fixed |= {"threads": suite.threads, "device": options.device, "fresh": options.fresh}
         return [Task(material=_anywhere(m), codec=c, repetition=seed, **fixed) for m, c, seed in suite.cells]
 

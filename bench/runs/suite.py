@@ -5,6 +5,7 @@
     variants = ["eager bfloat16"]    # executions and precisions besides `eager float32` that `trade` tries
     threads = 1                      # CPU threads of a fit and of timing; part of what makes bytes the same
     seeds = [0]                      # repetitions
+    metrics = ["ssim", "flip_hdr_67ppd"]    # besides psnr_display; by default those of docs/metrics.md
     demand = "table-top.npz"         # of a scene, which every codec is judged by too, and fitted to where scene = true
     uniform = 0.1                    # the share of such a fit that is spread over everything alike
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
@@ -35,6 +36,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError, did_you_mean
+from bench.metrics import DEFAULTS, chosen_names
 
 if TYPE_CHECKING:
     from bench.data.pairs import Sampling
@@ -119,6 +121,7 @@ class Suite:
     variants: tuple[str, ...] = ()
     demand: str = ""  # the path of one
     uniform: float = UNIFORM
+    metrics: tuple[str, ...] = DEFAULTS
 
     @property
     def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:
@@ -155,7 +158,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{file}: not TOML: {error}") from error
     known = {"description", "pretrain", "variants", "threads", "seeds", "data", "materials", "codecs"}
-    known |= {"demand", "uniform"}
+    known |= {"demand", "uniform", "metrics"}
     _only(file, "", table, known)
     data = Data(**_typed(file, "data.", table.get("data", {}), Data))
     _split(f"{file}: data.split", data.split)
@@ -184,7 +187,21 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         tuple(_list(file, "variants", table, str, [])),
         _value(file, "demand", table.get("demand", ""), str),
         uniform,
+        _metrics(f"{file}: metrics", _list(file, "metrics", table, str, list(DEFAULTS))),
     )
+
+
+def with_metrics(suite: Suite, names: list[str]) -> Suite:
+    """The suite with more metrics than its own."""
+    return dataclasses.replace(suite, metrics=_metrics("--metric", [*suite.metrics, *names]))
+
+
+def _metrics(key: str, names: list[str]) -> tuple[str, ...]:
+    """The names, once they are those of metrics, each once."""
+    try:
+        return chosen_names(names, periodic=False)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
 
 
 def with_changes(

@@ -53,7 +53,7 @@ def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progr
     for spec in suite.materials:
         jobs = _jobs(suite, spec, run)
         if jobs:
-            bench = workbench("trade", spec, suite.data, None, show, repetition=suite.seeds[0])
+            bench = workbench("trade", spec, suite.data, None, show, repetition=suite.seeds[0], metrics=suite.metrics)
             result["choices"] += _choices(bench, jobs, suite, run, device, ceilings, show)
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             found = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, _batches(full))

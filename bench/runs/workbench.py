@@ -17,6 +17,7 @@ from bench.demand.judge import Judge, table_of
 from bench.directions import PairInterpolator
 from bench.errors import InputError
 from bench.hemisphere import to_degrees
+from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
 from bench.runs.suite import Data, MaterialSpec
 
@@ -32,6 +33,7 @@ class Workbench:
     name: str
     scorers: int | None = None
     demand: Demand | None = None  # of a scene to judge by
+    metrics: tuple[str, ...] = DEFAULTS  # as a suite names them
     split: Split = field(init=False)
 
     def __post_init__(self) -> None:
@@ -46,7 +48,8 @@ class Workbench:
     @cached_property
     def scorer(self) -> Scorer:
         # The exposure is that of the training pairs: one for a material, whatever pairs are drawn to test it.
-        return Scorer(self.btf, threads=self.scorers, sampled=self.training)
+        names = chosen_names(self.metrics, self.btf.periodic)
+        return Scorer(self.btf, names, threads=self.scorers, sampled=self.training)
 
     @cached_property
     def judge(self) -> Judge | None:
@@ -97,15 +100,16 @@ def workbench(
     show: Progress,
     demand: str = "",
     repetition: int = 0,
+    metrics: tuple[str, ...] = DEFAULTS,
 ) -> Workbench:
     """The workbench of a material, which the jobs of one run share as long as they follow each other.
 
     Jobs of another `repetition` are scored at another draw of test pairs, where there is one.
     """
     draw = draw_of(spec, data, repetition)
-    key = (run, spec, data, scorers, demand, draw)
+    key = (run, spec, data, scorers, demand, draw, metrics)
     if key not in _latest:
         _latest.clear()
         asked = load_demand(Path(demand)) if demand else None
-        _latest[key] = Workbench(open_material(spec, data, show, draw), spec.name, scorers, asked)
+        _latest[key] = Workbench(open_material(spec, data, show, draw), spec.name, scorers, asked, metrics)
     return _latest[key]

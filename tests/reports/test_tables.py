@@ -1,7 +1,7 @@
 import pytest
 
 from bench.errors import InputError
-from bench.records import load_run
+from bench.records import append, load_run
 from reports import table_text
 from reports.tables import all_tables
 
@@ -140,8 +140,6 @@ def test_seeds_are_told_apart(made):
 
 
 def test_rates_are_shown_with_their_overlap_or_the_reason_that_there_is_none(made):
-    from bench.records import append
-
     rate = {"kind": "rate", "material": "satin", "anchor": "pca", "metric": "psnr_display", "points": [[1, 2]] * 5}
     numbers = {"bd_rate_percent": -12.34, "bd_psnr_db": 0.5, "quality_db": [20, 30], "quality_overlap": 0.5}
     append(made.job().folder, rate | numbers | {"curve": "vq", "bytes": [1000, 2000], "bytes_overlap": 1.0})
@@ -192,3 +190,17 @@ def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
 
 def test_without_a_scene_there_is_no_such_table(made):
     assert tables(made.job(), "scene") == []
+
+
+def test_a_metric_that_a_suite_chose_is_a_column_and_a_gap_where_it_was_not_measured(made):
+    made.job()
+    job = load_run(made.folder).jobs[0]
+    name = "flip_hdr_67ppd_periodic"
+    described = job["metrics"] | {name: {"unit": "1", "direction": "lower", "space": "HDR, ACES", "version": 1}}
+    stats = {"mean": 0.125, "std": 0.25, "pooled": 0.125, "exact": 0, "slices": 4}
+    scores = {group: found | {"metrics": found["metrics"] | {name: stats}} for group, found in job["scores"].items()}
+    assert "HDR FLIP ↓" not in cells(tables(made, "main")[0])
+    append(made.folder, job | {"metrics": described, "scores": scores, "job": "satin/b/0", "label": "b"})
+    (table,) = tables(made, "main")
+    assert [cells(table, row)["HDR FLIP ↓"] for row in (0, 1)] == ["—", "0.125 ± 0.250"]
+    assert any("flip_hdr_67ppd_periodic version 1, HDR, ACES, lower is better" in note for note in table.notes)

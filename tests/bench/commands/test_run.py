@@ -1,6 +1,7 @@
 import pytest
 
 from bench import cli
+from bench.records import load_run
 from bench.runs import runner
 
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
@@ -32,6 +33,19 @@ def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch,
     assert not (tmp_path / "run" / "lock").exists()
     assert cli.main(words) == 0
     assert "2 jobs: 2 ok; 1 cached whole" in capsys.readouterr().out
+
+
+def test_a_metric_is_chosen_at_the_command_line_and_scored_from_the_cached_file(tmp_path, capsys):
+    words = [*WORDS, "--out", str(tmp_path / "run")]
+    assert cli.main(words) == 0
+    assert cli.main([*words, "--metric", "flip_hdr_67ppd"]) == 0
+    assert "2 scored again from cached files" in capsys.readouterr().out
+    job = load_run(tmp_path / "run").jobs[0]
+    assert 0 < job["scores"]["heldout"]["metrics"]["flip_hdr_67ppd_periodic"]["mean"] < 1
+    assert cli.main(["table", "main", str(tmp_path / "run")]) == 0
+    assert "HDR FLIP" in capsys.readouterr().out
+    assert cli.main([*words, "--metric", "flip_hdr"]) == 2
+    assert "--metric: no metric is named 'flip_hdr'" in capsys.readouterr().err
 
 
 def test_jobs_run_in_so_many_processes_of_the_threads_of_the_suite(tmp_path, capsys):

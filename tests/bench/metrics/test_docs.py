@@ -1,11 +1,16 @@
 """docs/metrics.md is about the metrics that exist, and its example works."""
 
 import re
+import sys
+import types
 from pathlib import Path
 
 import numpy as np
 
-from bench.metrics import registered
+from bench import metrics
+from bench.conformance.check import tiny_btf
+from bench.metrics import Metric, registered
+from bench.metrics.scoring import Scorer, summarise
 
 PAGE = (Path(__file__).parents[3] / "docs" / "metrics.md").read_text(encoding="utf-8")
 
@@ -27,3 +32,17 @@ def test_the_example_of_a_new_metric_works():
     state = metric.prepare(reference, 1.0)
     assert metric.score(state, reference) == metric.perfect
     assert 0 < metric.score(state, test) < 1
+
+
+def test_the_line_of_a_new_metric_is_all_that_scoring_it_takes(monkeypatch):
+    line = re.search(r'^(Metric\("shadow".*),$', PAGE, re.M).group(1)
+    names: dict = {}
+    exec(re.search(r"```python\n(# bench/metrics/shadow\.py.*?)```", PAGE, re.DOTALL).group(1), names)
+    monkeypatch.setitem(sys.modules, "bench.metrics.shadow", types.SimpleNamespace(**names))
+    monkeypatch.setattr(metrics, "_REGISTERED", (*metrics.registered(), eval(line, {"Metric": Metric})))
+    btf = tiny_btf(16, 4, 4)
+    scorer = Scorer(btf, metrics.chosen_names(["shadow"], btf.periodic))
+    scores = scorer.score(range(3), lambda pair: btf[pair] * 0.9)
+    found = summarise(scores, btf.wo, btf.wi, {"all": np.arange(3)})["all"]["metrics"]
+    assert found["shadow"]["mean"] > 0
+    assert metrics.label_of("shadow") == "shadow error"

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from bench.errors import InputError
-from bench.metrics import default_names, get, registered
+from bench.metrics import DEFAULTS, chosen_names, default_names, get, label_of, registered
 from bench.metrics.flip import PPD
 
 
@@ -57,6 +57,26 @@ def test_a_variant_that_does_not_exist_is_unknown(name):
 def test_the_default_metrics_exist(periodic):
     metrics = [get(name) for name in default_names(periodic)]
     assert any(m.periodic for m in metrics) == periodic
+
+
+def test_chosen_names_take_the_variant_of_the_material_and_psnr_comes_first():
+    names = ["flip_hdr_67ppd", "rmse_linear", "ssim_periodic"]
+    assert chosen_names(names, True) == ("psnr_display", "flip_hdr_67ppd_periodic", "rmse_linear", "ssim_periodic")
+    assert chosen_names(names, False) == ("psnr_display", "flip_hdr_67ppd", "rmse_linear", "ssim")
+    assert chosen_names([], True) == ("psnr_display",)
+    assert chosen_names(DEFAULTS, False) == DEFAULTS
+    with pytest.raises(InputError, match=r"flip_hdr.*did you mean"):
+        chosen_names(["flip_hdr"], True)
+
+
+def test_tables_call_a_metric_by_its_label_and_an_unknown_one_by_its_name():
+    assert [label_of(name) for name in ("psnr_log1p", "ssim_periodic", "flip_ldr_67ppd")] == [
+        "log PSNR",
+        "SSIM",
+        "FLIP",
+    ]
+    assert label_of("flip_hdr_hable_20ppd_periodic") == "HDR FLIP, Hable 20ppd"
+    assert label_of("of_an_older_version") == "of an older version"
 
 
 def test_names_are_unique():

@@ -1,7 +1,7 @@
 import pytest
 
 from bench.errors import InputError
-from bench.runs.suite import builtin_suites, load_suite, named, parse_suite, with_changes
+from bench.runs.suite import builtin_suites, load_suite, named, parse_suite, with_changes, with_metrics
 
 TEXT = """
 description = "a test"
@@ -164,3 +164,14 @@ def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it
         parse_suite("a", text.replace("0.25", "1.5"))
     changed = with_changes(suite, [], [], {"scene": "true"}, None)
     assert [spec.settings["scene"] for spec in changed.codecs] == [True]
+
+
+def test_a_suite_chooses_its_metrics_and_the_command_line_adds_some():
+    assert parse_suite("test", TEXT).metrics[:2] == ("psnr_display", "psnr_log1p")
+    suite = parse_suite("test", 'metrics = ["flip_hdr_67ppd"]\n' + TEXT)
+    assert suite.metrics == ("psnr_display", "flip_hdr_67ppd")
+    assert with_metrics(suite, ["ssim", "psnr_display"]).metrics == ("psnr_display", "flip_hdr_67ppd", "ssim")
+    with pytest.raises(InputError, match=r"suite test: metrics: no metric is named 'flipp'"):
+        parse_suite("test", 'metrics = ["flipp"]\n' + TEXT)
+    with pytest.raises(InputError, match=r"--metric: no metric is named 'ssm'"):
+        with_metrics(suite, ["ssm"])
