@@ -23,11 +23,11 @@ from torch import Tensor
 from bench.codec import Fit, silent
 from bench.codecs.registry import load_codec
 from bench.data.open import open_material
+from bench.data.spec import Preparation, named
 from bench.decoder import Architecture, Decoder
 from bench.errors import InputError
 from bench.material import CHUNK, Material, keep_buffers
 from bench.metrics.display import exposure, to_display
-from bench.runs.suite import Data, named
 from bench.threads import torch_threads
 from bench.timing import interval95
 from bench.timing.clock import calibrated, elapsed
@@ -96,7 +96,7 @@ def on_gpu(samples: int, material: Material) -> dict[str, Call]:
 
 def fitted(steps: int, device: str) -> tuple[Material, Callable[[Material], float]]:
     """A fitted material, and what gives the held-out display PSNR of it however it is computed."""
-    btf = open_material(named("satin"), Data(), silent)
+    btf = open_material(named("satin"), Preparation(), silent)
     split = btf.split()
     codec = load_codec("neubtf-direct")(steps=steps)
     material = codec.decode(codec.encode(btf.subset(split.train), Fit()), torch.device(device))

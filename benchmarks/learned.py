@@ -25,10 +25,10 @@ from bench.codec import Codec, Fit, silent
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.open import open_material
+from bench.data.spec import Preparation, named
 from bench.fields import SSIM, metric_of
 from bench.metrics import default_names
 from bench.metrics.scoring import Scorer, summarise
-from bench.runs.suite import Data, named
 from bench.threads import torch_threads
 
 TRAINING_PAIRS = 75  # scored of all
@@ -89,7 +89,7 @@ class Bench:
 def rows(names: list[str], codecs: list[str], seeds: int, threads: int) -> Iterator[str]:
     """The lines of the table, each as soon as its last seed is done."""
     for name in names:
-        bench = Bench(open_material(named(name), Data(split="validation"), silent), threads)
+        bench = Bench(open_material(named(name), Preparation(split="validation"), silent), threads)
         for text in codecs:
             train, held, ssim, size, seconds = zip(*(bench.measure(parse(text), s) for s in range(seeds)), strict=True)
             cells = [name, text, *(_spread(values, 2) for values in (train, held)), _spread(ssim, 3)]

@@ -25,6 +25,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit
 from bench.codecs.registry import load_codec
 from bench.data.open import open_material
+from bench.data.spec import Preparation, named
 from bench.demand import portrait
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
@@ -33,7 +34,6 @@ from bench.demand.judge import Judge, table_of
 from bench.demand.scene import named_scene, shipped
 from bench.demand.text_scene import TextScene
 from bench.metrics.display import to_display
-from bench.runs.suite import Data, named
 from bench.threads import torch_threads
 
 QUERIES = 100_000
@@ -83,7 +83,7 @@ def written(values: Sequence[float]) -> str:
 
 
 def compare(options: argparse.Namespace) -> None:
-    btf = open_material(named(options.material), Data(), lambda *_: None)
+    btf = open_material(named(options.material), Preparation(), lambda *_: None)
     print("| " + " | ".join(HEADS) + " |\n|" + "---|" * len(HEADS), flush=True)
     for scene in options.scene or sorted(shipped()):
         judges = [Judge(table_of(btf), demand_of(scene, options.queries, seed)) for seed in range(options.seeds)]
@@ -94,7 +94,7 @@ def compare(options: argparse.Namespace) -> None:
 
 def control(options: argparse.Namespace) -> None:
     """Bytes of the smallest model of the whole BTF, of those of fewer sizes, that does as well as the full one."""
-    btf = open_material(named(options.material), Data(), lambda *_: None)
+    btf = open_material(named(options.material), Preparation(), lambda *_: None)
     training = btf.subset(btf.split().train)
     print("| scene | codec | bytes full | bytes smallest |\n|---|---|---|---|", flush=True)
     for scene in options.scene or sorted(shipped()):
@@ -111,7 +111,7 @@ def control(options: argparse.Namespace) -> None:
 
 def pictures(options: argparse.Namespace) -> None:
     """The demand of each scene, and frames of full and scene model, with their FLIP."""
-    btf = open_material(named(options.material), Data(), lambda *_: None)
+    btf = open_material(named(options.material), Preparation(), lambda *_: None)
     codec = parse(options.codecs[0] if options.codecs else "pca")
     for scene in options.scene or sorted(shipped()):
         demand = demand_of(scene, PICTURED)

@@ -34,9 +34,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from bench.console import Console
     from bench.data.bake import bake, read_surface, recognise, table
-    from bench.runs.suite import Data
+    from bench.data.spec import Preparation
 
-    data = Data(options.size, options.directions, options.views, options.lights, options.heldout)
+    data = Preparation(options.size, options.directions, options.views, options.lights, options.heldout)
     with Console() as console:
         surface = read_surface(recognise(options.folder), data.size, options.depth)
         console.say(f"{options.folder}:\n{table(surface)}")

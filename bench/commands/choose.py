@@ -17,8 +17,9 @@ from bench.commands import trade
 from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
+    from bench.data.spec import Preparation
     from bench.runs.choose import Choice
-    from bench.runs.suite import Data, Suite
+    from bench.runs.suite import Suite
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _changed(data: "Data") -> dict[str, object]:
+def _changed(data: "Preparation") -> dict[str, object]:
     """How a suite prepares its materials, where that is not the default: as `--set` wants it."""
     found = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
     return {f"data.{key}": str(value).lower() if value is True else value for key, value in found.items()}

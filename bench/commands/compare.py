@@ -5,7 +5,7 @@ else is shown, and times advise. Exit codes: 0 nothing got worse, 1 a regression
 4 nothing can be compared.
 
 examples:
-  neubtf-bench compare bench/reference/ci.jsonl runs/ci
+  neubtf-bench compare bench/compare/references/ci.jsonl runs/ci
   neubtf-bench compare runs/before runs/after --markdown verdict.md
 """
 

@@ -95,9 +95,8 @@ def _to_scene(
     import tempfile
 
     from bench import atomic
-    from bench.demand import fitting
+    from bench.demand import UNIFORM, fitting
     from bench.demand.judge import Judge, table_of
-    from bench.runs.suite import UNIFORM
     from reports.scene_models import scene_models_text
 
     judge = Judge(table_of(btf), asked, console.show)

@@ -6,10 +6,10 @@ packages stay, because a comparison says where they differ.
 
 import json
 from collections.abc import Iterable, Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import bench
 from bench.errors import InputError
 from bench.fields import CONDITIONS, PSNR, gate, metric_of, metrics_of, stats_of
 from bench.records import Record, Run
@@ -24,7 +24,7 @@ _DESCRIBED = ("unit", "direction", "version")
 
 def committed(suite: str) -> Path:
     """Where the reference of a suite stands in this package."""
-    return Path(bench.__path__[0]) / "reference" / f"{suite}.jsonl"
+    return Path(str(files("bench.compare"))) / "references" / f"{suite}.jsonl"
 
 
 def reference(run: Run, before: Run | None = None) -> str:

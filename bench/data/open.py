@@ -5,12 +5,12 @@ import os
 from bench.btf import BTF
 from bench.codec import Progress, silent
 from bench.data.repair import repaired
+from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.data.thinning import thinned
 from bench.errors import InputError, MissingDataError
-from bench.runs.suite import Data, MaterialSpec, Suite, named, with_changes
 
 
-def open_material(spec: MaterialSpec, data: Data, show: Progress, draw: int = 0) -> BTF:
+def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: int = 0) -> BTF:
     """The BTF of a suite's material, without what `data.split` keeps from view.
 
     Its held-out pairs are validation pairs, or test pairs: of a rendered material those of a `draw`. Of a measured one
@@ -46,7 +46,7 @@ def open_material(spec: MaterialSpec, data: Data, show: Progress, draw: int = 0)
     return repaired(btf, show) if data.repair else btf
 
 
-def draw_of(spec: MaterialSpec, data: Data, repetition: int) -> int:
+def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
     """Which draw of test pairs a repetition is scored at; 0 where it is the same for all."""
     from bench.data.bake.naming import looks_like_maps
 
@@ -64,5 +64,5 @@ def without_test(btf: BTF) -> BTF:
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:
     """The BTF of a built-in material or a path, with `data.KEY` settings changed."""
-    data = with_changes(Suite("", ""), [], [], {k: v for k, v in changes.items() if k.startswith("data.")}, None).data
+    data = changed(Preparation(), {key: value for key, value in changes.items() if key.startswith("data.")})
     return open_material(named(name), data, show)

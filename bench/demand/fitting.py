@@ -21,6 +21,7 @@ from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.codecs.scene_material import unreported
 from bench.codecs.window import Window
+from bench.demand import UNIFORM
 from bench.demand.corners import corners, share_of
 from bench.demand.demand import Demand
 from bench.demand.judge import FLIP, PSNR, Judge
@@ -29,7 +30,6 @@ from bench.density import Density
 from bench.material import Material
 from bench.metrics.display import to_display
 from bench.metrics.psnr import psnr
-from bench.runs.suite import UNIFORM
 
 EQUAL_DB = 0.2  # a scene model so near to the full one is as good
 OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured

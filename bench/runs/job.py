@@ -29,7 +29,8 @@ import torch
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
-from bench.demand import fitting
+from bench.data.spec import MaterialSpec, Preparation
+from bench.demand import UNIFORM, fitting
 from bench.demand.demand import Demand
 from bench.errors import ContainerError, InputError, MissingDataError
 from bench.metrics import DEFAULTS
@@ -38,7 +39,7 @@ from bench.runs.evaluation import evaluate, score_key
 from bench.runs.identity import identity
 from bench.runs.place import Place
 from bench.runs.provenance import processor, revision
-from bench.runs.suite import UNIFORM, CodecSpec, Data, MaterialSpec
+from bench.runs.suite import CodecSpec
 from bench.runs.workbench import Workbench, workbench
 from bench.threads import torch_threads
 
@@ -56,7 +57,7 @@ class Task:
     run: str
     folder: Path  # of the run
     material: MaterialSpec
-    data: Data
+    data: Preparation
     codec: CodecSpec
     repetition: int
     threads: int

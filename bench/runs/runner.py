@@ -23,6 +23,7 @@ from bench.codec import Fit, Progress, silent
 from bench.codecs import container, shared
 from bench.codecs.registry import load_codec
 from bench.codecs.scene_material import unreported
+from bench.data.spec import MaterialSpec
 from bench.demand import demand
 from bench.errors import InputError
 from bench.records import Record, Run
@@ -33,7 +34,7 @@ from bench.runs.lock import locked
 from bench.runs.pretraining import ready
 from bench.runs.provenance import provenance
 from bench.runs.rates import rate_records
-from bench.runs.suite import MaterialSpec, Suite
+from bench.runs.suite import Suite
 
 log = logging.getLogger(__name__)
 

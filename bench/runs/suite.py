@@ -28,56 +28,16 @@ A path is looked up as it stands, then under `$NEUBTF_DATA`; that of a demand as
 
 import dataclasses
 import itertools
-import os
 import tomllib
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bench.data.spec import MaterialSpec, Preparation, changed, check_split, named
+from bench.demand import UNIFORM
 from bench.errors import InputError, did_you_mean
 from bench.metrics import DEFAULTS, chosen_names
-
-if TYPE_CHECKING:
-    from bench.data.pairs import Sampling
-
-UNIFORM = 0.1  # of the samples of a fit to a scene, or of the weights of its pairs, are spread over everything alike
-
-
-@dataclass(frozen=True)
-class Data:
-    """How built-in materials and folders of maps are rendered, and how much of measured ones is used."""
-
-    size: int = 64  # texels a side
-    directions: str = "ubo2003"  # the published direction set that is thinned
-    views: int = 25
-    lights: int = 25
-    heldout: int = 150  # random pairs besides, drawn uniformly in solid angle up to 75°
-    split: str = "test"  # these are test pairs, drawn anew for each seed; or "validation" pairs, to choose by
-    pairs: int = 0  # of measured data about so many, spread evenly over views and lights; 0: all
-    repair: bool = False  # mask measured values that are not finite by the mean of their pair
-
-    def sampling(self, draw: int = 0) -> "Sampling":
-        """The pairs of a rendered material; `draw` is of its test pairs."""
-        from bench.data.pairs import Sampling
-
-        return Sampling(self.directions, self.views, self.lights, self.heldout, self.split, draw)
-
-
-@dataclass(frozen=True)
-class MaterialSpec:
-    """A material of a suite: built in where `path` is empty."""
-
-    name: str
-    path: str = ""
-    where: str = ""  # where to get the data, for who does not have them
-
-    def found(self) -> Path | None:
-        """The path of measured data on this machine, or None."""
-        places = [Path(self.path)]
-        if data := os.environ.get("NEUBTF_DATA"):
-            places.append(Path(data) / self.path)
-        return next((place for place in places if place.exists()), None)
 
 
 @dataclass(frozen=True)
@@ -114,7 +74,7 @@ class Suite:
     description: str = ""
     threads: int = 1
     seeds: tuple[int, ...] = (0,)
-    data: Data = field(default_factory=Data)
+    data: Preparation = field(default_factory=Preparation)
     materials: tuple[MaterialSpec, ...] = ()
     codecs: tuple[CodecSpec, ...] = ()
     pretrain: tuple[str, ...] = ()
@@ -160,8 +120,8 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     known = {"description", "pretrain", "variants", "threads", "seeds", "data", "materials", "codecs"}
     known |= {"demand", "uniform", "metrics"}
     _only(file, "", table, known)
-    data = Data(**_typed(file, "data.", table.get("data", {}), Data))
-    _split(f"{file}: data.split", data.split)
+    data = Preparation(**_typed(file, "data.", table.get("data", {}), Preparation))
+    check_split(f"{file}: data.split", data.split)
     seeds, pretrain = _list(file, "seeds", table, int, [0]), _list(file, "pretrain", table, str, [])
     materials = [_material(file, entry) for entry in _value(file, "materials", table.get("materials", []), list)]
     codecs = [spec for entry in _value(file, "codecs", table.get("codecs", []), list) for spec in _sweep(file, entry)]
@@ -226,28 +186,10 @@ def with_changes(
     return suite if seed is None else dataclasses.replace(suite, seeds=(seed,))
 
 
-def named(material: str) -> MaterialSpec:
-    """The material that a bare string names: a path where it looks like one or leads somewhere, else built in."""
-    spec = MaterialSpec(Path(material).name or material, material)
-    is_path = os.sep in material or bool(Path(material).suffix) or spec.found()
-    return spec if is_path else MaterialSpec(material)
-
-
 def _change(suite: Suite, key: str, value: str) -> Suite:
     scope, _, name = key.rpartition(".")
     if scope == "data":
-        fields = {f.name: f.type for f in dataclasses.fields(Data)}
-        if name not in fields:
-            raise InputError(f"--set {key}: no such key{did_you_mean(name, fields)}")
-        if fields[name] is int and not value.isdecimal():
-            raise InputError(f"--set {key}: must be a whole number, not {value!r}")
-        if fields[name] is bool and value not in ("true", "false"):
-            raise InputError(f"--set {key}: must be true or false, not {value!r}")
-        converted: Any = int(value) if fields[name] is int else value == "true" if fields[name] is bool else value
-        if name == "split":
-            _split(f"--set {key}", value)
-        change = {name: converted}
-        return dataclasses.replace(suite, data=dataclasses.replace(suite.data, **change))
+        return dataclasses.replace(suite, data=changed(suite.data, {key: value}))
     codecs = [_set(spec, name, value) if _has(spec.codec, scope, name) else spec for spec in suite.codecs]
     if codecs == list(suite.codecs) and not any(_has(spec.codec, scope, name) for spec in codecs):
         raise InputError(f"--set {key}: no codec of this run has a setting {name!r} (or write data.{name})")
@@ -316,13 +258,6 @@ def _value(file: str, key: str, value: Any, kind: Any) -> Any:
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         raise InputError(f"{file}: {key} must be of type {kind.__name__}, not {value!r}")
     return value
-
-
-def _split(key: str, value: str) -> None:
-    from bench.data.pairs import SPLITS
-
-    if value not in SPLITS:
-        raise InputError(f"{key} must be {' or '.join(SPLITS)}, not {value!r}{did_you_mean(value, SPLITS)}")
 
 
 def _list(file: str, key: str, table: dict[str, Any], kind: Any, default: list[Any]) -> list[Any]:

@@ -14,6 +14,7 @@ import torch
 
 from bench import atomic, timing
 from bench.codec import Progress, silent
+from bench.data.spec import MaterialSpec
 from bench.errors import InputError
 from bench.fields import FLIP, PSNR, gate, metric_of, metrics_of
 from bench.material import Material
@@ -21,7 +22,7 @@ from bench.metrics.scoring import summarise
 from bench.records import TRADE, TRADE_FORMAT, Record, Run
 from bench.runs.choose import answers, psnr
 from bench.runs.evaluation import Slices, recorded
-from bench.runs.suite import MaterialSpec, Suite
+from bench.runs.suite import Suite
 from bench.runs.workbench import Workbench, workbench
 from bench.threads import torch_threads
 from bench.timing.execution import Variant, exists_on, networks, prepared

@@ -10,6 +10,7 @@ import torch
 from bench.btf import BTF, Split
 from bench.codec import Progress
 from bench.data.open import draw_of, open_material
+from bench.data.spec import MaterialSpec, Preparation
 from bench.demand.corners import pair_shares
 from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
@@ -19,7 +20,6 @@ from bench.errors import InputError
 from bench.hemisphere import to_degrees
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
-from bench.runs.suite import Data, MaterialSpec
 
 OUTSIDE = "outside the scene"  # pairs that its demand does not touch
 SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that reports show
@@ -95,7 +95,7 @@ _latest: dict[object, Workbench] = {}  # one: a scorer keeps hundreds of megabyt
 def workbench(
     run: str,
     spec: MaterialSpec,
-    data: Data,
+    data: Preparation,
     scorers: int | None,
     show: Progress,
     demand: str = "",

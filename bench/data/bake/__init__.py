@@ -25,8 +25,8 @@ from bench.data.joined import with_heldout
 from bench.data.materials.renderer import RENDERER_VERSION, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
+from bench.data.spec import Preparation
 from bench.errors import InputError
-from bench.runs.suite import Data
 
 __all__ = ["RENDERERS", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
 RENDERERS = ("builtin", "mitsuba")
@@ -46,7 +46,7 @@ class Pairs:
 
 def bake(
     surface: Surface,
-    data: Data,
+    data: Preparation,
     out: Path,
     progress: Callable[[int, int], None],
     seed: int = 0,
@@ -138,7 +138,7 @@ def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -
     return hashed.hexdigest()
 
 
-def open_svbrdf(folder: Path, data: Data, progress: Callable[[int, int], None], draw: int = 0) -> BTF:
+def open_svbrdf(folder: Path, data: Preparation, progress: Callable[[int, int], None], draw: int = 0) -> BTF:
     """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` is of its test pairs.
 
     The training pairs and the held-out ones are a file each, so that another draw bakes no product again.
@@ -182,7 +182,7 @@ def _key(found: MapFiles, size: int, sampled: dict[str, Any]) -> str:
     return hashlib.sha256(described.encode()).hexdigest()
 
 
-def _sampled(data: Data) -> dict[str, Any]:
+def _sampled(data: Preparation) -> dict[str, Any]:
     """The training pairs, in words."""
     return {"directions": f"{data.directions}: {data.views} views, {data.lights} lights"}
 

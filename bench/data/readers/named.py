@@ -45,7 +45,7 @@ def open_files(path: Path) -> tuple[Files, list[str]]:
     return archive, sorted(archive.entries)
 
 
-def open_named(path: Path, pattern: re.Pattern[str], provenance: dict[str, Any], **options: Any) -> BTF:
+def open_pictures(path: Path, pattern: re.Pattern[str], provenance: dict[str, Any], **options: Any) -> BTF:
     """The BTF of the pictures in a folder or zip whose names match; pairs sorted by view, then by light.
 
     Groups of the pattern are θ_i, φ_i, θ_o, φ_o in whole degrees; `options` go to `pictures.read_picture`. Raises

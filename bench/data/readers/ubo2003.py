@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bench.btf import BTF
-from bench.data.readers.named import BONN, matching, open_named
+from bench.data.readers.named import BONN, matching, open_pictures
 
 
 def is_ubo2003(names: Iterable[str]) -> bool:
@@ -16,7 +16,7 @@ def open_ubo2003(path: Path) -> BTF:
     """The BTF of a UBO2003 or ATRIUM zip (nothing is extracted) or of its extracted folder.
 
     JPEG codes are decoded as sRGB, `.hdr` is taken as stored: linear Rec. 709, radiance as photographed. The pairs
-    are those that are there, by view, then light. Errors as in `named.open_named`.
+    are those that are there, by view, then light. Errors as in `named.open_pictures`.
     """
     provenance = {
         "format": "UBO2003",
@@ -24,4 +24,4 @@ def open_ubo2003(path: Path) -> BTF:
         "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
         "clamp": "none here; 8-bit codes end at 1, .hdr does not",
     }
-    return open_named(path, BONN, provenance)
+    return open_pictures(path, BONN, provenance)

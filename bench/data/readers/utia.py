@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bench.btf import BTF
-from bench.data.readers.named import PRAGUE, matching, open_named
+from bench.data.readers.named import PRAGUE, matching, open_pictures
 
 
 def is_utia(names: Iterable[str]) -> bool:
@@ -19,7 +19,7 @@ def open_utia(path: Path) -> BTF:
     """The BTF of a UTIA folder, or of a zip of PNGs.
 
     PNG codes are decoded as sRGB, EXR is converted from XYZ to linear Rec. 709, where colours outside the gamut stay
-    negative; radiance as photographed. Pairs by view, then light. Errors as in `named.open_named`.
+    negative; radiance as photographed. Pairs by view, then light. Errors as in `named.open_pictures`.
     """
     provenance = {
         "format": "UTIA",
@@ -28,4 +28,4 @@ def open_utia(path: Path) -> BTF:
         "clamp": "none here; 8-bit codes end at 1, EXR does not",
         "directions": "nominal: the light of a pair with light = view was moved a little when measured",
     }
-    return open_named(path, PRAGUE, provenance, rgb_is_xyz=True)
+    return open_pictures(path, PRAGUE, provenance, rgb_is_xyz=True)

@@ -13,11 +13,12 @@ from bench.codec import Codec, Fit, Parts, SharedNetwork
 from bench.codecs import container, loading, shared
 from bench.conformance.check import others, tiny_btf
 from bench.data import materials
+from bench.data.spec import MaterialSpec
 from bench.errors import ContainerError, InputError, MissingDataError
 from bench.records import Record
 from bench.runs.pretraining import pretrain, ready
 from bench.runs.runner import Options, run
-from bench.runs.suite import CodecSpec, MaterialSpec, Suite
+from bench.runs.suite import CodecSpec, Suite
 
 
 class Tint(SharedNetwork):

@@ -15,11 +15,11 @@ from bench.data.bake.surface import SUB_POINTS
 from bench.data.materials.renderer import render
 from bench.data.open import open_material
 from bench.data.readers import open_btf
+from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
 from bench.metrics.display import decode_srgb
-from bench.runs.suite import Data, MaterialSpec
 
-SMALL = Data(size=8, views=4, lights=4, heldout=3)
+SMALL = Preparation(size=8, views=4, lights=4, heldout=3)
 
 
 @pytest.fixture(autouse=True)

@@ -12,14 +12,14 @@ from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
 from bench.data.pairs import Sampling
 from bench.data.readers import open_btf
+from bench.data.spec import Preparation
 from bench.errors import InputError
-from bench.runs.suite import Data
 
 with_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None,
     reason='Mitsuba 3 is optional and not installed: pip install "neubtf-bench[mitsuba]"',
 )
-SMALL = Data(size=8, views=4, lights=4, heldout=3)
+SMALL = Preparation(size=8, views=4, lights=4, heldout=3)
 
 
 def tracer():

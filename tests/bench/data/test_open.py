@@ -6,13 +6,13 @@ from bench.codec import silent
 from bench.conformance.check import tiny_btf
 from bench.data import convert
 from bench.data.open import open_material
+from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError, MissingDataError
-from bench.runs.suite import Data, MaterialSpec
 
 
 def test_built_in_and_measured_materials_open(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    small = Data(size=8, views=4, lights=4, heldout=3)
+    small = Preparation(size=8, views=4, lights=4, heldout=3)
     btf = open_material(MaterialSpec("satin"), small, silent)
     assert isinstance(btf, BTF)
     assert (btf.shape, len(btf)) == ((8, 8), 19)
@@ -23,15 +23,15 @@ def test_built_in_and_measured_materials_open(tmp_path, monkeypatch):
 def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):
     monkeypatch.setenv("NEUBTF_DATA", "/no/such/data")
     with pytest.raises(MissingDataError, match=r"f\.btf: not there or under NEUBTF_DATA=/no/such/data: ask UBO"):
-        open_material(MaterialSpec("f", "f.btf", "ask UBO"), Data(), silent)
+        open_material(MaterialSpec("f", "f.btf", "ask UBO"), Preparation(), silent)
     with pytest.raises(InputError, match=r"f\.btf: not there.*check the path"):
-        open_material(MaterialSpec("f", "f.btf"), Data(), silent)
+        open_material(MaterialSpec("f", "f.btf"), Preparation(), silent)
 
 
 def test_validation_pairs_of_measured_data_are_other_whole_views_and_lights_than_the_test_pairs(tmp_path):
     convert.write_btf(tiny_btf(4, 9, 9), tmp_path / "a.npz")
     spec = MaterialSpec("a", str(tmp_path / "a.npz"))
-    tests, choosing = (open_material(spec, Data(split=split), silent) for split in ("test", "validation"))
+    tests, choosing = (open_material(spec, Preparation(split=split), silent) for split in ("test", "validation"))
 
     def directions(btf, pairs):
         return {tuple(w) for w in btf.wo[pairs]}, {tuple(w) for w in btf.wi[pairs]}
@@ -51,6 +51,6 @@ def test_what_the_data_declare_held_out_are_test_pairs(tmp_path):
     btf = tiny_btf(4, 9, 9)
     declared = BTF("a", btf.wo, btf.wi, btf.source, heldout=np.arange(81) >= 72)
     convert.write_btf(declared, tmp_path / "a.npz")
-    choosing = open_material(MaterialSpec("a", str(tmp_path / "a.npz")), Data(split="validation"), silent)
+    choosing = open_material(MaterialSpec("a", str(tmp_path / "a.npz")), Preparation(split="validation"), silent)
     assert len(choosing) == 72
     assert sum(map(len, choosing.split().heldout.values())) > 0

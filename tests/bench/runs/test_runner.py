@@ -14,6 +14,7 @@ from baselines.mean_colour import MeanColour
 from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
 from bench.data.open import open_material
+from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import ContainerError, InputError, MissingDataError
 from bench.metrics import get
 from bench.records import FILE, load_run
@@ -21,7 +22,7 @@ from bench.runs.evaluation import recorded
 from bench.runs.executors import InProcess, Workers
 from bench.runs.job import seed_of
 from bench.runs.runner import Options, run
-from bench.runs.suite import CodecSpec, Data, MaterialSpec, Suite
+from bench.runs.suite import CodecSpec, Suite
 
 SUITE = Suite(
     "test",
@@ -205,7 +206,7 @@ def test_groups_cover_training_heldout_and_the_hull(tmp_path):
 
 def test_each_seed_is_scored_at_test_pairs_of_its_own_and_fitted_to_the_same(tmp_path, monkeypatch):
     monkeypatch.setattr("bench.runs.workbench.open_material", open_material)
-    data = Data(size=12, views=3, lights=3, heldout=6)
+    data = Preparation(size=12, views=3, lights=3, heldout=6)
     suite = Suite(
         "test", "", seeds=(0, 1), data=data, materials=(MaterialSpec("satin"),), codecs=SUITE.codecs[:1], threads=1
     )

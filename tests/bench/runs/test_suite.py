@@ -1,7 +1,8 @@
 import pytest
 
+from bench.data.spec import named
 from bench.errors import InputError
-from bench.runs.suite import builtin_suites, load_suite, named, parse_suite, with_changes, with_metrics
+from bench.runs.suite import builtin_suites, load_suite, parse_suite, with_changes, with_metrics
 
 TEXT = """
 description = "a test"

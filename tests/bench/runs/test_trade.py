@@ -7,11 +7,12 @@ import pytest
 from bench import timing
 from bench.commands import choose as choose_command
 from bench.conformance.check import tiny_btf
+from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
 from bench.records import append, load_run, load_trade
 from bench.runs import choose, trade
 from bench.runs.runner import Options, run
-from bench.runs.suite import CodecSpec, Data, MaterialSpec, Suite
+from bench.runs.suite import CodecSpec, Suite
 from reports import table_text, write_report
 
 SUITE = Suite(
@@ -213,6 +214,6 @@ def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_p
 
 
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
-    small = replace(SUITE, data=Data(size=12, repair=True))
+    small = replace(SUITE, data=Preparation(size=12, repair=True))
     assert choosing(monkeypatch, measured[0], small, min_psnr=1.0) == 0
     assert " --set data.size=12 --set data.repair=true -o tiny.nbtf" in capsys.readouterr().out
