@@ -16,6 +16,7 @@ from bench.btf import BTF
 from bench.data.readers.checks import angles_in_range, no_duplicates, readable, view_major
 from bench.data.readers.files import FolderFiles, inside
 from bench.data.readers.pictures import PictureSource
+from bench.data.readers.seen import Seen
 from bench.errors import InputError
 from bench.hemisphere import from_degrees, to_degrees
 
@@ -24,6 +25,13 @@ LIST, NOTES = "pairs.csv", "btf.json"
 ANGLES = ("theta_o_deg", "phi_o_deg", "theta_i_deg", "phi_i_deg")
 COLUMNS = ("file", *ANGLES)
 MAX_LIST = 256 << 20
+
+
+def opened(seen: Seen) -> BTF | None:
+    """The BTF of a folder with `pairs.csv`, or of that list, or None."""
+    if seen.is_folder:
+        return open_folder(seen.path) if (seen.path / LIST).is_file() else None
+    return open_folder(seen.path.parent) if ANGLES[0] in seen.first_line else None
 
 
 def open_folder(path: Path) -> BTF:

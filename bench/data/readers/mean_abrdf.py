@@ -8,10 +8,16 @@ from bench.btf import BTF, finite
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.files import ZipFiles
 from bench.data.readers.npz import NpzSource, read_array
+from bench.data.readers.seen import Seen
 from bench.errors import InputError
 from bench.hemisphere import from_angles
 
 KEY = "rgb_geomean"
+
+
+def opened(seen: Seen) -> BTF | None:
+    """The BTF of an archive with the geometric mean of an ABRDF, or None."""
+    return open_mean_abrdf(seen.path) if seen.is_zip and f"{KEY}.npy" in seen.names else None
 
 
 def open_mean_abrdf(path: Path) -> BTF:

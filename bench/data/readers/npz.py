@@ -13,6 +13,7 @@ import numpy as np
 from bench.btf import BTF, ArraySource, finite
 from bench.data.readers.checks import no_duplicates, readable, unit_directions
 from bench.data.readers.files import ZipFiles, file_digest
+from bench.data.readers.seen import Seen
 from bench.errors import InputError
 
 Array = np.ndarray
@@ -72,6 +73,11 @@ def read_array(files: ZipFiles, key: str) -> Array:
         return np.memmap(files.path, dtype, "r", offset + begin, shape, order)
     with readable(label, "save it with numpy.savez, uncompressed"):
         return np.frombuffer(files.read(name), dtype, count, begin).reshape(shape, order=order)
+
+
+def opened(seen: Seen) -> BTF | None:
+    """The BTF of an archive with `radiance.npy`, or None."""
+    return open_npz(seen.path) if seen.is_zip and "radiance.npy" in seen.names else None
 
 
 def open_npz(path: Path) -> BTF:

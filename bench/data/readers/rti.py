@@ -12,9 +12,17 @@ from bench.btf import BTF
 from bench.data.readers.checks import no_duplicates, readable, unit_directions, view_major
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
+from bench.data.readers.seen import Seen
 from bench.errors import InputError
 
 MAX_LIST = 16 << 20
+
+
+def opened(seen: Seen) -> BTF | None:
+    """The BTF of a folder with an `.lp` list, or of the list itself, or None."""
+    if seen.is_folder:
+        return open_rti(found) if (found := find_list(seen.path)) else None
+    return open_rti(seen.path) if seen.first_line.isdecimal() else None
 
 
 def open_rti(path: Path) -> BTF:

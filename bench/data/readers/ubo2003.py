@@ -1,15 +1,15 @@
 """UBO2003 and ATRIUM of the Bonn BTF database: a zip of JPEG or Radiance pictures, 81 views × 81 lights."""
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from bench.btf import BTF
 from bench.data.readers.named import BONN, matching, open_pictures
+from bench.data.readers.seen import Seen
 
 
-def is_ubo2003(names: Iterable[str]) -> bool:
-    """True where names of files look like `00008 tl000 pl000 tv000 pv000.jpg` or `WOOL_00008_tl000_….jpg`."""
-    return bool(matching(names, BONN))
+def opened(seen: Seen) -> BTF | None:
+    """The BTF of a folder or zip whose files are named like `00008 tl000 pl000 tv000 pv000.jpg`, or None."""
+    return open_ubo2003(seen.path) if matching(seen.names, BONN) else None
 
 
 def open_ubo2003(path: Path) -> BTF:

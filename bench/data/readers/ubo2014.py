@@ -19,6 +19,7 @@ import numpy as np
 from bench.btf import BTF, Source, finite
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.files import file_digest
+from bench.data.readers.seen import Seen
 from bench.errors import InputError
 from bench.hemisphere import from_angles
 
@@ -112,6 +113,11 @@ class Material:
     pairs: list[Matrix] = field(default_factory=list)  # per channel (V · L, K), the light fastest
     texels: list[Matrix] = field(default_factory=list)  # per channel (H · W, K), from the bottom row up
     model: int = 0
+
+
+def opened(seen: Seen) -> BTF | None:
+    """The BTF of a file that begins as those of UBO2014 do, or None."""
+    return open_ubo2014(seen.path) if seen.head[:1] == b"!" else None
 
 
 def open_ubo2014(path: Path) -> BTF:

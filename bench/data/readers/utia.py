@@ -3,16 +3,16 @@
 Format: http://btf.utia.cas.cz/?data_des
 """
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from bench.btf import BTF
 from bench.data.readers.named import PRAGUE, matching, open_pictures
+from bench.data.readers.seen import Seen
 
 
-def is_utia(names: Iterable[str]) -> bool:
-    """True where names of files look like `tl000_pl000_tv000_pv000.png`."""
-    return bool(matching(names, PRAGUE))
+def opened(seen: Seen) -> BTF | None:
+    """The BTF of a folder or zip whose files are named like `tl000_pl000_tv000_pv000.png`, or None."""
+    return open_utia(seen.path) if matching(seen.names, PRAGUE) else None
 
 
 def open_utia(path: Path) -> BTF:

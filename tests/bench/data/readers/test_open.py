@@ -1,9 +1,12 @@
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bench.data import readers
 from bench.data.readers import open_btf
 from bench.errors import InputError
 
@@ -83,3 +86,23 @@ def test_importing_the_readers_loads_nothing_heavy():
     code = f"import sys, bench.data.readers; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_reader_is_one_file_and_one_line(tmp_path, monkeypatch):
+    """The reader that docs/datasets.md shows, registered by its line and by nothing else."""
+    page = (Path(__file__).parents[4] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    code = re.search(r"```python\n(# bench/data/readers/colours\.py.*?)```", page, re.DOTALL).group(1)
+    name, opens = re.search(r'^"(colours)": "(.*)",$', page, re.M).groups()
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside" / f"{name}.py").write_text(code)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setitem(readers.READERS, f"outside.{name}", opens)
+    (tmp_path / "a.txt").write_text("colours\n0 0 1 0 0 1 .1 .2 .3\n0 0 1 .6 0 .8 .2 .3 .4\n")
+    btf = open_btf(tmp_path / "a.txt")
+    assert (len(btf), btf.shape) == (2, (1, 1))
+    np.testing.assert_allclose(btf[1], [[[0.2, 0.3, 0.4]]])
+    (tmp_path / "bad.txt").write_text("colours\n0 0 1 0 0 1 .1 .2\n")
+    with pytest.raises(InputError, match=r"bad\.txt"):
+        open_btf(tmp_path / "bad.txt")
+    with pytest.raises(InputError, match=r"give .*a file of colours"):
+        open_btf(tmp_path / "none")
