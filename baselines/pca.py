@@ -16,7 +16,7 @@ from bench.material import DecoderCost, Material, at_least_float32, sample_textu
 from bench.metrics.display import exposure
 from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
-from bench.svd import Factors, truncated_svd
+from bench.training import Factors, truncated_svd
 
 BLOCK_BYTES = 16 << 20  # slices read together: many enough for fast products, few enough for the cache
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)

@@ -20,8 +20,7 @@ from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, texel_corners, to_radiance
 from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
-from bench.svd import truncated_svd
-from bench.training import gain_of
+from bench.training import gain_of, truncated_svd
 
 BLOCK_BYTES = 64 << 20  # slices read together
 PASSES = 4  # readings of the data that find the principal components

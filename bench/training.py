@@ -1,7 +1,8 @@
-"""Fitting by random steps: part of the public interface, see `bench.codecs.training`."""
+"""Fitting, by random steps and by principal components: part of the public interface; see `bench.codecs.training`."""
 
 from bench.codecs.optimiser import Optimiser, groups_of
 from bench.codecs.start import RANDOM_SPREAD, Start, components, first_latents
+from bench.codecs.svd import Factors, truncated_svd
 from bench.codecs.training import (
     Batch,
     DivergedError,
@@ -19,6 +20,7 @@ __all__ = [
     "RANDOM_SPREAD",
     "Batch",
     "DivergedError",
+    "Factors",
     "Loss",
     "Objective",
     "Optimiser",
@@ -32,4 +34,5 @@ __all__ = [
     "groups_of",
     "rate",
     "train",
+    "truncated_svd",
 ]

@@ -24,12 +24,12 @@ from pathlib import Path
 from types import FrameType
 
 import numpy as np
+from ubo2014_write import write_ubo2014
 
 from bench.btf import BTF, ArraySource
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_exr, write_folder
 from bench.data.readers.npz import write_npz
-from bench.data.readers.ubo2014_write import write_ubo2014
 from bench.errors import InputError
 from bench.hemisphere import from_degrees
 

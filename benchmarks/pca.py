@@ -23,7 +23,7 @@ from baselines.table import Table
 from bench import hemisphere
 from bench.btf import BTF, ArraySource, Source
 from bench.codec import Fit
-from bench.svd import truncated_svd
+from bench.training import truncated_svd
 
 
 def grid(views: int, lights: int) -> tuple[np.ndarray, np.ndarray]:

@@ -15,9 +15,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from ubo2014_write import write_ubo2014
 
 from bench.data.readers import open_btf
-from bench.data.readers.ubo2014_write import write_ubo2014
 from bench.hemisphere import to_degrees, ubo2014
 
 PROCESSOR: list[float] = []

@@ -120,11 +120,10 @@ def _path_traced(
     partial = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
     progress(partial.done, len(wo))
 
-    def keep(slices: Array) -> None:
+    traced = path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=partial.done)
+    for slices in traced:
         partial.add(slices)
         progress(partial.done, len(wo))
-
-    path_tracer.path_trace(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed=seed, start=partial.done, keep=keep)
     write(partial.values, described)
     partial.remove()
 

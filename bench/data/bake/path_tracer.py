@@ -8,7 +8,7 @@ seed and the sub-point alone, not on the pair, so that the noise there is belong
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -72,25 +72,35 @@ def path_trace(
     sub_points: int = 2,
     seed: int = 0,
     depth: int = MAX_DEPTH,
-    start: int = 0,
-    keep: Callable[[Array], None] | None = None,
 ) -> Array:
     """Slices (N, H, W, 3) float32 of a surface at N pairs, linear Rec. 709 f_r · cos θ_i with inter-reflections.
 
     `wo` and `wi` are (N, 3) unit vectors with z > 0; `size` is (H, W), rows at the top first; `depth` counts the edges
-    of a path (2: direct light alone). The pairs before `start` are left out, and `keep`, where given, receives the
-    slices launch by launch, so that none are returned. The same seed gives the same values, whatever is launched
-    together. Raises `InputError` for directions below the horizon and reliefs too deep to surround.
+    of a path (2: direct light alone). The same seed gives the same values, whatever is launched together. Raises
+    `InputError` for directions below the horizon and reliefs too deep to surround.
     """
+    traced = launches(maps, wo, wi, size, sub_points, seed, depth)
+    return np.concatenate([np.empty((0, *size, 3), np.float32), *traced])
+
+
+def launches(
+    maps: Maps,
+    wo: Array,
+    wi: Array,
+    size: tuple[int, int],
+    sub_points: int,
+    seed: int,
+    depth: int = MAX_DEPTH,
+    start: int = 0,
+) -> Iterator[Array]:
+    """The same, as many slices at a time as are traced together; the pairs before `start` are left out."""
     if wo.shape != wi.shape or not (np.minimum(wo[:, 2], wi[:, 2]) > 0).all():
         raise InputError("wo and wi must be as many directions, all above the horizon (z > 0)")
-    found: list[Array] = [np.empty((0, *size, 3), np.float32)]
     with using(fastest_variant()):
         tracer = PathTracer(maps, size, sub_points, float(wo[:, 2].min()), float(wi[:, 2].min()), seed)
         for first in range(start, len(wo), tracer.pairs_a_launch):
             chosen = slice(first, first + tracer.pairs_a_launch)
-            (keep or found.append)(tracer.slices(wo[chosen], wi[chosen], depth))
-    return np.concatenate(found)
+            yield tracer.slices(wo[chosen], wi[chosen], depth)
 
 
 class PathTracer:

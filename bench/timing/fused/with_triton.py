@@ -29,6 +29,22 @@ def _texel(texture, row, col, height, width, channel, wanted, CHANNELS: tl.const
 
 
 @triton.jit
+def _fetched(texture, uv, sample, there, height, width, column, CHANNELS: tl.constexpr):  # type: ignore[no-untyped-def]
+    """The texture (BLOCK, columns) at uv, bilinear; 0 in columns beyond its channels."""
+    u = tl.load(uv + 2 * sample, mask=there, other=0.0).to(tl.float32) * width - 0.5
+    v = (1.0 - tl.load(uv + 2 * sample + 1, mask=there, other=0.0).to(tl.float32)) * height - 0.5
+    left, top = tl.floor(u), tl.floor(v)
+    right, below = (u - left)[:, None], (v - top)[:, None]
+    col, row = left.to(tl.int32), top.to(tl.int32)
+    wanted = there[:, None] & (column < CHANNELS)[None, :]
+    upper = _texel(texture, row, col, height, width, column, wanted, CHANNELS) * (1 - right)
+    upper += _texel(texture, row, col + 1, height, width, column, wanted, CHANNELS) * right
+    lower = _texel(texture, row + 1, col, height, width, column, wanted, CHANNELS) * (1 - right)
+    lower += _texel(texture, row + 1, col + 1, height, width, column, wanted, CHANNELS) * right
+    return upper * (1 - below) + lower * below
+
+
+@triton.jit
 def _product(x, matrix, PRECISION: tl.constexpr, WIDEN: tl.constexpr):  # type: ignore[no-untyped-def]
     """x · matrix, of numbers of the matrix's type, summed in float32."""
     x = x.to(matrix.dtype)
@@ -52,17 +68,7 @@ def _network(  # type: ignore[no-untyped-def]
     column = tl.arange(0, INPUTS)
     x = tl.zeros((BLOCK, INPUTS), tl.float32)
     if CHANNELS > 0:
-        u = tl.load(uv + 2 * sample, mask=there, other=0.0).to(tl.float32) * width - 0.5
-        v = (1.0 - tl.load(uv + 2 * sample + 1, mask=there, other=0.0).to(tl.float32)) * height - 0.5
-        left, top = tl.floor(u), tl.floor(v)
-        right, below = (u - left)[:, None], (v - top)[:, None]
-        col, row = left.to(tl.int32), top.to(tl.int32)
-        wanted = there[:, None] & (column < CHANNELS)[None, :]
-        upper = _texel(texture, row, col, height, width, column, wanted, CHANNELS) * (1 - right)
-        upper += _texel(texture, row, col + 1, height, width, column, wanted, CHANNELS) * right
-        lower = _texel(texture, row + 1, col, height, width, column, wanted, CHANNELS) * (1 - right)
-        lower += _texel(texture, row + 1, col + 1, height, width, column, wanted, CHANNELS) * right
-        x += upper * (1 - below) + lower * below
+        x += _fetched(texture, uv, sample, there, height, width, column, CHANNELS)
     place = column - CHANNELS
     wanted = there[:, None] & ((place >= 0) & (place < FIRST))[None, :]
     x += tl.load(first + sample[:, None] * first_stride + place[None, :], mask=wanted, other=0.0).to(tl.float32)

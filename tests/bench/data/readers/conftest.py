@@ -1,6 +1,4 @@
-import importlib.util
 import os
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +19,9 @@ def data():
 @pytest.fixture(scope="session")
 def samples():
     """The sample files and mutations of the benchmark `fuzz_readers`."""
-    path = Path(__file__).parents[4] / "benchmarks" / "fuzz_readers.py"
-    spec = importlib.util.spec_from_file_location("fuzz_readers", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["fuzz_readers"] = module
-    spec.loader.exec_module(module)
-    return module
+    import fuzz_readers
+
+    return fuzz_readers
 
 
 @pytest.fixture

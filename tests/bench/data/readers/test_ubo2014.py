@@ -2,10 +2,10 @@ import struct
 
 import numpy as np
 import pytest
+from ubo2014_write import factorise, write_ubo2014
 
 from bench.btf import BTF, ArraySource
 from bench.data.readers import open_btf, ubo2014
-from bench.data.readers.ubo2014_write import factorise, write_ubo2014
 from bench.errors import InputError
 from bench.hemisphere import from_angles
 

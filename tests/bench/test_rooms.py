@@ -1,0 +1,100 @@
+"""The order of the rooms: imports inside `bench` go down only, without a circle; no file or function grows too long."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FLOORS = [  # from the ground up; a room may enter those of lower floors, and a word any word
+    {"errors", "atomic", "threads", "hemisphere", "density", "settings", "records", "fields", "material", "btf"}
+    | {"directions", "codec"},
+    {"metrics"},
+    {"data", "codecs"},
+    {"timing", "decoder", "quantise", "training"},
+    {"demand"},
+    {"runs"},
+    {"compare", "conformance", "library"},
+    {"console", "arguments"},
+    {"commands", "cli", ""},
+]
+BESIDE = {("cli", "commands"), ("", "library")}
+FILES = [path for part in ("bench", "baselines", "neubtf", "reports") for path in sorted((ROOT / part).rglob("*.py"))]
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def name_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def names_in(path: Path) -> set[str]:
+    """Every module that a file names in an import, wherever it stands."""
+    found = set()
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
+
+
+@cache
+def imports() -> dict[str, set[str]]:
+    """Each module of the project with those that it imports; of a package and a file in it, the file alone."""
+    known = {name_of(path): names_in(path) for path in FILES}
+    inner = {name: {other for other in found if other in known} for name, found in known.items()}
+    return {
+        name: {other for other in found if not any(longer.startswith(f"{other}.") for longer in found)} - {name}
+        for name, found in inner.items()
+    }
+
+
+def test_imports_inside_bench_go_down_only() -> None:
+    floor = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
+    wrong = []
+    for module, found in imports().items():
+        for other in found:
+            (package, here), (room_of, there) = ([*name.split("."), ""][:2] for name in (module, other))
+            if package == room_of == "bench" and here != there and (here, there) not in BESIDE:
+                words = here in FLOORS[0] and there in FLOORS[0]
+                wrong += [] if words or floor[there] < floor[here] else [f"{module} imports {other}"]
+    assert wrong == []
+
+
+def test_no_file_is_imported_in_a_circle() -> None:
+    left = dict(imports())
+    while left:
+        ground = {name for name, found in left.items() if not found & left.keys()}
+        assert ground, f"a circle among {sorted(left)}"
+        left = {name: found for name, found in left.items() if name not in ground}
+
+
+def test_codecs_import_what_is_public_and_reports_what_is_recorded() -> None:
+    page = (ROOT / "docs" / "adding-a-codec.md").read_text(encoding="utf-8")
+    public = set(re.findall(r"^\| `(bench\.[a-z.]+)` \|", page, re.M))
+    others = {"bench": {"bench"}, "baselines": {"bench", "baselines"}, "neubtf": {"bench", "neubtf"}}
+    for module, found in imports().items():
+        package = module.split(".")[0]
+        if not module.startswith("bench.commands"):  # they show what reports draws
+            assert {other.split(".")[0] for other in found} <= others.get(package, {"bench", "reports"}), module
+        if package == "baselines":
+            assert {other for other in found if other.startswith("bench")} <= public, module
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_nothing_is_too_long_to_read(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 400
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.FunctionDef):
+            assert (node.end_lineno or 0) - node.lineno < 50, node.name
+            asked = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            kernel = any(ast.unparse(decorator) == "triton.jit" for decorator in node.decorator_list)
+            # A kernel of a GPU is given what its launch passes, one by one.
+            assert kernel or len(asked) - (asked[:1] != [] and asked[0].arg in ("self", "cls")) <= 8, node.name
