@@ -67,11 +67,13 @@ class Pooled:
 class Autoencoder(nn.Module):
     """Guidance (B, 3, H, W) → neural texture (B, D, H, W), any H and W, both periodic. About 200,000 parameters.
 
+    The first texture is `scale` times what orthogonal weights make.
+
     Shifting the guidance by multiples of STRIDE, around its borders, shifts the texture. A side that is no multiple of
     STRIDE is padded circularly, so that its far border still sees the near one; the cells then do not fit the period.
     """
 
-    def __init__(self, channels: int, generator: torch.Generator | None = None):
+    def __init__(self, channels: int, generator: torch.Generator | None = None, scale: float = FAINT):
         super().__init__()
         full, half, deep = WIDTHS
         self.stem = Circular(3, full, 3)
@@ -85,7 +87,7 @@ class Autoencoder(nn.Module):
         self.head = nn.Conv2d(full, channels, 1)
         _orthogonal(self, generator)
         with torch.no_grad():
-            self.head.weight.mul_(FAINT)
+            self.head.weight.mul_(scale)
 
     def forward(self, guidance: Tensor) -> Tensor:
         height, width = guidance.shape[2:]

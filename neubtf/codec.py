@@ -1,12 +1,14 @@
-"""NeuBTF as in the paper: an autoencoder makes the neural texture from a guidance image.
+"""NeuBTF: an autoencoder makes the neural texture from a guidance image; by our recipe, or by the paper's.
 
 The file's texture is what the autoencoder, with its weights as they are stored, makes of one slice of the BTF. The
-paper fits autoencoder and renderer end to end; `neubtf.training` takes stages that come further in as many seconds.
+paper fits autoencoder and renderer end to end; `neubtf.training` takes stages that come further in as many seconds. A
+file can be re-textured where it holds the autoencoder (`keep_encoder`).
 """
 
 import dataclasses
 import logging
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -15,10 +17,10 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.training import Samples, gain_of, train
-from neubtf.autoencoder import STRIDE, Autoencoder
+from neubtf.autoencoder import FAINT, STRIDE, Autoencoder
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
 from neubtf.renderer import load, store
-from neubtf.training import FitSettings, Staged, slice_of
+from neubtf.training import PAPER, FitSettings, Staged, slice_of
 
 TELLING = 0.1  # share of the best slice's contrast that the guidance needs
 TRIED = 64  # slices of which the best is taken
@@ -27,21 +29,26 @@ log = logging.getLogger(__name__)
 
 
 class NeuBTF(Codec):
-    """NeuBTF: an autoencoder makes the neural texture from a guidance image; can be re-textured."""
+    """NeuBTF, our recipe: an autoencoder makes the neural texture from a guidance image."""
 
-    name, version = "neubtf", 2
+    name, version = "neubtf", 3
     sizes = ("latents", "width")
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings(FitSettings):
         """See `FitSettings`."""
+
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": everything as published, end to end; see docs/neubtf.md
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
         samples = Samples(btf, gain, fit)
         picture = eight_bits(displayed(slice_of(samples, guiding_pair(samples))))
         guidance = as_guidance(picture)
-        encoder = Encoder.of(guidance, Autoencoder(settings.latents, generator))
+        faint = settings.init == "faint"
+        autoencoder = Autoencoder(settings.latents, generator, FAINT if faint else 1.0)
+        encoder = Encoder.of(guidance, autoencoder, centred=faint)
         staged = Staged(samples, settings, encoder, guidance, generator)
         train(staged, fit, settings.steps)
         stored = store_encoder(encoder, picture)

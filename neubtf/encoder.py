@@ -36,15 +36,16 @@ class Encoder(nn.Module):
         self.register_buffer("normal", torch.tensor([centre, spread]))
 
     @classmethod
-    def of(cls, guidance: Tensor, autoencoder: Autoencoder) -> "Encoder":
+    def of(cls, guidance: Tensor, autoencoder: Autoencoder, centred: bool = True) -> "Encoder":
         """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
 
         The deviation of all slices would mix in how much they differ among themselves: next to it a slice of little
-        contrast is the same everywhere. The bias of the autoencoder's head changes, see `_centre`.
+        contrast is the same everywhere. If `centred`, the bias of the autoencoder's head changes, see `_centre`.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
         encoder = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
-        encoder._centre(guidance)
+        if centred:
+            encoder._centre(guidance)
         return encoder
 
     @torch.no_grad()

@@ -39,20 +39,23 @@ class Style(nn.Module):
             nn.init.orthogonal_(scale, generator=generator)
         self.register_buffer("bank", bank.reshape(SCALES, FILTERS, 3, KERNEL, KERNEL), persistent=False)
 
-    def forward(self, ours: Tensor, theirs: Tensor) -> Tensor:
+    def forward(self, ours: Tensor, theirs: Tensor, periodic: tuple[bool, bool] = (True, True)) -> Tensor:
+        """The distance of pictures that repeat, or not, in rows and in columns."""
         distance = torch.zeros((), device=ours.device)
         for scale, filters in enumerate(self.bank):
             if scale:
                 ours, theirs = (functional.avg_pool2d(x, 2, ceil_mode=True) for x in (ours, theirs))
-            distance = distance + functional.mse_loss(_gram(ours, filters), _gram(theirs, filters))
+            distance = distance + functional.mse_loss(_gram(ours, filters, periodic), _gram(theirs, filters, periodic))
         return distance / SCALES
 
 
-def _gram(pictures: Tensor, filters: Tensor) -> Tensor:
-    """(B, F, F): the mean over texels of the products of rectified responses."""
+def _gram(pictures: Tensor, filters: Tensor, periodic: tuple[bool, bool]) -> Tensor:
+    """(B, F, F): the mean over texels of the products of rectified responses; off a border where there is no period."""
     half = KERNEL // 2
-    for dim in (2, 3):
+    for dim, wraps in zip((2, 3), periodic, strict=True):
         size = pictures.shape[dim]
+        if not wraps and size >= KERNEL:
+            continue
         pictures = pictures.index_select(dim, torch.arange(-half, size + half, device=pictures.device) % size)
     responses = functional.conv2d(pictures, filters).relu().flatten(2)
     return responses @ responses.mT / responses.shape[2]

@@ -6,7 +6,8 @@
    stays as it is: it then answers better in directions not seen. Without a first stage both learn, end to end.
 
 A step of the last two shows the encoder a picture. The paper's is a random slice, disturbed, in a random window. Such
-steps alternate, at random, with steps that show the guidance of the file's own texture.
+steps alternate, at random, with steps that show the guidance of the file's own texture. `PAPER` names the settings of
+the paper's own training, which has the last stage alone, and random slices alone.
 """
 
 import bisect
@@ -20,7 +21,7 @@ from bench.decoder import Decoder
 from bench.errors import InputError
 from bench.settings import Count, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
-from neubtf.augmentation import Disturbance, Window
+from neubtf.augmentation import Disturbance, Window, draw_scale
 from neubtf.autoencoder import STRIDE
 from neubtf.encoder import Encoder, displayed
 from neubtf.losses import Style, focal_frequency, shown
@@ -39,10 +40,14 @@ class FitSettings(RendererSettings):
     taught: Share = 0.1  # share of the steps that teach the autoencoder this texture; the rest is guided
     explore: Share = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
     explore_weight: NotNegative = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
+    pixels: Literal["samples", "slices"] = "samples"  # what the pixels' loss compares: single samples, or whole slices
     batch: Count = 4_096  # single samples whose pixels a step compares
-    slices: Natural = 1  # whole slices whose style and spectrum a step compares
-    crop: Annotated[int, Range(STRIDE)] = 64  # texels a side that a step sees of a larger picture
+    slices: Natural = 1  # whole slices that a step compares
+    levelled: bool = True  # style and spectrum see each slice at its own brightness
+    crop: Annotated[int, Range(STRIDE)] = 64  # texels a side that a step compares of a larger picture
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # scale of an input, at which it can be guided later, too
+    keep_scale: Share = 0.5  # share of the inputs that keep their scale
+    init: Literal["faint", "published"] = "faint"  # first texture and answer: faint and the mean, or as drawn
     start: Literal["encoder", "components"] = "encoder"  # of the first texture: what the autoencoder makes
     optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; all else is Adam's
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
@@ -60,6 +65,24 @@ class FitSettings(RendererSettings):
     def __post_init__(self) -> None:
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
             raise InputError("neubtf needs shares direct + taught below 1, and direct steps for what is taught")
+        if self.pixels == "slices" and not self.slices:
+            raise InputError("neubtf needs slices of at least 1 where pixels=slices")
+
+
+# What the paper states of the training; docs/neubtf.md lists what it leaves open.
+PAPER = {
+    "directions": "xy",
+    "direct": 0.0,
+    "taught": 0.0,
+    "explore": 1.0,
+    "explore_weight": 1.0,
+    "pixels": "slices",
+    "loss": "l1",
+    "levelled": False,
+    "keep_scale": 0.0,
+    "init": "published",
+    "optimiser": "adam",
+}
 
 
 class Look(NamedTuple):
@@ -69,6 +92,11 @@ class Look(NamedTuple):
     texels: Tensor  # (h · w,) of the window's source
     picture: Tensor  # (1, 3, h, w)
     pair: int | None  # None: the guidance
+
+    @property
+    def inner(self) -> Tensor:
+        """The texels (n,) of the picture that a loss compares: those without the window's surroundings."""
+        return self.window.inner().to(self.picture.device)
 
 
 class Staged(Objective):
@@ -80,7 +108,8 @@ class Staged(Objective):
         super().__init__(samples)
         self.settings, self.encoder, self.style = settings, encoder, Style()
         self.renderer = Decoder(settings.architecture, generator)
-        self.renderer.start_at(samples.mean(generator))
+        if settings.init == "faint":
+            self.renderer.start_at(samples.mean(generator))
         with torch.no_grad():  # what the encoder makes of the guidance is near what it can be taught
             texture = by_texel(encoder(guidance)).contiguous()
         if settings.start == "components":
@@ -127,8 +156,8 @@ class Staged(Objective):
         """A random slice, disturbed, or the guidance; the guidance keeps its scale."""
         samples, settings = self.samples, self.settings
         exploring = float(torch.rand((), generator=generator)) < settings.explore
-        smallest = smallest if exploring else 1.0
-        window = Window.drawn(samples.shape, settings.crop, smallest, samples.btf.periodic, generator)
+        scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
+        window = Window.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator)
         if not exploring:
             window = window.aligned()
             texels = window.texels(samples.shape).to(samples.device)
@@ -150,21 +179,25 @@ class Staged(Objective):
 
     def _taught(self, generator: torch.Generator) -> Tensor:
         look, texture = self.look(1.0, generator), self.texture.detach()
-        error = by_texel(self.encoder(look.picture)) - texture[look.texels]
+        inner = look.inner
+        error = by_texel(self.encoder(look.picture))[inner] - texture[look.texels[inner]]
         return (error / texture.std(0, correction=0).clamp_min(1e-3)).square().mean()
 
     def _guided(self, generator: torch.Generator) -> Tensor:
         look = self.look(self.settings.smallest, generator)
         latents = by_texel(self.encoder(look.picture))
-        loss = self.settings.pixel * self._samples(latents, look, generator)
-        if self.settings.slices and (self.settings.style or self.settings.frequency):
+        settings, loss = self.settings, torch.zeros((), device=latents.device)
+        if settings.pixels == "samples":
+            loss = settings.pixel * self._samples(latents, look, generator)
+        if settings.slices and (settings.pixels == "slices" or settings.style or settings.frequency):
             loss = loss + self._slices(latents, look, self._targets(look.pair, generator))
-        return loss if look.pair is None else self.settings.explore_weight * loss
+        return loss if look.pair is None else settings.explore_weight * loss
 
     def _samples(self, latents: Tensor, look: Look, generator: torch.Generator) -> Tensor:
         """The pixels' loss, of single random samples: a slice holds thousands of texels, but one pair only."""
         size = (self.settings.batch,)
-        here = torch.randint(len(latents), size, generator=generator).to(latents.device)
+        inner = look.inner
+        here = inner[torch.randint(len(inner), size, generator=generator).to(latents.device)]
         pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device)
         index, weight = look.window.taps(here)
         each = pair.repeat_interleave(index.shape[1])
@@ -180,19 +213,23 @@ class Staged(Objective):
         return (seen + 1 + torch.randint(count - 1, (self.settings.slices,), generator=generator)) % count
 
     def _slices(self, latents: Tensor, look: Look, pairs: Tensor) -> Tensor:
-        """The loss of whole slices: style and spectrum."""
-        truth = shown(self.radiance(look.window, look.texels, pairs))
-        texel = torch.arange(len(latents), device=latents.device).repeat(len(pairs))
-        pair = pairs.to(latents.device).repeat_interleave(len(latents))
-        ours = shown(pictures(self.rendered(latents, texel, pair), look.window.size))
-        # The mirror's own direction would otherwise outweigh all others by orders of magnitude, and undo the fit.
-        brightness = truth.mean((1, 2, 3), keepdim=True).clamp_min(DIM)
-        ours, truth = ours / brightness, truth / brightness
-        loss = torch.zeros((), device=ours.device)
-        if self.settings.style:
-            loss = loss + self.settings.style * self.style(ours, truth)
-        if self.settings.frequency:
-            loss = loss + self.settings.frequency * focal_frequency(ours, truth)
+        """The loss of whole slices: style and spectrum, and the pixels' own where single samples do not tell it."""
+        settings, inner = self.settings, look.inner
+        level = self.radiance(look.window, look.texels, pairs).flatten(2)[..., inner].movedim(1, -1).flatten(0, 1)
+        pair = pairs.to(latents.device).repeat_interleave(len(inner))
+        rendered = self.rendered(latents, inner.repeat(len(pairs)), pair)
+        loss = torch.zeros((), device=latents.device)
+        if settings.pixels == "slices":
+            loss = settings.pixel * distance(rendered, level, settings.loss)
+        ours, truth = (shown(pictures(each, look.window.inner_size)) for each in (rendered, level))
+        if settings.levelled:
+            # The mirror's own direction would otherwise outweigh all others by orders of magnitude, and undo the fit.
+            brightness = truth.mean((1, 2, 3), keepdim=True).clamp_min(DIM)
+            ours, truth = ours / brightness, truth / brightness
+        if settings.style:
+            loss = loss + settings.style * self.style(ours, truth, look.window.whole)
+        if settings.frequency:
+            loss = loss + settings.frequency * focal_frequency(ours, truth)
         return loss
 
 

@@ -23,6 +23,7 @@ WHY_EMPTY = {
     "rate": "no codec was measured at several rates: sweep a setting in the suite, as `components = [8, 16]`",
     "fits": "no fit left a curve: codecs that are fitted in steps leave one",
     "trade": "no trade was measured: `neubtf-bench trade` does, into the folder of its run",
+    "paper": "none of the materials of the paper's table is in this run: `neubtf-bench run paper` asks for them",
     "parameters": "none of the codecs of the paper's table is in this run",
     "stress": "no stress test lies beside this run: `neubtf-bench stress` makes one",
     "unfinished": "every job has a result",

@@ -8,6 +8,7 @@ from reports.columns import Column
 from reports.fits import fit_tables
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE, fixed
+from reports.paper import paper_table
 from reports.parameters import parameters_table
 from reports.rows import Material, Row, materials
 from reports.stress import stress_tables
@@ -25,7 +26,7 @@ def all_tables(run: Run, narrow: bool = False) -> list[Table]:
     tables = [kind(material) for kind in (*kinds, *_BY_DIRECTION) for material in found]
     with_rates = {rate["material"] for rate in run.rates}
     points = [_table("rate", m, "rates", columns.RATES, common_notes(m)) for m in found if m.name in with_rates]
-    rest = [parameters_table(run.jobs), *stress_tables(run), unfinished_table(run)]
+    rest = [paper_table(run), parameters_table(run.jobs), *stress_tables(run), unfinished_table(run)]
     more = [*rate_tables(run), *fit_tables(run), *trade_tables(run.folder)]
     return [table for table in (*tables, *points, *more, *rest) if table]
 

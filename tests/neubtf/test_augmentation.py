@@ -8,8 +8,8 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from neubtf.augmentation import Disturbance, Window, blurred, turned
-from neubtf.autoencoder import STRIDE
+from neubtf.augmentation import SURROUNDINGS, Disturbance, Window, blurred, draw_scale, turned
+from neubtf.autoencoder import STRIDE, Autoencoder, Pooled
 
 
 def generator(seed: int = 0) -> torch.Generator:
@@ -22,24 +22,58 @@ def picture(height: int = 24, width: int = 32) -> Tensor:
 
 def windows(shape: tuple[int, int], largest: int, periodic: bool) -> list[Window]:
     random = generator()
-    return [Window.drawn(shape, largest, 0.5, periodic, random) for _ in range(200)]
+    return [Window.drawn(shape, largest, draw_scale(0.5, 0.5, random), periodic, random) for _ in range(200)]
 
 
-def test_windows_rescale_half_of_the_time_within_the_range() -> None:
-    scales = np.array([window.size[0] / window.source[0] for window in windows((64, 48), 32, True)])
-    assert 0.4 < (scales == 1).mean() < 0.6
-    assert 0.49 < scales.min() < 0.55  # the source is a whole number of texels
-    assert 0.9 < scales[scales < 1].max() < 1
+@pytest.mark.parametrize("keep", [0.0, 0.5, 1.0])
+def test_scales_are_kept_in_a_share_of_the_draws_and_else_within_the_range(keep: float) -> None:
+    random = generator()
+    scales = np.array([draw_scale(0.5, keep, random) for _ in range(400)])
+    assert (scales == 1).mean() == pytest.approx(keep, abs=0.08)
+    assert keep == 1 or (0.5 <= scales.min() < 0.52 and 0.97 < scales[scales < 1].max() < 1)
+
+
+def test_windows_have_the_scale_that_was_drawn() -> None:
+    for scale in (1.0, 0.8, 0.5):
+        window = Window.drawn((160, 128), 32, scale, True, generator())
+        # The source is a whole number of texels.
+        assert window.size[0] / window.source[0] == pytest.approx(scale, rel=0.02)
 
 
 @pytest.mark.parametrize("periodic", [True, False])
 def test_windows_fit_the_strides_and_cover_the_picture(periodic: bool) -> None:
-    found = windows((64, 48), 32, periodic)
+    found = windows((160, 144), 32, periodic)
     for window in found:
-        assert all(side % STRIDE == 0 and STRIDE <= side <= 32 for side in window.size)
-    beyond = [window.corner[0] + window.source[0] - 64 for window in found]
-    assert (max(beyond) > 0) == periodic
+        assert all(side % STRIDE == 0 and STRIDE <= side <= 32 for side in window.inner_size)
+        assert window.around == (SURROUNDINGS, SURROUNDINGS)
+    kept = [window for window in found if window.keeps_scale]
+    last = [(window.corner[0] + SURROUNDINGS) % 160 + window.inner_size[0] for window in kept]
+    assert (max(last) > 160) == periodic
     assert {window.corner[0] % STRIDE for window in found} == {0, 1, 2, 3}
+
+
+def test_a_side_that_its_surroundings_would_fill_is_whole() -> None:
+    for window in windows((48, 160), 32, True):
+        assert window.source[0] == 48
+        assert window.whole == (True, False)
+        assert window.inner_size[0] == window.size[0]
+
+
+def test_a_crop_is_coded_as_in_the_whole_picture() -> None:
+    """Padded as if it repeated, its borders would be far off: the autoencoder reaches 36 texels."""
+    whole = torch.rand(1, 3, 128, 128, generator=generator(3))
+    network = Autoencoder(6, generator())
+    window = Window.drawn((128, 128), 32, 1.0, True, generator(5)).aligned()
+    seen = whole.flatten(2)[..., window.texels((128, 128))].unflatten(2, window.source)
+    with torch.no_grad():
+        pooled = Pooled.of(network.encode(whole).deep)  # over the whole picture, which no crop can know
+        expected = network.decode(network.encode(whole), pooled).flatten(2)[0, :, window.texels((128, 128))]
+        found = network.decode(network.encode(seen), pooled)[0].flatten(1)
+        inner = window.inner()
+        alone = seen.flatten(2)[..., inner].unflatten(2, window.inner_size)
+        padded = network.decode(network.encode(alone), pooled)[0].flatten(1)
+    errors = [(x - expected[:, inner]).square().mean().sqrt() / expected.std() for x in (found[:, inner], padded)]
+    assert errors[0] < 0.01 < 0.05 < errors[1]
 
 
 def test_a_window_of_a_tiny_picture_lies_inside() -> None:

@@ -132,6 +132,8 @@ def test_any_size_is_fitted_and_padding_is_said(size: tuple[int, int], caplog: p
         {"slices": 3, "batch": 1},
         {"explore": 1.0, "smallest": 0.3},
         {"crop": 4},
+        {"recipe": "paper"},
+        {"recipe": "paper", "slices": 2, "crop": 8},
     ],
 )
 def test_every_way_to_fit_gives_a_texture(settings: dict[str, Any]) -> None:
@@ -146,6 +148,32 @@ def test_every_way_to_fit_gives_a_texture(settings: dict[str, Any]) -> None:
 def test_every_weight_matters(settings: dict[str, Any]) -> None:
     ours, theirs = fitted(keep_encoder=True, **settings)[1], fitted(keep_encoder=True)[1]
     assert not ours.encoder["weights"].equal(theirs.encoder["weights"])
+
+
+def test_the_papers_recipe_is_what_it_states() -> None:
+    settings = NeuBTF(recipe="paper").settings
+    assert settings.architecture.parameters == 3011
+    assert (settings.direct, settings.taught) == (0, 0)  # end to end from the first step
+    assert (settings.explore, settings.explore_weight, settings.keep_scale) == (
+        1,
+        1,
+        0,
+    )  # random slices alone, rescaled
+    assert (settings.pixels, settings.loss, settings.levelled) == ("slices", "l1", False)
+    assert (settings.optimiser, settings.init, settings.start) == ("adam", "published", "encoder")
+    assert NeuBTF(recipe="paper", loss="both").settings.loss == "both"
+
+
+def test_the_published_start_is_neither_faint_nor_the_mean() -> None:
+    like = tiny_btf()
+    grey = BTF("grey", like.wo, like.wi, ArraySource(np.full((len(like), 8, 8, 3), 0.3, np.float32)))
+    settings: dict[str, Any] = {"steps": 1, "rate": 1e-9, "encoder_rate": 1e-9, "hidden_rate": 1e-9}
+    errors = []
+    for recipe in ("ours", "paper"):
+        codec, parts = fitted(grey, recipe=recipe, **settings)
+        shown = codec.decode(parts, torch.device("cpu")).slice([0, 0, 1], [0, 0, 1])
+        errors.append((shown - 0.3).abs().max().item())
+    assert errors[0] < 0.01 < errors[1]
 
 
 def test_the_renderer_is_the_first_stages() -> None:
@@ -164,13 +192,14 @@ def test_a_single_pair_is_fitted() -> None:
     ("settings", "message"),
     [
         ({"steps": 0}, "at least 1 step"),
-        ({"batch": 0}, "at least one sample"),
-        ({"slices": -1}, "slices ≥ 0"),
-        ({"crop": 3}, "crop of at least 4"),
-        ({"explore": 1.5}, "explore in"),
+        ({"pixels": "slices", "slices": 0}, "slices of at least 1"),
+        ({"batch": 0}, "batch of codec neubtf must be"),
+        ({"slices": -1}, "slices of codec neubtf must be"),
+        ({"crop": 3}, "crop of codec neubtf must be"),
+        ({"explore": 1.5}, "explore of codec neubtf must be"),
         ({"direct": 0.9, "taught": 0.1}, "below 1"),
         ({"direct": 0.0}, "direct steps for what is taught"),
-        ({"latents": 0}, "at least 1"),
+        ({"latents": 0}, "latents of codec neubtf must be"),
     ],
 )
 def test_settings_without_sense_are_refused(settings: dict[str, Any], message: str) -> None:

@@ -36,6 +36,15 @@ def test_style_is_the_difference_of_gram_matrices() -> None:
     torch.testing.assert_close(style(ours, theirs).item(), float(np.mean(found)))
 
 
+def test_where_a_picture_does_not_repeat_its_borders_are_not_joined() -> None:
+    """A step across the border of a crop is none of its texture."""
+    style, flat = Style().double(), torch.full((1, 3, 16, 16), 0.5, dtype=torch.float64)
+    slope = flat + torch.linspace(-0.3, 0.3, 16, dtype=torch.float64)
+    shifted = slope.roll(8, 3)
+    assert style(slope, shifted).item() < 1e-12
+    assert style(slope, shifted, (True, False)).item() > 1e-6
+
+
 def test_style_does_not_see_where_things_are() -> None:
     style, ours = Style().double(), pictures(1, (16, 24))
     assert style(ours, ours.roll((4, -8), (2, 3))).item() < 1e-30  # by multiples of the coarsest scale's box
