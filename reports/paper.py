@@ -4,7 +4,7 @@ Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 
 needs weights that would have to be downloaded, and is left out. Its Table 2 is `reports.parameters`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from bench.fields import FLIP, PSNR, SSIM, stats_of
 from bench.records import Record, Run
@@ -42,7 +42,7 @@ def paper_table(run: Run) -> Table | None:
     return Table("paper", "Quality, beside Table 1 of NeuBTF (2023)", headers, rows, notes, words=2)
 
 
-def _rows(jobs: Iterator[Record] | list[Record]) -> Iterator[list[str]]:
+def _rows(jobs: Iterable[Record]) -> Iterator[list[str]]:
     for job in jobs:
         if job["material"] not in PUBLISHED:
             continue
