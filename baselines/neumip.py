@@ -60,6 +60,7 @@ class NeuMIP(Codec):
     class Settings:
         steps: Natural = 10_000  # of the fit
         batch: Count = 4_096  # samples a step
+        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
         start: Start = "components"  # of the finest latents: principal components of the log ABRDFs, or random
         optimiser: Optimiser = "muon"  # of hidden matrices; all else is Adam's
@@ -85,8 +86,8 @@ class NeuMIP(Codec):
             count = min(count, fit.density.levels(max(btf.shape)))
         levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(count)]
         objective = Fitting(levels, self.settings, fit.generator())
-        train(objective, fit, self.settings.steps)
-        pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=1.0))
+        taken = train(objective, fit, self.settings.steps, self.settings.patience)
+        pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=taken))
         assert pyramid is not None
         texture = pack("pyramid", pyramid, self.settings.precision)
         if offset is not None:

@@ -28,7 +28,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.material import Material
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.settings import Count, Positive
+from bench.settings import Count, Natural, Positive
 from bench.training import Batch, Samples, distance, first_latents, gain_of, groups_of, train
 
 
@@ -44,6 +44,7 @@ class Rainer2019(Codec):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, Adam alone
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
         directions: Directions = "xyzh"  # inputs: each stereographic as published, or all of both and of their half
+        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         latents: Count = 8  # channels that the encoder makes
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
         activation: Activation = "leaky-relu"  # of the decoder's hidden layers
@@ -58,7 +59,7 @@ class Rainer2019(Codec):
         gain = gain_of(btf, fit)
         samples = Samples(btf, gain, fit)
         fitting = (Encoded if self.settings.start == "encoder" else Free)(samples, self.settings, fit)
-        train(fitting, fit, self.settings.steps)
+        train(fitting, fit, self.settings.steps, self.settings.patience)
         texels = torch.arange(fitting.samples.texels, device=fit.device)
         texture = torch.cat([fitting.encode(texels), fitting.statistics.flatten(1)], 1)
         return Parts(

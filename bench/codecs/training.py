@@ -22,6 +22,7 @@ from bench.btf import BTF
 from bench.codec import Fit
 from bench.codecs.optimiser import Optimisers
 from bench.errors import InputError
+from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
 
@@ -37,6 +38,7 @@ WARMUP = 100  # steps, or a tenth of a short fit
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
 SAVE_SECONDS = 5.0  # at least, between two states on disk: what a killed fit loses, beside KEEP_EVERY steps
 RESCUES = 3
+GAIN = 0.02  # dB in the steps of a fit's patience, below which it ends
 AWAY = 10.0  # root mean square error of log radiance of a fit that ran away: a factor of 22,000
 
 Loss = Literal["l1", "l2", "both"]
@@ -194,8 +196,11 @@ def rate(step: int, steps: int) -> float:
     return warm * (1 + math.cos(math.pi * step / steps)) / 2
 
 
-def train(objective: Objective, fit: Fit, steps: int) -> None:
-    """Fit the parameters of an objective in place, in `steps` steps.
+def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> float:
+    """Fit the parameters of an objective in place, in `steps` steps; the share of them that were taken.
+
+    With a `patience` above 0 a fit ends sooner, once its curve gained less than `GAIN` dB in so many steps; the last
+    point of the curve then says `ended`.
 
     Where `fit.checkpoint` names a file, the state is kept there, and a fit that finds one goes on from it; who named it
     removes it, once what was fitted is stored. Where the loss or a parameter is no longer finite, or the fit `AWAY`
@@ -204,10 +209,15 @@ def train(objective: Objective, fit: Fit, steps: int) -> None:
     """
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
+    keep_buffers()
     loop = _Loop(objective.to(fit.device), fit, steps)
     loop.resume()
-    while loop.step < steps:
+    while loop.step < steps and not (patience and loop.flat(patience)):
         loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
+    if loop.step < steps:
+        log.info("ended at step %d of %d: the curve is flat", loop.step, steps)
+        fit.history[-1]["ended"] = 1.0
+    return loop.step / steps
 
 
 class _Loop:
@@ -260,6 +270,11 @@ class _Loop:
         for step, seconds, psnr in self.curve:
             self.fit.log(step, seconds=seconds, psnr=psnr)
         self.started -= self.curve[-1][1] if self.curve else 0.0
+
+    def flat(self, patience: int) -> bool:
+        """Whether the curve gained less than `GAIN` in the last `patience` steps."""
+        before = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
+        return bool(before) and max(psnr for _, _, psnr in self.curve) < max(before) + GAIN
 
     def advance(self, end: int) -> None:
         """Steps up to `end`, then keep the state, or go back to the last good one."""

@@ -152,6 +152,22 @@ def test_a_fit_that_ran_away_has_diverged_though_every_number_is_finite(
     assert "half the learning rate" in caplog.text
 
 
+def test_a_patient_fit_ends_where_its_curve_is_flat_and_says_so(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Colours that may not move any more gain nothing; a fit without patience takes its steps all the same."""
+    for patience, steps in ((200, 300), (0, 2000)):
+        mean, fit = objective(btf), Fit()
+        monkeypatch.setattr(mean, "rate", lambda step, steps, group: 1.0 if step < 100 else 0.0)
+        assert train(mean, fit, 2000, patience) == steps / 2000
+        assert fit.history[-1]["step"] == steps
+        assert ("ended" in fit.history[-1]) == (patience > 0)
+
+
+def test_a_fit_that_gains_is_not_ended(btf: BTF) -> None:
+    fit = Fit()
+    assert train(objective(btf, lr=1e-3), fit, 400, patience=100) == 1
+    assert "ended" not in fit.history[-1]
+
+
 def test_a_budget_of_nothing_is_refused(btf: BTF) -> None:
     with pytest.raises(InputError, match="at least 1 step"):
         train(objective(btf), Fit(), 0)
