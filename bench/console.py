@@ -12,6 +12,7 @@ from bench.fields import PSNR, stats_of
 if TYPE_CHECKING:
     from bench.btf import BTF
     from bench.data.portrait import Look
+    from bench.runs.runner import Outcome
 
 
 class Console:
@@ -42,6 +43,10 @@ class Console:
     def say(self, text: str) -> None:
         """A line that stays, above the bars."""
         self.out.print(text, markup=False, soft_wrap=True)
+
+    def ended(self, outcome: "Outcome") -> None:
+        """A finished job, in one line."""
+        self.say(job_line(outcome.record, outcome.cached))
 
 
 def job_line(record: dict[str, Any], cached: str) -> str:

@@ -16,7 +16,8 @@ GROUP = "neubtf_bench.commands"
 
 def modules() -> dict[str, str]:
     """The module of each command by its name; importing none. Two packages that claim one name are an error."""
-    found = {info.name.replace("_", "-"): f"{__name__}.{info.name}" for info in pkgutil.iter_modules(__path__)}
+    names = (info.name for info in pkgutil.iter_modules(__path__) if not info.name.startswith("_"))  # no helpers
+    found = {name.replace("_", "-"): f"{__name__}.{name}" for name in names}
     for entry in entry_points(group=GROUP):
         other = found.setdefault(entry.name, entry.value)
         if other != entry.value:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.arguments import usable_device
-from bench.commands import trade
 from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--min-psnr", type=float, metavar="DB", help="the held-out PSNR to reach")
     parser.add_argument("--max-bytes", metavar="BYTES", help="what the file may take: 300k, 1.5M, 20000")
     parser.add_argument("--max-ns", type=float, metavar="NS", help="what a sample may take, as a whole query")
-    parser.add_argument("--suite", default=trade.SUITE, help="what is fitted where it is missing (default: trade)")
+    parser.add_argument("--suite", default="trade", help="what is fitted where it is missing (default: trade)")
     parser.add_argument("--out", type=Path, help="the folder of a `trade` (default: runs/SUITE), extended if need be")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
 
@@ -80,9 +79,11 @@ def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Choice"]
 def _measure(folder: Path, suite: "Suite", device: str, missing: list[str]) -> tuple[list["Choice"], list[str]]:
     """The same, after a trade over the suite, which fits only what is missing."""
     from bench.console import Console
+    from bench.runs.runner import Options
+    from bench.runs.trade import run_and_measure
 
     with Console() as console:
         several = f"{len(missing)} of {len(suite.codecs)} settings" if missing[1:] else missing[0]
         console.say(f"{suite.materials[0].name}: {several} of {suite.name} are not in {folder}: measured first")
-        trade.measure(suite, folder, usable_device(device), console)
+        run_and_measure(suite, Options(folder, usable_device(device), show=console.show), console.ended)
     return _measured(folder, suite, device)

@@ -61,7 +61,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.console import Console, job_line
+    from bench.console import Console
     from bench.runs import runner
     from bench.runs.suite import described_changes, load_suite, with_changes, with_metrics
 
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             for outcome in runner.run(suite, settings):
                 outcomes.append(outcome)
-                console.say(job_line(outcome.record, outcome.cached))
+                console.ended(outcome)
         except KeyboardInterrupt:
             console.say(_summary(outcomes))
             total = len(suite.cells)

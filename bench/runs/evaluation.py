@@ -1,7 +1,6 @@
 """Scores one codec file against its material: the figures of a record, and what is too much for it, beside it."""
 
 import dataclasses
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from bench import atomic
 from bench.codec import Progress
 from bench.codecs import loading
 from bench.codecs.container import Header
@@ -110,16 +108,6 @@ class Slices:
         """The same, while a progress bar follows."""
         self.show(f"scoring {self.bench.name}", pair + 1, len(self.bench.btf))
         return self.slice(pair)
-
-
-def write_content(path: Path, content: dict[str, Any]) -> None:
-    """Write what stands beside a record, as .npz or .json by the name's ending, in one move."""
-    with atomic.replacing(path) as partial:
-        if path.suffix == ".json":
-            partial.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
-        else:
-            with open(partial, "wb") as file:
-                np.savez_compressed(file, **content)
 
 
 def _bytes(file: Loaded) -> dict[str, int]:

@@ -15,7 +15,6 @@ import json
 import logging
 import platform
 import re
-import threading
 import time
 import traceback
 from dataclasses import dataclass, field
@@ -94,12 +93,22 @@ class Task:
 
 @dataclass(frozen=True)
 class Result:
-    """What a job answers."""
+    """A job answers with a new record."""
 
-    record: Record | None = None  # None: the record of before stands, or the files of before are wanted
-    cached: str = ""  # how much was there already: "", "file" or "record"
-    wants_files: bool = False  # send those of the earlier record's fit, and ask again
+    record: Record
+    cached: str = ""  # how much was there already: "" or "file"
     files: dict[str, bytes] = field(default_factory=dict)  # for the run's folder, where the worker cannot write there
+
+
+class Stands:
+    """A job answers that its earlier record still holds."""
+
+
+class WantsFiles:
+    """A job answers that it needs the files of the earlier record's fit: send them, and ask again."""
+
+
+Answer = Result | Stands | WantsFiles
 
 
 def seed_of(*parts: object) -> int:
@@ -107,19 +116,14 @@ def seed_of(*parts: object) -> int:
     return int.from_bytes(hashlib.sha256("\n".join(map(str, parts)).encode()).digest()[:8], "big") >> 1
 
 
-_ONE_AT_A_TIME = threading.Lock()  # threads of one process would share PyTorch's thread count and the open material
-
-
-def work(task: Task, show: Progress = silent) -> Result:
-    """Do one job. A failure is a record with its error; what no job can help (a full disk) is `InputError`."""
-    with _ONE_AT_A_TIME:
-        try:
-            bench = workbench(
-                task.run, task.material, task.data, task.scorers, show, task.demand, task.repetition, task.metrics
-            )
+def work(task: Task, show: Progress = silent) -> Answer:
+    """Do one job. A failure is a record with its error; what fails every job (a full disk) is `InputError`."""
+    where = (task.run, task.material, task.data, task.scorers, show, task.demand, task.repetition, task.metrics)
+    try:
+        with workbench(*where) as bench:
             return Job(task, bench, show).run()
-        except MissingDataError as error:
-            return Result(task.base | {"status": "unavailable", "error": str(error)})
+    except MissingDataError as error:
+        return Result(task.base | {"status": "unavailable", "error": str(error)})
 
 
 class _WantedError(Exception):
@@ -188,12 +192,12 @@ class Job:
     def checkpoint(self) -> Path:
         return (self.place.folder / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
 
-    def run(self) -> Result:
+    def run(self) -> Answer:
         """Encode, decode, score and record; or find that it is done. `MissingDataError` where something is needed."""
         try:
             result = self._result(self.task.earlier or {})
         except _WantedError:
-            return Result(wants_files=True)
+            return WantsFiles()
         except MissingDataError:
             raise
         except (Exception, MemoryError) as error:  # an error is data: it is recorded, shown, and decides the exit code
@@ -201,20 +205,21 @@ class Job:
             self.checkpoint.unlink(missing_ok=True)  # who tries again may have mended the code that made it
             says = {"status": "failed", "error": f"{type(error).__name__}: {error}"}
             result = Result(self.base | says | {"traceback": traceback.format_exc()})
-        return dataclasses.replace(result, files=self.place.parcel())
+        files = self.place.parcel()
+        return dataclasses.replace(result, files=files) if result else Stands()
 
     @property
     def base(self) -> Record:
         return self.task.base | {"fit_key": self.fit_key, "machine": machine()}
 
-    def _result(self, earlier: Record) -> Result:
-        """The result of a job that does not fail now, but for its files."""
+    def _result(self, earlier: Record) -> Result | None:
+        """The result of a job that does not fail now, but for its files; None where the earlier record holds."""
         if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
-            return Result(cached="record")
+            return None
         header, fit = self._file()
         key = score_key(self.bench, header)
         if earlier.get("score_key") == key:
-            return Result(cached="record")
+            return None
         record = self.base | fit | {"status": "ok", "score_key": key, "file": self.file, "scored": made()}
         record |= self._scored(header)
         return Result(record, "file" if fit["fit_cached"] else "")

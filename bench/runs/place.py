@@ -1,14 +1,16 @@
 """Where a job keeps its files: the run's folder, or one of this machine where the run's is out of its reach."""
 
 import hashlib
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bench import atomic
 from bench.atomic import cache_dir
 from bench.runs import lock
-from bench.runs.evaluation import write_content
 
 
 @dataclass
@@ -30,7 +32,12 @@ class Place:
 
     def keep(self, name: str, content: dict[str, Any]) -> str:
         """Store what is too much for a record beside it, as .npz or .json; returns the name."""
-        write_content(self.folder / name, content)
+        with atomic.replacing(self.folder / name) as partial:
+            if name.endswith(".json"):
+                partial.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+            else:
+                with open(partial, "wb") as file:
+                    np.savez_compressed(file, **content)
         self.made.append(name)
         return name
 

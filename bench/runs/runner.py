@@ -24,17 +24,17 @@ from bench.codecs import container, shared
 from bench.codecs.registry import load_codec
 from bench.codecs.scene_material import unreported
 from bench.data.spec import MaterialSpec
-from bench.demand import demand
 from bench.errors import InputError
 from bench.records import Record, Run
 from bench.runs.evaluation import recorded
 from bench.runs.executors import Workers, in_process
-from bench.runs.job import FACTS, FRESH_STATE, STATE, Result, Task, work
+from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, Task, WantsFiles, work
 from bench.runs.lock import locked
 from bench.runs.pretraining import ready
 from bench.runs.provenance import provenance
 from bench.runs.rates import rate_records
 from bench.runs.suite import Suite
+from bench.runs.workbench import demand_of
 
 log = logging.getLogger(__name__)
 
@@ -64,11 +64,11 @@ class Outcome:
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     """Run every job of a suite, yielding each as it ends. Records are on the disk before they are yielded."""
     codecs = [load_codec(spec.codec)(**spec.settings) for spec in suite.codecs]  # bad settings stop here
-    if suite.demand:
-        demand.load(Path(suite.demand))  # and so does what is no demand
-    elif scene := next((codec.name for codec in codecs if codec.scene), ""):
+    if not suite.demand and (scene := next((codec.name for codec in codecs if codec.scene), "")):
         raise InputError(f"codec {scene}: scene = true needs the demand of a scene: give one with --demand")
     run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
+    if suite.demand:
+        demand_of(run_id, str(Path(suite.demand).absolute()))  # and so does what is no demand
     with locked(options.folder, run_id):
         _tidy(options.folder)
         session = _Session(suite, options, run_id, _networks(suite, options))
@@ -176,12 +176,12 @@ class _Session:
             return None
         return {key: found[key] for key in ("status", "fit_key", "score_key", "file") if key in found}
 
-    def _outcome(self, task: Task, result: Result) -> Outcome:
+    def _outcome(self, task: Task, result: Result | Stands) -> Outcome:
         """Store what a worker sent, files first, and record it."""
-        if result.record is None:
+        if isinstance(result, Stands):
             known = self.before.job(task.name)
             assert known is not None, "a worker takes as recorded only what it was told of"
-            return Outcome(known, result.cached)
+            return Outcome(known, "record")
         for name, content in result.files.items():
             atomic.write(self.options.folder / name, content)
         self.record(result.record)
@@ -221,9 +221,11 @@ def _anywhere(material: MaterialSpec) -> MaterialSpec:
     return dataclasses.replace(material, path=str(here.absolute())) if material.path and here.exists() else material
 
 
-def _results(tasks: Iterator[Task], workers: Workers, call: Callable[[Task], Result]) -> Iterator[tuple[Task, Result]]:
+def _results(
+    tasks: Iterator[Task], workers: Workers, call: Callable[[Task], Answer]
+) -> Iterator[tuple[Task, Result | Stands]]:
     """Each task with its result as it ends; one that lost its worker is started again, some times."""
-    waiting: dict[Future[Result], Task] = {}
+    waiting: dict[Future[Answer], Task] = {}
     again: deque[Task] = deque()
     try:
         while True:
@@ -244,7 +246,7 @@ def _results(tasks: Iterator[Task], workers: Workers, call: Callable[[Task], Res
             future.cancel()
 
 
-def _answer(task: Task, future: Future[Result]) -> Result | Task:
+def _answer(task: Task, future: Future[Answer]) -> Result | Stands | Task:
     """What a worker answered, or the task to be started again. `InputError` where going on is no use."""
     try:
         result = future.result()
@@ -260,7 +262,8 @@ def _answer(task: Task, future: Future[Result]) -> Result | Task:
         raise InputError("the scheduler is gone: start it again, then give the same command") from None
     except Exception as error:  # the executor's own: what a codec raises is in its record
         return Result(task.base | {"status": "failed", "error": f"{type(error).__name__}: {error}"})
-    if result.wants_files and task.earlier:
+    if isinstance(result, WantsFiles):
+        assert task.earlier is not None, "a worker asks for the files of what it was told of"
         return dataclasses.replace(task, sent=_files_of(task.folder, task.earlier["file"]))
     return result
 

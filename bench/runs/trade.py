@@ -5,6 +5,7 @@ from the same one. What a run's records do not hold is written beside them, `tra
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,8 @@ from bench.errors import InputError
 from bench.fields import FLIP, PSNR, gate, metric_of, metrics_of
 from bench.material import Material
 from bench.metrics.scoring import summarise
-from bench.records import TRADE, TRADE_FORMAT, Record, Run
+from bench.records import TRADE, TRADE_FORMAT, Record, Run, load_run, load_trade
+from bench.runs import runner
 from bench.runs.choose import answers, psnr
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import Suite
@@ -35,6 +37,23 @@ BATCH = 65_536  # whole chunks of every execution
 BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)
 ALL_BATCHES = (*BATCHES, 1 << 20, 1 << 22)
 _BY_MATERIAL = ("choices", "profiles")
+
+
+def run_and_measure(
+    suite: Suite, options: runner.Options, tell: Callable[[runner.Outcome], None], full: bool = False
+) -> list[str]:
+    """Run a suite, then score and time its choices into `trade.json`; what became of each job, which `tell` hears."""
+    for variant in suite.variants:
+        Variant.parse(variant)  # a wrong word stops here
+    load_trade(options.folder)  # and so does a file that could not be extended
+    states = []
+    for outcome in runner.run(suite, options):
+        states.append(outcome.record["status"])
+        tell(outcome)
+    if "ok" in states:
+        found = measure(suite, load_run(options.folder), options.device, full, options.show)
+        write(options.folder, merged(load_trade(options.folder), found))
+    return states
 
 
 def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progress = silent) -> dict[str, Any]:
@@ -54,8 +73,8 @@ def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progr
     for spec in suite.materials:
         jobs = _jobs(suite, spec, run)
         if jobs:
-            bench = workbench("trade", spec, suite.data, None, show, repetition=suite.seeds[0], metrics=suite.metrics)
-            result["choices"] += _choices(bench, jobs, suite, run, device, ceilings, show)
+            with workbench("trade", spec, suite.data, None, show, "", suite.seeds[0], suite.metrics) as bench:
+                result["choices"] += _choices(bench, jobs, suite, run, device, ceilings, show)
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             found = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, _batches(full))
             result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in found]

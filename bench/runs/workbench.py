@@ -1,7 +1,10 @@
 """One material of a run, opened once a process, and what the jobs on it share: split, exposure, scorer."""
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -90,8 +93,16 @@ class Workbench:
 
 
 _latest: dict[object, Workbench] = {}  # one: a scorer keeps hundreds of megabytes
+_ONE_AT_A_TIME = threading.Lock()  # threads of one process would share PyTorch's thread count and the open material
 
 
+@lru_cache(maxsize=1)
+def demand_of(run: str, path: str) -> Demand:
+    """The demand of a run, read once a process. `InputError` where the file is none."""
+    return load_demand(Path(path))
+
+
+@contextmanager
 def workbench(
     run: str,
     spec: MaterialSpec,
@@ -101,15 +112,16 @@ def workbench(
     demand: str = "",
     repetition: int = 0,
     metrics: tuple[str, ...] = DEFAULTS,
-) -> Workbench:
-    """The workbench of a material, which the jobs of one run share as long as they follow each other.
+) -> Iterator[Workbench]:
+    """The workbench of a material, for one thread at a time; jobs of a run share it as long as they follow each other.
 
     Jobs of another `repetition` are scored at another draw of test pairs, where there is one.
     """
     draw = draw_of(spec, data, repetition)
     key = (run, spec, data, scorers, demand, draw, metrics)
-    if key not in _latest:
-        _latest.clear()
-        asked = load_demand(Path(demand)) if demand else None
-        _latest[key] = Workbench(open_material(spec, data, show, draw), spec.name, scorers, asked, metrics)
-    return _latest[key]
+    with _ONE_AT_A_TIME:
+        if key not in _latest:
+            _latest.clear()
+            asked = demand_of(run, demand) if demand else None
+            _latest[key] = Workbench(open_material(spec, data, show, draw), spec.name, scorers, asked, metrics)
+        yield _latest[key]

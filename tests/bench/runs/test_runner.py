@@ -23,6 +23,7 @@ from bench.runs.executors import InProcess, Workers
 from bench.runs.job import seed_of
 from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
+from bench.runs.workbench import demand_of
 
 SUITE = Suite(
     "test",
@@ -423,7 +424,8 @@ def demand_file(folder, name, light):
 
 
 def test_a_run_is_judged_by_a_scene_and_fitted_to_it_where_a_codec_says_so(tmp_path):
-    codecs = (CodecSpec("pca", {"components": 4}), CodecSpec("pca", {"components": 4, "scene": True}))
+    half = {"components": 12, "precision": "half"}  # so much that less of it is smaller
+    codecs = (CodecSpec("pca", half), CodecSpec("pca", half | {"scene": True}))
     suite = replace(SUITE, codecs=codecs, demand=demand_file(tmp_path, "noon", [0.3, 0.0, 1.0]))
     plain, fitted = (o.record for o in outcomes(tmp_path / "run", suite))
     assert plain["score_key"]["demand"] == fitted["fit_key"]["demand"] == fitted["score_key"]["demand"]
@@ -454,3 +456,11 @@ def test_a_fit_to_a_scene_needs_its_demand(tmp_path):
         outcomes(tmp_path, suite)
     with pytest.raises(InputError, match=r"none\.npz: cannot be read"):
         outcomes(tmp_path, replace(suite, demand=str(tmp_path / "none.npz")))
+
+
+def test_the_demand_of_a_run_is_read_once_a_process(tmp_path, monkeypatch):
+    read = []
+    monkeypatch.setattr("bench.runs.workbench.load_demand", lambda path: read.append(path) or object())
+    demands = [demand_of(run, str(tmp_path / "a.npz")) for run in ("one", "one", "two")]
+    assert demands[0] is demands[1]
+    assert read == [tmp_path / "a.npz"] * 2

@@ -184,7 +184,7 @@ def choosing(monkeypatch, out, suite=SUITE, **wish):
     ],
 )
 def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, monkeypatch, capsys, wish, code, says):
-    monkeypatch.delattr("bench.commands.trade.measure")
+    monkeypatch.delattr("bench.runs.trade.run_and_measure")
     assert choosing(monkeypatch, measured[0], **wish) == code
     assert says in capsys.readouterr().out
 
@@ -196,12 +196,12 @@ def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_p
     trade.write(tmp_path, one)
     asked = []
 
-    def measure(suite, out, device, console):
+    def measure(suite, options, tell):
         asked.append([material.name for material in suite.materials])
         rows = [row | {"material": asked[-1][0]} for row in found["choices"]]
-        trade.write(out, trade.merged(one, found | {"choices": rows, "profiles": []}))
+        trade.write(options.folder, trade.merged(one, found | {"choices": rows, "profiles": []}))
 
-    monkeypatch.setattr("bench.commands.trade.measure", measure)
+    monkeypatch.setattr("bench.runs.trade.run_and_measure", measure)
     best = max(choose.usable(found["choices"], "tiny"), key=choose.psnr)["psnr"]
     assert choosing(monkeypatch, tmp_path, min_psnr=1.0) == 0  # what is there meets it
     assert asked == []
