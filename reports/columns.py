@@ -1,31 +1,17 @@
-"""The columns of tables by material: name, unit, and the cell of a row."""
+"""The columns of tables by material."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
 
 from bench.fields import PSNR, RMSE, gate, metric_of, metrics_of
 from bench.metrics import label_of
 from bench.records import Record
-from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, pooled, significant, spread
+from reports.column import Column, Value, hull
+from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, pooled, significant, spread
 from reports.rows import NEW_RUN, Material, Row, described
 
 OUTSIDE = "outside the scene"
-
-
-@dataclass(frozen=True)
-class Column:
-    """A name, a unit with an arrow to the better end, and how a measured row fills it.
-
-    `native`, where there is one, fills it for the measured data's own file, from any record of the material. A column
-    that is `sparse` is left out where no row has a number for it.
-    """
-
-    name: str
-    unit: str
-    cell: Callable[[Row], str]
-    native: Callable[[Record], str] | None = None
-    sparse: bool = False
 
 
 def _digits(unit: str) -> int:
@@ -38,21 +24,31 @@ def _scale(said: Record) -> str:
     return f"{unit} {'↑' if said['direction'] == 'higher' else '↓'}".strip()
 
 
-def _pooled(row: Row, family: str, group: str = "", unit: str = "dB") -> str:
-    return pooled(row.stats(group or row.gate, family), _digits(unit))
+def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB") -> Column:
+    """The number of all slices of a group together."""
+
+    def value(row: Row) -> Value:
+        return pooled(row.stats(group or row.gate, family))
+
+    return Column(name, scale, value, partial(fixed, digits=_digits(unit)))
 
 
-def _spread(row: Row, family: str, unit: str = "dB") -> str:
-    return spread(row.stats(row.gate, family), _digits(unit))
+def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
+    """Mean ± std over the slices that decide."""
+
+    def value(row: Row) -> Value:
+        return spread(row.stats(row.gate, family))
+
+    return Column(name, scale, value, partial(plus_minus, digits=_digits(unit)))
 
 
-def _part(row: Row, part: str) -> str:
-    return integer(row.job["bytes"].get(part))
+def _bytes(part: str) -> Callable[[Row], Value]:
+    return lambda row: row.job["bytes"].get(part)
 
 
-def _bits(job: Record, size: int) -> str:
+def _bits(job: Record, size: int) -> float:
     height, width = job["shape"]
-    return significant(8 * size / (height * width), 4)
+    return 8 * size / (height * width)
 
 
 def _native(job: Record) -> Record:
@@ -60,75 +56,77 @@ def _native(job: Record) -> Record:
     return found
 
 
-def _other_bytes(row: Row) -> str:
+def _other_bytes(row: Row) -> int:
     named = {"decoder", "texture", "total", "shared"}
-    return integer(sum(size for part, size in row.job["bytes"].items() if part not in named))
+    return sum(size for part, size in row.job["bytes"].items() if part not in named)
 
 
-def _seconds(row: Row) -> str:
-    return significant(row.job.get("fit_seconds"), 2)
+def _timed(name: str, unit: str, field: str, write: Callable[..., str] = significant) -> Column:
+    """A number of the timing; starred where it was timed in an earlier run than its neighbours."""
+
+    def value(row: Row) -> Value:
+        if row.timing is None:
+            return None
+        found = row.timing[field]
+        number: Value = tuple(found) if isinstance(found, list) else found
+        if row.timing_obstacle == NEW_RUN:
+            return f"{write(number)}*"
+        return NOT_COMPARABLE if row.timing_obstacle else number
+
+    return Column(name, unit, value, write, pool=hull)
 
 
-def _nanoseconds(row: Row) -> str:
-    return _timed(row, lambda timing: significant(timing["ns_per_sample"]))
+def _range(interval: tuple[float, float]) -> str:
+    return " to ".join(map(significant, interval))
 
 
-def _interval(row: Row) -> str:
-    return _timed(row, lambda timing: " to ".join(map(significant, timing["interval95_ns"])))
+def _whole(value: float) -> str:
+    return integer(round(value))
 
 
-def _ratio(row: Row) -> str:
-    return _timed(row, lambda timing: significant(timing["ratio_to_floor"]))
-
-
-def _timed(row: Row, cell: Callable[[Record], str]) -> str:
-    if row.timing is None:
-        return NONE
-    if row.timing_obstacle == NEW_RUN:
-        return f"{cell(row.timing)}*"
-    return NOT_COMPARABLE if row.timing_obstacle else cell(row.timing)
-
-
-_PARAMETERS = Column("decoder", "param.", lambda row: integer(row.job["parameters"]))
+_four = partial(significant, digits=4)
+_PARAMETERS = Column("decoder", "param.", lambda row: row.job["parameters"], _whole)
 _CHANNELS = Column(
     "tex.",
     "chan.",
-    lambda row: integer(row.job["cost"]["texture_channels"]),
+    lambda row: row.job["cost"]["texture_channels"],
+    _whole,
     lambda job: integer(_native(job)["rank"]),
 )
-_TOTAL = Column("total", "bytes ↓", partial(_part, part="total"), lambda job: integer(_native(job)["bytes"]))
-_SHARED = Column("shared", "bytes", partial(_part, part="shared"), sparse=True)
+_TOTAL = Column("total", "bytes ↓", _bytes("total"), _whole, lambda job: integer(_native(job)["bytes"]))
+_SHARED = Column("shared", "bytes", _bytes("shared"), _whole, sparse=True)
 _BITS = Column(
     "bits per",
     "texel ↓",
     lambda row: _bits(row.job, row.job["bytes"]["total"]),
-    lambda job: _bits(job, _native(job)["bytes"]),
+    _four,
+    lambda job: _four(_bits(job, _native(job)["bytes"])),
 )
-_TRAIN = Column("PSNR train", "dB ↑", partial(_pooled, family=PSNR, group="train"))
-_HELDOUT = Column("PSNR", "dB ↑", partial(_pooled, family=PSNR))
-RATES = (_TOTAL, _BITS, _HELDOUT)
-PER_SLICE = Column("PSNR per slice", "dB ↑", partial(_spread, family=PSNR))
-_FIT = Column("fit", "s", _seconds)
-_NS = Column("time", "ns ↓", _nanoseconds)
-_FLOOR = Column("time", "× floor", _ratio)
+_TRAIN = _pooled("PSNR train", "dB ↑", PSNR, "train")
+HELDOUT = _pooled("PSNR pooled", "dB ↑", PSNR)
+RATES = (_TOTAL, _BITS, HELDOUT)
+PER_SLICE = _spread("PSNR per slice", "dB ↑", PSNR)
+_FIT = Column("fit", "s", lambda row: row.job.get("fit_seconds"), partial(significant, digits=2))
+_NS = _timed("time", "ns ↓", "ns_per_sample")
+_FLOOR = _timed("time", "× floor", "ratio_to_floor")
 
 SIZE = (
     _PARAMETERS,
     _CHANNELS,
-    Column("decoder", "bytes", partial(_part, part="decoder")),
-    Column("texture", "bytes", partial(_part, part="texture")),
-    Column("other", "bytes", _other_bytes),
+    Column("decoder", "bytes", _bytes("decoder"), _whole),
+    Column("texture", "bytes", _bytes("texture"), _whole),
+    Column("other", "bytes", _other_bytes, _whole),
     _TOTAL,
     _SHARED,
     _BITS,
 )
-TIME = (_FIT, _NS, Column("95 % interval", "ns", _interval), _FLOOR)
+TIME = (_FIT, _NS, _timed("95 % interval", "ns", "interval95_ns", _range), _FLOOR)
 
 
 def scored(material: Material) -> list[Column]:
     """What is known of a file without its fit, for a terminal."""
-    train = Column("train", "dB ↑", _TRAIN.cell)
-    return [_PARAMETERS, _CHANNELS, _TOTAL, _BITS, train, _HELDOUT, *_others(material, _pooled)]
+    train = replace(_TRAIN, name="train")
+    return [_PARAMETERS, _CHANNELS, _TOTAL, _BITS, train, HELDOUT, *_others(material, _pooled)]
 
 
 def short(material: Material) -> list[Column]:
@@ -138,7 +136,7 @@ def short(material: Material) -> list[Column]:
 
 def quality(material: Material) -> list[Column]:
     """PSNR of training and of held-out pairs, and every other metric."""
-    return [_TRAIN, _HELDOUT, PER_SLICE, *_others(material)]
+    return [_TRAIN, HELDOUT, PER_SLICE, *_others(material)]
 
 
 def main(material: Material) -> list[Column]:
@@ -146,34 +144,36 @@ def main(material: Material) -> list[Column]:
     return [*SIZE, *quality(material), *TIME]
 
 
-def _others(material: Material, cell: Callable[..., str] | None = None) -> Iterator[Column]:
+def papers(material: Material) -> list[Column]:
+    """Every metric as papers report it: mean ± std over slices."""
+    return [replace(PER_SLICE, name="PSNR"), *_others(material, _spread)]
+
+
+def _others(material: Material, make: Callable[..., Column] | None = None) -> Iterator[Column]:
     """A column for each metric but PSNR, and the errors of radiance, which have a table of their own.
 
-    Decibels are pooled, other metrics are mean ± std over slices, unless a `cell` writes them all.
+    Decibels are pooled, other metrics are mean ± std over slices, unless `make` makes them all.
     """
     for name, said in material.metrics.items():
         unit = said["unit"]
         if name != PSNR and unit != "radiance":
-            write = cell or (_pooled if unit == "dB" else _spread)
-            yield Column(label_of(name), _scale(said), partial(write, family=name, unit=unit))
+            column = make or (_pooled if unit == "dB" else _spread)
+            yield column(label_of(name), _scale(said), family=name, unit=unit)
 
 
 def bands(job: Record) -> list[Column]:
     """PSNR over each band of the pairs that decide."""
-    return [Column(name, f"dB ↑ ({count:,})", partial(_pooled, family=PSNR, group=group))
-            for name, group, count in _bands(job)]  # fmt: skip
+    return [_pooled(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(job)]
 
 
 def radiance_bands(job: Record) -> list[Column]:
     """The error of linear radiance over each band, absolute and relative."""
-    return [Column(name, f"radiance ↓ ({count:,})", partial(_radiance, group=group))
-            for name, group, count in _bands(job)]  # fmt: skip
+    return [_radiance(name, f"radiance ↓ ({count:,})", group) for name, group, count in _bands(job)]
 
 
 def footprints(job: Record) -> list[Column]:
     """PSNR at each footprint."""
-    return [Column(f"{side} texel{'s' * (side != '1')}", "dB ↑", partial(_footprint, side=side))
-            for side in job["footprints"]]  # fmt: skip
+    return [_footprint(side) for side in job["footprints"]]
 
 
 def _bands(job: Record) -> list[tuple[str, str, int]]:
@@ -197,24 +197,27 @@ def scene(job: Record) -> list[Column]:
     weighted = [name for name in metrics_of(job, "scene") if described(job, name)["unit"] != "radiance"]
     return [
         _TOTAL,
-        *(_of_scene("frames", _frames, name, job) for name in frames),
-        *(_of_scene("weighted", partial(_pooled, group="scene"), name, job) for name in weighted),
-        Column("outside PSNR", "dB ↑", partial(_pooled, family=PSNR, group=OUTSIDE)),
-        _HELDOUT,
+        *(_frames(name, job) for name in frames),
+        *(_weighted(name, job) for name in weighted),
+        _pooled("outside PSNR", "dB ↑", PSNR, OUTSIDE),
+        HELDOUT,
     ]
 
 
-def _of_scene(where: str, cell: Callable[..., str], name: str, job: Record) -> Column:
+def _weighted(name: str, job: Record) -> Column:
     said = described(job, name)
-    return Column(f"{where} {label_of(name)}", _scale(said), partial(cell, family=name, unit=said["unit"]))
+    return _pooled(f"weighted {label_of(name)}", _scale(said), name, "scene", said["unit"])
 
 
-def _frames(row: Row, family: str, unit: str) -> str:
-    found = row.job.get("scene", {}).get("metrics", {})
-    name = metric_of(found, family)
-    if not name:
-        return NONE
-    return EXACT if found[name] is None else fixed(found[name], _digits(unit))
+def _frames(name: str, job: Record) -> Column:
+    said = described(job, name)
+
+    def value(row: Row) -> Value:
+        found = row.job.get("scene", {}).get("metrics", {})
+        known = metric_of(found, name)
+        return None if not known else EXACT if found[known] is None else found[known]
+
+    return Column(f"frames {label_of(name)}", _scale(said), value, partial(fixed, digits=_digits(said["unit"])))
 
 
 _BAND_NAMES = {
@@ -228,21 +231,31 @@ _BAND_NAMES = {
 }
 
 
-def _radiance(row: Row, group: str) -> str:
-    stats = row.stats(group, RMSE)
-    if not stats or stats["pooled"] is None:
-        return NONE
-    return f"{significant(stats['pooled'])} ({_relative(row, group)} %)"
+def _radiance(name: str, unit: str, group: str) -> Column:
+    def value(row: Row) -> Value:
+        stats = row.stats(group, RMSE)
+        absolute, relative = stats.get("pooled"), stats.get("relative")
+        return None if absolute is None else (absolute,) if relative is None else (absolute, 100 * relative)
+
+    return Column(name, unit, value, _with_relative)
 
 
-def _relative(row: Row, group: str) -> str:
-    relative = row.stats(group, RMSE).get("relative")
-    return NONE if relative is None else fixed(100 * relative, 1)
+def _with_relative(numbers: tuple[float, ...]) -> str:
+    relative = f"{numbers[1]:,.1f}" if len(numbers) > 1 else NONE
+    return f"{significant(numbers[0])} ({relative} %)"
 
 
-def _footprint(row: Row, side: str) -> str:
-    found = row.job["footprints"].get(side)
-    return pooled({"pooled": found[PSNR]} | found, 2) if found else NONE
+def _footprint(side: str) -> Column:
+    def value(row: Row) -> Value:
+        found = row.job["footprints"].get(side)
+        return pooled({"pooled": found[PSNR]} | found) if found else None
+
+    return Column(f"{side} texel{'s' * (side != '1')}", "dB ↑", value, partial(fixed, digits=2))
 
 
-RELATIVE_ERROR = Column("RMSE", "% mean ↓", lambda row: _relative(row, row.gate))
+def _relative_error(row: Row) -> Value:
+    relative = row.stats(row.gate, RMSE).get("relative")
+    return None if relative is None else 100 * relative
+
+
+RELATIVE_ERROR = Column("RMSE", "% mean ↓", _relative_error, partial(fixed, digits=1))

@@ -11,7 +11,7 @@ from reports.table import Table
 GOALS_DB = (30, 35)
 NOTE = (
     "Display PSNR of training samples during the fit, seen now and then: it is reached at the step named or before. "
-    "Seconds are this machine's; steps hold anywhere."
+    "Seconds are this machine's; steps hold anywhere. Of several seeds it is the first."
 )
 
 
@@ -33,7 +33,7 @@ def fits(run: Run) -> dict[str, list[Fit]]:
     for material in materials(run):
         curves = [
             Fit(row.label, [(p["step"], p["seconds"], p["psnr"]) for p in row.job.get("history", ()) if "psnr" in p])
-            for row in material.measured
+            for row in material.shown
         ]
         found[material.name] = [fit for fit in curves if fit.points]
     return {name: curves for name, curves in found.items() if curves}

@@ -1,8 +1,13 @@
-"""Tables as LaTeX: `tabular` in a `table`, no package beyond what LaTeX brings, labels of any characters."""
+"""Tables as LaTeX for `\\usepackage{booktabs,graphicx}`: no wider than the text, labels of any characters.
 
+`table*` spans both columns of an article of two, and is a plain table in one of one.
+"""
+
+import re
+import unicodedata
 from collections.abc import Sequence
 
-from reports.table import Table
+from reports.table import BOLD, UNDERLINED, Table
 
 _SPECIAL = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
@@ -43,15 +48,32 @@ def _latex(table: Table) -> str:
     align = "".join("l" if i < table.words else "r" for i in range(len(table.headers)))
     if table.words == len(table.headers):
         align = align[:-1] + r"p{0.5\textwidth}"
-    lines = [r"\begin{table*}", r"\centering\scriptsize", r"\setlength{\tabcolsep}{3pt}"]
-    lines += [rf"\caption{{{escaped(table.title)}}}", rf"\begin{{tabular}}{{{align}}}", r"\hline"]
-    lines += [_line([name for name, _ in table.headers])]
-    if any(unit for _, unit in table.headers):
-        lines += [_line([unit for _, unit in table.headers])]
-    lines += [r"\hline", *map(_line, table.rows), r"\hline", r"\end{tabular}"]
-    lines += [rf"\par\smallskip {escaped(note)}" for note in table.notes]
+    lines = [r"\begin{table*}", r"\centering", rf"\caption{{{escaped(table.title)}}}", rf"\label{{{label(table)}}}"]
+    lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
+    lines += [r"\toprule", *_head(table), r"\midrule", *(_row(row, i, table) for i, row in enumerate(table.rows))]
+    lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
+    if table.notes:
+        notes = " ".join(map(escaped, table.notes))
+        lines += [r"\par\smallskip\begin{minipage}{\linewidth}\raggedright\scriptsize", notes, r"\end{minipage}"]
     return "\n".join([*lines, r"\end{table*}", ""])
 
 
-def _line(cells: Sequence[str]) -> str:
-    return " & ".join(map(escaped, cells)) + r" \\"
+# Scaled down to the width of the text, never up.
+_FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi"
+
+
+def label(table: Table) -> str:
+    """What `\\ref` calls a table: `tab:main-satin`; letters, digits and hyphens of its kind and title."""
+    words = re.findall("[A-Za-z0-9]+", unicodedata.normalize("NFKD", table.title.partition(" (")[0]))
+    return "-".join([f"tab:{table.kind}", *words]).lower()
+
+
+def _head(table: Table) -> list[str]:
+    names, units = zip(*table.headers, strict=True)
+    return [" & ".join(map(escaped, line)) + r" \\" for line in (names, units) if any(line)]
+
+
+def _row(cells: Sequence[str], row: int, table: Table) -> str:
+    looks = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
+    marked = [looks.get(table.marks.get((row, i), ""), "%s") % escaped(cell) for i, cell in enumerate(cells)]
+    return " & ".join(marked) + r" \\"

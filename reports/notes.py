@@ -28,7 +28,7 @@ def cost_notes(material: Material) -> list[str]:
 def _shared(material: Material) -> Iterator[str]:
     """Codecs whose file needs that of a network besides, which serves every material."""
     for size, rows in _by_shared_bytes(material).items():
-        labels = ", ".join(row.label for row in rows)
+        labels = ", ".join(dict.fromkeys(row.label for row in rows))
         yield f"{labels}: its decoder needs the shared network too: {size:,} bytes for all materials, not in the total."
 
 
@@ -58,8 +58,8 @@ def _what(job: Record) -> str:
     held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
     pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
     return (
-        f"Quality is of {pairs} (but “train”), decoded from the file. PSNR is of the pooled squared error, "
-        "mean ± std are over slices."
+        f"Quality is of {pairs} (but “train”), decoded from the file. Pooled PSNR is that of the "
+        "squared error of all slices together, mean ± std are over slices; the two may differ by some dB."
     )
 
 
@@ -87,7 +87,7 @@ def _timing(material: Material) -> Iterator[str]:
     for reason in dict.fromkeys(row.timing["unrest"] for row in timed if row.timing and row.timing.get("unrest")):
         yield f"The machine was not quiet while this was timed: {reason}."
     for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):
-        labels = ", ".join(row.label for row in material.measured if row.timing_obstacle == reason)
+        labels = ", ".join(row.name for row in material.measured if row.timing_obstacle == reason)
         yield f"{labels}: {reason}."
 
 
@@ -96,13 +96,13 @@ def _exact(material: Material) -> Iterator[str]:
         stats = row.stats(row.gate, PSNR)
         if stats and stats["exact"]:
             counted = f"{stats['exact']:,} of {stats['slices']:,} slices"
-            yield f"{row.label}: {counted} have no error in display space; mean ± std leave them out."
+            yield f"{row.name}: {counted} have no error in display space; mean ± std leave them out."
 
 
 def _not_comparable(material: Material) -> Iterator[str]:
     for row in material.rows:
         if row.obstacle:
-            yield f"n/c: {row.label} is not comparable with the other rows: {row.obstacle}."
+            yield f"n/c: {row.name} is not comparable with the other rows: {row.obstacle}."
 
 
 def _older(run: Run) -> Iterator[str]:

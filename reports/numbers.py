@@ -29,22 +29,24 @@ def _exponent(value: float) -> int:
     return int(f"{abs(value):e}".rpartition("e")[2])
 
 
-def pooled(stats: dict[str, Any], digits: int) -> str:
+def pooled(stats: dict[str, Any]) -> float | str | None:
     """The pooled number of a metric's statistics; `exact` where no slice has an error, `n/a` where none applies."""
     if not stats:
-        return NONE
-    if stats["pooled"] is not None:
-        return fixed(stats["pooled"], digits)
-    return _without(stats)
+        return None
+    found: float | None = stats["pooled"]
+    return _without(stats) if found is None else found
 
 
-def spread(stats: dict[str, Any], digits: int) -> str:
-    """Mean ± standard deviation over slices."""
+def spread(stats: dict[str, Any]) -> tuple[float, ...] | str | None:
+    """Mean and standard deviation over slices, or as `pooled`."""
     if not stats:
-        return NONE
-    if stats["mean"] is not None:
-        return f"{fixed(stats['mean'], digits)} ± {fixed(stats['std'], digits)}"
-    return _without(stats)
+        return None
+    return _without(stats) if stats["mean"] is None else (stats["mean"], stats["std"])
+
+
+def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
+    """A mean ± a standard deviation."""
+    return " ± ".join(fixed(number, digits) for number in numbers)
 
 
 def _without(stats: dict[str, Any]) -> str:

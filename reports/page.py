@@ -10,7 +10,7 @@ from bench.records import Run
 from reports.figures import Figure
 from reports.notes import run_notes
 from reports.rows import materials
-from reports.table import Table
+from reports.table import BOLD, UNDERLINED, Table
 from reports.tables import all_tables
 
 _STYLE = """
@@ -51,10 +51,14 @@ def page(run: Run, figures: Sequence[Figure]) -> str:
 def _table(table: Table) -> str:
     headers = [escape(name) + (f"<br><small>{escape(unit)}</small>" if unit else "") for name, unit in table.headers]
     align = ["left" if i < table.words else "right" for i in range(len(headers))]
-    rows = [[escape(cell) for cell in row] for row in table.rows]
+    rows = [[_marked(cell, table.marks.get((i, j))) for j, cell in enumerate(row)] for i, row in enumerate(table.rows)]
     kind = "words" if table.words > 1 else "scroll"
     text = tabulate(rows, headers, "unsafehtml", colalign=align, disable_numparse=True)
     return f'<h3>{escape(table.title)}</h3>\n<div class="{kind}">{text}</div>\n' + "\n".join(map(_note, table.notes))
+
+
+def _marked(cell: str, mark: str | None) -> str:
+    return {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>"}.get(mark or "", "{}").format(escape(cell))
 
 
 def _note(note: str) -> str:

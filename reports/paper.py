@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 
 from bench.fields import FLIP, PSNR, SSIM, stats_of
 from bench.records import Record, Run
-from reports.numbers import NONE, spread
+from reports.numbers import NONE, plus_minus, spread
 from reports.table import Table
 
 METHOD = "neubtf"  # the codec whose figures the paper states
@@ -56,4 +56,5 @@ def _rows(jobs: Iterable[Record]) -> Iterator[list[str]]:
 def _ours(job: Record, family: str, digits: int) -> str:
     if job["status"] != "ok":
         return NO_DATA if job["status"] == "unavailable" else job["status"]
-    return spread(stats_of(job, family, "all"), digits)
+    found = spread(stats_of(job, family, "all"))
+    return plus_minus(found, digits) if isinstance(found, tuple) else found or NONE

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from bench.fields import CONDITIONS, gate, metric_of, metrics_of, stats_of
+from bench.fields import CONDITIONS, PSNR, gate, metric_of, metrics_of, stats_of
 from bench.records import Record, Run
 
 NEW_RUN = "timed in an earlier run than its neighbours"
@@ -12,10 +12,14 @@ NEW_RUN = "timed in an earlier run than its neighbours"
 
 @dataclass(frozen=True)
 class Row:
-    """One job of a material: its record, its timing, and why (if so) its numbers cannot stand beside the others'."""
+    """One job of a material: its record, its timing, and why (if so) its numbers cannot stand beside the others'.
+
+    `label` is the codec with its settings, `name` says the seed too where the material has several.
+    """
 
     job: Record
     label: str
+    name: str
     timing: Record | None = None
     obstacle: str = ""
     timing_obstacle: str = ""
@@ -40,6 +44,23 @@ class Row:
 
 
 @dataclass(frozen=True)
+class Codec:
+    """The jobs of one codec with its settings on one material, one a seed."""
+
+    label: str
+    rows: list[Row]
+
+    @property
+    def measured(self) -> list[Row]:
+        return [row for row in self.rows if row.measured]
+
+    @property
+    def exact(self) -> bool:
+        """Whether no slice that decides has an error, of any seed."""
+        return all(row.stats(row.gate, PSNR).get("pooled") is None for row in self.measured)
+
+
+@dataclass(frozen=True)
 class Material:
     """The rows of one material, in the order of the suite."""
 
@@ -49,6 +70,22 @@ class Material:
     @property
     def measured(self) -> list[Row]:
         return [row for row in self.rows if row.measured]
+
+    @property
+    def codecs(self) -> list[Codec]:
+        """The rows by codec."""
+        labels = dict.fromkeys(row.label for row in self.rows)
+        return [Codec(label, [row for row in self.rows if row.label == label]) for label in labels]
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seeds of what was measured, in order."""
+        return sorted({int(row.job.get("seed") or 0) for row in self.measured})
+
+    @property
+    def shown(self) -> list[Row]:
+        """One row a codec, of its first seed, for pictures."""
+        return [codec.measured[0] for codec in self.codecs if codec.measured]
 
     @property
     def first(self) -> Record | None:
@@ -90,15 +127,17 @@ def materials(run: Run) -> list[Material]:
 
 def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
     scored = [job for job in jobs if job["status"] == "ok"]
-    newest: Record = max(scored, key=lambda job: str(job["run"]), default={})
+    newest = {job.get("seed"): job for job in sorted(scored, key=lambda job: str(job["run"]))}  # pairs differ by seed
     timings = {job["job"]: run.timing(job) for job in scored}
     latest: Record = max((t for t in timings.values() if t), key=lambda timing: str(timing["run"]), default={})
     seeds = {job.get("seed") for job in jobs}
     for job in jobs:
-        label = str(job.get("label", job["job"])) + (f" seed={job['seed']}" if len(seeds) > 1 else "")
+        label = str(job.get("label", job["job"]))
+        name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
         timing = timings.get(job["job"])
-        obstacle = _difference(job["score_key"], newest["score_key"]) if job["status"] == "ok" else ""
-        yield Row(job, label, timing, obstacle, _timing_obstacle(timing, latest) if timing else "")
+        wanted = newest.get(job.get("seed"), {}).get("score_key", {})
+        obstacle = _difference(job["score_key"], wanted) if job["status"] == "ok" else ""
+        yield Row(job, label, name, timing, obstacle, _timing_obstacle(timing, latest) if timing else "")
 
 
 def _difference(key: Record, wanted: Record) -> str:

@@ -6,11 +6,12 @@ from bench.records import Record, Run
 from reports import columns
 from reports.columns import Column
 from reports.fits import fit_tables
+from reports.marks import legend, marks
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE, fixed
 from reports.paper import paper_table
 from reports.parameters import parameters_table
-from reports.rows import Material, Row, materials
+from reports.rows import Codec, Material, materials
 from reports.stress import stress_tables
 from reports.table import Table
 from reports.trade import trade_tables
@@ -111,7 +112,7 @@ def unfinished_table(run: Run) -> Table | None:
     """Jobs without numbers, and why."""
     words = {"failed": "failed", "unavailable": "not available"}
     rows = [
-        [row.job["material"], row.label, words.get(row.job["status"], row.job["status"]), _one_line(row.job)]
+        [row.job["material"], row.name, words.get(row.job["status"], row.job["status"]), _one_line(row.job)]
         for material in materials(run)
         for row in material.rows
         if row.job["status"] != "ok"
@@ -125,14 +126,32 @@ def _one_line(job: Record) -> str:
 
 
 def _table(kind: str, material: Material, about: str, chosen: Sequence[Column], notes: list[str]) -> Table | None:
+    """A row a codec, mean ± std over its seeds; the best of each column bold, the second underlined."""
     if not material.measured or not chosen:
         return None
     title = f"{material.name}" + (f": {about}" if about else "") + f" ({material.split})"
-    chosen = [c for c in chosen if not c.sparse or any(c.cell(row) != NONE for row in material.measured)]
+    codecs = material.codecs
+    chosen = [c for c in chosen if not c.sparse or any(c.cell(codec.measured) != NONE for codec in codecs)]
     headers = [("codec", ""), *((column.name, column.unit) for column in chosen)]
-    rows = [[row.label, *_cells(row, chosen)] for row in material.rows]
+    rows = [[codec.label, *_cells(codec, chosen)] for codec in codecs]
+    scores = [[None, *(column.score(codec.measured) for column in chosen)] for codec in codecs]
     rows += _native_row(material, chosen)
-    return Table(kind, title, headers, rows, notes, material=material.name)
+    notes = [*notes, *_seeds(material), *legend(scores)]
+    return Table(kind, title, headers, rows, notes, material=material.name, marks=marks(rows, scores))
+
+
+def _seeds(material: Material) -> Iterator[str]:
+    """What ± is over where there are several seeds, and which codecs lack some."""
+    seeds = material.seeds
+    if len(seeds) < 2:
+        return
+    yield (
+        f"Seeds {', '.join(map(str, seeds))}: a number is their mean ± std where they differ; mean and std over slices "
+        "are means over the seeds."
+    )
+    for codec in material.codecs:
+        if 0 < len(codec.measured) < len(seeds):
+            yield f"{codec.label}: {len(codec.measured)} of {len(seeds)} seeds."
 
 
 def _native_row(material: Material, chosen: Sequence[Column]) -> list[list[str]]:
@@ -143,12 +162,12 @@ def _native_row(material: Material, chosen: Sequence[Column]) -> list[list[str]]
     return [["dfmf (native)", *(column.native(job) if column.native else NONE for column in chosen)]]
 
 
-def _cells(row: Row, chosen: Sequence[Column]) -> list[str]:
-    if row.measured:
-        return [column.cell(row) for column in chosen]
-    if row.obstacle:
+def _cells(codec: Codec, chosen: Sequence[Column]) -> list[str]:
+    if codec.measured:
+        return [column.cell(codec.measured) for column in chosen]
+    if any(row.obstacle for row in codec.rows):
         return [NOT_COMPARABLE] * len(chosen)
-    word = "failed" if row.job["status"] == "failed" else NONE
+    word = "failed" if any(row.job["status"] == "failed" for row in codec.rows) else NONE
     return [word] + [NONE] * (len(chosen) - 1)
 
 

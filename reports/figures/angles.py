@@ -7,7 +7,8 @@ import numpy as np
 from bench.fields import PSNR
 from bench.records import Run
 from reports.artefacts import Arrays, arrays
-from reports.figures.canvas import Figure, legend, look, new, png, style
+from reports.figures.canvas import Figure, legend, new, png, style
+from reports.figures.looks import Looks
 from reports.rows import Row, materials
 
 EDGES_DEG = np.arange(0.0, 91.0, 15.0)
@@ -15,8 +16,9 @@ EDGES_DEG = np.arange(0.0, 91.0, 15.0)
 
 def angle_curves(run: Run) -> Iterator[Figure]:
     """For each material: display PSNR, pooled over rings of 15° in θ_o and in θ_i, of the pairs that decide."""
+    looks = Looks(run)
     for material in materials(run):
-        stored = [(row, arrays(run.folder, row.job, "slices")) for row in material.measured]
+        stored = [(row, arrays(run.folder, row.job, "slices")) for row in material.shown]
         curves = [(row, scores) for row, scores in stored if scores and {"heldout", "wo_deg", "wi_deg"} <= set(scores)]
         if not curves:
             continue
@@ -26,8 +28,8 @@ def angle_curves(run: Run) -> Iterator[Figure]:
             panels = drawing.subplots(1, 2, sharey=True)
             for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θₒ", "light, θᵢ"), strict=True):
                 handles = [
-                    axes.plot(*_rings(row, scores, side), **look(index), markersize=5, linewidth=1.2)[0]
-                    for index, (row, scores) in enumerate(curves)
+                    axes.plot(*_rings(row, scores, side), **looks.of(row.label), markersize=5, linewidth=1.2)[0]
+                    for row, scores in curves
                 ]
                 axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)
             pairs = "held-out pairs" if curves[0][0].gate == "heldout" else "all pairs"

@@ -1,4 +1,4 @@
-"""What all figures share: a file name, a style, a palette that colour-blind readers can tell apart, bytes of PNG."""
+"""What all figures share: a file name, a style, axes, bytes of PNG and SVG."""
 
 import hashlib
 import io
@@ -15,10 +15,6 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
 DPI = 110
-# Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The
-# marker changes together with the colour, so that no two of 14 are alike even in grey.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#56B4E9", "#E69F00")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 
 
 @dataclass(frozen=True)
@@ -92,16 +88,6 @@ def grid_of(count: int, columns: int) -> tuple[int, int]:
     """(rows, columns) for so many small pictures."""
     columns = min(columns, max(1, count))
     return -(-count // columns), columns
-
-
-def look(index: int) -> dict[str, Any]:
-    """Colour and marker of the codec of that index; the markers are hollow in every second round."""
-    colour, hollow = COLOURS[index % len(COLOURS)], index // len(MARKERS) % 2
-    return {
-        "color": colour,
-        "marker": MARKERS[index % len(MARKERS)],
-        "markerfacecolor": "white" if hollow else colour,
-    }
 
 
 def log_ticks(axis: Any, unit: str = "") -> None:

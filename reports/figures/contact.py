@@ -19,7 +19,7 @@ _GAP, _LEFT, _TOP, _BOTTOM = 6, 150, 76, 22
 def contact_sheets(run: Run) -> Iterator[Figure]:
     """For each material: one row a codec below the truth, one pair of columns (slice, FLIP map) a shown slice."""
     for material in materials(run):
-        stored = [(row, arrays(run.folder, row.job, "pictures")) for row in material.measured]
+        stored = [(row, arrays(run.folder, row.job, "pictures")) for row in material.shown]
         rows = [(row, pictures) for row, pictures in stored if pictures]
         if rows:
             yield _sheet(material, rows, run)

@@ -1,14 +1,12 @@
 """PSNR over the seconds of a fit: how soon each codec is good."""
 
 from collections.abc import Iterator
-from itertools import cycle
 from typing import Any
 
 from bench.records import Run
-from reports.figures.canvas import Figure, legend, log_ticks, look, new, png, style, svg
+from reports.figures.canvas import Figure, legend, log_ticks, new, png, style, svg
+from reports.figures.looks import Looks
 from reports.fits import GOALS_DB, Fit, fits
-
-_LINES = ("-", "--", ":", "-.")
 
 
 def fit_curves(run: Run) -> Iterator[Figure]:
@@ -16,17 +14,17 @@ def fit_curves(run: Run) -> Iterator[Figure]:
     for name, curves in fits(run).items():
         with style():
             title = f"{name}: how soon a fit is good"
-            drawing = _drawn(title, curves)
+            drawing = _drawn(title, curves, Looks(run))
             yield Figure(name, "fits", title, png(drawing), svg(drawing))
 
 
-def _drawn(title: str, curves: list[Fit]) -> Any:
+def _drawn(title: str, curves: list[Fit], looks: Looks) -> Any:
     drawing = new(8.2, max(4.4, 1.6 + 0.2 * len(curves)), layout="constrained")
     axes = drawing.add_subplot()
     handles = []
-    for i, (fit, line) in enumerate(zip(curves, cycle(_LINES), strict=False)):
+    for fit in curves:
         _, seconds, psnr = zip(*fit.points, strict=True)
-        handles += axes.plot(seconds, psnr, **look(i), markersize=3, linewidth=1, linestyle=line)
+        handles += axes.plot(seconds, psnr, **looks.of(fit.label), markersize=3, linewidth=1)
     low, high = axes.get_ylim()
     for goal in GOALS_DB:
         if low < goal < high:

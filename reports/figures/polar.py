@@ -19,7 +19,7 @@ def polar_maps(run: Run) -> Iterator[Figure]:
     """For each material: mean FLIP over the cells of both hemispheres, a column a codec, one scale for all."""
     for material in materials(run):
         found = []
-        for row in material.measured:
+        for row in material.shown:
             stored, name = angular(run.folder, row.job), row.metric(FLIP)
             if stored and name in stored["polar"]:
                 found.append((row.label, stored["polar"][name]))

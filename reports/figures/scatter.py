@@ -1,18 +1,21 @@
-"""Quality against bytes, and quality against time: one mark a job, one colour and line a ladder of rates."""
+"""Quality against bytes, and quality against time: one mark a codec and setting, one line a ladder of rates."""
 
 from collections.abc import Callable, Iterator
+from statistics import fmean
 from typing import Any
 
 from bench.fields import PSNR
 from bench.records import Run
-from reports.figures.canvas import Figure, legend, log_ticks, look, new, png, style
+from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
+from reports.figures.looks import Looks
 from reports.rows import Material, Row, materials
 
 
 def rate_distortion(run: Run) -> Iterator[Figure]:
     """Pooled display PSNR against the bytes of the file, for each material."""
     for material in materials(run):
-        yield from _scatter(material, "rate", "rate and distortion", "size of the file (smaller is better)", _bytes)
+        axis = "size of the file (smaller is better)"
+        yield from _scatter(material, "rate", "rate and distortion", axis, _bytes, Looks(run))
 
 
 def speed_accuracy(run: Run) -> Iterator[Figure]:
@@ -24,6 +27,7 @@ def speed_accuracy(run: Run) -> Iterator[Figure]:
             "speed and accuracy",
             "ns a sample, median and 95 % interval (less is better)",
             _nanoseconds,
+            Looks(run),
         )
 
 
@@ -44,7 +48,7 @@ def _nanoseconds(row: Row) -> Place | None:
 
 
 def _scatter(
-    material: Material, kind: str, about: str, axis: str, place: Callable[[Row], Place | None]
+    material: Material, kind: str, about: str, axis: str, place: Callable[[Row], Place | None], looks: Looks
 ) -> Iterator[Figure]:
     curves, absent = _curves(material, place)
     if not curves:
@@ -53,7 +57,7 @@ def _scatter(
     with style():
         drawing = new(8.2, max(4.2, 1.6 + 0.2 * len(curves)), layout="constrained")
         axes = drawing.add_subplot()
-        handles = [_draw(axes, index, points) for index, points in enumerate(curves.values())]
+        handles = [_draw(axes, looks.of(name), points) for name, points in curves.items()]
         axes.set_xscale("log")
         log_ticks(axes.xaxis, "B" if kind == "rate" else "")
         axes.set(xlabel=axis, ylabel=f"display PSNR, dB ({_pairs(material)}; higher is better)")
@@ -76,19 +80,27 @@ def _curves(material: Material, place: Callable[[Row], Place | None]) -> tuple[d
     """Points by ladder, and the labels of what is exact: infinitely far up."""
     curves: dict[str, list[Point]] = {}
     absent = []
-    for row in material.measured:
-        quality, where = row.stats(row.gate, PSNR).get("pooled"), place(row)
-        if quality is None:
-            absent.append(row.label)
-        elif where:
-            curves.setdefault(row.job.get("curve") or row.job.get("codec") or row.label, []).append((where, quality))
+    for codec in material.codecs:
+        rows = [(row.stats(row.gate, PSNR).get("pooled"), place(row)) for row in codec.measured]
+        points = [(where, quality) for quality, where in rows if quality is not None and where]
+        if codec.measured and codec.exact:
+            absent.append(codec.label)
+        elif points:
+            job = codec.measured[0].job
+            curves.setdefault(job.get("curve") or job.get("codec") or codec.label, []).append(_mean(points))
     return curves, absent
 
 
-def _draw(axes: Any, index: int, points: list[Point]) -> Any:
+def _mean(seeds: list[Point]) -> Point:
+    """The mean over seeds; the interval holds those of all."""
+    lows, highs = zip(*(interval for (_, interval), _ in seeds), strict=True)
+    x, y = (fmean(values) for values in zip(*((at, quality) for (at, _), quality in seeds), strict=True))
+    return (x, (min(x, *lows), max(x, *highs))), y
+
+
+def _draw(axes: Any, look: dict[str, Any], points: list[Point]) -> Any:
     points = sorted(points)
     x, y = [where[0] for where, _ in points], [quality for _, quality in points]
     spans = [[where[0] - where[1][0] for where, _ in points], [where[1][1] - where[0] for where, _ in points]]
-    colours = look(index)
-    axes.errorbar(x, y, xerr=spans, fmt="none", ecolor=colours["color"], elinewidth=1, capsize=2)
-    return axes.plot(x, y, **colours, markersize=6, linewidth=1, alpha=0.9)[0]
+    axes.errorbar(x, y, xerr=spans, fmt="none", ecolor=look["color"], elinewidth=1, capsize=2)
+    return axes.plot(x, y, **look, markersize=6, linewidth=1, alpha=0.9)[0]

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bench.records import Run, load_trade
-from reports.figures.canvas import Figure, legend, log_ticks, look, new, png, style, svg
+from reports.figures.canvas import Figure, legend, log_ticks, new, png, style, svg
+from reports.figures.looks import Looks
 
 Choice = dict[str, Any]
 
@@ -16,19 +17,19 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
         rows = [r for r in found["choices"] if r["material"] == material and r.get("psnr") is not None]
         if rows:
             with style():
-                drawing = _fronts(material, rows)
+                drawing = _fronts(material, rows, Looks(run))
                 yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), svg(drawing))
 
 
-def _fronts(material: str, rows: Sequence[Choice]) -> Any:
+def _fronts(material: str, rows: Sequence[Choice], looks: Looks) -> Any:
     groups: dict[str, list[Choice]] = {}
     for row in rows:
         groups.setdefault(row["codec"] + ("" if _plain(row) else f" [{_how(row)}]"), []).append(row)
     drawing = new(11.5, max(5.0, 1.4 + 0.2 * len(groups)), layout="constrained")
     speed, rate = drawing.subplots(1, 2, sharey=True)
-    handles = [_marks(speed, i, group, "ns_per_sample") for i, group in enumerate(groups.values())]
-    for i, group in enumerate(groups.values()):
-        _marks(rate, i, list(filter(_plain, group)), "bytes")  # executions change no byte
+    handles = [_marks(speed, _look(looks, name), group, "ns_per_sample") for name, group in groups.items()]
+    for name, group in groups.items():
+        _marks(rate, _look(looks, name), list(filter(_plain, group)), "bytes")  # executions change no byte
     _front(speed, [row for row in rows if row["fastest"]], "ns_per_sample", "ns a sample (less is better)", "")
     _front(rate, [row for row in rows if row["smallest"]], "bytes", "size of the file (less is better)", "B")
     speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
@@ -46,9 +47,14 @@ def _plain(row: Choice) -> bool:
     return _how(row) == "eager float32"
 
 
-def _marks(axes: Any, index: int, group: Sequence[Choice], cost: str) -> Any:
+def _look(looks: Looks, name: str) -> dict[str, Any]:
+    """That of the codec; hollow where it is computed otherwise than plainly."""
+    return looks.of(name) | {"linestyle": "none"} | ({"markerfacecolor": "white"} if "[" in name else {})
+
+
+def _marks(axes: Any, look: dict[str, Any], group: Sequence[Choice], cost: str) -> Any:
     x, y = [row[cost] for row in group], [row["psnr"] for row in group]
-    return axes.plot(x, y, **look(index), markersize=6, linestyle="none")[0]
+    return axes.plot(x, y, **look, markersize=6)[0]
 
 
 def _front(axes: Any, best: Sequence[Choice], cost: str, label: str, unit: str) -> None:

@@ -1,4 +1,8 @@
 import re
+import shutil
+import subprocess
+
+import pytest
 
 from reports import table_text
 from reports.latex import escaped
@@ -17,7 +21,7 @@ def test_every_row_has_as_many_cells_as_the_table_has_columns(made):
     made.job("50%_a&b").unfinished("failed", "Error: {").timing("50%_a&b")
     text = table_text(made.folder, "latex")
     for columns, body in re.findall(r"\\begin\{tabular\}\{([^\n]*)\}\n(.*?)\\end\{tabular\}", text, re.S):
-        count = len(re.sub(r"p\{.*\}", "p", columns))
+        count = len(re.sub(r"p\{.*\}", "p", columns.replace("@{}", "")))
         rows = [line for line in body.splitlines() if line.endswith(r"\\")]
         assert rows
         assert {len(re.split(r"(?<!\\)&", row)) for row in rows} == {count}
@@ -32,3 +36,24 @@ def test_braces_and_environments_are_balanced(made):
 
 def test_nothing_but_latin_letters_is_left_of_what_the_suite_writes(made):
     assert table_text(made.job().timing().folder, "latex").isascii()
+
+
+def test_a_table_is_of_booktabs_with_a_label(made):
+    text = table_text(made.job(material="wool & silk").folder, "latex", "main")
+    assert text.count(r"\toprule") == text.count(r"\midrule") == text.count(r"\bottomrule") == 2
+    assert re.findall(r"\\label\{(.*)\}", text) == ["tab:main-wool-silk-quality", "tab:main-wool-silk-size-and-time"]
+    assert r"\hline" not in text
+
+
+@pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
+@pytest.mark.parametrize("options", ["", "twocolumn"])
+def test_every_table_fits_an_article(made, tmp_path, options):
+    long = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
+    made.job(long).job("100%_{a}&b", seed=1, psnr=None).unfinished("failed", "ValueError: $ # " + "no luck " * 30)
+    text = table_text(made.timing(long).trade("pca").folder, "latex")
+    head = rf"\documentclass[{options}]{{article}}\usepackage{{booktabs,graphicx}}\begin{{document}}"
+    (tmp_path / "a.tex").write_text(f"{head}\n{text}\n\\end{{document}}\n")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "a.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert "Overfull \\hbox" not in done.stdout

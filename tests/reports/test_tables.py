@@ -23,7 +23,7 @@ def test_the_main_table_shows_the_numbers_of_the_record(made):
     assert (shown["decoder bytes"], shown["texture bytes"], shown["other bytes"]) == ("1,200", "34,567", "343")
     assert shown["bits per texel ↓"] == "4,514"  # 8 · 36110 / 64
     assert shown["decoder param."] == "3,011"
-    assert shown["PSNR dB ↑"] == "30.00"
+    assert shown["PSNR pooled dB ↑"] == "30.00"
     assert shown["SSIM ↑"] == "0.750 ± 0.125"
     assert (shown["time ns ↓"], shown["95 % interval ns"], shown["time × floor"]) == ("123", "120 to 130", "1.75")
     assert table.title == "satin (8 × 8 texels, 8 training pairs, 4 held out)"
@@ -48,7 +48,7 @@ def test_what_pairs_were_scored_and_that_the_machine_was_not_quiet_is_said(made)
 
 def test_exact_slices_are_counted_openly(made):
     (table,) = tables(made.job("table", psnr=None), "main")
-    assert cells(table)["PSNR dB ↑"] == cells(table)["PSNR per slice dB ↑"] == "exact"
+    assert cells(table)["PSNR pooled dB ↑"] == cells(table)["PSNR per slice dB ↑"] == "exact"
     assert any(note.startswith("table: 4 of 4 slices have no error") for note in table.notes)
 
 
@@ -57,7 +57,7 @@ def test_a_metric_that_applies_to_no_slice_is_not_applicable(made):
     scores = {group: {"slices": 4, "metrics": {"ssim": nothing}} for group in ("train", "heldout")}
     (table,) = tables(made.job(scores=scores), "main")
     assert cells(table)["SSIM ↑"] == "n/a"
-    assert cells(table)["PSNR dB ↑"] == "—"
+    assert cells(table)["PSNR pooled dB ↑"] == "—"
 
 
 def test_without_held_out_pairs_all_pairs_decide_and_the_table_says_so(made):
@@ -65,7 +65,7 @@ def test_without_held_out_pairs_all_pairs_decide_and_the_table_says_so(made):
     job = load_run(made.folder).jobs[0]
     scores = {group: job["scores"][group] for group in ("all", "train")}
     (table,) = tables(made.job(scores=scores, pairs={"all": 8, "train": 8}), "main")
-    assert cells(table)["PSNR dB ↑"] == "30.00"
+    assert cells(table)["PSNR pooled dB ↑"] == "30.00"
     assert "none held out" in table.title
     assert "all pairs, none being held out" in table.notes[0]
 
@@ -134,9 +134,45 @@ def test_footprints_have_a_column_each(made):
     assert [name for name, _ in table.headers] == ["codec", "1 texel", "2 texels", "4 texels", "8 texels"]
 
 
-def test_seeds_are_told_apart(made):
-    (table,) = tables(made.job().job(seed=1), "main")
-    assert [row[0] for row in table.rows] == ["pca components=8 seed=0", "pca components=8 seed=1"]
+def test_seeds_are_one_row_mean_and_deviation_where_they_differ(made):
+    made.job("vq", psnr=30.0).job("vq", seed=1, psnr=31.0).job("table", psnr=None).job("table", seed=1, psnr=None)
+    made.job("pca").job("pca", seed=1).timing("pca").job("half", psnr=None).job("half", seed=1, psnr=28.0)
+    (table,) = tables(made, "main")
+    rows = {row[0]: cells(table, i) for i, row in enumerate(table.rows)}
+    assert [row[0] for row in table.rows] == ["vq", "table", "pca", "half"]
+    assert rows["vq"]["PSNR pooled dB ↑"] == "30.50 ± 0.71"
+    assert rows["vq"]["PSNR per slice dB ↑"] == "30.50 ± 1.50"  # over slices, mean of the seeds
+    assert rows["vq"]["total bytes ↓"] == rows["pca"]["total bytes ↓"] == "36,110"
+    assert rows["table"]["PSNR pooled dB ↑"] == "exact"
+    assert rows["pca"]["PSNR pooled dB ↑"] == "30.00"
+    assert rows["pca"]["time ns ↓"] == "123"
+    assert rows["half"]["PSNR pooled dB ↑"] == "28.00"
+    assert any(note.startswith("Seeds 0, 1: a number is their mean ± std") for note in table.notes)
+
+
+def test_pairs_that_are_drawn_anew_for_each_seed_are_no_obstacle_but_older_ones_of_a_seed_are(made):
+    for label in ("a", "b"):
+        made.job(label, seed=0, btf="f0").job(label, seed=1, btf="f1")
+    made.job("old", seed=0, btf="f0", run="0").job("old", seed=1, btf="f9", run="0")
+    (table,) = tables(made, "main")
+    assert {row[0]: row[1] for row in table.rows} == {"a": "3,011", "b": "3,011", "old": "3,011"}
+    assert "old: 1 of 2 seeds." in table.notes
+    assert any(note.startswith("n/c: old seed=1 is not comparable") and "another BTF" in note for note in table.notes)
+
+
+def test_the_best_of_a_column_is_bold_and_the_second_underlined(made):
+    made.job("a", psnr=30.0).job("b", psnr=31.0).job("c", psnr=None).job("d", psnr=30.0, run="0", exposure=9.0)
+    (table,) = tables(made, "main")
+    column = [name for name, _ in table.headers].index("PSNR pooled")
+    assert {row: mark for (row, at), mark in table.marks.items() if at == column} == {2: "bold", 1: "underlined"}
+    assert not any(table.headers[at][0] == "texture" for _, at in table.marks)  # no end of it is better
+    assert not any(table.headers[at][0] == "total" for _, at in table.marks)  # all are alike
+    shown = {name: table_text(made.folder, name, "main") for name in ("markdown", "latex", "text", "csv")}
+    assert "**exact**" in shown["markdown"]
+    assert "<ins>31.00</ins>" in shown["markdown"]
+    assert r"\textbf{exact}" in shown["latex"]
+    assert r"\underline{31.00}" in shown["latex"]
+    assert "<" not in shown["text"]
 
 
 def test_rates_are_shown_with_their_overlap_or_the_reason_that_there_is_none(made):
@@ -145,7 +181,7 @@ def test_rates_are_shown_with_their_overlap_or_the_reason_that_there_is_none(mad
     append(made.job().folder, rate | numbers | {"curve": "vq", "bytes": [1000, 2000], "bytes_overlap": 1.0})
     append(made.folder, rate | {"curve": "bad", "error": "the curves are disjoint"})
     points, table = tables(made, "rate")
-    assert [name for name, _ in points.headers] == ["codec", "total", "bits per", "PSNR"]
+    assert [name for name, _ in points.headers] == ["codec", "total", "bits per", "PSNR pooled"]
     assert table.rows[0] == ["vq", "5", "-12.3", "+0.50", "20.00 to 30.00", "50", "1,000 to 2,000", "100"]
     assert table.rows[1] == ["bad", "5"] + ["—"] * 6
     assert "bad: the curves are disjoint" in table.notes
@@ -167,7 +203,7 @@ def test_the_measured_file_itself_is_a_row_of_reference(made):
     assert shown["codec"] == "dfmf (native)"
     assert (shown["total bytes ↓"], shown["tex. chan."]) == ("800", "100")
     assert shown["bits per texel ↓"] == "100.0"  # 8 · 800 / 64
-    assert shown["PSNR dB ↑"] == "—"
+    assert shown["PSNR pooled dB ↑"] == "—"
 
 
 def test_a_run_judged_by_a_scene_has_a_table_of_it(made):

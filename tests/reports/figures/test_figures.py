@@ -75,10 +75,17 @@ def test_artefacts_that_are_gone_cost_only_their_figure(made, draw):
 
 @pytest.mark.parametrize("draw", figures.ALL)
 def test_what_is_not_comparable_is_not_drawn(made, draw):
-    made.job("old", run="0", exposure=3.0).job("new").timing("new").trade("new")
+    made.job("vq", run="0", exposure=3.0).job("pca").timing("pca").trade("pca")
     alone = drawn(run_of(made), draw)
     (name, picture), *_ = alone.items()
     made.folder = made.folder.parent / "other"
     made.__init__(made.folder)
-    other = drawn(run_of(made.start().job("new").timing("new").trade("new")), draw)
+    other = drawn(run_of(made.start().job("pca").timing("pca").trade("pca")), draw)
     np.testing.assert_array_equal(other[name], picture)
+
+
+@pytest.mark.parametrize("draw", figures.ALL)
+def test_several_seeds_are_drawn_once(made, draw):
+    for seed in (0, 1, 2):
+        made.job("pca", seed=seed, psnr=30.0 + seed).timing("pca").job("table", seed=seed, psnr=None)
+    assert len(drawn(run_of(made.trade("pca")), draw)) == 1

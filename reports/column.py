@@ -1,0 +1,70 @@
+"""One column of a table of codecs: where its number stands in a record, how one seed or several are written."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import fmean, stdev
+from typing import Any
+
+from bench.records import Record
+from reports.numbers import EXACT, NONE
+from reports.rows import Row
+
+Value = float | tuple[float, ...] | str | None  # a number, numbers that stand together, a word, or nothing
+
+
+def elementwise(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
+    """The mean of each of the numbers that stand together, as a mean and a deviation over slices."""
+    return tuple(map(fmean, zip(*several, strict=True)))
+
+
+def hull(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
+    """The interval that holds them all."""
+    return min(low for low, _ in several), max(high for _, high in several)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A name, a unit with an arrow to the better end, and what a measured row has there.
+
+    `value` finds it and `write` writes it; `pool` makes one of the numbers that stand together in several seeds.
+    `native`, where there is one, fills the cell of the measured data's own file, from any record of the material. A
+    column that is `sparse` is left out where no row has a number for it.
+    """
+
+    name: str
+    unit: str
+    value: Callable[[Row], Value]
+    write: Callable[[Any], str]
+    native: Callable[[Record], str] | None = None
+    sparse: bool = False
+    pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise
+
+    def cell(self, seeds: Sequence[Row]) -> str:
+        """What a table shows of one codec: the number where its seeds agree, else mean ± std over them."""
+        values = [self.value(row) for row in seeds]
+        texts = [self._written(value) for value in values]
+        if len(set(texts)) < 2:
+            return texts[0] if texts else NONE
+        if together := [value for value in values if isinstance(value, tuple)]:
+            return self.write(self.pool(together))
+        numbers = [value for value in values if isinstance(value, int | float)]
+        if len(numbers) < 2:  # the others are without error, or have none
+            return self.write(numbers[0]) if numbers else texts[0]
+        return f"{self.write(fmean(numbers))} ± {self.write(stdev(numbers))}"
+
+    def score(self, seeds: Sequence[Row]) -> float | None:
+        """How good the cell is, more is better; None where it is no number, or where no end of the scale is better."""
+        sign = 1 if "↑" in self.unit else -1 if "↓" in self.unit else 0
+        values = [self.value(row) for row in seeds]
+        if not sign or not values:
+            return None
+        if all(value == EXACT for value in values):
+            return float("inf")
+        numbers = [value[0] if isinstance(value, tuple) else value for value in values]
+        found = [value for value in numbers if isinstance(value, int | float)]
+        return sign * fmean(found) if found else None
+
+    def _written(self, value: Value) -> str:
+        if value is None:
+            return NONE
+        return value if isinstance(value, str) else self.write(value)

@@ -1,0 +1,29 @@
+"""Which cells of a table are marked: the best of each column bold, the second underlined."""
+
+from collections.abc import Sequence
+
+from reports.table import BOLD, UNDERLINED
+
+Scores = Sequence[Sequence[float | None]]
+LEGEND = "Bold: the best of a column; underlined: the second."
+
+
+def marks(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int], str]:
+    """Marks by row and column, given how good each cell is, more is better; None is in no race.
+
+    Cells that read alike are equally good. A column in which all read alike, or one alone is scored, has no mark.
+    """
+    found: dict[tuple[int, int], str] = {}
+    for column in range(len(scores[0]) if scores else 0):
+        raced = [(row[column], rows[i][column], i) for i, row in enumerate(scores)]
+        order = sorted(((score, text, i) for score, text, i in raced if score is not None), key=lambda item: -item[0])
+        texts = list(dict.fromkeys(text for _, text, _ in order))
+        if len(texts) > 1:
+            look = {texts[0]: BOLD, texts[1]: UNDERLINED}
+            found |= {(i, column): look[text] for _, text, i in order if text in look}
+    return found
+
+
+def legend(scores: Scores) -> list[str]:
+    """What the marks mean, where more than one row is in a race."""
+    return [LEGEND] if sum(any(score is not None for score in row) for row in scores) > 1 else []

@@ -1,0 +1,35 @@
+import itertools
+
+from bench.records import load_run
+from reports.figures.looks import COLOURS, KNOWN, Looks
+
+
+def test_a_codec_looks_the_same_in_every_run_and_material(made):
+    made.job("vq").job("mine", material="brick").job("pca components=8").job("pca components=16")
+    looks = Looks(load_run(made.folder))
+    assert looks.of("vq") == Looks(load_run(made.job("other").folder)).of("vq")
+    one, two = looks.of("pca components=8"), looks.of("pca components=16")
+    assert (one["color"], one["marker"]) == (two["color"], two["marker"])
+    assert (one["linestyle"], one["markerfacecolor"]) != (two["linestyle"], two["markerfacecolor"])
+    assert looks.of("mine")["marker"] not in {looks.of(name)["marker"] for name in KNOWN}
+    assert looks.of("pca") == looks.of("pca components=8")  # a ladder of rates looks as its codec does
+
+
+def test_no_two_of_fourteen_codecs_look_alike(made):
+    for i in range(4):
+        made.job(f"outside{i}")
+    looks = Looks(load_run(made.folder))
+    names = [*KNOWN, *(f"outside{i}" for i in range(4))]
+    assert len({(looks.of(n)["color"], looks.of(n)["marker"], looks.of(n)["markerfacecolor"]) for n in names}) == 14
+
+
+def test_the_palette_is_told_apart_without_red_green_or_blue():
+    """Distances of the colours as a viewer without one kind of cone sees them (Viénot, Brettel, Mollon, 1999)."""
+    rgb = [[(int(colour[i : i + 2], 16) / 255) ** 2.2 for i in (1, 3, 5)] for colour in COLOURS]
+    mixed = {
+        "protan": lambda r, g, b: (0.11 * r + 0.89 * g, b),
+        "deutan": lambda r, g, b: (0.29 * r + 0.71 * g, b),
+    }
+    for see in mixed.values():
+        for one, other in itertools.combinations(rgb, 2):
+            assert sum(abs(a - b) for a, b in zip(see(*one), see(*other), strict=True)) > 0.1
