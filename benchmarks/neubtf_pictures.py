@@ -49,8 +49,9 @@ UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
 SCALES = (1, 3 / 4, 1 / 2, 3 / 8, 1 / 4, 1 / 8)
-# Half the steps show other slices, and half of those another scale.
+# Half the steps show other slices, and half of those another scale, or none of them.
 SCALED = BRIEF | {"smallest": 0.5, "explore": 0.5, "steps": 3600}
+UNSCALED = SCALED | {"smallest": 1.0}
 
 
 class Bench:
@@ -232,7 +233,8 @@ def draw_levels(bench: Bench) -> None:
     panels: Any = figure.subplots(1, 2, sharey=True)
     labels = ("R(A(G↓)) to truth↓", "R(A(G))↓ to truth↓", "R(A(G↓)) to R(A(G))↓")
     print("| trained down to | scale | " + " | ".join(labels) + " |\n|" + " --- |" * 5)
-    for axes, source in zip(panels, (bench.half("brick", "scaled", SCALED), bench.half("brick")), strict=True):
+    fits = (bench.half("brick", "scaled", SCALED), bench.half("brick", "unscaled", UNSCALED))
+    for axes, source in zip(panels, fits, strict=True):
         smallest = source.header.settings["smallest"]
         found = levels(source, bench.btf("brick"))
         for scale, psnr in zip(SCALES, found, strict=True):
