@@ -17,13 +17,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.codecs.registry import load_codec
-    from bench.conformance.verdicts import check
+    from bench.conformance.verdicts import check, of
+    from bench.console import Console
 
     failed = 0
-    for result in check(load_codec(options.codec)(**assignments(options.set))):
-        failed += bool(result.failure)
-        word = "FAIL" if result.failure else "n/a " if result.reason else "pass"
-        print(f"{word}  {result.name}" + "".join(f": {more}" for more in (result.failure, result.reason) if more))
-    print(f"{options.codec}: " + (f"{failed} checks failed" if failed else "every check passed"))
+    with Console() as console:
+        codec = of(options.codec, assignments(options.set))
+        for result in check(codec, show=console.show):
+            failed += bool(result.failure)
+            word = "FAIL" if result.failure else "n/a " if result.reason else "pass"
+            said = (text for text in (result.failure, result.reason, result.note) if text)
+            console.say(f"{word}  {result.name}" + "".join(f": {text}" for text in said))
+        verdict = f"{failed} checks failed, and those after them were not tried" if failed else "every check passed"
+        console.say(f"{options.codec}: {verdict}")
     return NO if failed else FINE

@@ -3,9 +3,11 @@
 A codec under test encodes a small rendered-like BTF, writes the file, and decodes it, here and in a fresh process.
 """
 
+import inspect
 import itertools
 import subprocess
 import sys
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,8 +18,9 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF, ArraySource
-from bench.codec import Codec, Fit, SharedNetwork, TrainedNetwork
+from bench.codec import Codec, Fit, Progress, SharedNetwork, TrainedNetwork, silent
 from bench.codecs import container, loading, shared
+from bench.conformance import counting, frame
 from bench.errors import InputError
 from bench.hemisphere import thin, ubo2003, uniform
 from bench.material import Material, parameters, texel_centres
@@ -33,6 +36,14 @@ class CheckError(AssertionError):
     def __init__(self, message: str, figure: str = ""):
         super().__init__(message)
         self.figure = figure
+
+
+def raised(error: BaseException, codec: Codec) -> str:
+    """What a codec raised, in one line, with the last line of its author's own files that it went through."""
+    what = f"{type(error).__name__}: {error}".splitlines()[0]
+    own = Path(inspect.getfile(type(codec))).parent
+    lines = [frame for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename).is_relative_to(own)]
+    return f"{what} ({lines[-1].filename}:{lines[-1].lineno})" if lines else what
 
 
 def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
@@ -64,6 +75,7 @@ class Bench:
     codec: Codec
     folder: Path
     trainable: SharedNetwork | None = None  # a network to share, to be trained; else the one at its place
+    show: Progress = silent
 
     @cached_property
     def btf(self) -> BTF:
@@ -72,16 +84,21 @@ class Bench:
     @cached_property
     def network(self) -> TrainedNetwork | None:
         """The network that the codec shares, trained on other materials; None where it shares none."""
+        return self._network(self.btf, self.folder)
+
+    def _network(self, btf: BTF, folder: Path) -> TrainedNetwork | None:
+        """A network trained on a BTF in other colours, its file in that folder, or the one at its place."""
         if self.trainable is None:
             return shared.find_for(self.codec)
-        path = self.folder / f"{self.codec.name}{container.SUFFIX}"
+        path = folder / f"{self.codec.name}{container.SUFFIX}"
         with torch_threads(1):
-            return shared.read(shared.make(self.trainable, others(self.btf), Fit(seed=1), path).path)
+            return shared.read(shared.make(self.trainable, others(btf), Fit(seed=1, show=self.show), path).path)
 
-    def encode(self, name: str) -> container.Header:
+    def encode(self, name: str, btf: BTF | None = None, network: TrainedNetwork | None = None) -> container.Header:
+        """Encode a BTF, by default the small material, into a file of that name."""
         with torch_threads(1):
-            parts = self.codec.encode(self.btf, Fit(seed=1, network=self.network))
-            return container.save(self.folder / name, self.codec, parts)
+            fit = Fit(seed=1, network=network or self.network, show=self.show)
+            return container.save(self.folder / name, self.codec, self.codec.encode(btf or self.btf, fit))
 
     @cached_property
     def header(self) -> container.Header:
@@ -90,6 +107,16 @@ class Bench:
     @cached_property
     def material(self) -> Material:
         return loading.load(self.header.path, network=self.network)[1]
+
+    @cached_property
+    def framed(self) -> frame.Found:
+        """What the codec answers of the material that tells every arrangement apart."""
+        btf, folder = frame.material(), self.folder / "frame"
+        folder.mkdir(parents=True)
+        network = self._network(btf, folder)
+        header = self.encode(f"frame/a{container.SUFFIX}", btf, network)
+        with torch_threads(1):
+            return frame.Found.of(loading.load(header.path, network=network)[1], btf)
 
     @cached_property
     def queries(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -178,10 +205,17 @@ def refuses(bench: Bench) -> None:
 
 
 def counted(bench: Bench) -> None:
-    """declared parameters are those that are counted"""
-    declared, found = bench.material.cost.parameters, parameters(bench.material)
-    if declared != found:
-        raise CheckError(f"declares {declared} parameters, holds {found}")
+    """declared parameters, channels and stored numbers are those that are counted"""
+    declared = bench.material.cost
+    found = parameters(bench.material)
+    if declared.parameters != found:
+        raise CheckError(f"declares {declared.parameters:,} parameters, holds {found:,}")
+    texture = container.read_parts(bench.header.path)[1].texture
+    floats, channels = counting.texture_floats(texture), counting.texture_channels(texture, bench.material.size)
+    if not floats.start <= declared.texture_floats < floats.stop:
+        raise CheckError(f"declares {declared.texture_floats:,} numbers in textures, stores {counting.said(floats)}")
+    if channels is not None and declared.texture_channels != channels:
+        raise CheckError(f"declares {declared.texture_channels:,} texture channels, stores {channels:,}")
 
 
 def follows_data(bench: Bench) -> None:
@@ -206,14 +240,25 @@ def slices(bench: Bench) -> None:
     _same("slice", bench.material.slice(wo.tolist(), wi.tolist()), asked.reshape(height, width, 3), 0.0)
 
 
-CHECKS: tuple[Callable[[Bench], None], ...] = (
-    same_bytes,
-    fresh_process,
-    follows_data,
-    batches,
-    order,
-    slices,
-    wraps,
-    refuses,
-    counted,
+def encodes(bench: Bench) -> None:
+    """it encodes, and its file decodes and answers"""
+    answers = bench.answers
+    if answers.shape != (500, 3):
+        raise CheckError(f"500 queries must give (500, 3), not {tuple(answers.shape)}")
+
+
+def framed(bench: Bench) -> str | None:
+    """frame, order of channels and directions, and units are those of the truth"""
+    if mistake := bench.framed.mistake():
+        raise CheckError(mistake)
+    untold = bench.framed.untold()
+    return f"its answers are the same {'; '.join(untold)}" if untold else None
+
+
+Check = Callable[[Bench], str | None]  # what it raises is the failure, what it returns a note
+STAGES: tuple[tuple[Check, ...], ...] = (
+    (encodes,),
+    (follows_data, slices, framed),
+    (same_bytes, fresh_process, batches, order, wraps, refuses, counted),
 )
+CHECKS: tuple[Check, ...] = tuple(one for stage in STAGES for one in stage)

@@ -4,51 +4,83 @@ import dataclasses
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from bench.codec import Codec, SharedNetwork
+from bench.codec import Codec, Progress, SharedNetwork, silent
 from bench.codecs.registry import load_codec
 from bench.conformance import stability
-from bench.conformance.check import CHECKS, Bench
+from bench.conformance.check import STAGES, Bench, Check, CheckError, raised
+from bench.conformance.stability.case import short
+from bench.conformance.stability.reference import met_by_others
 from bench.material import parameters
 from bench.records import Record
 
 
 @dataclass(frozen=True)
 class Result:
-    """One check: its name, what was wrong, empty where it passed, and the reason where it does not apply."""
+    """One check: its name, what was wrong, empty where it passed, the reason where it does not apply, and a note."""
 
     name: str
     failure: str = ""
     reason: str = ""
+    note: str = ""
 
 
-def check(codec: Codec, network: SharedNetwork | None = None) -> Iterator[Result]:
-    """Run every check against a codec, yielding each result; what a codec itself raises is a failed check.
+def check(codec: Codec, network: SharedNetwork | None = None, show: Progress = silent) -> Iterator[Result]:
+    """Run the checks against a codec, yielding each result; what a codec itself raises is a failed check.
 
-    The last of them are the quick extremes of `bench.conformance.stability`. A codec that shares a network over
-    materials is tried with a small one of its own, or that of `network`.
+    They come in stages: it encodes and answers, the answers are the material's, a renderer's promises, and the quick
+    extremes of `bench.conformance.stability`. The first stage in which one fails is the last that is tried: what comes
+    after would fail for the same reason. A codec that shares a network over materials is tried with a small one of its
+    own, or that of `network`.
     """
     if network is None and codec.network is not None:
         network = codec.network().brief()
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(codec, Path(folder), network)
-        for one in CHECKS:
-            try:
-                one(bench)
-                yield Result(one.__doc__ or one.__name__)
-            except Exception as error:  # whatever a foreign codec raises is its failure, and the next check still runs
-                yield Result(one.__doc__ or one.__name__, f"{type(error).__name__}: {error}".splitlines()[0])
-        yield from _extremes(bench)
+        bench = Bench(codec, Path(folder), network, show)
+        stages = [*(partial(_stage, bench, stage) for stage in STAGES), partial(_extremes, bench)]
+        for number, stage in enumerate(stages):
+            show("stages of the check", number, len(stages))
+            failed = False
+            for result in stage():
+                failed |= bool(result.failure)
+                yield result
+            if failed:
+                break
+        show("stages of the check", len(stages), len(stages))
+
+
+def of(name: str, settings: dict[str, Any]) -> Codec:
+    """The codec of a name as it is checked: with these settings, and fits that are short where they do not say."""
+    kind = load_codec(name)
+    return kind(**short(kind) | settings)
+
+
+def _stage(bench: Bench, checks: tuple[Check, ...]) -> Iterator[Result]:
+    for one in checks:
+        name = one.__doc__ or one.__name__
+        try:
+            yield Result(name, note=one(bench) or "")
+        except CheckError as error:
+            yield Result(name, str(error))
+        except Exception as error:  # whatever a foreign codec raises is its failure
+            yield Result(name, raised(error, bench.codec))
 
 
 def _extremes(bench: Bench) -> Iterator[Result]:
     subject = stability.Subject(bench)
-    for case in stability.CASES:
-        if case.cheap:
-            found = stability.judge(case, subject)
-            failure = found.detail if found.verdict == "fail" else ""
-            yield Result(f"{case.name}: {case.holds}", failure, found.detail if found.verdict == "n/a" else "")
+    cases = [case for case in stability.CASES if case.cheap]
+    said = set[str]()
+    for number, case in enumerate(cases):
+        bench.show("extremes", number, len(cases))
+        found = stability.judge(case, subject)
+        what = found.detail if found.detail not in said else "the same again"
+        said.add(found.detail)
+        failure = what + met_by_others(case.name) if found.verdict == "fail" else ""
+        yield Result(f"{case.name}: {case.holds}", failure, found.detail if found.verdict == "n/a" else "")
+    bench.show("extremes", len(cases), len(cases))
 
 
 def count(name: str) -> Record:

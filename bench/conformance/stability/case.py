@@ -13,7 +13,7 @@ import torch
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, settings_dict
 from bench.codecs import container, loading, shared
-from bench.conformance.check import Bench, CheckError
+from bench.conformance.check import Bench, CheckError, raised
 from bench.material import Material
 from bench.threads import torch_threads
 
@@ -144,11 +144,15 @@ def subject_of(kind: type[Codec], folder: Path) -> Subject:
     return Subject(Bench(shortened(kind()), folder, network))
 
 
+def short(kind: type[Codec]) -> dict[str, Any]:
+    """The settings that make the fits of a codec short: `SHORT`, or its defaults where these are less."""
+    defaults = settings_dict(kind())
+    return {name: min(defaults[name], most) for name, most in SHORT.items() if name in defaults}
+
+
 def shortened(codec: Codec, **changes: Any) -> Codec:
-    """The codec with short fits (`SHORT`) and some settings changed."""
-    settings, defaults = settings_dict(codec), settings_dict(type(codec)())
-    short = {name: min(defaults[name], most) for name, most in SHORT.items() if name in settings}
-    return type(codec)(**settings | short | changes)
+    """The codec with short fits and some settings changed."""
+    return type(codec)(**settings_dict(codec) | short(type(codec)) | changes)
 
 
 def judge(case: Case, subject: Subject) -> Verdict:
@@ -162,7 +166,7 @@ def judge(case: Case, subject: Subject) -> Verdict:
     except CheckError as error:
         return Verdict("fail", error.figure or "failed", str(error))
     except Exception as error:  # whatever a foreign codec raises is its failure, and the next case still runs
-        return Verdict("fail", type(error).__name__, f"{type(error).__name__}: {error}".splitlines()[0])
+        return Verdict("fail", type(error).__name__, raised(error, subject.bench.codec))
 
 
 def applicable(condition: object, reason: str) -> None:

@@ -1,0 +1,41 @@
+"""Counts what the textures of a file really hold, to hold against what its codec declares."""
+
+import math
+
+from torch import Tensor
+
+PACKED_BITS = (1, 32)  # of an index that is packed into bytes, the least and the most
+
+
+def texture_floats(texture: dict[str, Tensor]) -> range:
+    """How many numbers the textures of a file hold: one count, or from … to where indices are packed into bytes.
+
+    Vectors of floats are scales, offsets and the like, which are no texture.
+    """
+    counted = sum(values.numel() for values in texture.values() if values.ndim > 1)
+    packed = 8 * sum(values.nbytes for values in texture.values() if values.ndim < 2 and not values.is_floating_point())
+    least, most = PACKED_BITS
+    return range(counted + math.ceil(packed / most), counted + packed // least + 1)
+
+
+def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int | None:
+    """Numbers a texel of the finest textures, by their shapes; None where one is packed or laid out otherwise."""
+    found = [_channels(tuple(values.shape), size) for values in texture.values() if values.ndim != 1]
+    packed = any(values.ndim == 1 and not values.is_floating_point() for values in texture.values())
+    return None if packed or None in found else sum(count for count in found if count)
+
+
+def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
+    """The channels of one tensor: (H, W) stand in its shape, or all texels, of all levels, are its rows."""
+    places = [i for i in range(len(shape) - 1) if shape[i : i + 2] == size]
+    if places:
+        return math.prod(shape) // math.prod(size)
+    if len(shape) == 2 and shape[0] >= math.prod(size):
+        return shape[1]
+    coarser = len(shape) > 2 and math.prod(shape[:2]) < math.prod(size)
+    return 0 if coarser else None
+
+
+def said(count: range) -> str:
+    """A count in words."""
+    return f"{count.start:,}" if len(count) == 1 else f"{count.start:,} to {count.stop - 1:,}"

@@ -1,0 +1,193 @@
+"""Proves the frame, the order of channels and directions, and the units of a codec's answers against the truth.
+
+The material is in closed form, so that the truth is known in any arrangement, and no two arrangements look alike:
+quadrants, channels, views and lights all differ. Answers are projected on the line from the truth T to each wrong
+arrangement W: share = ⟨answers − T, W − T⟩ / ⟨W − T, W − T⟩ is 0 at T and 1 at W. What a codec blurs or leaves out is
+at right angles to most of that; one that does not follow what W changes, such as a mean over all pairs, is half way.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.btf import BTF, ArraySource
+from bench.hemisphere import from_degrees
+from bench.material import Material, texel_centres
+
+SHAPE = (8, 8)
+WRONG, RIGHT = 0.65, 0.35  # shares above and below these decide; between them a codec does not tell the two apart
+SAME_SCALE = 1.25  # a mean within this factor is no question of units
+PHASES_U, PHASES_V = (0.03, 0.37, 0.66), (0.18, 0.52, 0.86)  # of the three channels
+WAVE, ALBEDO = 0.2, 0.45
+LIGHT_DEG, VIEW_DEG, LIGHT_TILT, VIEW_TILT = 20.0, 140.0, 0.5, 0.35  # how radiance leans with the directions
+
+Radiance = Callable[[Tensor, Tensor, Tensor], Tensor]  # uv (n, 2), ω_o and ω_i (n, 3) → RGB (n, 3)
+
+
+def truth(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+    """The radiance (n, 3) of the material, f_r · cos θ_i, at uv (n, 2), wo and wi (n, 3)."""
+    across = torch.sin(2 * math.pi * (uv[:, :1] + torch.tensor(PHASES_U)))
+    up = torch.sin(2 * math.pi * (uv[:, 1:] + torch.tensor(PHASES_V)))
+    lean = 1 + LIGHT_TILT * _along(wi, LIGHT_DEG) + VIEW_TILT * _along(wo, VIEW_DEG)
+    return (ALBEDO + WAVE * across + WAVE * up) * lean * wi[:, 2:]
+
+
+def _along(w: Tensor, phi_deg: float) -> Tensor:
+    phi = math.radians(phi_deg)
+    return w[:, :1] * math.cos(phi) + w[:, 1:2] * math.sin(phi)
+
+
+def directions() -> np.ndarray:
+    """The zenith and two rings, (13, 3): a set that every arrangement of directions maps to itself."""
+    rings = [(0.0, 0.0), *((30.0, 90.0 * i) for i in range(4)), *((60.0, 45.0 * i) for i in range(8))]
+    return np.stack([from_degrees(theta, phi) for theta, phi in rings])
+
+
+def material() -> BTF:
+    """The material as a BTF, all views times all lights."""
+    side = directions()
+    wo, wi = np.repeat(side, len(side), 0), np.tile(side, (len(side), 1))
+    uv = texel_centres(*SHAPE)
+    pictures = [truth(uv, *(torch.from_numpy(w).expand(len(uv), 3) for w in pair)) for pair in zip(wo, wi, strict=True)]
+    values = torch.stack(pictures).reshape(-1, *SHAPE, 3).numpy()
+    return BTF("frame", wo, wi, ArraySource(values), periodic=True)
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """A way to be wrong: what is said of it, and the radiance that such a codec would answer."""
+
+    says: str
+    radiance: Radiance
+
+
+def _place(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Radiance:
+    return lambda uv, wo, wi: truth(torch.stack(change(uv[:, 0], uv[:, 1]), 1), wo, wi)
+
+
+def _moved(across: float, up: float) -> Radiance:
+    return _place(lambda u, v: (u + across, v + up))
+
+
+def _turned(w: Tensor, x: tuple[int, int], y: tuple[int, int]) -> Tensor:
+    """Directions whose x and y are these whole multiples of the x and y there were."""
+    turn = torch.tensor([[*x, 0], [*y, 0], [0, 0, 1]], dtype=w.dtype)
+    return w @ turn.T
+
+
+def _both(x: tuple[int, int], y: tuple[int, int]) -> Radiance:
+    return lambda uv, wo, wi: truth(uv, _turned(wo, x, y), _turned(wi, x, y))
+
+
+def _channels(order: tuple[int, int, int]) -> Radiance:
+    return lambda uv, wo, wi: truth(uv, wo, wi)[:, list(order)]
+
+
+def srgb(x: Tensor) -> Tensor:
+    """Linear radiance as sRGB, IEC 61966-2-1; values above 1 go on."""
+    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp_min(0.0031308).pow(1 / 2.4) - 0.055)
+
+
+def linear(x: Tensor) -> Tensor:
+    """The inverse of `srgb`."""
+    return torch.where(x <= 0.04045, x / 12.92, ((x.clamp_min(0.04045) + 0.055) / 1.055).pow(2.4))
+
+
+HALF = 0.5 / SHAPE[1], 0.5 / SHAPE[0]
+OPPOSITE = (-1, 0), (0, -1)
+PLACES = (
+    Arrangement("with the picture upside down (v grows upwards, row 0 is the top)", _place(lambda u, v: (u, 1 - v))),
+    Arrangement("with the picture mirrored left to right", _place(lambda u, v: (1 - u, v))),
+    Arrangement("with the picture turned by 180°", _place(lambda u, v: (1 - u, 1 - v))),
+    Arrangement("with u and v exchanged", _place(lambda u, v: (v, u))),
+    # Transposed rows and columns: u = col/W, v = 1 − row/H.
+    Arrangement("with the picture transposed, rows for columns", _place(lambda u, v: (1 - v, 1 - u))),
+    Arrangement("with the picture turned by 90° to the left", _place(lambda u, v: (v, 1 - u))),
+    Arrangement("with the picture turned by 90° to the right", _place(lambda u, v: (1 - v, u))),
+    Arrangement("with the picture moved by half a texel to the left", _moved(HALF[0], 0)),
+    Arrangement("with the picture moved by half a texel to the right", _moved(-HALF[0], 0)),
+    Arrangement("with the picture moved by half a texel down", _moved(0, HALF[1])),
+    Arrangement("with the picture moved by half a texel up", _moved(0, -HALF[1])),
+)
+CHANNELS = tuple(
+    Arrangement(f"with the channels in the order {name}", _channels(order))
+    for name, order in (
+        ("BGR", (2, 1, 0)),
+        ("GRB", (1, 0, 2)),
+        ("RBG", (0, 2, 1)),
+        ("GBR", (1, 2, 0)),
+        ("BRG", (2, 0, 1)),
+    )
+)
+DIRECTIONS = (
+    Arrangement("with ω_o and ω_i exchanged", lambda uv, wo, wi: truth(uv, wi, wo)),
+    Arrangement("with φ + 180° for φ (ω pointing the other way)", _both(*OPPOSITE)),
+    Arrangement("with φ mirrored (−φ for φ)", _both((1, 0), (0, -1))),
+    Arrangement("with φ mirrored (180° − φ for φ)", _both((-1, 0), (0, 1))),
+    Arrangement("with φ + 90° for φ", _both((0, -1), (1, 0))),
+    Arrangement("with φ − 90° for φ", _both((0, 1), (-1, 0))),
+    Arrangement("with φ counted from +y clockwise", _both((0, 1), (1, 0))),
+    Arrangement("with φ + 180° for φ of ω_o alone", lambda uv, wo, wi: truth(uv, _turned(wo, *OPPOSITE), wi)),
+    Arrangement("with φ + 180° for φ of ω_i alone", lambda uv, wo, wi: truth(uv, wo, _turned(wi, *OPPOSITE))),
+)
+UNITS = (
+    Arrangement("as sRGB for linear radiance", lambda uv, wo, wi: srgb(truth(uv, wo, wi))),
+    Arrangement("with sRGB undone twice", lambda uv, wo, wi: linear(truth(uv, wo, wi))),
+    Arrangement("without the cosine of ω_i", lambda uv, wo, wi: truth(uv, wo, wi) / wi[:, 2:]),
+    Arrangement("with the cosine of ω_i twice", lambda uv, wo, wi: truth(uv, wo, wi) * wi[:, 2:]),
+)
+ARRANGEMENTS = (*PLACES, *CHANNELS, *DIRECTIONS, *UNITS)
+
+
+@dataclass(frozen=True)
+class Found:
+    """Answers to every texel at every pair of the material, (n, 3), and the queries: uv (n, 2), wo and wi (n, 3)."""
+
+    answers: Tensor
+    queries: tuple[Tensor, Tensor, Tensor]
+
+    @classmethod
+    def of(cls, decoded: Material, btf: BTF) -> "Found":
+        """What a decoded material answers at the texel centres, at every pair."""
+        uv = texel_centres(*SHAPE)
+        wo, wi = (torch.from_numpy(w).repeat_interleave(len(uv), 0) for w in (btf.wo, btf.wi))
+        queries = uv.repeat(len(btf), 1), wo, wi
+        return cls(decoded.query(*queries, footprint=1 / max(SHAPE)).double(), queries)
+
+    def share(self, wrong: Tensor) -> float:
+        """How far the answers lie on the way from the truth to a wrong arrangement of it, (n, 3)."""
+        right = truth(*self.queries).double()
+        way = wrong.double() - right
+        return float(((self.answers - right) * way).sum() / way.square().sum())
+
+    def error(self, wrong: Tensor) -> float:
+        """The mean squared distance to an arrangement."""
+        return float((self.answers - wrong).square().mean())
+
+    @property
+    def scale(self) -> float:
+        """The mean answer over the mean of the truth."""
+        return float(self.answers.mean() / truth(*self.queries).double().mean())
+
+    def shares(self) -> dict[str, float]:
+        """`share` of each wrong arrangement, by what is said of it."""
+        return {one.says: self.share(one.radiance(*self.queries)) for one in ARRANGEMENTS}
+
+    def mistake(self) -> str:
+        """What is wrong, in words; empty where nothing is."""
+        likely = [(self.error(one.radiance(*self.queries)), one.says) for one in self._wrong()]
+        scale = self.scale
+        if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
+            likely.append((self.error(truth(*self.queries).double() * scale), f"as {scale:.3g} times the truth"))
+        return f"your answers fit better {min(likely)[1]}" if likely else ""
+
+    def _wrong(self) -> list[Arrangement]:
+        return [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
+
+    def untold(self) -> list[str]:
+        """The arrangements that the answers do not tell from the truth."""
+        return [says for says, share in self.shares().items() if RIGHT < share <= WRONG]

@@ -1,0 +1,152 @@
+"""Every way of arranging answers wrongly is found and named: each broken codec here is wrong in one."""
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.mean_colour import MeanColour
+from baselines.pca import PCA
+from baselines.table import Table
+from bench.btf import BTF, ArraySource
+from bench.codecs import registry
+from bench.conformance import frame
+from bench.conformance.check import Bench, CheckError, framed
+from bench.metrics.display import to_display
+
+
+def encoded(change):
+    """The table of a BTF whose slices a codec changed on the way."""
+
+    class Wrong(Table):
+        def encode(self, btf, fit):
+            pictures = [change(picture) for picture in btf]
+            return super().encode(BTF("wrong", btf.wo, btf.wi, ArraySource(np.stack(pictures))), fit)
+
+    return Wrong
+
+
+def asked(change):
+    """The table whose material changes what it is asked: uv, ω_o, ω_i → the same."""
+
+    class Wrong(Table):
+        def decode(self, parts, device):
+            material = super().decode(parts, device)
+            evaluate = material.evaluate
+            material.evaluate = lambda uv, wo, wi, footprint: evaluate(*change(uv, wo, wi), footprint)
+            return material
+
+    return Wrong
+
+
+def answered(change):
+    """The table whose material changes its answers (n, 3), given ω_i."""
+
+    class Wrong(Table):
+        def decode(self, parts, device):
+            material = super().decode(parts, device)
+            evaluate = material.evaluate
+            material.evaluate = lambda uv, wo, wi, footprint: change(evaluate(uv, wo, wi, footprint), wi)
+            return material
+
+    return Wrong
+
+
+def turned(view, light):
+    """The table asked at x and y of the view and the light that are each (x, y) → (x, y)."""
+
+    def change(uv, wo, wi):
+        wo, wi = (torch.stack([*turn(w[:, 0], w[:, 1]), w[:, 2]], 1) for turn, w in ((view, wo), (light, wi)))
+        return uv, wo, wi
+
+    return asked(change)
+
+
+def both(turn):
+    return turned(turn, turn)
+
+
+def same(x, y):
+    return x, y
+
+
+def opposite(x, y):
+    return -x, -y
+
+
+def moved(u, v):
+    return asked(lambda uv, wo, wi: (uv + torch.tensor([u, v]) / 16, wo, wi))
+
+
+def channels(*order):
+    return encoded(lambda picture: picture[..., list(order)])
+
+
+PLANTED = {
+    "upside down": encoded(lambda picture: picture[::-1]),
+    "mirrored left to right": encoded(lambda picture: picture[:, ::-1]),
+    "turned by 180°": encoded(lambda picture: picture[::-1, ::-1]),
+    "u and v exchanged": asked(lambda uv, wo, wi: (uv.flip(1), wo, wi)),
+    "transposed": encoded(lambda picture: picture.transpose(1, 0, 2)),
+    "by 90° to the left": encoded(lambda picture: np.rot90(picture, 1)),
+    "by 90° to the right": encoded(lambda picture: np.rot90(picture, -1)),
+    "half a texel to the left": moved(1, 0),
+    "half a texel to the right": moved(-1, 0),
+    "half a texel down": moved(0, 1),
+    "half a texel up": moved(0, -1),
+    "order BGR": channels(2, 1, 0),
+    "order GRB": channels(1, 0, 2),
+    "order RBG": channels(0, 2, 1),
+    "order GBR": channels(1, 2, 0),
+    "order BRG": channels(2, 0, 1),
+    "ω_o and ω_i exchanged": asked(lambda uv, wo, wi: (uv, wi, wo)),
+    "φ + 180° for φ (ω": both(opposite),
+    "−φ for φ": both(lambda x, y: (x, -y)),
+    "180° − φ for φ": both(lambda x, y: (-x, y)),
+    "φ + 90° for φ": both(lambda x, y: (-y, x)),
+    "φ − 90° for φ": both(lambda x, y: (y, -x)),
+    "+y clockwise": both(lambda x, y: (y, x)),
+    "of ω_o alone": turned(opposite, same),
+    "of ω_i alone": turned(same, opposite),
+    "sRGB for linear": answered(lambda rgb, wi: torch.from_numpy(to_display(rgb.numpy(), 1.0)).float()),
+    "sRGB undone twice": encoded(lambda picture: frame.linear(torch.from_numpy(picture)).numpy()),
+    "without the cosine": answered(lambda rgb, wi: rgb / wi[:, 2:]),
+    "cosine of ω_i twice": answered(lambda rgb, wi: rgb * wi[:, 2:]),
+    "as 3.14 times the truth": answered(lambda rgb, wi: rgb * torch.pi),
+    "as 0.318 times the truth": answered(lambda rgb, wi: rgb / torch.pi),
+}
+
+
+@pytest.mark.parametrize("says", PLANTED)
+def test_a_wrong_arrangement_is_named(says, tmp_path, monkeypatch):
+    monkeypatch.setattr(registry, "load_codec", lambda name, wanted_by="": PLANTED[says])
+    with pytest.raises(CheckError, match="your answers fit better") as raised:
+        framed(Bench(PLANTED[says](), tmp_path))
+    assert says in str(raised.value)
+
+
+def test_there_is_a_planted_codec_for_each_arrangement():
+    for arrangement in frame.ARRANGEMENTS:
+        assert sum(says in arrangement.says for says in PLANTED) == 1, arrangement.says
+
+
+def test_a_lossy_codec_is_found_out_as_well(tmp_path, monkeypatch):
+    class Wrong(PCA):
+        def encode(self, btf, fit):
+            return super().encode(BTF("wrong", btf.wo, btf.wi, ArraySource(np.stack(list(btf))[..., ::-1])), fit)
+
+    monkeypatch.setattr(registry, "load_codec", lambda name, wanted_by="": Wrong)
+    with pytest.raises(CheckError, match="order BGR"):
+        framed(Bench(Wrong(components=1), tmp_path))
+
+
+def test_what_a_codec_does_not_tell_apart_is_said_and_no_failure(tmp_path):
+    note = framed(Bench(MeanColour(), tmp_path))
+    assert "ω_o and ω_i exchanged" in note
+    assert "upside down" not in note
+    assert framed(Bench(Table(), tmp_path / "table")) is None
+
+
+def test_the_truth_is_told_apart_from_every_wrong_arrangement(tmp_path):
+    found = Bench(Table(), tmp_path).framed
+    assert max(map(abs, found.shares().values())) < 0.01
+    assert found.scale == pytest.approx(1, abs=1e-3)
