@@ -236,12 +236,26 @@ def score_footprints(
     exposure: float,
     factors: Sequence[int] = (1, 2, 4, 8),
 ) -> dict[str, dict[str, float | int | None]]:
-    """Display PSNR, pooled over pairs, at footprints of some texels, against box-filtered truth.
+    """Display PSNR at footprints of some texels, against box-filtered truth; arguments as of `footprint_errors`.
+
+    Gives {"1": {"psnr_display": pooled over pairs, "mean": over slices, "exact": …, "slices": …}, …}. None stands for
+    no error at all.
+    """
+    return summarise_footprints(footprint_errors(btf, pairs, decode, exposure, factors))
+
+
+def footprint_errors(
+    btf: BTF,
+    pairs: Sequence[int] | Array,
+    decode: Callable[[int, int], Array],
+    exposure: float,
+    factors: Sequence[int] = (1, 2, 4, 8),
+) -> dict[int, Array]:
+    """The squared display error of each pair at footprints of some texels, against box-filtered truth.
 
     `decode(i, factor)` gives pair i at that footprint, linear radiance (H // factor, W // factor, 3): one answer for
-    each whole box of factor × factor texels, asked where that box is (`bench.material.box_centres`). Gives
-    {"1": {"psnr_display": …, "exact": …, "slices": …}, …}; a factor that exceeds the picture is left out. None stands
-    for no error at all. Raises `InputError` as `Scorer.score` does.
+    each whole box of factor × factor texels, asked where that box is (`bench.material.box_centres`). A factor that
+    exceeds the picture is left out. Raises `InputError` as `Scorer.score` does.
     """
     errors: dict[int, list[float]] = {factor: [] for factor in factors if factor <= min(btf.shape)}
     for pair in np.asarray(pairs).tolist():
@@ -252,14 +266,16 @@ def score_footprints(
             if test.shape != wanted.shape:
                 raise InputError(f"{name} is {test.shape}, not {wanted.shape}")
             found.append(float(np.square(to_display(wanted, exposure) - to_display(test, exposure)).mean()))
-    return {
-        str(factor): {
-            "psnr_display": as_number(DisplayPSNR().pool(np.array(mse))) if mse else None,
-            "exact": mse.count(0.0),
-            "slices": len(mse),
-        }
-        for factor, mse in errors.items()
-    }
+    return {factor: np.array(found) for factor, found in errors.items()}
+
+
+def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
+    """What a record says of `footprint_errors`; see `score_footprints`."""
+    found: dict[str, dict[str, float | int | None]] = {}
+    for factor, raw in errors.items():
+        stats = _statistics(DisplayPSNR(), raw)
+        found[str(factor)] = {"psnr_display": stats["pooled"]} | {k: stats[k] for k in ("mean", "exact", "slices")}
+    return found
 
 
 def _masks(pairs: Array, wo: Array, wi: Array, groups: dict[str, Array]) -> dict[str, Array]:

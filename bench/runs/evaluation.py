@@ -21,7 +21,15 @@ from bench.material import Material, parameters
 from bench.metrics import get as get_metric
 from bench.metrics.display import to_display
 from bench.metrics.magma import magma
-from bench.metrics.scoring import FOOTPRINTS_VERSION, Scores, polar_maps, score_footprints, summarise, weighted
+from bench.metrics.scoring import (
+    FOOTPRINTS_VERSION,
+    Scores,
+    footprint_errors,
+    polar_maps,
+    summarise,
+    summarise_footprints,
+    weighted,
+)
 from bench.records import Record
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
@@ -55,12 +63,12 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
     decides = gate(bench.groups)
     with torch_threads(threads):
         scores = bench.scorer.score(bench.groups["all"], decoder.watched)
-        footprints = score_footprints(bench.btf, bench.groups[decides], decoder.slice, bench.exposure, COARSE)
+        coarse = footprint_errors(bench.btf, bench.groups[decides], decoder.slice, bench.exposure, COARSE)
         pictures = _pictures(bench, decoder)
         scene = bench.judge.record(material) if bench.judge else {}
     summary = summarise(scores, bench.btf.wo, bench.btf.wi, bench.groups)
     finest = summary[decides]["metrics"][PSNR]
-    one = {PSNR: finest["pooled"], "exact": finest["exact"], "slices": finest["slices"]}
+    one = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
     if bench.scene_shares is not None:
         summary["scene"] = weighted(scores, bench.scene_shares)
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
@@ -75,9 +83,9 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: _described(name) for name in bench.scorer.names},
         "scores": summary,
-        "footprints": {"1": one} | footprints,
+        "footprints": {"1": one} | summarise_footprints(coarse),
         **({"scene": scene} if scene else {}),
-        "slices": keep(f"slices/{header.path.stem}.npz", _slices(bench, scores)),
+        "slices": keep(f"slices/{header.path.stem}.npz", _slices(bench, scores) | _footprints(bench, coarse)),
         "angular": keep(f"angular/{header.path.stem}.json", angular),
         "pictures": keep(f"pictures/{header.path.stem}.npz", pictures),
     }
@@ -127,6 +135,15 @@ def _slices(bench: Workbench, scores: Scores) -> dict[str, np.ndarray]:
     heldout = np.isin(scores.pairs, bench.groups.get("heldout", []))
     angles = {f"{w}_deg": np.stack(to_degrees(getattr(bench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
     return {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw | angles
+
+
+def _footprints(bench: Workbench, errors: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
+    """The errors of slices at footprints of some texels, `footprint_2` …, by pair; NaN where none was measured."""
+    decides = bench.groups[gate(bench.groups)]
+    found = {f"footprint_{factor}": np.full(len(bench.btf), np.nan) for factor in errors}
+    for factor, raw in errors.items():
+        found[f"footprint_{factor}"][decides] = raw
+    return found
 
 
 def _pictures(bench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:

@@ -255,7 +255,7 @@ def test_footprints_are_compared_with_box_filtered_truth():
     btf, decoded = make(shape=(16, 18))
     found = score_footprints(btf, [1, 4], lambda i, f: box_filter(btf[i], f), 0.5)
     assert list(found) == ["1", "2", "4", "8"]
-    assert all(entry == {"psnr_display": None, "exact": 2, "slices": 2} for entry in found.values())
+    assert all(entry == {"psnr_display": None, "mean": None, "exact": 2, "slices": 2} for entry in found.values())
     found = score_footprints(btf, [1, 4], lambda i, f: box_filter(decoded[i], f), 0.5)
     # Averaging removes independent noise, so the error falls with the footprint.
     values = [entry["psnr_display"] for entry in found.values()]
