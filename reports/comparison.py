@@ -21,10 +21,15 @@ _MARKS = {
     Verdict.NEW: "🆕 new",
 }
 _LEGEND = (
-    "Means over the seeds that both have; PSNR and FLIP of held-out pairs. A change within its margin is the "
-    "same: a small tolerance where seeds agree, else at least three standard deviations of the difference."
+    "Change ± margin, of held-out pairs. PSNR is of the pooled squared error; slice: mean over slices; grazing: of those"
+    " seen or lit beyond 60°; footprints: of 2, 4 and 8 texels, mean over slices. A change within its margin is the "
+    "same: a small tolerance where seeds agree, else what chance exceeds once in a thousand times. The margin is the "
+    "smallest loss that the seeds let one see."
 )
-_UNLIKE = "n/c: not comparable, and no regression; a new reference makes it comparable again."
+_UNLIKE = (
+    "n/c: not comparable, which fails like a regression: renew the reference in the same change (docs/ci.md), or name "
+    "the row with --allow."
+)
 
 
 def terminal(comparison: Comparison) -> str:
@@ -33,7 +38,9 @@ def terminal(comparison: Comparison) -> str:
     for material in dict.fromkeys(row.material for row in comparison.rows):
         rows = [row for row in comparison.rows if row.material == material]
         tables += [_deciding(material, rows), *_others(material, rows)]
-    findings = [_wrapped(f"{_word(row):<7} {row.name}: {text}") for row in comparison.rows for text in _reasons(row)]
+    tables += [_deciding(comparison.means[0].material, comparison.means)] if comparison.means else []
+    every = [*comparison.rows, *comparison.means]
+    findings = [_wrapped(f"{_word(row):<7} {row.name}: {text}") for row in every for text in _reasons(row)]
     findings += [_wrapped(f"advice  {row.name}: {row.advice}") for row in comparison.rows if row.advice]
     legend = [_LEGEND] if any(row.deciding for row in comparison.rows) else []
     legend += [_UNLIKE] if comparison.having(Verdict.UNLIKE) else []
@@ -46,8 +53,8 @@ def markdown(comparison: Comparison) -> str:
     """The sum, what to look at, the table of verdicts, and everything else folded away."""
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(_findings(comparison))]
     if comparison.rows:
-        verdicts = [_MARKS[row.verdict] for row in comparison.rows]
-        blocks.append(grid(_combined(comparison.rows, _decide, "verdict", verdicts)))
+        every = [*comparison.rows, *comparison.means]
+        blocks.append(grid(_combined(every, _decide, "verdict", [_MARKS[row.verdict] for row in every])))
     if rows := [row for row in comparison.rows if row.shown]:
         rest = grid(_combined(rows, _show, "time, × mean-colour", list(map(_time, rows))))
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
@@ -72,7 +79,7 @@ def _reasons(row: Row) -> list[str]:
 
 
 def _findings(comparison: Comparison) -> Iterator[str]:
-    for row in comparison.rows:
+    for row in (*comparison.rows, *comparison.means):
         reasons = row.reasons() if row.verdict not in (Verdict.SAME, Verdict.NEW) else []
         findings = [(_MARKS[row.verdict], text) for text in reasons] + [("ℹ️ note", text) for text in row.notes]
         findings += [("⏱️ advice", row.advice)] if row.advice else []
@@ -80,12 +87,12 @@ def _findings(comparison: Comparison) -> Iterator[str]:
 
 
 def _deciding(material: str, rows: Sequence[Row]) -> Table:
-    """What the verdicts are made of; change and margin of a metric in columns of their own."""
+    """What the verdicts are made of: PSNR itself, of each metric its change and margin."""
     quantities = _quantities(rows, _decide)
     headers = [("codec", "")]
     for quantity in quantities:
-        headers.append((quantity.name, quantity.scale))
-        headers += [("change", ""), ("margin", "±")] if quantity.metric else []
+        headers += [(quantity.name, quantity.scale)] if quantity.name == "PSNR" else []
+        headers += [(quantity.name, "±") if quantity.metric else (quantity.name, quantity.scale)]
     cells = [
         [row.label, *(cell for q in quantities for cell in _cells(q, _find(row.deciding, q))), _word(row)]
         for row in rows
@@ -94,15 +101,16 @@ def _deciding(material: str, rows: Sequence[Row]) -> Table:
 
 
 def _cells(quantity: Quantity, change: Change | None) -> list[str]:
+    first = quantity.name == "PSNR"
     if change is None:
-        return [NONE, "", ""] if quantity.metric else [NONE]
+        return [NONE] * (1 + first)
     value = quantity.written(change.new)
     if change.verdict == Verdict.UNLIKE:
-        return [value, NOT_COMPARABLE, ""] if quantity.metric else [f"{value} ({NOT_COMPARABLE})"]
+        return [value, NOT_COMPARABLE] if first else [f"{value} ({NOT_COMPARABLE})"]
     text = quantity.difference(change.difference or 0.0)
     if not quantity.metric:
         return [value if text == "=" else f"{value} ({text})"]
-    return [value, text, quantity.written(change.margin)]
+    return [value] * first + [f"{text} ± {quantity.written(change.margin)}"]
 
 
 def _others(material: str, rows: Sequence[Row]) -> list[Table]:

@@ -1,8 +1,9 @@
 """compare two runs, or a run with a reference: what got worse by more than chance
 
-Parameters and bytes must be the same, PSNR and FLIP of held-out pairs within a margin that the table shows; everything
-else is shown, and times advise. Exit codes: 0 nothing got worse, 1 a regression or a job that vanished, 3 a job failed,
-4 nothing can be compared.
+Parameters and bytes must be the same; PSNR of held-out pairs, pooled and slice by slice, at grazing directions and over
+footprints, and FLIP must be within a margin that the table shows, for each row, each codec over its materials and all
+codecs together. Everything else is shown, and times advise. Exit codes: 0 nothing got worse, 1 a regression, or what
+vanished or is not comparable and that --allow does not name, 3 a job failed, 4 nothing can be compared.
 
 examples:
   neubtf-bench compare bench/compare/references/ci.jsonl runs/ci
@@ -18,6 +19,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("new", metavar="NEW", help="the same, of what is to be judged")
     parser.add_argument("--material", action="append", default=[], help="only this material; repeatable")
     parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument(
+        "--allow",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a codec, a label, a material, MATERIAL/LABEL or a pattern that may be gone or not comparable; repeatable",
+    )
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write it as GitHub Markdown")
     parser.add_argument("--junit", type=Path, metavar="FILE", help="write it as JUnit XML")
     parser.add_argument("--tracker", type=Path, metavar="FOLDER", help="write NEW for github-action-benchmark")
@@ -30,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     from reports.comparison import markdown, terminal
 
     new = load_run(options.new)
-    found = compare(load_run(options.base), new, options.material, options.codec)
+    found = compare(load_run(options.base), new, options.material, options.codec, options.allow)
     print(terminal(found))
     if options.annotations:
         from bench.compare.annotations import annotations

@@ -2,12 +2,16 @@
 
 A run is its folder, or a file of records such as the reference that a project commits. A row is a material and a codec
 with its settings; its numbers are means over the seeds that both runs have (over all seeds where they share none).
-`bench.compare.verdicts` states the rules. Imports neither PyTorch nor pandas nor NumPy.
+`bench.compare.verdicts` states the rules. Imports neither PyTorch nor pandas.
 """
 
+import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 
+from bench.compare.means import means
+from bench.compare.paired import Interval, cells, interval
 from bench.compare.rows import Row, compared
 from bench.compare.timings import advice, multiples
 from bench.compare.verdicts import Change, Verdict
@@ -24,7 +28,7 @@ _WORDS = {
     Verdict.SAME: "same",
     Verdict.NEW: "new",
 }
-REGRESSIONS = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED)
+FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,7 @@ class Comparison:
 
     rows: list[Row]
     notes: list[str]
+    means: list[Row] = field(default_factory=list)  # each codec over its materials, and all codecs
 
     def having(self, *verdicts: Verdict) -> list[Row]:
         """The rows with one of these verdicts."""
@@ -46,17 +51,28 @@ class Comparison:
 
     @property
     def exit_code(self) -> int:
-        """3 where a job failed, 4 where nothing could be compared, 1 for a regression, else 0."""
+        """3 where a job failed, 4 where nothing could be compared, 1 for what got worse, vanished or is not comparable
+        without being allowed to, else 0.
+        """
         if self.having(Verdict.FAILED):
             return FAILED
         decided = (Verdict.SAME, Verdict.BETTER, Verdict.WORSE)
         if not any(change.verdict in decided for row in self.rows for change in row.deciding):
             return NOTHING
-        return NO if self.having(*REGRESSIONS) else FINE
+        return NO if any(row.forbids for row in (*self.rows, *self.means)) else FINE
 
 
-def compare(base: Run, new: Run, materials: Sequence[str] = (), codecs: Sequence[str] = ()) -> Comparison:
-    """Compare two runs, all rows or those of some materials and codecs. `InputError` for a name that neither has."""
+def compare(
+    base: Run,
+    new: Run,
+    materials: Sequence[str] = (),
+    codecs: Sequence[str] = (),
+    allow: Sequence[str] = (),
+) -> Comparison:
+    """Compare two runs, all rows or those of some materials and codecs. `InputError` for a name that neither has.
+
+    `allow` names rows that may be gone or not comparable: a codec, a label, a material, `material/label`, or a pattern.
+    """
 
     def wanted(job: Record) -> bool:
         return (not materials or job["material"] in materials) and (not codecs or _codec(job) in codecs)
@@ -65,15 +81,42 @@ def compare(base: Run, new: Run, materials: Sequence[str] = (), codecs: Sequence
     _known("material", materials, {job["material"] for job in every})
     _known("codec", codecs, {_codec(job) for job in every})
     before, after = ([_checked(job, run) for job in run.jobs if wanted(job)] for run in (base, new))
+    before = _renamed(before, after)
     ours, theirs = (multiples(jobs, list(run.timings)) for jobs, run in ((before, base), (after, new)))
     declared = {seed for start in new.starts for seed in start.get("seeds", ())} or {job["seed"] for job in after}
     order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
     keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
+
+    def between(some: list[Record], others: list[Record]) -> Interval | None:
+        return interval(cells(base, some, new, others))
+
     rows = [
-        compared(_of(before, key), _of(after, key), declared, advice(ours.get(key), theirs.get(key)))
+        compared(_of(before, key), _of(after, key), declared, advice(ours.get(key), theirs.get(key)), between)
         for key in sorted(keys, key=lambda key: order.index(key[0]))
     ]
-    return Comparison(rows, list(_notes(base, new, rows)))
+    rows = [replace(row, allowed=any(_names(pattern, row) for pattern in allow)) for row in rows]
+    return Comparison(rows, list(_notes(base, new, rows)), means(rows))
+
+
+def _names(pattern: str, row: Row) -> bool:
+    words = (row.name, row.label, row.label.split()[0], row.material)
+    return any(fnmatchcase(word, pattern) for word in words)
+
+
+def _renamed(before: list[Record], after: list[Record]) -> list[Record]:
+    """The jobs of before; those of a label that after has not, under the one that after has for equal settings."""
+    known = {(job["material"], job["label"]) for job in after}
+    same = {_told(job): job["label"] for job in after if job["status"] == "ok"}
+    return [
+        job | {"label": same[_told(job)]}
+        if job["status"] == "ok" and (job["material"], job["label"]) not in known and _told(job) in same
+        else job
+        for job in before
+    ]
+
+
+def _told(job: Record) -> tuple[str, ...]:
+    return job["material"], _codec(job), json.dumps(job["fit_key"]["settings"], sort_keys=True)
 
 
 def _codec(job: Record) -> str:

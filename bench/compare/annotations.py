@@ -3,16 +3,16 @@
 GitHub shows ten errors and ten warnings of a step: each row is one line, and the last counts what is too much.
 """
 
-from bench.compare import REGRESSIONS, Comparison
-from bench.compare.verdicts import Verdict
+from bench.compare import FORBIDDEN, Comparison
 
 SHOWN = 10  # of a kind and step
 
 
 def annotations(comparison: Comparison) -> str:
-    """One command a line: an error for each regression, a warning for what is not comparable or decodes otherwise."""
-    errors = [(row.name, "; ".join(row.reasons())) for row in comparison.having(*REGRESSIONS)]
-    warnings = [(row.name, "; ".join(row.reasons())) for row in comparison.having(Verdict.UNLIKE)]
+    """One command a line: an error for what stops a change, a warning for what is allowed or decodes otherwise."""
+    rows = [*comparison.rows, *comparison.means]
+    errors = [(row.name, "; ".join(row.reasons())) for row in rows if row.forbids]
+    warnings = [(row.name, "; ".join(row.reasons())) for row in comparison.having(*FORBIDDEN) if not row.forbids]
     warnings += [(row.name, row.advice) for row in comparison.rows if row.advice]
     lines = [command("error", *finding) for finding in _few(errors)]
     return "\n".join(lines + [command("warning", *finding) for finding in _few(warnings)])

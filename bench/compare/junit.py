@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from bench.compare import REGRESSIONS, Comparison
+from bench.compare import FORBIDDEN, Comparison
 from bench.compare.rows import Row, sentence
 from bench.compare.verdicts import Verdict
 
@@ -13,11 +13,12 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def junit(comparison: Comparison) -> str:
-    """The document. A regression is a failure, what is not comparable or new is skipped."""
+    """The document. A regression and what is not comparable are failures; what is allowed or new is skipped."""
     root = Element("testsuites", name="neubtf-bench compare")
-    for material in dict.fromkeys(row.material for row in comparison.rows):
+    rows = [*comparison.rows, *comparison.means]
+    for material in dict.fromkeys(row.material for row in rows):
         suite = SubElement(root, "testsuite", name=_legal(material))
-        for row in comparison.rows:
+        for row in rows:
             if row.material == material:
                 suite.extend(_cases(row))
         _count(suite, list(suite))
@@ -36,9 +37,9 @@ def _cases(row: Row) -> Iterator[Element]:
 def _case(row: Row, what: str, verdict: Verdict, text: str) -> Element:
     name = _legal(f"{row.name}/{what}")
     case = Element("testcase", classname=_legal(row.name), name=name, time="0")
-    if verdict in REGRESSIONS:
+    if verdict in FORBIDDEN and not (row.allowed and verdict in (Verdict.UNLIKE, Verdict.GONE)):
         SubElement(case, "failure", type=verdict.lower(), message=_legal(text)).text = _legal(f"{row.name}: {text}")
-    elif verdict in (Verdict.UNLIKE, Verdict.NEW):
+    elif verdict in (Verdict.UNLIKE, Verdict.GONE, Verdict.NEW):
         SubElement(case, "skipped", message=_legal(text or verdict))
     return case
 

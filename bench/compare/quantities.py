@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from bench.fields import FLIP, PSNR, gate, metric_of, metrics_of
 from bench.records import Record
 
+FOOTPRINTS = "footprints"  # in place of a metric's name
+SLICE = "slice"  # the PSNR of a slice, mean over all
+
 
 @dataclass(frozen=True)
 class Tolerance:
@@ -15,6 +18,7 @@ class Tolerance:
     certain: float = 0.0  # where the seeds of the base agree within it: the codec does not draw
     drawn: float = 0.0  # where they differ
     alone: float = 0.0  # where the base has one seed, so that nobody knows
+    common: float = 0.0  # in the mean over all codecs
     relative: bool = False
 
 
@@ -29,6 +33,12 @@ class Quantity:
     value: Callable[[Record], float | None]
     tolerance: Tolerance | None = None
     metric: str = ""  # the full name of the metric whose version must agree
+
+    def version(self, job: Record) -> object:
+        """The version under which a job measured this; None where it did not."""
+        if self.metric == FOOTPRINTS:
+            return job["score_key"].get(FOOTPRINTS, 1) if self.value(job) is not None else None
+        return job["metrics"].get(self.metric, {}).get("version") if self.metric else 0
 
     @property
     def scale(self) -> str:
@@ -48,8 +58,14 @@ class Quantity:
         return f"{change:+,.{self.digits}f}".replace("-", "−") if round(change, self.digits) else "="
 
 
+DECIBELS = Tolerance(certain=0.02, drawn=0.1, alone=0.25, common=0.05)
+DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, alone=0.005, common=0.0015)  # of FLIP
+
+
 def deciding(job: Record) -> list[Quantity]:
-    """What a verdict is made of: parameters, bytes, PSNR and FLIP of held-out pairs."""
+    """What a verdict is made of: parameters, bytes, and of held-out pairs PSNR, pooled and slice by slice, of grazing
+    directions and of footprints too, and FLIP.
+    """
     found = [
         Quantity("parameters", "", "lower", 0, lambda job: job["parameters"], Tolerance()),
         Quantity("bytes", "", "lower", 0, lambda job: job["bytes"]["total"], Tolerance(drawn=0.01, relative=True)),
@@ -57,9 +73,14 @@ def deciding(job: Record) -> list[Quantity]:
     group, names = gate(job["scores"]), metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
-        found.append(_metric(job, psnr, group, "PSNR", 2, Tolerance(certain=0.02, drawn=0.25, alone=0.25)))
+        found.append(_metric(job, psnr, group, "PSNR", 2, DECIBELS))
+        found.append(_mean(SLICE, psnr, [group]))
+        grazing = [name for name in (f"{group}, grazing view", f"{group}, grazing light") if name in job["scores"]]
+        found += [_mean("grazing", psnr, grazing)] if grazing else []
+    if any(side != "1" for side in job.get("footprints", {})):
+        found.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS))
     if flip:
-        found.append(_metric(job, flip, group, "FLIP", 4, Tolerance(certain=0.0005, drawn=0.005, alone=0.005)))
+        found.append(_metric(job, flip, group, "FLIP", 4, DIFFERENCE))
     return found
 
 
@@ -87,6 +108,30 @@ def _metric(
 
     unit = "" if described["unit"] == "1" else described["unit"]
     return Quantity(name, unit, described["direction"], digits, value, tolerance, metric)
+
+
+def _mean(name: str, metric: str, groups: list[str]) -> Quantity:
+    """The mean over slices of their PSNR, mean over some groups: no few slices rule it, so it scatters less."""
+
+    def value(job: Record) -> float | None:
+        stats = [found for group in groups if (found := metrics_of(job, group).get(metric)) and found.get("slices", 1)]
+        return _average([_number(each, each.get("mean"), "dB") for each in stats])
+
+    return Quantity(name, "dB", "higher", 2, value, DECIBELS, metric)
+
+
+def _footprints(job: Record) -> float | None:
+    """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR where that is older."""
+    sides = {side: stats for side, stats in job.get("footprints", {}).items() if side != "1"}
+    return _average([_number(stats, stats.get("mean", stats[PSNR]), "dB") for stats in sides.values()])
+
+
+def _average(values: list[float | None]) -> float | None:
+    """The mean of those that are finite; infinite where all are exact, None where one was not measured."""
+    known = [value for value in values if value is not None]
+    if not known or len(known) < len(values):
+        return None
+    return math.fsum(finite) / len(finite) if (finite := [v for v in known if math.isfinite(v)]) else math.inf
 
 
 def _footprint(side: str) -> Quantity:

@@ -10,6 +10,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from bench.compare.quantities import FOOTPRINTS
+from bench.compare.slices import decibels, packed
 from bench.errors import InputError
 from bench.fields import CONDITIONS, PSNR, gate, metric_of, metrics_of, stats_of
 from bench.records import Record, Run
@@ -18,7 +20,7 @@ FEW_SEEDS = 6  # of three, one deviation in five (1 − e^−¼) is less than ha
 _DIGITS = 7
 _PACKAGES = ("neubtf-bench", "torch", "numpy")
 _FIT = ("version", "settings", "training")
-_SCORE = ("btf", "exposure")
+_SCORE = ("btf", "exposure", FOOTPRINTS)
 _DESCRIBED = ("unit", "direction", "version")
 
 
@@ -42,7 +44,7 @@ def reference(run: Run, before: Run | None = None) -> str:
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
             "a reference needs a whole run"
         )
-    reduced = [_job(job) for job in jobs]
+    reduced = [_job(job, run.folder) for job in jobs]
     kept = _still_true(reduced, list(before.jobs) if before else [])
     timings = _timings(run, jobs)
     return "".join(_text(line) + "\n" for line in [*_start(run), *_in_order([*reduced, *kept]), *timings])
@@ -96,25 +98,31 @@ def _in_order(found: Iterable[Record]) -> list[Record]:
     return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))
 
 
-def _job(job: Record) -> Record:
+def _job(job: Record, folder: Path) -> Record:
     line = {key: job[key] for key in ("kind", "job", "material", "label", "seed", "status", "bytes", "parameters")}
     line["fit_key"] = {key: job["fit_key"][key] for key in _FIT}
-    line["score_key"] = {key: job["score_key"][key] for key in _SCORE}
+    line["score_key"] = {key: job["score_key"][key] for key in _SCORE if key in job["score_key"]}
     line["metrics"] = {name: {key: m[key] for key in _DESCRIBED} for name, m in job["metrics"].items()}
-    decide, train = metrics_of(job), metrics_of(job, "train")
-    kept = {gate(job["scores"]): list(decide), "train": [metric_of(train, PSNR)]}
-    line["scores"] = {name: _pooled(metrics_of(job, name), kept[name]) for name in kept if name in job["scores"]}
-    line["footprints"] = {side: _short(stats, PSNR) for side, stats in job["footprints"].items() if side != "1"}
+    decides, psnr = gate(job["scores"]), [metric_of(metrics_of(job), PSNR)]
+    kept = {decides: list(metrics_of(job)), "train": psnr}
+    kept |= {f"{decides}, {band}": psnr for band in ("grazing view", "grazing light")}
+    line["scores"] = {name: _shorter(metrics_of(job, name), kept[name]) for name in kept if name in job["scores"]}
+    line["footprints"] = {side: _short(stats, PSNR, "mean") for side, stats in job["footprints"].items() if side != "1"}
+    if (slices := decibels(folder, job)) is not None:
+        line["slices"] = {PSNR: packed(slices)}
     return _rounded(line)
 
 
-def _pooled(metrics: Record, names: list[str]) -> Record:
-    return {"metrics": {name: _short(metrics[name], "pooled") for name in names if name in metrics}}
+def _shorter(metrics: Record, names: list[str]) -> Record:
+    """Pooled numbers, and of PSNR the mean over slices too."""
+    wanted = {name: ("pooled", "mean") if name == PSNR else ("pooled",) for name in names if name in metrics}
+    return {"metrics": {name: _short(metrics[name], *numbers) for name, numbers in wanted.items()}}
 
 
-def _short(stats: Record, number: str) -> Record:
-    """The number alone where there is one; else what says whether it is exact or was never measured."""
-    return {key: stats[key] for key in ((number,) if stats[number] is not None else (number, "exact", "slices"))}
+def _short(stats: Record, *numbers: str) -> Record:
+    """The numbers alone where there are any; else what says whether they are exact or were never measured, too."""
+    known = {name: stats[name] for name in numbers if name in stats}
+    return known if None not in known.values() else known | {key: stats[key] for key in ("exact", "slices")}
 
 
 def _rounded(value: Any) -> Any:

@@ -1,13 +1,18 @@
 """One row of a comparison: a material and a codec with its settings, in two runs."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
-from bench.compare.quantities import deciding, shown
+from bench.compare.quantities import SLICE, deciding, shown
 from bench.compare.timings import Advice
-from bench.compare.verdicts import Change, Verdict, judge, other_settings, unlike
+from bench.compare.verdicts import Change, Verdict, fitted_unlike, judge, other_settings, unlike
 from bench.records import Record
 
-_ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BETTER, Verdict.SAME)
+if TYPE_CHECKING:
+    from bench.compare.paired import Interval
+
+ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BETTER, Verdict.SAME)
 
 
 @dataclass(frozen=True)
@@ -23,6 +28,16 @@ class Row:
     shown: list[Change] = field(default_factory=list)
     timing: Advice | None = None
     notes: list[str] = field(default_factory=list)
+    allowed: bool = False  # to be gone, or not comparable
+
+    @property
+    def forbids(self) -> bool:
+        """Whether a change that makes this row is to be stopped."""
+        worse = any(change.verdict == Verdict.WORSE for change in self.deciding)
+        if worse or self.verdict in (Verdict.FAILED, Verdict.WORSE):
+            return True
+        unlike = any(change.verdict == Verdict.UNLIKE for change in self.deciding)
+        return not self.allowed and (unlike or self.verdict in (Verdict.GONE, Verdict.UNLIKE))
 
     @property
     def name(self) -> str:
@@ -49,27 +64,39 @@ def sentence(change: Change) -> str:
         return f"{quantity.name}: {change.why}"
     text = f"{quantity.name} {quantity.written(change.base)} → {quantity.written(change.new)}"
     text += f" {quantity.unit}" * bool(quantity.unit) + f" ({quantity.difference(change.difference or 0.0)}"
+    if change.interval:
+        text += f", 95 % {quantity.difference(change.interval.low)} to {quantity.difference(change.interval.high)}"
     return text + (f"; up to {change.margin:,.{quantity.digits}f} counts as the same)" if change.margin else ")")
 
 
-def compared(before: list[Record], after: list[Record], declared: set[int], timing: Advice | None) -> Row:
-    """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new was to run."""
+Between = Callable[[list[Record], list[Record]], "Interval | None"]
+
+
+def compared(
+    before: list[Record], after: list[Record], declared: set[int], timing: Advice | None, between: Between
+) -> Row:
+    """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new was to run.
+
+    `between` gives the interval of their difference slice by slice.
+    """
     first = (before or after)[0]
     base, new = ([job for job in jobs if job["status"] == "ok"] for jobs in (before, after))
     verdict, why = _unfinished(base, after, declared)
     if not base or not new:
         return Row(first["material"], first["label"], verdict or Verdict.NEW, why)
-    base = [job for job in base if not unlike(base[0], job)]
-    obstacle = next((reason for job in new if (reason := unlike(base[0], job))), "")
+    base = [job for job in base if not fitted_unlike(base[0], job)]
+    ours, theirs = _paired(base, new)
+    partner = {job["seed"]: job for job in ours}
+    obstacle = next((reason for job in theirs if (reason := unlike(partner.get(job["seed"], base[0]), job))), "")
     if obstacle:
         return Row(first["material"], first["label"], verdict or Verdict.UNLIKE, why or obstacle)
-    ours, theirs = _paired(base, new)
     changes = [judge(quantity, ours, theirs, base) for quantity in deciding(base[0])]
+    changes = [replace(c, interval=between(ours, theirs)) if c.quantity.name == SLICE else c for c in changes]
     others = [judge(quantity, ours, theirs, base) for quantity in shown(base[0])]
     return Row(
         first["material"],
         first["label"],
-        verdict or next(v for v in _ORDER if any(change.verdict == v for change in changes)),
+        verdict or next(v for v in ORDER if any(change.verdict == v for change in changes)),
         why,
         tuple(job["seed"] for job in theirs),
         changes,

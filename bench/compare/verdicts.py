@@ -1,22 +1,32 @@
 """The rules of a comparison: when a change is a regression, and when two records cannot be compared.
 
 A loss counts where it exceeds its *margin*, and a gain likewise. The margin of a codec whose seeds agree is a small
-tolerance. That of a codec whose seeds differ is max(tolerance, 3 · s · √(1/n + 1/m)): s is the standard deviation over
-all seeds of the base, n and m are how many seeds of base and new the two means are of. With three each that is
-3 · s · √(2/3), three standard deviations of the difference of the means. So a change counts only when it is both
-larger than chance and large enough to matter.
+tolerance. That of a codec whose seeds differ is max(tolerance, t · s · √(1/n + 1/m)): s is the standard deviation over
+the seeds of the base, n and m are how many seeds of base and new the two means are of, and t is what Student's t
+exceeds once in a thousand times by chance, with the degrees of freedom of s. So a change counts only when it is both
+larger than chance and large enough to matter; and the margin is the smallest loss that the seeds of this codec let one
+see.
+
+Where all seeds are scored at the same pairs, the mean of the base is that of all its seeds; else of those that new has,
+seed against seed. A row whose seeds give the numbers of the base again has not changed, whatever the others say.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from statistics import fmean, stdev
+from statistics import NormalDist, fmean, stdev
+from typing import TYPE_CHECKING
 
 from bench.compare.quantities import Quantity, Tolerance
 from bench.records import Record
 
-SPREADS = 3.0  # standard deviations of the difference of two means
+if TYPE_CHECKING:
+    from bench.compare.paired import Interval
+
+CHANCE = 0.001  # how often a number that did not get worse may seem so
+AGREE = 0.1  # of the tolerance: what the seeds of a codec that does not draw may differ by, in rounding
+FEW_SEEDS = 6  # of fewer, the seeds of new help to tell how far a codec scatters
 SAME_EXPOSURE = 1e-4  # relative: 0.0004 dB of a gain; renderings may differ in a last bit from machine to machine
 
 
@@ -44,6 +54,8 @@ class Change:
     margin: float | None = None
     spread: float | None = None  # standard deviation over the seeds of the base; None where it has one
     why: str = ""
+    chance: "Chance | None" = None  # of the difference, where seeds differ
+    interval: "Interval | None" = None  # of the difference, over pairs and seeds; of the mean over slices
 
     @property
     def difference(self) -> float | None:
@@ -59,8 +71,23 @@ class Change:
         return -difference if self.quantity.better == "higher" else difference
 
 
+@dataclass(frozen=True)
+class Chance:
+    """How far a difference of two means scatters: its standard error, and the degrees of freedom of that."""
+
+    error: float
+    freedom: float
+
+    @property
+    def margin(self) -> float:
+        """What a difference exceeds once in a thousand times, by chance."""
+        return quantile(self.freedom) * self.error
+
+
 def judge(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]) -> Change:
     """The verdict on one quantity of two sets of jobs that may be compared; `reference` are all seeds of the base."""
+    if not _again(quantity, base, new) and len({job["score_key"]["btf"] for job in reference}) == 1:
+        base = reference  # the same pairs for every seed: each tells as much as any
     before, after, known = ([quantity.value(job) for job in jobs] for jobs in (base, new, reference))
     if reason := _obstacle(quantity, base[0], new[0], before, after):
         return Change(quantity, _mean(before), _mean(after), Verdict.UNLIKE, why=reason)
@@ -68,29 +95,80 @@ def judge(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], ref
     change = Change(quantity, _mean(before), _mean(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:
         return change
-    room = margin(quantity.tolerance, [v for v in known if v is not None], len(base), len(new))
-    return Change(quantity, change.base, change.new, _verdict(change.loss, room), room, spread)
+    values = [value for value in known if value is not None]
+    chance = scatter(quantity.tolerance, values, [v for v in after if v is not None], len(base))
+    room = margin(quantity.tolerance, values, chance)
+    return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
 
 
-def margin(tolerance: Tolerance, known: Sequence[float], n: int, m: int) -> float:
-    """The margin for means of `n` and `m` seeds, given the values of all seeds of the base; see the module."""
+def _again(quantity: Quantity, base: Sequence[Record], new: Sequence[Record]) -> bool:
+    """Whether the seeds of new gave the numbers of the base again, which a reference holds rounded."""
+    pairs = list(zip(map(quantity.value, base), map(quantity.value, new), strict=False))
+    return len(base) == len(new) and all(a == b or (a and b and math.isclose(a, b, rel_tol=1e-5)) for a, b in pairs)
+
+
+def scatter(tolerance: Tolerance, known: Sequence[float], new: Sequence[float], n: int) -> Chance | None:
+    """How a difference of the means of `n` seeds of the base and of those of new scatters; None where seeds agree.
+
+    `known` are the values of all seeds of the base.
+    """
+    finite = [value for value in known if math.isfinite(value)]
+    unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
+    if len(finite) < 2 or max(finite) - min(finite) <= AGREE * unit * tolerance.certain:
+        return None
+    groups = [finite]
+    if len(finite) < FEW_SEEDS and len(others := [value for value in new if math.isfinite(value)]) > 1:
+        groups.append(others)
+    freedom = sum(len(group) - 1 for group in groups)
+    variance = math.fsum((len(group) - 1) * stdev(group) ** 2 for group in groups) / freedom
+    return Chance(math.sqrt(variance * (1 / n + 1 / len(new))), freedom)
+
+
+def margin(tolerance: Tolerance, known: Sequence[float], chance: Chance | None) -> float:
+    """What a change must exceed to count, given the values of all seeds of the base; see the module."""
     finite = [value for value in known if math.isfinite(value)]
     unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
     if len(known) == 1:
         return unit * tolerance.alone
-    if len(finite) < 2 or max(finite) - min(finite) <= unit * tolerance.certain:
-        return unit * tolerance.certain
-    return max(unit * tolerance.drawn, SPREADS * stdev(finite) * math.sqrt(1 / n + 1 / m))
+    return unit * tolerance.certain if chance is None else max(unit * tolerance.drawn, chance.margin)
 
 
-def unlike(base: Record, new: Record) -> str:
-    """Why no number of two jobs may be compared: another version of the codec, or other data; "" where all may."""
+def quantile(freedom: float) -> float:
+    """What Student's t exceeds with probability `CHANCE`; exact for one and two degrees of freedom, else within 3 %.
+
+    From the normal quantile, by the expansion of Abramowitz and Stegun (1964), 26.7.5.
+    """
+    if freedom < 1.5:
+        return 1 / math.tan(math.pi * CHANCE)
+    if freedom < 2.5:
+        return (1 - 2 * CHANCE) / math.sqrt(2 * CHANCE * (1 - CHANCE))
+    z, f = -NormalDist().inv_cdf(CHANCE), freedom
+    return z + sum(
+        (
+            (z**3 + z) / (4 * f),
+            (5 * z**5 + 16 * z**3 + 3 * z) / (96 * f**2),
+            (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * f**3),
+            (79 * z**9 + 776 * z**7 + 1482 * z**5 - 1920 * z**3 - 945 * z) / (92160 * f**4),
+        )
+    )
+
+
+def fitted_unlike(base: Record, new: Record) -> str:
+    """Why the fits of two jobs are not of the same kind: another version of the codec, or other training data."""
     mine, theirs = base["fit_key"], new["fit_key"]
     reasons = []
     if mine["version"] != theirs["version"]:
         reasons.append(f"codec version {theirs['version']} instead of {mine['version']}")
     if mine["training"] != theirs["training"]:
         reasons.append("other training data (their fingerprint differs)")
+    return ", ".join(reasons)
+
+
+def unlike(base: Record, new: Record) -> str:
+    """Why no number of two jobs may be compared: unlike fits, other pairs or another exposure; "" where all may."""
+    reasons = [fitted] if (fitted := fitted_unlike(base, new)) else []
+    if base["fit_key"]["training"] != new["fit_key"]["training"]:
+        pass  # said, and the rest follows from it
     elif base["score_key"]["btf"] != new["score_key"]["btf"]:
         reasons.append("other data (their fingerprint differs)")
     elif not math.isclose(base["score_key"]["exposure"], new["score_key"]["exposure"], rel_tol=SAME_EXPOSURE):
@@ -106,17 +184,17 @@ def other_settings(base: Record, new: Record) -> str:
 
 
 def _obstacle(quantity: Quantity, base: Record, new: Record, before: Sequence[object], after: Sequence[object]) -> str:
-    if quantity.metric:
-        versions = [job["metrics"].get(quantity.metric, {}).get("version") for job in (base, new)]
-        if versions[1] is None:
-            return f"{quantity.metric} is not measured any more"
-        if versions[0] != versions[1]:
-            return f"{quantity.metric} version {versions[1]} instead of {versions[0]}"
+    versions = [quantity.version(job) for job in (base, new)]
+    if versions[1] is None and versions[0] is not None:
+        return f"{quantity.metric} is not measured any more"
+    if versions[0] != versions[1]:
+        return f"{quantity.metric} version {versions[1]} instead of {versions[0]}"
     missing = None in before or None in after
     return "no finite number" if missing and before != after else ""
 
 
-def _verdict(loss: float, room: float) -> Verdict:
+def verdict(loss: float, room: float) -> Verdict:
+    """Whether a loss exceeds its margin, or a gain does."""
     if loss > room:
         return Verdict.WORSE
     return Verdict.BETTER if -loss > room else Verdict.SAME

@@ -33,7 +33,7 @@ from bench.runs.lock import locked
 from bench.runs.pretraining import ready
 from bench.runs.provenance import provenance
 from bench.runs.rates import rate_records
-from bench.runs.suite import Suite
+from bench.runs.suite import Suite, canonical
 from bench.runs.workbench import demand_of
 
 log = logging.getLogger(__name__)
@@ -64,6 +64,7 @@ class Outcome:
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     """Run every job of a suite, yielding each as it ends. Records are on the disk before they are yielded."""
     codecs = [load_codec(spec.codec)(**spec.settings) for spec in suite.codecs]  # bad settings stop here
+    suite = canonical(suite)
     if not suite.demand and (scene := next((codec.name for codec in codecs if codec.scene), "")):
         raise InputError(f"codec {scene}: scene = true needs the demand of a scene: give one with --demand")
     run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"

@@ -186,6 +186,29 @@ def with_changes(
     return suite if seed is None else dataclasses.replace(suite, seeds=(seed,))
 
 
+def canonical(suite: Suite) -> Suite:
+    """The suite without settings that stand at their defaults, and each codec that is then the same once.
+
+    So a row has one name however it is spelled: `vq components=16` is `vq` where 16 is the default. Loads the codecs.
+    """
+    unique: dict[str, CodecSpec] = {}
+    for spec in (dataclasses.replace(spec, settings=_told(spec)) for spec in suite.codecs):
+        known = unique.setdefault(spec.label, spec)
+        both = tuple(dict.fromkeys(known.materials + spec.materials)) if known.materials and spec.materials else ()
+        unique[spec.label] = dataclasses.replace(known, materials=both)
+    return dataclasses.replace(suite, codecs=tuple(unique.values()))
+
+
+def _told(spec: CodecSpec) -> dict[str, Any]:
+    """The settings of a codec that differ from its defaults, as the codec reads them."""
+    from bench.codec import settings_dict
+    from bench.codecs.registry import load_codec
+
+    codec = load_codec(spec.codec)
+    given, default = settings_dict(codec(**spec.settings)), settings_dict(codec())
+    return {key: given.get(key, value) for key, value in spec.settings.items() if given.get(key) != default.get(key)}
+
+
 def _change(suite: Suite, key: str, value: str) -> Suite:
     scope, _, name = key.rpartition(".")
     if scope == "data":

@@ -24,7 +24,7 @@ from bench.records import TRADE, TRADE_FORMAT, Record, Run, load_run, load_trade
 from bench.runs import runner
 from bench.runs.choose import answers, psnr
 from bench.runs.evaluation import Slices, recorded
-from bench.runs.suite import Suite
+from bench.runs.suite import Suite, canonical
 from bench.runs.workbench import Workbench, workbench
 from bench.threads import torch_threads
 from bench.timing.execution import Variant, exists_on, networks, prepared
@@ -61,6 +61,7 @@ def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progr
 
     `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more.
     """
+    suite = canonical(suite)  # jobs are recorded under the names of that
     cores = torch.get_num_threads()
     ceilings = _ceilings(suite, torch.device(device), cores)
     result: dict[str, Any] = {

@@ -2,7 +2,7 @@ import pytest
 
 from bench.data.spec import named
 from bench.errors import InputError
-from bench.runs.suite import builtin_suites, load_suite, parse_suite, with_changes, with_metrics
+from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite, with_changes, with_metrics
 
 TEXT = """
 description = "a test"
@@ -103,6 +103,22 @@ def test_a_suite_is_scored_at_test_pairs_but_where_it_says_validation():
     ):
         with pytest.raises(InputError, match=r"data\.split must be test or validation, not 'tests'; did"):
             wrong()
+
+
+def test_a_row_has_one_name_however_it_is_spelled():
+    suite = parse_suite("test", TEXT + '\n[[codecs]]\ncodec = "pca"\nzstd = false\nmaterials = ["satin"]\n')
+    suite = with_changes(suite, [], [], {"pca.components": "16"}, None)
+    assert [spec.label for spec in suite.codecs] != ["mean-colour", "pca", "pca domain=rgb"]
+    assert [spec.label for spec in canonical(suite).codecs] == ["mean-colour", "pca", "pca domain=rgb"]
+    assert [spec.materials for spec in canonical(suite).codecs] == [(), (), ()]
+    swept = canonical(parse_suite("test", TEXT.replace("[2, 4]", "[8, 16]"))).codecs
+    assert [spec.label for spec in swept[1:]] == [
+        "pca components=8",
+        "pca components=8 domain=rgb",
+        "pca",
+        "pca domain=rgb",
+    ]
+    assert {spec.curve for spec in swept[1:]} == {"pca"}
 
 
 def test_an_unknown_suite_suggests_the_nearest_and_a_missing_file_is_named():

@@ -1,0 +1,50 @@
+"""The numbers of every slice of a job, from the file beside its record, or from a reference, which has them in short.
+
+Slices are those of the pairs that decide, in the order of the BTF; the number is the display PSNR in dB, infinite where
+a slice has no error.
+"""
+
+import base64
+from pathlib import Path
+
+import numpy as np
+
+from bench.errors import InputError
+from bench.fields import PSNR, gate
+from bench.records import Record
+
+Array = np.ndarray
+_EXACT = 32767  # in hundredths of a dB; no error of a picture is so small
+
+
+def decibels(folder: Path, job: Record) -> Array | None:
+    """The PSNR (n,) of each slice of the pairs that decide; None where it was not kept."""
+    stored = job.get("slices")
+    if isinstance(stored, dict):
+        return unpacked(stored[PSNR]) if PSNR in stored else None
+    if not stored:
+        return None
+    path = folder / stored
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            raw, heldout = arrays[PSNR], arrays["heldout"]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): run it again") from error
+    raw = raw[heldout] if gate(job["scores"]) == "heldout" else raw
+    with np.errstate(divide="ignore"):
+        found: Array = -10 * np.log10(raw[~np.isnan(raw)])
+    return found
+
+
+def packed(values: Array) -> str:
+    """dB to hundredths, two bytes each, as text: what a reference holds."""
+    hundredths = np.where(np.isinf(values), _EXACT, np.round(100 * np.where(np.isinf(values), 0, values)))
+    return base64.b64encode(np.clip(hundredths, -_EXACT, _EXACT).astype("<i2").tobytes()).decode()
+
+
+def unpacked(text: str) -> Array:
+    """What `packed` made a text of."""
+    hundredths = np.frombuffer(base64.b64decode(text), "<i2")
+    return np.where(hundredths == _EXACT, np.inf, hundredths / 100)
