@@ -148,5 +148,5 @@ def _part(part: str) -> Quantity:
 
 def _number(stats: Record, pooled: float | None, unit: str) -> float | None:
     """The pooled number; infinite dB where no slice has an error; None where nothing was measured."""
-    exact = pooled is None and unit == "dB" and stats["slices"] and stats["exact"] == stats["slices"]
+    exact = pooled is None and unit == "dB" and stats.get("slices") and stats["exact"] == stats["slices"]
     return math.inf if exact else pooled

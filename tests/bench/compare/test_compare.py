@@ -1,9 +1,11 @@
 import math
+import random
 import statistics
 
 import pytest
 
 from bench.compare import compare
+from bench.compare.verdicts import quantile
 from bench.errors import InputError
 from bench.records import load_run
 
@@ -60,21 +62,51 @@ def test_what_was_exact_must_stay_so(make):
 SPREAD = [30.0, 30.3, 29.8, 30.1, 29.7, 30.2, 29.9, 30.4, 29.6]
 
 
-@pytest.mark.parametrize(("share", "verdict"), [(0.99, "same"), (1.01, "WORSE"), (-0.99, "same"), (-1.01, "better")])
-def test_the_margin_of_a_codec_that_draws_is_three_deviations_of_the_difference(make, share, verdict):
+STUDENT_8 = 4.5008  # exceeded once in a thousand times, with eight degrees of freedom
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.98, "same"), (1.02, "WORSE"), (-0.98, "same"), (-1.02, "better")])
+def test_the_margin_of_a_codec_that_draws_is_what_chance_hardly_exceeds(make, share, verdict):
     base = make.run("base", *make.seeds(SPREAD))
-    limit = 3 * statistics.stdev(SPREAD) * math.sqrt(2 / 3)
-    new = make.run("new", *make.seeds([psnr - share * limit for psnr in SPREAD[:3]]))
+    limit = STUDENT_8 * statistics.stdev(SPREAD) * math.sqrt(1 / 9 + 1 / 3)
+    mean = statistics.fmean(SPREAD)
+    new = make.run("new", *make.seeds([mean - share * limit + wobble for wobble in (-0.01, 0, 0.01)]))
     found = change(compare(base, new), "PSNR")
-    assert found.margin == pytest.approx(limit)
+    assert found.margin == pytest.approx(limit, rel=1e-3)
     assert found.verdict == verdict
-    # Paired: the means are of the three seeds that both have, the spread of all nine.
+    assert found.base == pytest.approx(mean)  # all nine are of the same pairs, so all of them count
+
+
+def test_seeds_that_give_the_same_again_have_not_changed_whatever_the_others_gave(make):
+    base = make.run("base", *make.seeds(SPREAD))
+    found = change(compare(base, make.run("new", *make.seeds([30.0000001, *SPREAD[1:3]]))), "PSNR")
     assert found.base == pytest.approx(statistics.fmean(SPREAD[:3]))
+    assert abs(found.difference) < 1e-6
+
+
+def test_seeds_of_different_pairs_are_compared_seed_by_seed(make):
+    base = make.run(
+        "base", *(job | {"score_key": job["score_key"] | {"btf": str(i)}} for i, job in enumerate(make.seeds(SPREAD)))
+    )
+    moved = [psnr - 0.02 for psnr in SPREAD[:3]]
+    new = make.run(
+        "new", *(job | {"score_key": job["score_key"] | {"btf": str(i)}} for i, job in enumerate(make.seeds(moved)))
+    )
+    found = change(compare(base, new), "PSNR")
+    assert found.difference == pytest.approx(-0.02)
+    assert found.base == pytest.approx(statistics.fmean(SPREAD[:3]))
+    other = make.run("other", *(job | {"score_key": job["score_key"] | {"btf": "9"}} for job in make.seeds(moved)))
+    assert compare(base, other).rows[0].verdict == "not comparable"
+
+
+@pytest.mark.parametrize(("freedom", "known"), [(1, 318.31), (2, 22.327), (4, 7.173), (8, 4.501), (20, 3.552)])
+def test_the_quantile_of_student_is_that_of_the_tables(freedom, known):
+    assert quantile(freedom) == pytest.approx(known, rel=0.01)
 
 
 def test_a_small_spread_does_not_make_a_trifle_a_regression(make):
     base = make.run("base", *make.seeds([30.00, 30.03, 30.06]))
-    assert change(compare(base, make.run("same", *make.seeds([29.8] * 3))), "PSNR").verdict == "same"
+    assert change(compare(base, make.run("same", *make.seeds([29.95] * 3))), "PSNR").verdict == "same"
     assert change(compare(base, make.run("new", *make.seeds([29.7] * 3))), "PSNR").verdict == "WORSE"
 
 
@@ -87,9 +119,10 @@ def test_with_one_seed_the_margin_is_a_guess_and_says_so(make):
 
 
 def test_fewer_seeds_in_the_new_run_widen_the_margin(make):
-    base, new = make.run("base", *make.seeds(SPREAD)), make.run("new", *make.seeds(SPREAD[:1]), seeds=[0])
+    base, new = make.run("base", *make.seeds(SPREAD)), make.run("new", *make.seeds([30.1]), seeds=[0])
     found = compare(base, new)
-    assert change(found, "PSNR").margin == pytest.approx(3 * statistics.stdev(SPREAD) * math.sqrt(2))
+    limit = STUDENT_8 * statistics.stdev(SPREAD) * math.sqrt(1 / 9 + 1)
+    assert change(found, "PSNR").margin == pytest.approx(limit, rel=1e-3)
     assert found.exit_code == 0
 
 
@@ -135,12 +168,66 @@ def test_another_metric_version_spares_the_other_numbers(make):
     found = compare(base, new)
     assert change(found, "FLIP").verdict == "not comparable"
     assert "version 2 instead of 1" in change(found, "FLIP").why
-    assert (change(found, "PSNR").verdict, found.rows[0].verdict, found.exit_code) == ("same", "not comparable", 0)
+    assert (change(found, "PSNR").verdict, found.rows[0].verdict, found.exit_code) == ("same", "not comparable", 1)
+    assert compare(base, new, allow=["pca"]).exit_code == 0
 
 
 def test_a_metric_that_is_not_measured_any_more_is_not_comparable(make):
     base, new = make.run("base", make.job()), make.run("new", make.job(versions={FLIP: 0}))
-    assert "not measured any more" in change(compare(base, new), "FLIP").why
+    found = compare(base, new)
+    assert "not measured any more" in change(found, "FLIP").why
+    assert found.exit_code == 1
+
+
+def test_what_is_allowed_to_be_gone_does_not_hide_what_got_worse(make):
+    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
+    new = make.run("new", *(make.job(seed=seed, psnr=20.0) for seed in range(2)))
+    assert compare(base, new).rows[0].verdict == "GONE"
+    assert compare(base, new, allow=["*"]).exit_code == 1
+
+
+def test_footprints_and_grazing_directions_decide(make):
+    def jobs(coarse=30.0, grazing=25.0):
+        for seed in range(3):
+            job = make.job(seed=seed)
+            job["footprints"] = {side: job["footprints"]["1"] | {"mean": coarse} for side in ("1", "2", "4", "8")}
+            stats = {PSNR: {"mean": grazing, "pooled": grazing, "exact": 0, "slices": 2}}
+            yield job | {"scores": job["scores"] | {"heldout, grazing light": {"metrics": stats}}}
+
+    base = make.run("base", *jobs())
+    for name, new in (("footprints", jobs(coarse=24.0)), ("grazing", jobs(grazing=24.5))):
+        found = compare(base, make.run(name, *new))
+        assert change(found, name).verdict == "WORSE"
+        assert change(found, "PSNR").verdict == "same"
+        assert found.exit_code == 1
+
+
+def test_a_small_loss_everywhere_shows_in_the_mean_over_codecs_though_no_row_can_tell(make):
+    rng = random.Random(1)
+    labels = [f"codec-{i}" for i in range(12)]
+    spread = {label: [30 + rng.gauss(0, 0.1) for _ in range(9)] for label in labels}
+    base = make.run("base", *(job for label in labels for job in make.seeds(spread[label], label)))
+    again = {label: [30 + rng.gauss(0, 0.1) for _ in range(3)] for label in labels}
+
+    def run(name, loss):
+        jobs = (job for label in labels for job in make.seeds([psnr - loss for psnr in again[label]], label))
+        return compare(base, make.run(name, *jobs))
+
+    lost, kept = run("lost", 0.1), run("kept", 0.0)
+    assert (kept.exit_code, {row.verdict for row in kept.means}) == (0, {"same"})
+    assert not lost.having("WORSE")
+    (every,) = lost.means
+    assert (every.name, every.verdict) == ("all materials/all codecs", "WORSE")
+    assert lost.exit_code == 1
+    assert next(c for c in every.deciding if c.quantity.name == "slice").margin < 0.1
+
+
+def test_a_row_is_found_again_under_another_spelling(make):
+    base = make.run("base", *(make.job("vq components=16", seed=seed) for seed in range(3)))
+    new = make.run("new", *(make.job("vq", seed=seed) for seed in range(3)))
+    assert [(row.label, row.verdict) for row in compare(base, new).rows] == [("vq", "same")]
+    other = make.run("other", *(make.job("vq", seed=seed, settings={"components": 4}) for seed in range(3)))
+    assert [row.verdict for row in compare(base, other).rows] == ["GONE", "new"]
 
 
 def test_jobs_that_vanished_are_regressions(make):

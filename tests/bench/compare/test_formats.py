@@ -40,7 +40,7 @@ def mixed(make, base):
 def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
     text = terminal(mixed)
     assert max(map(len, text.splitlines())) <= 120
-    assert re.search(r"^pca +3,011 +65,920 \(\+1,920\) +29\.50 +−0\.50 +0\.02 .* WORSE$", text, re.M)
+    assert re.search(r"^pca +3,011 +65,920 \(\+1,920\) +29\.50 +−0\.50 ± 0\.02 .* WORSE$", text, re.M)
     assert "WORSE   satin/pca: PSNR 30.00 → 29.50 dB (−0.50; up to 0.02 counts as the same)" in text
     assert "better  satin/vq: PSNR 30.10 → 31.10 dB (+1.00" in text
     assert "n/c     satin/other: codec version 2 instead of 1" in text
@@ -78,18 +78,19 @@ def test_markdown_keeps_its_tables_whole_and_shows_names_as_they_stand(mixed):
 def test_junit_is_read_by_another_program_as_it_was_meant(mixed):
     found = JUnitXml.fromstring(junit(mixed).encode())
     suites = list(found)
-    assert [suite.name for suite in suites] == ["satin", "a/material"]
+    assert [suite.name for suite in suites] == ["satin", "a/material", "all materials"]
     cases = {case.name: case for suite in suites for case in suite}
-    assert (found.tests, found.failures, found.errors) == (len(cases), 5, 0)
-    assert sum(suite.failures for suite in suites) == 5
-    assert sum(suite.skipped for suite in suites) == 2
+    assert (found.tests, found.failures, found.errors) == (len(cases), 8, 0)
+    assert sum(suite.failures for suite in suites) == 8
+    assert sum(suite.skipped for suite in suites) == 1
     (failure,) = cases["satin/pca/PSNR"].result
     assert isinstance(failure, Failure)
     assert failure.type == "worse"
     assert failure.message.startswith("PSNR 30.00 → 29.50 dB (−0.50")
     assert cases["satin/pca/PSNR"].classname == "satin/pca"
     assert cases["satin/pca/FLIP"].result == []
-    assert isinstance(cases["satin/other/result"].result[0], Skipped)
+    assert cases["satin/other/result"].result[0].type == "not comparable"
+    assert isinstance(cases["a/material/brand-new/result"].result[0], Skipped)
     assert "[31mred" in cases["satin/fails/result"].result[0].message
     assert cases[f"a/material/{AWKWARD}/parameters"].result[0].type == "worse"
     assert not any(isinstance(result, Error) for case in cases.values() for result in case.result)
@@ -98,10 +99,10 @@ def test_junit_is_read_by_another_program_as_it_was_meant(mixed):
 def test_annotations_are_one_escaped_line_each(mixed):
     lines = annotations(mixed).splitlines()
     assert all(re.fullmatch(r"::(error|warning) title=[^:,\n]+::[^\n]+", line) for line in lines)
-    assert sum(line.startswith("::error ") for line in lines) == 4
+    assert sum(line.startswith("::error ") for line in lines) == 5
     assert any(line.startswith("::error title=satin/pca::bytes 64,000 → 65,920 (+1,920); PSNR") for line in lines)
     assert any("red second, line: 5 %25" in line for line in lines)
-    assert any(line.startswith("::warning title=satin/other::codec version") for line in lines)
+    assert any(line.startswith("::error title=satin/other::codec version") for line in lines)
     assert any(line.startswith("::warning title=satin/pca::decodes slower") for line in lines)
 
 
