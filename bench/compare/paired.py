@@ -71,7 +71,7 @@ def cells(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]
             continue
         both = np.isfinite(ours) & np.isfinite(others)
         if both.any():
-            found.append(Cell(job["material"], job["seed"], job["score_key"]["btf"], (others - ours)[both]))
+            found.append(Cell(job["material"], job["seed"], job["score_key"]["btf"], others[both] - ours[both]))
     return found
 
 

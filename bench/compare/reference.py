@@ -5,6 +5,7 @@ packages stay, because a comparison says where they differ.
 """
 
 import json
+import tomllib
 from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 from bench.compare.quantities import FOOTPRINTS
 from bench.compare.slices import decibels, packed
 from bench.errors import InputError
-from bench.fields import CONDITIONS, PSNR, gate, metric_of, metrics_of, stats_of
+from bench.fields import CONDITIONS, FLIP, PSNR, gate, metric_of, metrics_of, stats_of
 from bench.records import Record, Run
 
 FEW_SEEDS = 6  # of three, one deviation in five (1 − e^−¼) is less than half the true one; of six, one in sixteen
@@ -44,7 +45,8 @@ def reference(run: Run, before: Run | None = None) -> str:
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
             "a reference needs a whole run"
         )
-    reduced = [_job(job, run.folder) for job in jobs]
+    judged = _judged(run)
+    reduced = [_job(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
     kept = _still_true(reduced, list(before.jobs) if before else [])
     timings = _timings(run, jobs)
     return "".join(_text(line) + "\n" for line in [*_start(run), *_in_order([*reduced, *kept]), *timings])
@@ -98,17 +100,29 @@ def _in_order(found: Iterable[Record]) -> list[Record]:
     return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))
 
 
-def _job(job: Record, folder: Path) -> Record:
+def _judged(run: Run) -> set[int]:
+    """The seeds of the run's suite, which a change is judged by; further ones only tell how far a codec scatters."""
+    try:
+        return set(tomllib.loads(run.starts[-1]["text"]).get("seeds", ())) if run.starts else set()
+    except (KeyError, tomllib.TOMLDecodeError):
+        return set()
+
+
+def _job(job: Record, folder: Path, whole: bool) -> Record:
+    """A job's line; of one that is not `whole` only what decides."""
     line = {key: job[key] for key in ("kind", "job", "material", "label", "seed", "status", "bytes", "parameters")}
     line["fit_key"] = {key: job["fit_key"][key] for key in _FIT}
     line["score_key"] = {key: job["score_key"][key] for key in _SCORE if key in job["score_key"]}
-    line["metrics"] = {name: {key: m[key] for key in _DESCRIBED} for name, m in job["metrics"].items()}
-    decides, psnr = gate(job["scores"]), [metric_of(metrics_of(job), PSNR)]
-    kept = {decides: list(metrics_of(job)), "train": psnr}
+    decides, names = gate(job["scores"]), list(metrics_of(job))
+    psnr = [metric_of(names, PSNR)]
+    kept = {decides: names, "train": psnr} if whole else {decides: [*psnr, metric_of(names, FLIP)]}
     kept |= {f"{decides}, {band}": psnr for band in ("grazing view", "grazing light")}
     line["scores"] = {name: _shorter(metrics_of(job, name), kept[name]) for name in kept if name in job["scores"]}
     line["footprints"] = {side: _short(stats, PSNR, "mean") for side, stats in job["footprints"].items() if side != "1"}
-    if (slices := decibels(folder, job)) is not None:
+    line["metrics"] = {
+        name: {key: job["metrics"][name][key] for key in _DESCRIBED} for name in line["scores"][decides]["metrics"]
+    }
+    if whole and (slices := decibels(folder, job)) is not None:
         line["slices"] = {PSNR: packed(slices)}
     return _rounded(line)
 

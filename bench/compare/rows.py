@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from bench.compare.quantities import SLICE, deciding, shown
 from bench.compare.timings import Advice
-from bench.compare.verdicts import Change, Verdict, fitted_unlike, judge, other_settings, unlike
+from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, other_settings, unlike
 from bench.records import Record
 
 if TYPE_CHECKING:
@@ -90,7 +90,9 @@ def compared(
     obstacle = next((reason for job in theirs if (reason := unlike(partner.get(job["seed"], base[0]), job))), "")
     if obstacle:
         return Row(first["material"], first["label"], verdict or Verdict.UNLIKE, why or obstacle)
-    changes = [judge(quantity, ours, theirs, base) for quantity in deciding(base[0])]
+    quantities = deciding(base[0])
+    draws = not all(agree(quantity, base) for quantity in quantities if quantity.metric)
+    changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     changes = [replace(c, interval=between(ours, theirs)) if c.quantity.name == SLICE else c for c in changes]
     others = [judge(quantity, ours, theirs, base) for quantity in shown(base[0])]
     return Row(

@@ -84,9 +84,18 @@ class Chance:
         return quantile(self.freedom) * self.error
 
 
-def judge(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]) -> Change:
-    """The verdict on one quantity of two sets of jobs that may be compared; `reference` are all seeds of the base."""
-    if not _again(quantity, base, new) and len({job["score_key"]["btf"] for job in reference}) == 1:
+def judge(
+    quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record], draws: bool = False
+) -> Change:
+    """The verdict on one quantity of two sets of jobs that may be compared; `reference` are all seeds of the base.
+
+    `draws` says that the codec draws, whatever the seeds of this quantity gave: see `agree`.
+    """
+    if (
+        quantity.tolerance is not None
+        and not _again(quantity, base, new)
+        and len({job["score_key"]["btf"] for job in reference}) == 1
+    ):
         base = reference  # the same pairs for every seed: each tells as much as any
     before, after, known = ([quantity.value(job) for job in jobs] for jobs in (base, new, reference))
     if reason := _obstacle(quantity, base[0], new[0], before, after):
@@ -96,7 +105,9 @@ def judge(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], ref
     if quantity.tolerance is None:
         return change
     values = [value for value in known if value is not None]
-    chance = scatter(quantity.tolerance, values, [v for v in after if v is not None], len(base))
+    chance = None
+    if (draws and quantity.metric) or not agree(quantity, reference):
+        chance = scatter(values, [v for v in after if v is not None], len(base))
     room = margin(quantity.tolerance, values, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
 
@@ -107,14 +118,22 @@ def _again(quantity: Quantity, base: Sequence[Record], new: Sequence[Record]) ->
     return len(base) == len(new) and all(a == b or (a and b and math.isclose(a, b, rel_tol=1e-5)) for a, b in pairs)
 
 
-def scatter(tolerance: Tolerance, known: Sequence[float], new: Sequence[float], n: int) -> Chance | None:
-    """How a difference of the means of `n` seeds of the base and of those of new scatters; None where seeds agree.
+def agree(quantity: Quantity, reference: Sequence[Record]) -> bool:
+    """Whether all seeds of the base give the same, but for rounding: then the codec does not draw."""
+    values = [value for job in reference if (value := quantity.value(job)) is not None and math.isfinite(value)]
+    if quantity.tolerance is None or len(values) < 2:
+        return True
+    unit = abs(fmean(values)) if quantity.tolerance.relative else 1.0
+    return max(values) - min(values) <= AGREE * unit * quantity.tolerance.certain
+
+
+def scatter(known: Sequence[float], new: Sequence[float], n: int) -> Chance | None:
+    """How a difference of the means of `n` seeds of the base and of those of new scatters; None where nobody knows.
 
     `known` are the values of all seeds of the base.
     """
     finite = [value for value in known if math.isfinite(value)]
-    unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
-    if len(finite) < 2 or max(finite) - min(finite) <= AGREE * unit * tolerance.certain:
+    if len(finite) < 2 or not new:
         return None
     groups = [finite]
     if len(finite) < FEW_SEEDS and len(others := [value for value in new if math.isfinite(value)]) > 1:

@@ -1,0 +1,172 @@
+"""Renews the guard: the reference of the suite `ci`, what its tests replay, and how well it guards, measured.
+
+    python benchmarks/gate.py [--out runs/gate] [--seeds 9] [--jobs 2] [--only-read]
+
+Runs the suite with so many seeds, three of them again under each other capability of the processor, and with faults
+planted in fits: half of the steps, and ReLU for the sine. Then it writes `bench/compare/references/ci.jsonl` and
+`tests/bench/compare/seeds.json`, and prints three tables: the margin of each row, which is the smallest loss that it
+sees; how often a run that lost nothing would be stopped, estimated on seeds that the reference does not hold; and what
+became of the planted faults. Finished jobs are not done again; `--only-read` runs nothing and reads what is there.
+"""
+
+import argparse
+import copy
+import json
+import os
+import random
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from bench.compare import Comparison, compare
+from bench.compare.quantities import deciding
+from bench.compare.reference import committed, reference
+from bench.compare.verdicts import Verdict
+from bench.records import Record, Run, load_run
+from bench.runs.suite import load_suite
+
+SUITE = "ci"
+REPLAYS = Path(__file__).parent.parent / "tests" / "bench" / "compare" / "seeds.json"
+CAPABILITIES = ("avx2", "default")  # of ATEN_CPU_CAPABILITY, besides the machine's own
+COMPARED = (0, 1, 2)  # the seeds of the suite, which a change is judged by
+RELU = ("neubtf-direct", "neubtf")  # codecs of a sine
+TRIALS = 200
+
+
+def main() -> None:
+    """See the module."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("runs/gate"))
+    parser.add_argument("--seeds", type=int, default=9)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--only-read", action="store_true")
+    options = parser.parse_args()
+    if not options.only_read:
+        drawing = [word for codec in _steps() for word in ("--codec", codec)] + ["--codec", "vq"]
+        for seed in range(options.seeds):
+            _run(options.out / "native", seed, options.jobs, *(drawing if seed not in COMPARED else ()))
+        for name, words in _planted().items():
+            for seed in COMPARED:
+                _run(options.out / name, seed, options.jobs, *words)
+        for capability in CAPABILITIES:
+            for seed in COMPARED:
+                _run(options.out / capability, seed, options.jobs, capability=capability)
+    runs = {path.name: load_run(path) for path in sorted(options.out.iterdir()) if (path / "records.jsonl").is_file()}
+    native = runs.pop("native")
+    committed(SUITE).write_text(reference(native))
+    faults = {name: _relabelled(runs.pop(name), native) for name in _planted() if name in runs}
+    REPLAYS.write_text(json.dumps(_values(native, runs, faults), indent=None, separators=(",", ":")) + "\n")
+    base = load_run(committed(SUITE))
+    _print_margins(base)
+    _print_alarms(base, runs)
+    for name, run in faults.items():
+        print(f"\nplanted, {name}: " + _words(compare(_only(base, run), run)))
+
+
+def _steps() -> dict[str, int]:
+    """The codecs of the suite that are fitted step by step, with their steps."""
+    return {spec.codec: spec.settings["steps"] for spec in load_suite(SUITE).codecs if "steps" in spec.settings}
+
+
+def _planted() -> dict[str, list[str]]:
+    """By name, how a fault is planted: choices of codecs and settings on the command line."""
+    steps = _steps()
+    half = [word for codec in steps for word in ("--codec", codec)]
+    half += [word for codec, count in steps.items() for word in ("--set", f"{codec}.steps={count // 2}")]
+    relu = [word for codec in RELU for word in ("--codec", codec)]
+    return {"half": half, "relu": [*relu, "--set", "activation=relu"]}
+
+
+def _run(folder: Path, seed: int, jobs: int, *words: str, capability: str = "") -> None:
+    command = [sys.executable, "-m", "bench.cli", "run", SUITE, "--seed", str(seed), "--jobs", str(jobs), *words]
+    environment = os.environ | ({"ATEN_CPU_CAPABILITY": capability} if capability else {})
+    print(" ".join(command[3:]), capability, flush=True)
+    subprocess.run([*command, "--out", str(folder)], env=environment, check=True, stdout=subprocess.DEVNULL)
+
+
+def _relabelled(run: Run, native: Run) -> Run:
+    """A run with a planted fault, under the names of the rows that it was planted in."""
+    labels = {job["codec"]: job["label"] for job in native.jobs}
+    return _with(run, ({**job, "label": labels[job["codec"]]} for job in run.jobs))
+
+
+def _with(run: Run, jobs: Any) -> Run:
+    made = Run(run.folder)
+    for job in jobs:
+        made.jobs.put(f"{job['material']}/{job['label']}/{job['seed']}", job)
+    return made
+
+
+def _only(base: Run, run: Run) -> Run:
+    """The rows of the reference that a run has."""
+    rows = {(job["material"], job["label"]) for job in run.jobs}
+    return _with(base, (job for job in base.jobs if (job["material"], job["label"]) in rows))
+
+
+def _values(native: Run, others: dict[str, Run], faults: dict[str, Run]) -> dict[str, Any]:
+    """By run, row and quantity: the values of the seeds in order, of what decides and may scatter."""
+    found: dict[str, Any] = {}
+    for name, run in {"native": native, **others, **faults}.items():
+        rows = found.setdefault(name, {})
+        for job in sorted(run.jobs, key=lambda job: job["seed"]):
+            values = rows.setdefault(f"{job['material']}/{job['label']}", {})
+            for quantity in deciding(job):
+                if quantity.metric and (value := quantity.value(job)) is not None:
+                    values.setdefault(quantity.name, []).append(round(value, 6))
+    return found
+
+
+def _print_margins(base: Run) -> None:
+    """The margins for three new seeds, which are the smallest losses that a row sees."""
+    # The last seeds stand for three new ones: any but the first three, which would be the same again.
+    found = compare(base, _shifted(base, max(job["seed"] for job in base.jobs) - 2))
+    print(
+        f"{'smallest loss seen':<40}"
+        + "".join(f"{name:>12}" for name in ("PSNR", "slice", "grazing", "footprints", "FLIP"))
+    )
+    for row in (*found.rows, *found.means):
+        margins = {change.quantity.name: change.margin or 0.0 for change in row.deciding}
+        numbers = [f"{margins.get(name, 0):>12.2f}" for name in ("PSNR", "slice", "grazing", "footprints")]
+        print(f"{row.name:<40}" + "".join(numbers) + f"{margins.get('FLIP', 0):>12.4f}")
+
+
+def _shifted(base: Run, first: int) -> Run:
+    """Three seeds from `first` on as seeds 0, 1 and 2."""
+    chosen = [job for job in base.jobs if first <= job["seed"] < first + len(COMPARED)]
+    return _with(base, ({**job, "seed": job["seed"] - first} for job in chosen))
+
+
+def _print_alarms(base: Run, others: dict[str, Run]) -> None:
+    """How often nothing that was lost is taken for a loss: three seeds against references of the others."""
+    seeds, rng = sorted({job["seed"] for job in base.jobs}), random.Random(0)
+    stopped = [found for found in _replays(base, seeds, rng) if found.exit_code]
+    print(f"\nfalse alarms, three seeds against a reference of the others: {len(stopped)} of {TRIALS} runs")
+    for name, run in others.items():
+        print(f"run under ATEN_CPU_CAPABILITY={name}: " + _words(compare(base, run)))
+
+
+def _replays(base: Run, seeds: list[int], rng: random.Random) -> Iterator[Comparison]:
+    for _ in range(TRIALS):
+        new = rng.sample(seeds, len(COMPARED))
+        renamed = {seed: i for i, seed in enumerate([*new, *(seed for seed in seeds if seed not in new)])}
+        jobs = [copy.copy(job) | {"seed": renamed[job["seed"]]} for job in base.jobs]
+        # Those that are left out come back as seeds 0 to 2 of the new run; the reference has the others alone.
+        old: list[Record] = [
+            job | {"seed": job["seed"] - len(COMPARED)} for job in jobs if job["seed"] >= len(COMPARED)
+        ]
+        yield compare(_with(base, old), _with(base, (job for job in jobs if job["seed"] < len(COMPARED))))
+
+
+def _words(found: Comparison) -> str:
+    worse = [
+        f"{row.name} ({'; '.join(row.reasons())})"
+        for row in (*found.rows, *found.means)
+        if row.verdict == Verdict.WORSE
+    ]
+    return f"exit code {found.exit_code}" + "".join(f"\n  {text}" for text in worse)
+
+
+if __name__ == "__main__":
+    main()

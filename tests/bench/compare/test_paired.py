@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from bench.compare.paired import Cell, codecs, interval
+from bench.compare.slices import decibels, packed, unpacked
+from bench.errors import InputError
+
+
+def test_pairing_takes_away_what_both_share_and_keeps_what_they_do_not():
+    rng = np.random.default_rng(0)
+    hard = rng.normal(25, 6, 150)
+    found = interval([Cell("satin", 0, "a", hard + 0.2 + rng.normal(0, 0.3, 150) - hard)])
+    assert found.low < 0.2 < found.high
+    assert found.decided
+    assert found.high - found.low < 0.15  # 2 · 1.96 · 0.3 / √150 = 0.1, where the means alone are known to ± 1 dB
+
+
+def test_the_interval_holds_the_truth_in_95_of_100():
+    rng = np.random.default_rng(1)
+    held = 0
+    for _ in range(200):
+        found = interval([Cell("m", 0, "a", rng.normal(0.5, 1, 60))], draws=400)
+        held += found.low <= 0.5 <= found.high
+    assert 180 <= held <= 198
+
+
+def test_seeds_that_differ_widen_the_interval_and_so_do_materials():
+    rng = np.random.default_rng(2)
+
+    def cells(seeds, material="m", centre=0.0):
+        return [Cell(material, i, "a", rng.normal(centre + d, 0.1, 100)) for i, d in enumerate(seeds)]
+
+    alike, apart = interval(cells([0, 0, 0, 0])), interval(cells([-1, 1, -0.5, 0.5]))
+    assert apart.high - apart.low > 5 * (alike.high - alike.low)
+    several = interval([cell for i in range(5) for cell in cells([0, 0], f"m{i}", centre=i)])
+    assert several.high - several.low > 1
+    assert (several.materials, several.seeds, several.slices) == (5, 2, 1000)
+    assert several.mean == pytest.approx(2, abs=0.1)
+
+
+def test_seeds_at_the_same_pairs_draw_the_same_ones():
+    """A slice that is worse in every seed is one hard slice, not as many as there are seeds."""
+    rng = np.random.default_rng(3)
+    shared = rng.normal(0, 1, 50)
+    same = interval([Cell("m", seed, "a", shared) for seed in range(8)])
+    other = interval([Cell("m", seed, f"{seed}", rng.permutation(shared)) for seed in range(8)])
+    assert same.high - same.low > 2 * (other.high - other.low)
+
+
+def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_path):
+    rng = np.random.default_rng(4)
+    error = 10 ** rng.normal(-2, 0.5, 40)
+    jobs = []
+    for label, factor in (("pca", 1.0), ("vq", 2.0)):
+        for seed in range(2):
+            name = f"{label}{seed}.npz"
+            np.savez(tmp_path / name, psnr_display=np.append(error * factor, 0.0), heldout=np.ones(41, bool))
+            jobs.append(make.job(label, seed=seed) | {"slices": f"../{name}"})
+    run = make.run("run", *jobs)
+    found = codecs(run, "pca", "vq")
+    assert found.mean == pytest.approx(-10 * np.log10(2))
+    assert found.high - found.low < 1e-6
+    assert found.slices == 80  # those without any error are left out
+    assert codecs(run, "pca", "table") is None
+    assert codecs(run, "pca", "vq", ["brick"]) is None
+
+
+def test_a_reference_holds_slices_to_a_hundredth_of_a_decibel_and_exact_ones_as_such(make, tmp_path):
+    values = np.array([31.234, np.inf, -4.5])
+    np.testing.assert_allclose(unpacked(packed(values)), [31.23, np.inf, -4.5])
+    np.savez(tmp_path / "a.npz", psnr_display=[0.1], other=[1])
+    with pytest.raises(InputError, match=r"a\.npz: the slices of satin/pca/0 cannot be read"):
+        decibels(tmp_path, make.job() | {"slices": "a.npz"})
+    assert decibels(tmp_path, make.job() | {"slices": "absent.npz"}) is None
