@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
 WHY_EMPTY = {
+    "summary": "fewer than two codecs of this run have numbers",
     "main": _NO_NUMBERS,
+    "slices": _NO_NUMBERS,
     "angular": _NO_NUMBERS,
     "radiance": _NO_NUMBERS,
     "footprints": _NO_NUMBERS,
@@ -61,7 +63,7 @@ def table_text(run_folder: str | Path, format: str = "text", kind: str | None = 
         return trade.csv_text(run.folder) if kind == "trade" else csv_text(run)
     if format == "text" and kind is None:
         return terminal(run)
-    tables = all_tables(run, narrow=format == "latex")
+    tables = all_tables(run, narrow=format == "latex", kind=kind)
     return writers[format]([table for table in tables if kind in (None, table.kind)])
 
 

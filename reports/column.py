@@ -52,17 +52,26 @@ class Column:
             return self.write(numbers[0]) if numbers else texts[0]
         return f"{self.write(fmean(numbers))} ± {self.write(stdev(numbers))}"
 
+    @property
+    def sign(self) -> int:
+        """1 where more is better, −1 where less is, 0 where neither."""
+        return 1 if "↑" in self.unit else -1 if "↓" in self.unit else 0
+
+    def mean(self, seeds: Sequence[Row]) -> float | None:
+        """The mean over seeds of the number, or of the first of those that stand together; None where there is none."""
+        values = [self.value(row) for row in seeds]
+        firsts = [value[0] if isinstance(value, tuple) else value for value in values]
+        found = [value for value in firsts if isinstance(value, int | float)]
+        return fmean(found) if found else None
+
     def score(self, seeds: Sequence[Row]) -> float | None:
         """How good the cell is, more is better; None where it is no number, or where no end of the scale is better."""
-        sign = 1 if "↑" in self.unit else -1 if "↓" in self.unit else 0
-        values = [self.value(row) for row in seeds]
-        if not sign or not values:
+        if not self.sign or not seeds:
             return None
-        if all(value == EXACT for value in values):
+        if all(self.value(row) == EXACT for row in seeds):
             return float("inf")
-        numbers = [value[0] if isinstance(value, tuple) else value for value in values]
-        found = [value for value in numbers if isinstance(value, int | float)]
-        return sign * fmean(found) if found else None
+        mean = self.mean(seeds)
+        return None if mean is None else self.sign * mean
 
     def _written(self, value: Value) -> str:
         if value is None:

@@ -1,11 +1,11 @@
 """The columns of tables by material."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
 from bench.fields import PSNR, RMSE, gate, metric_of, metrics_of
-from bench.metrics import label_of
+from bench.metrics import PERIODIC, label_of
 from bench.records import Record
 from reports.column import Column, Value, hull
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, pooled, significant, spread
@@ -147,6 +147,22 @@ def main(material: Material) -> list[Column]:
 def papers(material: Material) -> list[Column]:
     """Every metric as papers report it: mean ± std over slices."""
     return [replace(PER_SLICE, name="PSNR"), *_others(material, _spread)]
+
+
+def summary(found: Sequence[Material]) -> list[Column]:
+    """What a summary over materials has besides PSNR: other metrics as means over slices, size, time."""
+    said = {label_of(name): (name, each) for material in found for name, each in material.metrics.items()}
+    quality = [
+        Column(label, _scale(each), _mean_of_slices(name), partial(fixed, digits=_digits(each["unit"])))
+        for label, (name, each) in said.items()
+        if name != PSNR and each["unit"] != "radiance"
+    ]
+    return [*quality, _TOTAL, replace(_FLOOR, unit="× floor ↓")]
+
+
+def _mean_of_slices(name: str) -> Callable[[Row], Value]:
+    family = name.removesuffix(PERIODIC)
+    return lambda row: row.stats(row.gate, family).get("mean")
 
 
 def _others(material: Material, make: Callable[..., Column] | None = None) -> Iterator[Column]:

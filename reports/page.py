@@ -35,13 +35,14 @@ def page(run: Run, figures: Sequence[Figure]) -> str:
     tables = all_tables(run)
     if not any(table.kind == "main" for table in tables):
         body.append("<p><strong>Nothing was measured in this run.</strong></p>")
+    body += [_table(table) for table in tables if table.kind == "summary"]
     for material in materials(run):
         body.append(f"<h2>{escape(material.name)}</h2>")
         if material.first is None:
             body.append("<p>Nothing was measured; the reasons are at the end.</p>")
         body += [_table(table) for table in tables if table.material == material.name]
         body += [_image(figure) for figure in figures if figure.material == material.name]
-    body += [_table(table) for table in tables if not table.material]
+    body += [_table(table) for table in tables if not table.material and table.kind != "summary"]
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
         f"<style>{_STYLE}</style>\n</head>\n<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"

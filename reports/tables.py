@@ -1,9 +1,9 @@
 """The tables of a run, as text in cells: which columns, which rows, which footnotes. How they look is elsewhere."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from bench.records import Record, Run
-from reports import columns
+from reports import KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
 from reports.marks import legend, marks
@@ -13,23 +13,19 @@ from reports.paper import paper_table
 from reports.parameters import parameters_table
 from reports.rows import Codec, Material, materials
 from reports.stress import stress_tables
+from reports.summary import summary_table
 from reports.table import Table
 from reports.trade import trade_tables
 
 
-def all_tables(run: Run, narrow: bool = False) -> list[Table]:
-    """Every table that has a row, by kind and then by material, with every column.
+def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[Table]:
+    """Every table that has a row, or those of one kind, by kind and then by material, with every column.
 
     `narrow` splits the main table in two, each of which fits a printed page.
     """
-    kinds = [quality_table, cost_table] if narrow else [main_table]
     found = materials(run)
-    tables = [kind(material) for kind in (*kinds, *_BY_DIRECTION) for material in found]
-    with_rates = {rate["material"] for rate in run.rates}
-    points = [_table("rate", m, "rates", columns.RATES, common_notes(m)) for m in found if m.name in with_rates]
-    rest = [paper_table(run), parameters_table(run.jobs), *stress_tables(run), unfinished_table(run)]
-    more = [*rate_tables(run), *fit_tables(run), *trade_tables(run.folder)]
-    return [table for table in (*tables, *points, *more, *rest) if table]
+    makers = _OF_KIND | ({"main": _narrow} if narrow else {})
+    return [table for name in KINDS if kind in (None, name) for table in makers[name](run, found) if table]
 
 
 def main_table(material: Material, chosen: Sequence[Column] = ()) -> Table | None:
@@ -45,6 +41,12 @@ def quality_table(material: Material) -> Table | None:
 def cost_table(material: Material) -> Table | None:
     """The columns of the main table that say what a codec costs."""
     return _table("main", material, "size and time", (*columns.SIZE, *columns.TIME), cost_notes(material))
+
+
+def slices_table(material: Material) -> Table | None:
+    """Every metric as papers report it: mean ± std over slices."""
+    about = "as papers report it, mean ± std over slices"
+    return _table("slices", material, about, columns.papers(material), quality_notes(material))
 
 
 def angular_table(material: Material) -> Table | None:
@@ -106,6 +108,13 @@ def _rate_cells(rate: Record) -> list[str]:
     cells += [f"{rate['bd_rate_percent']:+.1f}", f"{rate['bd_psnr_db']:+.2f}"]
     cells += ["{:.2f} to {:.2f}".format(*rate["quality_db"]), fixed(100 * rate["quality_overlap"], 0)]
     return [*cells, "{:,.0f} to {:,.0f}".format(*rate["bytes"]), fixed(100 * rate["bytes_overlap"], 0)]
+
+
+def rate_points(run: Run, material: Material) -> Table | None:
+    """Size and quality of every codec of a material that has ladders of rates."""
+    if material.name not in {rate["material"] for rate in run.rates}:
+        return None
+    return _table("rate", material, "rates", columns.RATES, common_notes(material))
 
 
 def unfinished_table(run: Run) -> Table | None:
@@ -171,9 +180,25 @@ def _cells(codec: Codec, chosen: Sequence[Column]) -> list[str]:
     return [word] + [NONE] * (len(chosen) - 1)
 
 
-_BY_DIRECTION: tuple[Callable[[Material], Table | None], ...] = (
-    angular_table,
-    radiance_table,
-    footprint_table,
-    scene_table,
-)
+def _narrow(_: Run, found: list[Material]) -> Iterator[Table | None]:
+    yield from map(quality_table, found)
+    yield from map(cost_table, found)
+
+
+Made = Iterable[Table | None]
+_OF_KIND: dict[str, Callable[[Run, list[Material]], Made]] = {
+    "summary": lambda run, _: [summary_table(run)],
+    "main": lambda _, found: map(main_table, found),
+    "slices": lambda _, found: map(slices_table, found),
+    "angular": lambda _, found: map(angular_table, found),
+    "radiance": lambda _, found: map(radiance_table, found),
+    "footprints": lambda _, found: map(footprint_table, found),
+    "scene": lambda _, found: map(scene_table, found),
+    "rate": lambda run, found: [*(rate_points(run, material) for material in found), *rate_tables(run)],
+    "fits": lambda run, _: fit_tables(run),
+    "trade": lambda run, _: trade_tables(run.folder),
+    "paper": lambda run, _: [paper_table(run)],
+    "parameters": lambda run, _: [parameters_table(run.jobs)],
+    "stress": lambda run, _: stress_tables(run),
+    "unfinished": lambda run, _: [unfinished_table(run)],
+}

@@ -7,6 +7,7 @@ from reports import columns
 from reports.notes import run_notes
 from reports.rows import Material, materials
 from reports.stress import summary
+from reports.summary import summary_table
 from reports.table import Table
 from reports.tables import main_table, rate_tables, scene_table, unfinished_table
 from reports.text import plain, wrapped
@@ -14,8 +15,9 @@ from reports.text import plain, wrapped
 
 def terminal(run: Run) -> str:
     """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
-    tables = []
-    for material in materials(run):
+    found = materials(run)
+    tables = [summary_table(run)] if len(found) > 1 else []
+    for material in found:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
     shown = [table for table in (*tables, *rate_tables(run), unfinished_table(run)) if table]
     main = [table.notes for table in shown if table.kind == "main"]

@@ -1,0 +1,63 @@
+"""How codecs stand over several materials: mean quality, mean rank, materials won."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+from bench.fields import PSNR, stats_of
+from bench.records import Record
+
+Cells = Mapping[str, Mapping[str, Sequence[Record]]]  # the jobs of each material and label, one a seed
+SAME_DB = 0.005  # what tables round away: such codecs share a rank
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One codec over the materials that it was measured on; `rank` and `wins` where these are all, else None."""
+
+    label: str
+    materials: int
+    psnr: float  # dB, pooled; mean over seeds, then over materials; infinite where no slice anywhere has an error
+    rank: float | None = None  # mean over materials, 1 for the best
+    wins: int | None = None  # materials on which none is better
+
+
+def standings(cells: Cells) -> list[Standing]:
+    """Every codec that was measured: those on all materials first, the best rank first, then the highest PSNR.
+
+    Only codecs that were measured on all materials are ranked, among each other.
+    """
+    quality = {name: _qualities(codecs) for name, codecs in cells.items()}
+    labels = dict.fromkeys(label for found in quality.values() for label in found)
+    racing = [label for label in labels if all(label in found for found in quality.values())]
+    ranks = [_ranks({label: found[label] for label in racing}) for found in quality.values()]
+    made = [_standing(label, quality, [rank[label] for rank in ranks if label in rank]) for label in labels]
+    return sorted(made, key=lambda each: (each.rank is None, each.rank, -each.psnr))
+
+
+def _standing(label: str, quality: dict[str, dict[str, float]], ranks: list[float]) -> Standing:
+    values = [found[label] for found in quality.values() if label in found]
+    finite = [value for value in values if math.isfinite(value)]
+    psnr = fmean(finite) if finite else math.inf
+    return Standing(label, len(values), psnr, *((fmean(ranks), sum(rank < 2 for rank in ranks)) if ranks else ()))
+
+
+def _qualities(codecs: Mapping[str, Sequence[Record]]) -> dict[str, float]:
+    """The mean over seeds of the pooled PSNR by label; infinite without any error, absent where none was measured."""
+    found = {}
+    for label, jobs in codecs.items():
+        stats = [stats for job in jobs if (stats := stats_of(job, PSNR))]
+        values = [each["pooled"] for each in stats if each["pooled"] is not None]
+        if values or any(each["exact"] for each in stats):
+            found[label] = fmean(values) if values else math.inf
+    return found
+
+
+def _ranks(quality: dict[str, float]) -> dict[str, float]:
+    """1 for the best; codecs within `SAME_DB` of one share the mean of their places."""
+    found = {}
+    for label, value in quality.items():
+        alike = sum(other == value or abs(other - value) <= SAME_DB for other in quality.values())
+        found[label] = sum(other > value + SAME_DB for other in quality.values()) + (alike + 1) / 2
+    return found

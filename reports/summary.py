@@ -1,0 +1,67 @@
+"""The summary of a run over its materials: how each codec stands, best bold, second underlined."""
+
+import math
+from collections.abc import Sequence
+from statistics import fmean
+
+from bench.compare.standings import Standing, standings
+from bench.records import Record, Run
+from reports import columns
+from reports.column import Column
+from reports.marks import legend, marks
+from reports.numbers import EXACT, NONE, fixed, integer
+from reports.rows import Codec, Material, materials
+from reports.table import Table
+
+
+def summary_table(run: Run) -> Table | None:
+    """A row a codec; None where fewer than two codecs were measured."""
+    found = [material for material in materials(run) if material.measured]
+    stand = standings({material.name: _jobs(material) for material in found})
+    if len(stand) < 2:
+        return None
+    chosen = columns.summary(found)
+    headers = [("codec", ""), ("materials", ""), ("mean rank", "↓"), ("won", "materials ↑"), ("PSNR pooled", "dB ↑")]
+    headers += [(column.name, column.unit) for column in chosen]
+    rows: list[list[str]] = []
+    scores: list[list[float | None]] = []
+    for each in stand:
+        codecs = [codec for material in found for codec in material.codecs if codec.label == each.label]
+        means = [_mean(column, codecs) for column in chosen]
+        written = [NONE if mean is None else column.write(mean) for column, mean in zip(chosen, means, strict=True)]
+        rows.append([*_standing(each, len(found)), *written])
+        scores.append([None, None, *_scores(each, chosen, means)])
+    names = ", ".join(material.name for material in found)
+    title = f"Summary over {len(found)} material{'s' * (len(found) > 1)}: {names}"
+    return Table("summary", title, headers, rows, [*_NOTES, *legend(scores)], marks=marks(rows, scores))
+
+
+_NOTES = [
+    "Means over seeds, then over materials. Rank, materials won (none is better there) and PSNR are of the pooled "
+    "squared error of the pairs that decide; other metrics are means over slices. Codecs that were measured on every "
+    "material are ranked, among each other."
+]
+
+
+def _jobs(material: Material) -> dict[str, list[Record]]:
+    return {codec.label: [row.job for row in codec.measured] for codec in material.codecs if codec.measured}
+
+
+def _standing(each: Standing, of: int) -> list[str]:
+    psnr = fixed(each.psnr, 2) if math.isfinite(each.psnr) else EXACT
+    return [each.label, f"{each.materials} of {of}", fixed(each.rank, 1), integer(each.wins), psnr]
+
+
+def _mean(column: Column, codecs: Sequence[Codec]) -> float | None:
+    """The mean over materials of a column's means over seeds; None where one has no number."""
+    means = [column.mean(codec.measured) for codec in codecs if codec.measured]
+    found = [mean for mean in means if mean is not None]
+    return fmean(found) if found and len(found) == len(means) else None
+
+
+def _scores(each: Standing, chosen: Sequence[Column], means: Sequence[float | None]) -> list[float | None]:
+    """How good each cell is; of a codec that is not ranked, none is in a race."""
+    if each.rank is None or each.wins is None:
+        return [None] * (3 + len(chosen))
+    others = [None if mean is None else column.sign * mean for column, mean in zip(chosen, means, strict=True)]
+    return [-each.rank, each.wins, each.psnr, *others]

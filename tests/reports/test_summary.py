@@ -1,0 +1,46 @@
+from bench.records import load_run
+from reports import table_text
+from reports.summary import summary_table
+
+
+def test_a_summary_ranks_codecs_over_materials(made):
+    for material, psnrs in {"satin": (30.0, 33.0, 28.0), "brick": (26.0, 25.0, 24.0)}.items():
+        for label, psnr in zip(("pca", "neubtf", "mean-colour"), psnrs, strict=True):
+            made.job(label, material=material, psnr=psnr).job(label, material=material, seed=1, psnr=psnr + 1)
+    made.job("vq", psnr=40.0)
+    table = summary_table(load_run(made.folder))
+    rows = {row[0]: row for row in table.rows}
+    assert [row[0] for row in table.rows] == ["neubtf", "pca", "mean-colour", "vq"]
+    assert rows["neubtf"][1:5] == ["2 of 2", "1.5", "1", "29.50"]
+    assert rows["pca"][1:5] == ["2 of 2", "1.5", "1", "28.50"]
+    assert rows["vq"][1:5] == ["1 of 2", "—", "—", "40.00"]
+    column = [name for name, _ in table.headers].index("PSNR pooled")
+    assert {at: mark for at, mark in table.marks.items() if at[1] == column} == {
+        (0, column): "bold",
+        (1, column): "underlined",
+    }
+    assert not any(row == 3 for row, _ in table.marks)  # vq is not in the race
+    assert "Summary over 2 materials: satin, brick" in table_text(made.folder)
+
+
+def test_a_codec_without_error_ranks_first_and_one_alone_has_no_summary(made):
+    assert summary_table(load_run(made.job("table", psnr=None).folder)) is None
+    table = summary_table(load_run(made.job("pca").folder))
+    assert [row[:5] for row in table.rows] == [
+        ["table", "1 of 1", "1.0", "1", "exact"],
+        ["pca", "1 of 1", "2.0", "0", "30.00"],
+    ]
+
+
+def test_the_summary_comes_first_in_every_report(made):
+    made.job("pca").job("vq", psnr=28.0)
+    text = table_text(made.folder, "markdown")
+    assert text.startswith("### Summary over 1 material: satin")
+    assert "as papers report it" in text
+
+
+def test_papers_report_mean_and_deviation_over_slices(made):
+    text = table_text(made.job("pca").job("vq", psnr=28.0).folder, "markdown", "slices")
+    assert "| pca" in text
+    assert "**30.00 ± 1.50**" in text
+    assert "0.750 ± 0.125" in text
