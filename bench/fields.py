@@ -20,6 +20,13 @@ _RAW_TIMING = {"kind", "job", "run", "samples_ns", "floor_ratios"}
 _LONGEST = 8  # numbers of a list that are fields; a longer one is left to the record
 
 
+def shown_label(job: Record) -> str:
+    """The label of a job as tables print it: of a codec that has recipes, the default is "(our recipe)"."""
+    label = str(job.get("label", job["job"]))
+    ours = job.get("settings", {}).get("recipe") == "ours" and "recipe=" not in label
+    return " ".join([*label.split()[:1], "(our recipe)", *label.split()[1:]]) if ours else label
+
+
 def gate(groups: Container[str]) -> str:
     """The group of pairs that decides: held-out ones, or all where none are held out."""
     return "heldout" if "heldout" in groups else "all"

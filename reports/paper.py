@@ -6,7 +6,7 @@ needs weights that would have to be downloaded, and is left out. Its Table 2 is 
 
 from collections.abc import Iterable, Iterator
 
-from bench.fields import FLIP, PSNR, SSIM, stats_of
+from bench.fields import FLIP, PSNR, SSIM, shown_label, stats_of
 from bench.records import Record, Run
 from reports.numbers import NONE, plus_minus, spread
 from reports.table import Table
@@ -47,7 +47,7 @@ def _rows(jobs: Iterable[Record]) -> Iterator[list[str]]:
         if job["material"] not in PUBLISHED:
             continue
         published = PUBLISHED[job["material"]] if job["label"].split()[0] == METHOD else {}
-        cells = [job["material"], job["label"]]
+        cells = [job["material"], shown_label(job)]
         for family, _, _, digits in _METRICS:
             cells += [_ours(job, family, digits), published.get(family, NONE)]
         yield cells

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from bench.fields import CONDITIONS, PSNR, gate, metric_of, metrics_of, stats_of
+from bench.fields import CONDITIONS, PSNR, gate, metric_of, metrics_of, shown_label, stats_of
 from bench.records import Record, Run
 
 NEW_RUN = "timed in an earlier run than its neighbours"
@@ -132,7 +132,7 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
     latest: Record = max((t for t in timings.values() if t), key=lambda timing: str(timing["run"]), default={})
     seeds = {job.get("seed") for job in jobs}
     for job in jobs:
-        label = str(job.get("label", job["job"]))
+        label = shown_label(job)
         name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
         timing = timings.get(job["job"])
         wanted = newest.get(job.get("seed"), {}).get("score_key", {})

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from bench.fields import shown_label
 from bench.records import Run
 
 # Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The
@@ -16,7 +17,7 @@ class Looks:
     """The looks of a run's codecs. A codec at several settings has one colour and marker, and a line for each."""
 
     def __init__(self, run: Run):
-        labels = dict.fromkeys(str(job.get("label", job["job"])) for job in run.jobs)
+        labels = dict.fromkeys(map(shown_label, run.jobs))
         codecs = dict.fromkeys([*KNOWN, *(_codec(label) for label in labels)])
         self.places = {codec: place for place, codec in enumerate(codecs)}
         self.variants = {codec: [label for label in labels if _codec(label) == codec] for codec in codecs}

@@ -20,6 +20,14 @@ def test_ours_stand_beside_the_papers(made):
     assert absent[3] == "27.73 ± 4.711"
 
 
+def test_the_default_of_a_codec_with_recipes_is_called_ours(made):
+    made.start().job("neubtf steps=9", settings={"recipe": "ours"})
+    made.job("neubtf recipe=paper", settings={"recipe": "paper"})
+    text = table_text(made.folder, "markdown", "main")
+    names = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| neubtf")]
+    assert names == ["neubtf (our recipe) steps=9", "neubtf recipe=paper"]
+
+
 def test_a_run_of_other_materials_has_no_such_table(made):
     made.start().job("neubtf")
     assert paper_table(load_run(made.folder)) is None
