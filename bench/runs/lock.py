@@ -18,6 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from bench.atomic import is_still
 from bench.errors import InputError
 
 log = logging.getLogger(__name__)
@@ -61,7 +62,7 @@ def _acquire(folder: Path, run: str) -> int:
         file = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             kept_by_kernel = _flock(file)
-            if _is_still(file, folder / FILE):
+            if is_still(file, folder / FILE):
                 _check(folder, kept_by_kernel)
                 _sign(file, run)
                 return file
@@ -83,13 +84,6 @@ def _flock(file: int) -> bool:
     except OSError:
         return False
     return True
-
-
-def _is_still(file: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(file), os.stat(path))
-    except FileNotFoundError:
-        return False
 
 
 def _check(folder: Path, kept_by_kernel: bool) -> None:

@@ -2,6 +2,8 @@ import errno
 import os
 import subprocess
 import sys
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -75,3 +77,24 @@ def test_the_folder_follows_the_environment_and_is_emptied_on_request(tmp_path, 
     monkeypatch.delenv("NEUBTF_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert cache_dir() == tmp_path / "xdg" / "neubtf-bench"
+
+
+def test_who_waits_is_let_in_one_at_a_time_though_the_lock_is_removed_each_time(tmp_path):
+    inside, most = [], []
+
+    def enter():
+        for _ in range(20):
+            with atomic.alone(tmp_path / "file"):
+                inside.append(1)
+                most.append(len(inside))
+                time.sleep(0.001)  # long enough for the others to open the lock of this one
+                inside.pop()
+
+    threads = [threading.Thread(target=enter) for _ in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(most) == 120
+    assert max(most) == 1
+    assert list(tmp_path.iterdir()) == []
