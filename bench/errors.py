@@ -24,6 +24,10 @@ class ContainerError(InputError):
     """A codec file that is truncated, altered, newer than this version, or not a codec file at all."""
 
 
+class CodecError(InputError):
+    """A codec that fails where it is imported or made; the message names it and the distribution it comes from."""
+
+
 class MissingDataError(InputError):
     """A material or a shared network that is known but not on this machine; the message says how to get it."""
 

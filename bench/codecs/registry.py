@@ -4,9 +4,10 @@ import ast
 import importlib.util
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from bench.errors import InputError, did_you_mean
+from bench.codecs import trial
+from bench.errors import CodecError, InputError, did_you_mean
 
 if TYPE_CHECKING:
     from bench.codec import Codec
@@ -26,14 +27,61 @@ def codec_entries() -> dict[str, EntryPoint]:
 
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
     """The class of a codec. `InputError` where none has the name, or where the class does not bear it."""
+    entry = _entry(name, wanted_by)
+    trial.check(entry, called(entry), _tried)
+    return _loaded(entry, wanted_by)
+
+
+def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
+    """A codec with some settings. `InputError` where they will not do, `CodecError` where the codec itself fails."""
+    entry = _entry(name)
+    trial.check(entry, called(entry), _tried, settings)
+    try:
+        return _loaded(entry)(**settings)
+    except (Exception, SystemExit) as error:
+        if isinstance(error, InputError):
+            raise
+        raise CodecError(f"{called(entry)} fails with the settings {settings}: {_kind(error)}") from error
+
+
+def _tried(name: str, settings: dict[str, Any] | None) -> object:
+    """What is tried with a codec from outside, in a process of its own."""
+    return load_codec(name) if settings is None else make_codec(name, settings)
+
+
+def _entry(name: str, wanted_by: str = "") -> EntryPoint:
     entries = codec_entries()
-    prefix = f"{wanted_by}: " if wanted_by else ""
     if name not in entries:
+        prefix = f"{wanted_by}: " if wanted_by else ""
         raise InputError(f"{prefix}no codec named {name!r} is installed{did_you_mean(name, entries)}")
-    codec = entries[name].load()
-    if codec.name != name:
-        raise InputError(f"{prefix}entry point {name!r} leads to a codec that calls itself {codec.name!r}")
+    return entries[name]
+
+
+def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
+    prefix = f"{wanted_by}: " if wanted_by else ""
+    try:
+        codec: type[Codec] = entry.load()
+    except (Exception, SystemExit) as error:
+        raise CodecError(f"{prefix}{called(entry)} cannot be imported: {_kind(error)}") from error
+    if getattr(codec, "name", None) != entry.name:
+        says = getattr(codec, "name", None)
+        raise InputError(f"{prefix}entry point {entry.name!r} leads to a codec that calls itself {says!r}")
     return codec
+
+
+def _kind(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+def from_outside(name: str) -> bool:
+    """Whether a codec comes from another distribution than this suite."""
+    entry = codec_entries().get(name)
+    return entry is not None and trial.is_outside(entry)
+
+
+def called(entry: EntryPoint) -> str:
+    """How errors call a codec: by its name and the distribution it comes from."""
+    return f"codec {entry.name} of {origin(entry)}"
 
 
 def origin(entry: EntryPoint) -> str:

@@ -47,6 +47,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="this many jobs at once, each in a process of its own, and on a GPU of its own",
     )
     parser.add_argument(
+        "--max-seconds", type=float, metavar="S", help="a job that takes longer has failed (default: no limit)"
+    )
+    parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
         help="jobs on the workers of a Dask scheduler, by its address or the .json file it wrote",
@@ -97,19 +100,21 @@ def run(options: argparse.Namespace) -> int:
     return _verdict([outcome.record["status"] for outcome in outcomes])
 
 
-def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]]":
-    """Where jobs run."""
+def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]] | None":
+    """Where jobs run; None where the runner decides."""
     from bench.runs import executors
 
     if options.resource and not options.scheduler:
         raise InputError("--resource: for the workers of a Dask --scheduler only")
+    if options.max_seconds is not None and options.scheduler:
+        raise InputError("--max-seconds: not with a --scheduler, whose workers this process cannot end")
     if options.scheduler:
         if options.jobs != 1:
             raise InputError("--jobs, --scheduler: give one of them; the scheduler knows how many workers it has")
         return partial(executors.dask, options.scheduler, _resources(options.resource))
-    if options.jobs == 1:
-        return executors.in_process
-    return partial(executors.processes, options.jobs, threads, options.device)
+    if options.jobs == 1 and options.max_seconds is None:
+        return None
+    return partial(executors.processes, options.jobs, threads, options.device, options.max_seconds)
 
 
 def _resources(words: list[str]) -> dict[str, float]:

@@ -4,18 +4,20 @@ All three are `concurrent.futures.Executor`, and any other will do. What goes to
 that this suite's own processes pickle for each other; nothing is ever unpickled from a file.
 """
 
+import math
 import multiprocessing
 import os
 import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, InvalidStateError, ProcessPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
+from bench.codecs.trial import EXPENDABLE
 from bench.errors import InputError
 
 T = TypeVar("T")
@@ -39,13 +41,25 @@ def in_process() -> Iterator[Workers]:
 
 
 @contextmanager
-def processes(count: int, threads: int, device: str = "cpu") -> Iterator[Workers]:
-    """`count` processes of this machine, each of so many threads; on a GPU each has one of its own."""
+def one_process(threads: int) -> Iterator[Workers]:
+    """One job after another, in a worker process that a codec may end without ending this one."""
+    with processes(1, threads) as workers:
+        yield workers
+
+
+@contextmanager
+def processes(count: int, threads: int, device: str = "cpu", limit: float | None = None) -> Iterator[Workers]:
+    """`count` processes of this machine, each of so many threads; on a GPU each has one of its own.
+
+    A job that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`.
+    """
+    if limit is not None and not 0 < limit < math.inf:
+        raise InputError(f"--max-seconds {limit:g}: must be above 0")
     if count < 1:
         raise InputError(f"--jobs {count}: must be at least 1")
     if device.startswith("cuda:"):
         raise InputError(f"--device {device}: with --jobs each job has a GPU of its own: give --device cuda")
-    pool = Processes(count, threads, _dealt(count) if device == "cuda" else [])
+    pool = Processes(count, threads, _dealt(count) if device == "cuda" else [], limit)
     try:
         yield Workers(pool, count)
     finally:
@@ -75,6 +89,10 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
         client.close()
 
 
+class OutOfTimeError(Exception):
+    """A job took longer than it was given; its process was ended."""
+
+
 class InProcess(Executor):
     """Runs what is submitted, then and there."""
 
@@ -93,8 +111,8 @@ class Processes(Executor):
     `submit` waits until a worker is free. A worker ends when this process does, however that ends.
     """
 
-    def __init__(self, count: int, threads: int, gpus: Sequence[str] = ()):
-        self.threads, self.gpus = threads, gpus
+    def __init__(self, count: int, threads: int, gpus: Sequence[str] = (), limit: float | None = None):
+        self.threads, self.gpus, self.limit = threads, gpus, limit
         self.pools: dict[int, tuple[ProcessPoolExecutor, Connection]] = {}
         self.free: queue.SimpleQueue[int] = queue.SimpleQueue()
         for seat in range(count):
@@ -104,19 +122,46 @@ class Processes(Executor):
         seat = self.free.get()
         if seat not in self.pools:
             self.pools[seat] = self._pool(self.gpus[seat] if self.gpus else None)
+        pool = self.pools[seat][0]
         with _deaf_to_interrupts():
-            future = self.pools[seat][0].submit(fn, *args, **kwargs)
-        future.add_done_callback(lambda ended: self._leave(seat, ended))
-        return future
+            process = pool.submit(os.getpid) if self.limit else None
+            inner = pool.submit(fn, *args, **kwargs)
+        outer: Future[T] = Future()
+        outer.set_running_or_notify_cancel()
+        timer = self._timer(process, outer) if process else None
+        inner.add_done_callback(lambda ended: self._leave(seat, ended, outer, timer))
+        return outer
+
+    def _timer(self, process: Future[int], outer: Future[Any]) -> threading.Timer:
+        """What ends the worker process when its time is over."""
+
+        def end() -> None:
+            with suppress(InvalidStateError):
+                outer.set_exception(OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)"))
+                with suppress(BrokenExecutor, OSError):
+                    os.kill(process.result(), signal.SIGKILL)
+
+        timer = threading.Timer(self.limit or 0, end)
+        timer.daemon = True
+        process.add_done_callback(lambda _: timer.start())  # the start of the process does not count
+        return timer
 
     def _pool(self, gpu: str | None) -> tuple[ProcessPoolExecutor, Connection]:
         context = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks, and no CUDA
         theirs, ours = context.Pipe(duplex=False)
         return ProcessPoolExecutor(1, context, _prepare, (self.threads, gpu, theirs)), ours
 
-    def _leave(self, seat: int, ended: Future[Any]) -> None:
-        if not ended.cancelled() and ended.exception() is not None:
+    def _leave(self, seat: int, ended: Future[Any], outer: Future[Any], timer: threading.Timer | None) -> None:
+        if timer:
+            timer.cancel()
+        error = CancelledError() if ended.cancelled() else ended.exception()
+        if error is not None and not ended.cancelled():
             self._end(seat, wait=False)  # it may have died
+        with suppress(InvalidStateError):  # its time was over
+            if error is None:
+                outer.set_result(ended.result())
+            else:
+                outer.set_exception(error)
         self.free.put(seat)
 
     def _end(self, seat: int, wait: bool) -> None:
@@ -134,6 +179,7 @@ class Processes(Executor):
 def _prepare(threads: int, gpu: str | None, leash: Connection) -> None:
     """The first thing in a worker, before NumPy and PyTorch are imported and read these variables."""
     os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)))
+    os.environ[EXPENDABLE] = "1"
     if gpu is not None:
         os.environ["CUDA_VISIBLE_DEVICES"] = gpu
     threading.Thread(target=_follow, args=(leash,), daemon=True).start()

@@ -27,11 +27,11 @@ import torch
 
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
-from bench.codecs.registry import load_codec
+from bench.codecs.registry import called, codec_entries, from_outside, make_codec
 from bench.data.spec import MaterialSpec, Preparation
 from bench.demand import UNIFORM, fitting
 from bench.demand.demand import Demand
-from bench.errors import ContainerError, InputError, MissingDataError
+from bench.errors import CodecError, ContainerError, InputError, MissingDataError
 from bench.metrics import DEFAULTS
 from bench.records import Record
 from bench.runs.evaluation import evaluate, score_key
@@ -39,6 +39,7 @@ from bench.runs.identity import identity
 from bench.runs.place import Place
 from bench.runs.provenance import processor, revision
 from bench.runs.suite import CodecSpec
+from bench.runs.undisturbed import undisturbed
 from bench.runs.workbench import Workbench, workbench
 from bench.threads import torch_threads
 
@@ -120,10 +121,21 @@ def work(task: Task, show: Progress = silent) -> Answer:
     """Do one job. A failure is a record with its error; what fails every job (a full disk) is `InputError`."""
     where = (task.run, task.material, task.data, task.scorers, show, task.demand, task.repetition, task.metrics)
     try:
-        with workbench(*where) as bench:
+        with workbench(*where) as bench, undisturbed():
             return Job(task, bench, show).run()
     except MissingDataError as error:
         return Result(task.base | {"status": "unavailable", "error": str(error)})
+
+
+def failed(task: Task, error: str, more: Record | None = None) -> Result:
+    """The result of a job that failed."""
+    return Result(task.base | {"status": "failed", "error": error} | (more or {}))
+
+
+def blamed(task: Task, error: str) -> str:
+    """An error with the codec and the distribution that it is of, where it comes from outside."""
+    name = task.codec.codec
+    return f"{called(codec_entries()[name])}: {error}" if from_outside(name) else error
 
 
 class _WantedError(Exception):
@@ -140,7 +152,7 @@ class Job:
 
     @cached_property
     def codec(self) -> Codec:
-        return load_codec(self.task.codec.codec)(**self.task.codec.settings)
+        return make_codec(self.task.codec.codec, self.task.codec.settings)
 
     @property
     def seed(self) -> int:
@@ -200,13 +212,23 @@ class Job:
             return WantsFiles()
         except MissingDataError:
             raise
-        except (Exception, MemoryError) as error:  # an error is data: it is recorded, shown, and decides the exit code
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # an error is data, `sys.exit` too: it is recorded, shown, decides the exit code
             _raise_where_no_job_can_help(error)
-            self.checkpoint.unlink(missing_ok=True)  # who tries again may have mended the code that made it
-            says = {"status": "failed", "error": f"{type(error).__name__}: {error}"}
-            result = Result(self.base | says | {"traceback": traceback.format_exc()})
+            result = self._failed(error)
         files = self.place.parcel()
         return dataclasses.replace(result, files=files) if result else Stands()
+
+    def _failed(self, error: BaseException) -> Result:
+        says = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
+        try:
+            self.checkpoint.unlink(missing_ok=True)  # who tries again may have mended the code that made it
+            says |= {"fit_key": self.fit_key}
+        except InputError:  # a codec that cannot be made has no key
+            pass
+        text = str(error) if isinstance(error, CodecError) else blamed(self.task, f"{type(error).__name__}: {error}")
+        return failed(self.task, text, says)
 
     @property
     def base(self) -> Record:
@@ -279,7 +301,7 @@ class Job:
             self.checkpoint,
             network=self.network,
         )
-        with torch_threads(self.task.threads):
+        with undisturbed(), torch_threads(self.task.threads):
             start = time.perf_counter()
             if self.codec.scene:
                 parts = fitting.encode(self.codec, self.bench.training, fit, self._demand, self.task.uniform)

@@ -5,6 +5,7 @@ This process alone writes records, under the lock of the run's folder. What a jo
 """
 
 import dataclasses
+import itertools
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -18,22 +19,21 @@ from typing import Any
 
 import torch
 
-from bench import atomic, records, timing
-from bench.codec import Fit, Progress, silent
+from bench import atomic, records
+from bench.codec import Codec, Fit, Progress, silent
 from bench.codecs import container, shared
-from bench.codecs.registry import load_codec
-from bench.codecs.scene_material import unreported
+from bench.codecs.registry import from_outside, make_codec
 from bench.data.spec import MaterialSpec
-from bench.errors import InputError
+from bench.errors import CodecError, InputError
 from bench.records import Record, Run
-from bench.runs.evaluation import recorded
-from bench.runs.executors import Workers, in_process
-from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, Task, WantsFiles, work
+from bench.runs.executors import Workers, in_process, one_process
+from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, Task, WantsFiles, blamed, failed, work
 from bench.runs.lock import locked
 from bench.runs.pretraining import ready
 from bench.runs.provenance import provenance
 from bench.runs.rates import rate_records
 from bench.runs.suite import Suite, canonical
+from bench.runs.timed import timings
 from bench.runs.workbench import demand_of
 
 log = logging.getLogger(__name__)
@@ -50,7 +50,7 @@ class Options:
     fresh: bool = False  # fit and score everything again
     retry_failed: bool = False
     show: Progress = silent
-    workers: Callable[[], AbstractContextManager[Workers]] = in_process
+    workers: Callable[[], AbstractContextManager[Workers]] | None = None  # None: here, but codecs from outside
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class Outcome:
 
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     """Run every job of a suite, yielding each as it ends. Records are on the disk before they are yielded."""
-    codecs = [load_codec(spec.codec)(**spec.settings) for spec in suite.codecs]  # bad settings stop here
     suite = canonical(suite)
+    codecs, faults = _made(suite)  # bad settings stop here
     if not suite.demand and (scene := next((codec.name for codec in codecs if codec.scene), "")):
         raise InputError(f"codec {scene}: scene = true needs the demand of a scene: give one with --demand")
     run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
@@ -72,9 +72,9 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         demand_of(run_id, str(Path(suite.demand).absolute()))  # and so does what is no demand
     with locked(options.folder, run_id):
         _tidy(options.folder)
-        session = _Session(suite, options, run_id, _networks(suite, options))
+        session = _Session(suite, options, run_id, _networks(suite, codecs, options), faults)
         try:
-            with options.workers() as workers:
+            with (options.workers or _workers(suite))() as workers:
                 session.start()
                 yield from session.jobs(workers)
         finally:
@@ -82,15 +82,32 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         session.compare()
 
 
-def _networks(suite: Suite, options: Options) -> dict[str, tuple[str, bytes]]:
+def _made(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
+    """The codecs of a suite, and why those that could not be made could not, by label: their jobs fail."""
+    codecs, faults = [], {}
+    for spec in suite.codecs:
+        try:
+            codecs.append(make_codec(spec.codec, spec.settings))
+        except CodecError as error:
+            faults[spec.label] = str(error)
+    return codecs, faults
+
+
+def _workers(suite: Suite) -> Callable[[], AbstractContextManager[Workers]]:
+    """Where jobs run by default: here, or in a worker process where a codec of another distribution might end it."""
+    if any(from_outside(spec.codec) for spec in suite.codecs):
+        return partial(one_process, suite.threads)
+    return in_process
+
+
+def _networks(suite: Suite, codecs: list[Codec], options: Options) -> dict[str, tuple[str, bytes]]:
     """For each codec that shares a network over materials, where there is one: its file's name in files/, and content.
 
     Those that the suite has pretrained are made now where they are not there. The files are written into the run's
     folder, so that it decodes wherever it is copied to.
     """
     found: dict[str, tuple[str, bytes]] = {}
-    for name in dict.fromkeys(spec.codec for spec in suite.codecs):
-        network = load_codec(name).network
+    for name, network in {codec.name: codec.network for codec in codecs}.items():
         if network and name in suite.pretrain:
             ready(network(), Fit(torch.device(options.device), suite.threads, show=options.show))
         if network and shared.place(name).exists():
@@ -117,6 +134,7 @@ class _Session:
     options: Options
     run_id: str
     networks: dict[str, tuple[str, bytes]]  # by codec: see `_networks`
+    faults: dict[str, str]  # by label: why a codec could not be made
     before: Run = field(init=False)
     done: dict[str, Record] = field(default_factory=dict)  # jobs that have a file, by name
 
@@ -149,12 +167,15 @@ class _Session:
 
     def jobs(self, workers: Workers) -> Iterator[Outcome]:
         """Each job's outcome as it ends, recorded."""
-        scorers = None if workers.here else self.suite.threads
+        scorers = None if workers.at_once == 1 else self.suite.threads
         # Repetition after repetition, as each opens its material with other test pairs.
         names = [material.name for material in self.suite.materials]
         order = sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition))
-        told = (dataclasses.replace(task, scorers=scorers, **self._told(task)) for task in order)
-        results = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
+        sound = [task for task in order if task.codec.label not in self.faults]
+        told = (dataclasses.replace(task, scorers=scorers, **self._told(task)) for task in sound)
+        done = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
+        unsound = [task for task in order if task.codec.label in self.faults]
+        results = itertools.chain(((task, failed(task, self.faults[task.codec.label])) for task in unsound), done)
         for count, (task, result) in enumerate(results, 1):
             outcome = self._outcome(task, result)
             self.options.show("jobs", count, len(self.tasks))
@@ -206,14 +227,8 @@ class _Session:
         return False
 
     def _time(self, jobs: list[Record]) -> None:
-        folder, device, threads = self.options.folder, self.options.device, self.suite.threads
-        decoded = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
-        conditions = timing.conditions(threads, device)
-        for name, measured in timing.compare(decoded, threads).items():
-            if name != timing.FLOOR:
-                samples = {"samples_ns": measured.samples.tolist(), "floor_ratios": measured.ratios.tolist()}
-                head = {"kind": "timing", "job": name, "run": self.run_id}
-                self.record(head | conditions | measured.summary() | samples)
+        for record in timings(self.options.folder, jobs, self.options.device, self.suite.threads):
+            self.record(record | {"run": self.run_id})
 
 
 def _anywhere(material: MaterialSpec) -> MaterialSpec:
@@ -256,13 +271,13 @@ def _answer(task: Task, future: Future[Answer]) -> Result | Stands | Task:
             log.warning("%s: its worker died; it is started again", task.name)
             return dataclasses.replace(task, losses=task.losses + 1)
         why = f"{MOST_LOSSES} workers died of it, one after the other: killed, or out of memory?"
-        return Result(task.base | {"status": "failed", "error": why})
+        return failed(task, blamed(task, why))
     except InputError:
         raise
     except CancelledError:
         raise InputError("the scheduler is gone: start it again, then give the same command") from None
     except Exception as error:  # the executor's own: what a codec raises is in its record
-        return Result(task.base | {"status": "failed", "error": f"{type(error).__name__}: {error}"})
+        return failed(task, blamed(task, f"{type(error).__name__}: {error}"))
     if isinstance(result, WantsFiles):
         assert task.earlier is not None, "a worker asks for the files of what it was told of"
         return dataclasses.replace(task, sent=_files_of(task.folder, task.earlier["file"]))

@@ -36,7 +36,7 @@ from typing import Any
 
 from bench.data.spec import MaterialSpec, Preparation, changed, check_split, named
 from bench.demand import UNIFORM
-from bench.errors import InputError, did_you_mean
+from bench.errors import CodecError, InputError, did_you_mean
 from bench.metrics import DEFAULTS, chosen_names
 
 
@@ -202,10 +202,12 @@ def canonical(suite: Suite) -> Suite:
 def _told(spec: CodecSpec) -> dict[str, Any]:
     """The settings of a codec that differ from its defaults, as the codec reads them."""
     from bench.codec import settings_dict
-    from bench.codecs.registry import load_codec
+    from bench.codecs.registry import make_codec
 
-    codec = load_codec(spec.codec)
-    given, default = settings_dict(codec(**spec.settings)), settings_dict(codec())
+    try:
+        given, default = (settings_dict(make_codec(spec.codec, settings)) for settings in (spec.settings, {}))
+    except CodecError:  # its jobs fail, and say so
+        return spec.settings
     return {key: given.get(key, value) for key, value in spec.settings.items() if given.get(key) != default.get(key)}
 
 
@@ -235,14 +237,17 @@ def _has(codec: str, scope: str, setting: str) -> bool:
     from bench.codec import setting_names
     from bench.codecs.registry import load_codec
 
-    return scope in ("", codec) and setting in setting_names(load_codec(codec))
+    try:
+        return scope in ("", codec) and setting in setting_names(load_codec(codec))
+    except CodecError:  # its jobs fail, and say so
+        return False
 
 
 def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
     from bench.codec import COMMON
-    from bench.codecs.registry import load_codec
+    from bench.codecs.registry import make_codec
 
-    codec = load_codec(spec.codec)(**{setting: value})
+    codec = make_codec(spec.codec, {setting: value})
     converted = getattr(codec if setting in COMMON else codec.settings, setting)
     return dataclasses.replace(spec, settings=spec.settings | {setting: converted})
 

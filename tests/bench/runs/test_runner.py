@@ -125,7 +125,7 @@ class Failing(MeanColour):
 
 
 def test_a_failure_is_a_record_and_is_retried_only_when_asked(tmp_path, monkeypatch):
-    monkeypatch.setattr("bench.runs.job.load_codec", lambda name: Failing)
+    monkeypatch.setattr("bench.runs.job.make_codec", lambda name, settings: Failing(**settings))
     only = Suite("test", "", threads=1, materials=SUITE.materials, codecs=(CodecSpec("mean-colour"),))
     monkeypatch.setattr(Failing, "broken", True)
     failed = outcomes(tmp_path, only)[0]
@@ -379,7 +379,7 @@ def test_a_fit_that_was_interrupted_goes_on_and_a_fresh_one_does_not(tmp_path, m
                 raise KeyboardInterrupt
             return super().encode(btf, fit)
 
-    monkeypatch.setattr("bench.runs.job.load_codec", lambda name: Halting)
+    monkeypatch.setattr("bench.runs.job.make_codec", lambda name, settings: Halting(**settings))
     only = replace(SUITE, codecs=SUITE.codecs[:1])
     with pytest.raises(KeyboardInterrupt):
         outcomes(tmp_path, only)

@@ -1,0 +1,42 @@
+"""Times the decoders of one material of a run in turns, in a worker process where a codec comes from outside."""
+
+import logging
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+
+from bench import timing
+from bench.codecs.registry import from_outside
+from bench.codecs.scene_material import unreported
+from bench.records import Record
+from bench.runs.evaluation import recorded
+from bench.runs.executors import one_process
+
+log = logging.getLogger(__name__)
+
+
+def timings(folder: Path, jobs: list[Record], device: str, threads: int) -> list[Record]:
+    """The timing of each job's decoder. One from outside that ends its process costs the others nothing but time."""
+    ours = [job for job in jobs if not from_outside(job["codec"])]
+    if len(ours) == len(jobs):
+        return measured(folder, jobs, device, threads)
+    with one_process(threads) as workers:
+        try:
+            return workers.executor.submit(measured, folder, jobs, device, threads).result()
+        except BrokenExecutor:
+            others = ", ".join(job["job"] for job in jobs if job not in ours)
+            log.warning("not timed, as one of them ends the process that times it: %s", others)
+    return measured(folder, ours, device, threads) if ours else []
+
+
+def measured(folder: Path, jobs: list[Record], device: str, threads: int) -> list[Record]:
+    """The same in this process."""
+    decoded = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
+    conditions = timing.conditions(threads, device)
+    return [
+        {"kind": "timing", "job": name}
+        | conditions
+        | found.summary()
+        | {"samples_ns": found.samples.tolist(), "floor_ratios": found.ratios.tolist()}
+        for name, found in timing.compare(decoded, threads).items()
+        if name != timing.FLOOR
+    ]

@@ -1,0 +1,33 @@
+"""Puts back what a codec may leave behind in its process: the next job and the scores must not depend on it."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import numpy as np
+import torch
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Restore the working directory and the settings of PyTorch and NumPy when the block ends, however it ends."""
+    folder, dtype, device = os.getcwd(), torch.get_default_dtype(), torch.get_default_device()
+    threads, gradients = torch.get_num_threads(), torch.is_grad_enabled()
+    exact, warn_only = (
+        torch.are_deterministic_algorithms_enabled(),
+        torch.is_deterministic_algorithms_warn_only_enabled(),
+    )
+    precision, complaints = torch.get_float32_matmul_precision(), np.geterr()
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # it may be gone
+            os.chdir(folder)
+        torch.set_default_dtype(dtype)
+        if torch.get_default_device() != device:  # to set it, even to what it is, slows every call down
+            torch.set_default_device(None if device.type == "cpu" else device)
+        torch.set_num_threads(threads)
+        torch.set_grad_enabled(gradients)
+        torch.use_deterministic_algorithms(exact, warn_only=warn_only)
+        torch.set_float32_matmul_precision(precision)
+        np.seterr(**complaints)

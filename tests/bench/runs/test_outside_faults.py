@@ -1,0 +1,206 @@
+"""Codecs of another distribution that end, crash, hang or disturb the process: failed jobs, no end of a suite."""
+
+import os
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import torch
+
+from bench import cli
+from bench.codecs import trial
+from bench.codecs.registry import codec_entries, load_codec, make_codec
+from bench.conformance.check import tiny_btf
+from bench.data.readers.folder import write_folder
+from bench.errors import CodecError
+from bench.records import load_run
+from bench.runs import runner
+from bench.runs.suite import load_suite, with_changes
+from bench.runs.timed import timings
+from bench.runs.undisturbed import undisturbed
+
+pytestmark = pytest.mark.timeout(300)  # each process imports PyTorch
+BASE = """
+import os, sys
+from dataclasses import dataclass
+import torch
+from baselines.mean_colour import MeanColour
+
+class Quits(MeanColour):
+    name = "quits"
+    def encode(self, btf, fit):
+        sys.exit(0)
+
+class Ends(MeanColour):
+    name = "ends"
+    def encode(self, btf, fit):
+        os._exit(0)
+
+class Crashes(MeanColour):
+    name = "crashes"
+    def encode(self, btf, fit):
+        os.abort()
+
+class Leaves(MeanColour):
+    name = "leaves"
+    def encode(self, btf, fit):
+        parts = super().encode(btf, fit)
+        torch.set_default_dtype(torch.float64)
+        torch.set_grad_enabled(False)
+        torch.set_num_threads(3)
+        os.chdir("/")
+        return parts
+    def decode(self, parts, device):
+        if os.path.exists(os.environ.get("ARMED", "")):
+            os._exit(0)
+        return super().decode(parts, device)
+
+class Settings(MeanColour):
+    name = "settings"
+    @dataclass(frozen=True)
+    class Settings:
+        half: bool = True
+        sure: bool = False
+        def __post_init__(self):
+            if not self.sure:
+                os._exit(0)
+"""
+MODULES = {
+    "hostile": BASE,
+    "hostile_exit": "import sys; sys.exit(0)",
+    "hostile_end": "import os; os._exit(0)",
+    "hostile_error": "import no_such_module_at_all",
+    "hostile_hang": "import time; time.sleep(600)",
+}
+ENTRIES = """[neubtf_bench.codecs]
+quits = hostile:Quits
+ends = hostile:Ends
+crashes = hostile:Crashes
+leaves = hostile:Leaves
+settings = hostile:Settings
+import-exit = hostile_exit:Codec
+import-end = hostile_end:Codec
+import-error = hostile_error:Codec
+import-hang = hostile_hang:Codec
+"""
+
+
+@pytest.fixture(autouse=True)
+def hostile(tmp_path, monkeypatch):
+    """An installed distribution, `hostile 1.0`, of such codecs, and a BTF on disk."""
+    site = tmp_path / "site"
+    (site / "hostile-1.0.dist-info").mkdir(parents=True)
+    (site / "hostile-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: hostile\nVersion: 1.0\n")
+    (site / "hostile-1.0.dist-info" / "entry_points.txt").write_text(ENTRIES)
+    for name, text in MODULES.items():
+        (site / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(str(site))
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(runner, "MOST_LOSSES", 1)
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    trial._tried.cache_clear()
+    write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
+    monkeypatch.chdir(tmp_path)
+
+
+def ran(*codecs, fresh=False):
+    suite = with_changes(load_suite("quick"), ["btf"], list(codecs), {}, None)
+    list(runner.run(suite, runner.Options(Path("run"), fresh=fresh)))
+    return {job["codec"]: job for job in load_run("run").jobs}
+
+
+def test_a_codec_that_ends_its_process_in_the_fit_is_a_failed_job_and_the_others_go_on():
+    jobs = ran("quits", "ends", "crashes", "mean-colour")
+    assert jobs["mean-colour"]["status"] == "ok"
+    for name, why in (("quits", "SystemExit: 0"), ("ends", "died"), ("crashes", "died")):
+        assert jobs[name]["status"] == "failed"
+        assert jobs[name]["error"].startswith(f"codec {name} of hostile 1.0: ")
+        assert why in jobs[name]["error"]
+
+
+def test_a_codec_that_ends_its_process_when_it_is_imported_or_made_is_a_failed_job():
+    codecs = ("import-exit", "import-end", "import-error", "settings", "mean-colour")
+    chosen = [word for codec in codecs for word in ("--codec", codec)]
+    assert cli.main(["run", "quick", "--material", "btf", "--out", "run", *chosen]) == 3
+    jobs = {job["codec"]: job for job in load_run("run").jobs}
+    assert jobs["mean-colour"]["status"] == "ok"
+    for name, why in (
+        ("import-exit", "cannot be imported: SystemExit: 0"),
+        ("import-end", "ends the process when it is made with its defaults: exit code 0"),
+        ("import-error", "ModuleNotFoundError: No module named 'no_such_module_at_all'"),
+        ("settings", "ends the process when it is made with its defaults: exit code 0"),
+    ):
+        assert jobs[name]["status"] == "failed"
+        assert f"codec {name} of hostile 1.0 " in jobs[name]["error"]
+        assert why in jobs[name]["error"]
+    assert make_codec("settings", {"sure": True}).settings.sure
+
+
+def test_one_command_for_such_a_codec_is_one_line_and_exit_code_2(capsys):
+    for name in ("import-exit", "import-end", "import-error"):
+        assert cli.main(["encode", "btf", "--codec", name, "-o", "a.nbtf"]) == 2
+        said = capsys.readouterr().err
+        assert f"codec {name} of hostile 1.0" in said
+        assert said.count("\n") == 1
+
+
+def test_a_codec_that_hangs_when_it_is_imported_is_named(monkeypatch):
+    monkeypatch.setattr(trial, "PATIENCE", 1.0)
+    with pytest.raises(CodecError, match=r"codec import-hang of hostile 1\.0 hangs when it is imported"):
+        load_codec("import-hang")
+
+
+def test_a_job_that_takes_too_long_has_failed_and_the_next_has_a_worker():
+    from bench.runs.executors import OutOfTimeError, processes
+
+    with processes(1, 1, limit=3.0) as workers:
+        late = workers.executor.submit(time.sleep, 600)
+        assert isinstance(late.exception(), OutOfTimeError)
+        assert workers.executor.submit(divmod, 7, 2).result() == (3, 1)
+    assert cli.main(["run", "--max-seconds", "0", "--material", "btf", "--codec", "mean-colour", "--out", "x"]) == 2
+
+
+def test_what_a_codec_leaves_behind_reaches_neither_scores_nor_the_next_job(tmp_path):
+    alone = ran("vq")["vq"]
+    jobs = ran("leaves", "vq", fresh=True)
+    assert jobs["leaves"]["status"] == "ok"
+    assert jobs["vq"]["score_key"]["sha256"] == alone["score_key"]["sha256"]
+    assert jobs["vq"]["scores"] == alone["scores"]
+
+
+def test_settings_of_the_process_are_put_back_whatever_ends_the_block(tmp_path):
+    folder, threads = os.getcwd(), torch.get_num_threads()
+
+    def disturb():
+        with undisturbed():
+            torch.set_default_dtype(torch.float64)
+            torch.set_grad_enabled(False)
+            torch.set_num_threads(threads + 1)
+            torch.use_deterministic_algorithms(True)
+            os.chdir("/")
+            raise SystemExit
+
+    with pytest.raises(SystemExit):
+        disturb()
+    assert torch.get_default_dtype() == torch.float32
+    assert torch.is_grad_enabled()
+    assert torch.get_num_threads() == threads
+    assert not torch.are_deterministic_algorithms_enabled()
+    assert os.getcwd() == folder
+
+
+def test_one_that_ends_the_process_that_times_it_costs_the_others_no_timing(tmp_path, monkeypatch, caplog):
+    jobs = ran("leaves", "mean-colour")
+    assert {timing["job"] for timing in load_run("run").timings} == {job["job"] for job in jobs.values()}
+    (tmp_path / "armed").touch()
+    monkeypatch.setenv("ARMED", str(tmp_path / "armed"))
+    timed = timings(tmp_path / "run", list(jobs.values()), "cpu", 1)
+    assert [record["job"] for record in timed] == [jobs["mean-colour"]["job"]]
+    assert f"not timed, as one of them ends the process that times it: {jobs['leaves']['job']}" in caplog.text
+    assert threading.active_count() < 20
+
+
+def test_codecs_of_this_suite_are_loaded_here():
+    assert not any(trial.is_outside(entry) for name, entry in codec_entries().items() if name in ("pca", "neubtf"))
+    assert trial.is_outside(codec_entries()["quits"])
