@@ -102,7 +102,11 @@ class Hemisphere(nn.Module):
             return Weights(index, torch.ones_like(index, dtype=points.dtype))
         triangle, weights = self._barycentric(points)
         outside = weights.amin(1) < -ROUNDING
-        if outside.any():
+        if torch.compiler.is_exporting():  # a program has no branches: find both answers, then choose
+            on_hull = self._barycentric(self._onto_hull(points))
+            triangle = torch.where(outside, on_hull[0], triangle)
+            weights = torch.where(outside[:, None], on_hull[1], weights)
+        elif outside.any():
             triangle[outside], weights[outside] = self._barycentric(self._onto_hull(points[outside]))
         weights = weights.clamp_min(0)
         return Weights(self.triangles[triangle], weights / weights.sum(1, keepdim=True))

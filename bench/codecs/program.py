@@ -1,0 +1,235 @@
+"""A decoded material as a program of plain operations on NumPy constants, for whoever draws it without PyTorch.
+
+`program_of` records what `Material.evaluate` does for one query, operation by operation, by `torch.export`. So every
+codec is drawn by the same generator, codecs of others included; none writes a shader. What depends on constants alone
+is computed here and becomes a constant. `Program.run` is the reference interpreter.
+"""
+
+import io
+import json
+import logging
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from bench import atomic
+from bench.errors import InputError
+from bench.material import Material
+
+INPUTS = ("uv", "wo", "wi", "footprint")
+# Operations that only promise something about their argument.
+SAME = ("alias", "detach", "clone", "contiguous", "lift_fresh_copy")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One operation of PyTorch's core set (ATen): its name without overload, its arguments, what it gives.
+
+    An argument is a number, a string, None, a list of arguments, or {"of": NAME}: an input, a constant or a result.
+    """
+
+    name: str
+    operation: str
+    arguments: list[Any]
+    shape: tuple[int, ...]  # the first axis is the batch, of size 1
+    kind: str  # "float", "int" or "bool"
+
+
+@dataclass(frozen=True)
+class Program:
+    """The steps of one query, in order; the last gives RGB (1, 3), not yet masked below the horizon or clamped at 0."""
+
+    steps: tuple[Step, ...]
+    constants: dict[str, np.ndarray]
+    result: str
+    size: tuple[int, int]  # texels, (H, W)
+
+    def save(self, path: Path) -> None:
+        """Write the program as `.npz`: the steps as JSON, one array a constant. Nothing in it is pickled."""
+        says = {"result": self.result, "size": list(self.size), "steps": [vars(step) for step in self.steps]}
+        text = np.frombuffer(json.dumps(says).encode(), np.uint8)
+        with atomic.replacing(path) as partial, open(partial, "wb") as file:
+            np.savez_compressed(file, program=text, **self.constants)  # type: ignore[arg-type]
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without what torch.export says of its own parts, and of the graph where it fails."""
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+class _Evaluate(nn.Module):
+    def __init__(self, material: Material):
+        super().__init__()
+        self.material = material
+
+    def forward(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return self.material.evaluate(uv, wo, wi, footprint)
+
+
+def program_of(material: Material) -> Program:
+    """The program of a float32 material on the CPU.
+
+    `InputError` where `evaluate` cannot be recorded: it depends on the values of a query by Python's own branches, or
+    uses what is no tensor operation.
+    """
+    zenith = torch.tensor([[0.0, 0.0, 1.0]])
+    query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)
+    try:
+        with torch.no_grad(), _quiet():
+            exported = torch.export.export(_Evaluate(material), query, strict=False).run_decompositions()
+    except Exception as error:  # torch.export has no kind of its own
+        what = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise InputError(f"this material cannot be recorded as a program: {what}") from error
+    known = {**exported.state_dict, **exported.constants}
+    signature = exported.graph_signature
+    named = {
+        **signature.inputs_to_parameters,
+        **signature.inputs_to_buffers,
+        **signature.inputs_to_lifted_tensor_constants,
+    }
+    recorder = _Recorder({name: known[target].detach() for name, target in named.items()})
+    for name, wanted in zip(signature.user_inputs, INPUTS, strict=True):
+        recorder.values[str(name)] = wanted
+    for node in exported.graph.nodes:
+        if node.op == "call_function":
+            recorder.record(node)
+    (result,) = signature.user_outputs
+    return recorder.program(str(result), material.size)
+
+
+class _Recorder:
+    """What each node of the graph stands for: a constant tensor, or the name of an input or a step."""
+
+    def __init__(self, constants: dict[str, Tensor]):
+        self.values: dict[str, Any] = dict(constants)
+        self.steps: list[Step] = []
+
+    def record(self, node: torch.fx.Node) -> None:
+        target: Any = node.target
+        operation = str(getattr(target, "overloadpacket", target).__name__).removeprefix("_")
+        if operation == "assert_tensor_metadata":
+            return
+        arguments = [self._argument(value) for value in node.args]
+        if operation in SAME:
+            self.values[node.name] = arguments[0]
+        elif operation == "getitem":
+            source, number = arguments
+            self.values[node.name] = source[number] if isinstance(source, (list, tuple)) else f"{source}.{number}"
+        elif operation == "full_like":  # of the shape alone
+            self.values[node.name] = torch.full(
+                tuple(node.meta["val"].shape), arguments[1], dtype=node.meta["val"].dtype
+            )
+        elif not _names(arguments):
+            self.values[node.name] = target(*arguments, **{k: self._argument(v) for k, v in node.kwargs.items()})
+        else:
+            self._add(node, operation, arguments)
+
+    def _add(self, node: torch.fx.Node, operation: str, arguments: list[Any]) -> None:
+        value = node.meta["val"]
+        if operation == "embedding_bag_forward_only":
+            table, index, offsets, _, mode, _, *weights = arguments
+            if mode != 0:
+                raise InputError("this material cannot be recorded as a program: an embedding bag that is no sum")
+            arguments, value = [table, index, len(offsets), *weights[:1]], value[0]
+            self.values[node.name] = [f"{node.name}"]
+        elif operation in ("split_with_sizes", "split", "unbind"):
+            self._split(node, operation, arguments)
+            return
+        else:
+            self.values[node.name] = node.name
+        if not isinstance(value, Tensor):
+            raise InputError(f"this material cannot be recorded as a program: {operation} gives several tensors")
+        foreign = set(node.kwargs) - {"dtype", "layout", "device", "memory_format", "pin_memory"}
+        if foreign:
+            raise InputError(f"this material cannot be recorded as a program: {operation} with {min(foreign)}")
+        plain = [_plain(argument, self._keep) for argument in arguments]
+        self.steps.append(Step(node.name, operation, plain, tuple(value.shape), _kind(value.dtype)))
+
+    def _split(self, node: torch.fx.Node, operation: str, arguments: list[Any]) -> None:
+        """The parts of a tensor as slices, or selections, of it."""
+        source, *rest = arguments
+        axis = int(rest[-1]) if operation == "unbind" and rest else int(rest[1]) if len(rest) > 1 else 0
+        parts, start, names = node.meta["val"], 0, []
+        for number, part in enumerate(parts):
+            name = f"{node.name}.{number}"
+            if operation == "unbind":
+                step = ("select", [source, axis, number])
+            else:
+                step = ("slice", [source, axis, start, start + part.shape[axis]])
+                start += part.shape[axis]
+            plain = [_plain(argument, self._keep) for argument in step[1]]
+            self.steps.append(Step(name, step[0], plain, tuple(part.shape), _kind(part.dtype)))
+            names.append(name)
+        self.values[node.name] = names
+
+    def _argument(self, value: Any) -> Any:
+        if isinstance(value, torch.fx.Node):
+            return self.values[value.name]
+        return [self._argument(each) for each in value] if isinstance(value, (list, tuple)) else value
+
+    def _keep(self, tensor: Tensor) -> str:
+        """The name of a constant, one for equal objects."""
+        for name, kept in self.values.items():
+            if kept is tensor:
+                return name
+        name = f"constant{len(self.values)}"
+        self.values[name] = tensor
+        return name
+
+    def program(self, result: str, size: tuple[int, int]) -> Program:
+        """The steps that the result needs, and the constants that they need."""
+        last = self.values[result]
+        needed, steps = {last}, list[Step]()
+        for step in reversed(self.steps):
+            if step.name in needed:
+                steps.append(step)
+                needed.update(_references(step.arguments))
+        constants = {k: v for k, v in self.values.items() if k in needed and isinstance(v, Tensor)}
+        arrays = {name: _array(value) for name, value in constants.items()}
+        return Program(tuple(reversed(steps)), arrays, last, size)
+
+
+def _names(arguments: Any) -> bool:
+    """Whether an input or a step is among some arguments: strings are names, constants are tensors."""
+    if isinstance(arguments, list):
+        return any(_names(each) for each in arguments)
+    return isinstance(arguments, str)
+
+
+def _plain(argument: Any, keep: Callable[[Tensor], str]) -> Any:
+    if isinstance(argument, list):
+        return [_plain(each, keep) for each in argument]
+    if isinstance(argument, Tensor):
+        return float(argument) if argument.ndim == 0 else {"of": keep(argument)}
+    if isinstance(argument, str):
+        return {"of": argument}
+    return argument if argument is None or isinstance(argument, (int, float, bool)) else str(argument)
+
+
+def _references(arguments: Any) -> list[str]:
+    if isinstance(arguments, dict):
+        return [arguments["of"]]
+    return [name for each in arguments for name in _references(each)] if isinstance(arguments, list) else []
+
+
+def _kind(dtype: torch.dtype) -> str:
+    return "float" if dtype.is_floating_point else "bool" if dtype == torch.bool else "int"
+
+
+def _array(value: Tensor) -> np.ndarray:
+    """A constant as float32 or int32."""
+    return value.detach().cpu().to(torch.float32 if value.is_floating_point() else torch.int32).numpy()

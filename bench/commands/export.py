@@ -1,0 +1,33 @@
+"""write a codec file as a shader: GLSL, HLSL or WGSL with its textures
+
+The folder holds one function, `material(uv, wo, wi, footprint)`, two textures and a README of conventions.
+
+examples:
+  neubtf-bench export satin.nbtf --format wgsl -o satin-wgsl
+"""
+
+import argparse
+from pathlib import Path
+
+from bench.errors import FINE
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, help="the codec file")
+    parser.add_argument("--format", choices=("glsl", "hlsl", "wgsl"), default="glsl", help="language (default: glsl)")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="the folder to write")
+
+
+def run(options: argparse.Namespace) -> int:
+    import tempfile
+
+    from bench.codecs.loading import load
+    from bench.runs.drawing import drawable
+    from reports.shaders.export import export
+    from reports.shaders.program import read
+
+    with tempfile.TemporaryDirectory(prefix="neubtf-export-") as folder:
+        program = drawable(load(options.file).material, Path(folder) / "program.npz").path
+        files = export(read(program), options.file.stem, options.format, options.out)
+    print("\n".join(f"wrote {path}" for path in files))
+    return FINE

@@ -1,0 +1,46 @@
+"""Decoded materials for who draws them without PyTorch: a program as a file, and the exposure to show it at."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from bench.btf import BTF
+from bench.codec import Fit, Progress, silent
+from bench.codecs.program import program_of
+from bench.codecs.registry import load_codec
+from bench.hemisphere import uniform
+from bench.material import Material
+from bench.metrics.display import exposure, exposure_of
+
+QUERIES = 65_536
+
+
+@dataclass(frozen=True)
+class Drawable:
+    """The program of a material, stored in `path`, and the exposure that its picture needs."""
+
+    path: Path
+    exposure: float
+
+
+def drawable(material: Material, path: Path) -> Drawable:
+    """Write a material's program to `path`. The exposure is that of random queries up to 75°.
+
+    `InputError` where the material cannot be recorded as a program.
+    """
+    program_of(material).save(path)
+    rng = np.random.default_rng(0)
+    uv = torch.from_numpy(rng.random((QUERIES, 2), np.float32))
+    wo, wi = (torch.from_numpy(uniform(rng, QUERIES).astype(np.float32)) for _ in range(2))
+    return Drawable(path, exposure_of(material.query(uv, wo, wi).numpy()))
+
+
+def drawable_truth(btf: BTF, path: Path, show: Progress = silent) -> Drawable:
+    """The same of a BTF itself: the table of its training pairs, interpolated, at the BTF's own exposure."""
+    table = load_codec("table")()
+    device = torch.device("cpu")
+    material = table.decode(table.encode(btf.subset(btf.split().train), Fit(show=show)), device)
+    program_of(material).save(path)
+    return Drawable(path, exposure(btf))

@@ -1,0 +1,61 @@
+"""Writes a material as a shader for a renderer: the function, its two textures, and a page of conventions."""
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from bench.atomic import replacing, write
+from bench.errors import InputError
+from reports.shaders.dialects import DIALECTS
+from reports.shaders.generator import shader
+from reports.shaders.program import Program
+
+README = """# {name} as {language}
+
+`{name}{suffix}` holds one function, `material(uv, wo, wi, footprint)`. It was generated from what the codec file
+decodes to. It needs two textures:
+
+| file | binding | format | size |
+| --- | --- | --- | --- |
+| `exact.exr` | `exactTable` | RGBA, 32-bit floats | {exact} |
+| `half.exr` | `halfTable` | RGBA, 16-bit floats | {half} |
+
+Row 0 of a picture is row 0 of its texture. Texels are read one by one: no filter, no compression, no mip levels,
+no colour conversion.
+
+- **Answer**: f_r · cos θ_i, linear Rec. 709 RGB. Multiply it by the light's irradiance on a plane that faces the
+  light; add no cosine.
+- **Frame**: x along +u, y along +v, z is the normal toward the eye, right-handed. `wo` points to the camera, `wi` to
+  the light; both have unit length.
+- **uv**: the material's period is 1. Pass `uv - floor(uv)`. v grows upwards: v = 1 is the top edge of the picture.
+- **footprint**: the side of the square that a pixel covers, in units of uv; 0 is a point. Codecs without levels of
+  detail ignore it.
+- **Your part**: answer 0 where `wo.z <= 0` or `wi.z <= 0`, and clamp the answer at 0.
+"""
+
+
+def export(program: Program, name: str, language: str, folder: Path) -> list[Path]:
+    """Write shader, textures and README of a program into a folder, which is made; the files.
+
+    `InputError` where no shader can do the program.
+    """
+    if language not in DIALECTS:
+        raise InputError(f"format {language!r}: one of {', '.join(DIALECTS)}")
+    dialect = DIALECTS[language]
+    made = shader(program, dialect)
+    folder.mkdir(parents=True, exist_ok=True)
+    sizes = {which: "{1} × {0}".format(*array.shape) for which, array in (("exact", made.exact), ("half", made.half))}
+    text = README.format(name=name, language=language.upper(), suffix=dialect.suffix, **sizes)
+    files = [folder / f"{name}{dialect.suffix}", folder / "exact.exr", folder / "half.exr", folder / "README.md"]
+    write(files[0], made.text.encode())
+    for path, array in ((files[1], made.exact), (files[2], made.half)):
+        _write_exr(path, array)
+    write(files[3], text.encode())
+    return files
+
+
+def _write_exr(path: Path, array: np.ndarray) -> None:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with replacing(path) as partial, OpenEXR.File(header, {"RGBA": np.ascontiguousarray(array)}) as file:
+        file.write(str(partial))

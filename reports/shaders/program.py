@@ -1,0 +1,32 @@
+"""Reads the program of a decoded material, as `bench` stores it: steps and constants, without PyTorch."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.errors import InputError
+
+
+@dataclass(frozen=True)
+class Program:
+    """Operations of one query in order, each {name, operation, arguments, shape, kind}, and constants by name."""
+
+    steps: list[dict[str, Any]]
+    constants: dict[str, np.ndarray]
+    result: str
+    size: tuple[int, int]
+
+
+def read(path: Path) -> Program:
+    """The program in a `.npz`. `InputError` where the file is none."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        says = json.loads(arrays.pop("program").tobytes())
+        height, width = says["size"]
+        return Program(says["steps"], arrays, says["result"], (height, width))
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: no program of a material ({error}): make it anew") from error

@@ -1,0 +1,101 @@
+"""Runs the straight-line GLSL that the generator writes, statement by statement: a second reading of its text."""
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from reports.shaders.generator import Shader
+
+Array = np.ndarray
+
+
+class Vector:
+    """Some floats with the swizzles and operators of GLSL."""
+
+    def __init__(self, *parts: Any):
+        flat = [x for part in parts for x in (part.values if isinstance(part, Vector) else [part])]
+        self.values = np.array(flat, np.float32)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in "xyzw":
+            raise AttributeError(name)
+        return self.values["xyzw".index(name)]
+
+    def _with(self, other: Any, function: Callable[..., Array]) -> "Vector":
+        return Vector(*function(self.values, other.values if isinstance(other, Vector) else other))
+
+    def __add__(self, other: Any) -> "Vector":
+        return self._with(other, np.add)
+
+    def __sub__(self, other: Any) -> "Vector":
+        return self._with(other, np.subtract)
+
+    def __rsub__(self, other: Any) -> "Vector":
+        return self._with(other, lambda a, b: b - a)
+
+    def __mul__(self, other: Any) -> "Vector":
+        return self._with(other, np.multiply)
+
+    def __truediv__(self, other: Any) -> "Vector":
+        return self._with(other, np.divide)
+
+    def __rtruediv__(self, other: Any) -> "Vector":
+        return self._with(other, lambda a, b: b / a)
+
+    def __neg__(self) -> "Vector":
+        return Vector(*-self.values)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def _vec4(*parts: Any) -> Vector:
+    return Vector(*parts) if len(parts) > 1 else Vector(*[parts[0]] * 4)
+
+
+class Matrix:
+    """Four columns."""
+
+    def __init__(self, *columns: Vector):
+        self.columns = np.stack([column.values for column in columns], 1)
+
+    def __mul__(self, vector: Vector) -> Vector:
+        return Vector(*(self.columns @ vector.values))
+
+
+def _each(function: Callable[..., Any]) -> Callable[..., Any]:
+    def apply(*arguments: Any) -> Any:
+        values = [a.values if isinstance(a, Vector) else np.float32(a) for a in arguments]
+        found = function(*values)
+        return Vector(*found) if any(isinstance(a, Vector) for a in arguments) else found
+
+    return apply
+
+
+def _least(function: Callable[..., Any], first: Any, second: Any) -> Any:
+    whole = isinstance(first, int) and isinstance(second, int)
+    return int(function(first, second)) if whole else _each(function)(first, second)
+
+
+def answer(shader: Shader, uv: Array, wo: Array, wi: Array, footprint: float) -> Array:
+    """RGB (3,) of one query, by running the shader's text."""
+    words: dict[str, Any] = {name: _each(getattr(np, name)) for name in ("exp", "log", "log2", "sin", "cos", "floor")}
+    words |= {"sqrt": _each(np.sqrt), "abs": _each(np.abs), "inversesqrt": _each(lambda x: 1 / np.sqrt(x))}
+    words |= {"min": lambda a, b: _least(np.minimum, a, b), "max": lambda a, b: _least(np.maximum, a, b)}
+    words |= {"vec4": _vec4, "mat4": Matrix, "vec3": lambda *parts: np.array(parts), "pow": _each(np.power)}
+    words |= {"dot": lambda a, b: np.float32(a.values @ b.values), "int": int, "float": np.float32}
+    for name, table in (("exactRow", shader.exact), ("halfRow", shader.half)):
+        rows = table.reshape(-1, 4)
+        words[name] = lambda i, rows=rows: Vector(*rows[int(i)])
+    words |= {"uv": Vector(*uv), "wo": Vector(*wo), "wi": Vector(*wi), "footprint": np.float32(footprint)}
+    body = shader.text[shader.text.index("vec3 material(") :].splitlines()[1:-1]
+    for line in body:
+        text = line.strip().removesuffix(";")
+        text = re.sub(r"\((\w+|true|false) \? (.+) : (.+)\)$", r"((\2) if (\1) else (\3))", text)
+        text = text.replace("true", "True").replace("false", "False").replace("&&", "and").replace("||", "or")
+        if text.startswith("return "):
+            return np.asarray(eval(text.removeprefix("return "), words), np.float32)
+        name, expression = re.sub(r"^(float|int|bool|vec4) ", "", text).split(" = ", 1)
+        words[name] = eval(expression, words)
+    raise AssertionError("the shader returns nothing")

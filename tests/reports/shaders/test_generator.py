@@ -1,0 +1,135 @@
+"""Shaders of every codec: their text, run statement by statement, answers as the decoded material does."""
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from bench.codec import Fit
+from bench.codecs.program import program_of
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+from bench.errors import InputError
+from bench.hemisphere import uniform
+from bench.material import DecoderCost, Material
+from reports.shaders.dialects import DIALECTS, GLSL
+from reports.shaders.export import export
+from reports.shaders.generator import shader
+from reports.shaders.program import Program, read
+from tests.reports.shaders.reader import answer
+
+CODECS = {
+    "mean-colour": {},
+    "pca": {"components": 5},
+    "vq": {},
+    "table": {},
+    "neubtf-direct": {"steps": 5},
+    "neumip": {"steps": 5},
+}
+
+
+def decoded(codec: str, settings: dict[str, Any]) -> Material:
+    made = load_codec(codec)(**settings)
+    return made.decode(made.encode(tiny_btf(), Fit()), torch.device("cpu"))
+
+
+def stored(material: Material, folder: Path) -> Program:
+    program_of(material).save(folder / "program.npz")
+    return read(folder / "program.npz")
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_a_shader_answers_as_the_material_does(codec: str, tmp_path: Path) -> None:
+    """Within what textures of halves round, 1e-3 of the brightest answer."""
+    material = decoded(codec, CODECS[codec])
+    made = shader(stored(material, tmp_path), GLSL)
+    rng = np.random.default_rng(0)
+    uv = rng.random((12, 2)).astype(np.float32)
+    wo, wi = (uniform(rng, 12, 85.0).astype(np.float32) for _ in range(2))
+    footprints = np.array([0.001, 0.2] * 6, np.float32)
+    queries = [torch.from_numpy(x) for x in (uv, wo, wi, footprints)]
+    truth = material.query(*queries).numpy()
+    ours = np.stack([answer(made, *query) for query in zip(uv, wo, wi, footprints.tolist(), strict=True)])
+    np.testing.assert_allclose(np.maximum(ours, 0), truth, atol=1e-3 * truth.max(), rtol=1e-3)
+
+
+class Wide(Material):
+    """A product with more weights than a shader's text takes."""
+
+    def __init__(self) -> None:
+        super().__init__((2, 2), DecoderCost())
+        generator = torch.Generator().manual_seed(0)
+        self.first = torch.randn(3, 202, generator=generator)
+        self.second = torch.randn(202, 3 * 17, generator=generator) / 14
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return (((wo @ self.first).sin() @ self.second)[:, :3]).abs()
+
+
+def test_a_large_network_is_read_from_the_texture(tmp_path: Path) -> None:
+    text = shader(stored(Wide(), tmp_path), GLSL).text
+    assert "for (int j = 0; j < 13; j++)" in text
+    assert len(text) < 20_000
+
+
+class Branching(Material):
+    """Looks at the values of its queries in Python."""
+
+    def __init__(self) -> None:
+        super().__init__((2, 2), DecoderCost())
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return wo if wo[0, 2] > 0.5 else wi
+
+
+class Sorting(Branching):
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return wo.cumsum(1)
+
+
+def test_what_no_shader_can_do_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be recorded as a program"):
+        program_of(Branching())
+    with pytest.raises(InputError, match="no shader can do 'cumsum' yet"):
+        shader(stored(Sorting(), tmp_path), GLSL)
+
+
+def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:
+    path = tmp_path / "other.npz"
+    np.savez(path, values=np.zeros(3))
+    with pytest.raises(InputError, match="no program of a material"):
+        read(path)
+
+
+@pytest.mark.parametrize("language", DIALECTS)
+def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path: Path) -> None:
+    program = stored(decoded("neubtf-direct", {"steps": 2}), tmp_path)
+    files = export(program, "cloth", language, tmp_path / "out")
+    assert sorted(path.name for path in files) == sorted([f"cloth.{language}", "exact.exr", "half.exr", "README.md"])
+    text = (tmp_path / "out" / f"cloth.{language}").read_text()
+    assert all(bracket in text for bracket in "(){}")
+    assert text.count("(") == text.count(")")
+
+
+@pytest.mark.parametrize("codec", ["neubtf-direct", "pca"])
+def test_glsl_and_hlsl_compile(codec: str, tmp_path: Path) -> None:
+    validator = shutil.which("glslangValidator")
+    if not validator:
+        pytest.skip("glslangValidator is not installed (Debian: glslang-tools)")
+    program = stored(decoded(codec, CODECS[codec]), tmp_path)
+    glsl, hlsl = (shader(program, DIALECTS[name]).text for name in ("glsl", "hlsl"))
+    call = "material({two}(0.1, 0.2), {three}(0.0, 0.0, 1.0), {three}(0.0, 0.0, 1.0), 0.0)"
+    head = "#version 300 es\nprecision highp float;\nprecision highp int;\nout vec4 c;\n"
+    main = f"void main() {{ c = vec4({call.format(two='vec2', three='vec3')}, 1.0); }}"
+    (tmp_path / "a.frag").write_text(head + glsl + main)
+    main = f"float4 main() : SV_Target {{ return float4({call.format(two='float2', three='float3')}, 1.0); }}"
+    (tmp_path / "a.hlsl").write_text(hlsl + main)
+    hlsl_flags = ["-D", "-e", "main", "-S", "frag", "-V", "-o", str(tmp_path / "a.spv")]
+    for flags, name in (([], "a.frag"), (hlsl_flags, "a.hlsl")):
+        done = subprocess.run([validator, *flags, str(tmp_path / name)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout
