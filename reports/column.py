@@ -38,6 +38,7 @@ class Column:
     native: Callable[[Record], str] | None = None
     sparse: bool = False
     pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise
+    deviation: bool = True  # whether the deviation over seeds stands beside their mean
 
     def cell(self, seeds: Sequence[Row]) -> str:
         """What a table shows of one codec: the number where its seeds agree, else mean ± std over them."""
@@ -48,8 +49,10 @@ class Column:
         if together := [value for value in values if isinstance(value, tuple)]:
             return self.write(self.pool(together))
         numbers = [value for value in values if isinstance(value, int | float)]
-        if len(numbers) < 2:  # the others are without error, or have none
-            return self.write(numbers[0]) if numbers else texts[0]
+        if not numbers:
+            return texts[0]
+        if len(numbers) == 1 or not self.deviation:  # alone where the others are without error, or have none
+            return self.write(fmean(numbers))
         return f"{self.write(fmean(numbers))} ± {self.write(stdev(numbers))}"
 
     @property

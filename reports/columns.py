@@ -131,7 +131,12 @@ def scored(material: Material) -> list[Column]:
 
 def short(material: Material) -> list[Column]:
     """What fits a terminal."""
-    return [*scored(material), _FIT, _NS, _FLOOR]
+    return means([*scored(material), _FIT, _NS, _FLOOR], HELDOUT)
+
+
+def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
+    """Columns without the deviation over seeds, which a terminal is too narrow for, but of some."""
+    return [column if column in whole else replace(column, deviation=False) for column in chosen]
 
 
 def quality(material: Material) -> list[Column]:
@@ -150,19 +155,14 @@ def papers(material: Material) -> list[Column]:
 
 
 def summary(found: Sequence[Material]) -> list[Column]:
-    """What a summary over materials has besides PSNR: other metrics as means over slices, size, time."""
+    """What a summary over materials has besides PSNR: every other metric, size, time."""
     said = {label_of(name): (name, each) for material in found for name, each in material.metrics.items()}
     quality = [
-        Column(label, _scale(each), _mean_of_slices(name), partial(fixed, digits=_digits(each["unit"])))
+        _pooled(label, _scale(each), name.removesuffix(PERIODIC), unit=each["unit"])
         for label, (name, each) in said.items()
         if name != PSNR and each["unit"] != "radiance"
     ]
     return [*quality, _TOTAL, replace(_FLOOR, unit="× floor ↓")]
-
-
-def _mean_of_slices(name: str) -> Callable[[Row], Value]:
-    family = name.removesuffix(PERIODIC)
-    return lambda row: row.stats(row.gate, family).get("mean")
 
 
 def _others(material: Material, make: Callable[..., Column] | None = None) -> Iterator[Column]:

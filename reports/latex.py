@@ -7,6 +7,7 @@ import re
 import unicodedata
 from collections.abc import Sequence
 
+from reports.marks import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 _SPECIAL = {
@@ -52,8 +53,8 @@ def _latex(table: Table) -> str:
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
     lines += [r"\toprule", *_head(table), r"\midrule", *(_row(row, i, table) for i, row in enumerate(table.rows))]
     lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
-    if table.notes:
-        notes = " ".join(map(escaped, table.notes))
+    if table.notes or table.marks:
+        notes = " ".join(map(escaped, [*table.notes, *legend(table)]))
         lines += [r"\par\smallskip\begin{minipage}{\linewidth}\raggedright\scriptsize", notes, r"\end{minipage}"]
     return "\n".join([*lines, r"\end{table*}", ""])
 

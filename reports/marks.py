@@ -1,17 +1,20 @@
 """Which cells of a table are marked: the best of each column bold, the second underlined."""
 
+from collections import Counter
 from collections.abc import Sequence
 
-from reports.table import BOLD, UNDERLINED
+from reports.table import BOLD, UNDERLINED, Table
 
 Scores = Sequence[Sequence[float | None]]
+FEW = 3
 LEGEND = "Bold: the best of a column; underlined: the second."
 
 
 def marks(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int], str]:
     """Marks by row and column, given how good each cell is, more is better; None is in no race.
 
-    Cells that read alike are equally good. A column in which all read alike, or one alone is scored, has no mark.
+    Cells that read alike are equally good. A column in which all read alike, or one alone is scored, has no mark, and
+    what more than `FEW` share is no distinction.
     """
     found: dict[tuple[int, int], str] = {}
     for column in range(len(scores[0]) if scores else 0):
@@ -20,10 +23,11 @@ def marks(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int]
         texts = list(dict.fromkeys(text for _, text, _ in order))
         if len(texts) > 1:
             look = {texts[0]: BOLD, texts[1]: UNDERLINED}
-            found |= {(i, column): look[text] for _, text, i in order if text in look}
+            shared = Counter(text for _, text, _ in order)
+            found |= {(i, column): look[text] for _, text, i in order if text in look and shared[text] <= FEW}
     return found
 
 
-def legend(scores: Scores) -> list[str]:
-    """What the marks mean, where more than one row is in a race."""
-    return [LEGEND] if sum(any(score is not None for score in row) for row in scores) > 1 else []
+def legend(table: Table) -> list[str]:
+    """What the marks of a table mean, where it has some."""
+    return [LEGEND] if table.marks else []

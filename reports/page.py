@@ -8,13 +8,15 @@ from tabulate import tabulate
 
 from bench.records import Run
 from reports.figures import Figure
+from reports.marks import legend
 from reports.notes import run_notes
 from reports.rows import materials
 from reports.table import BOLD, UNDERLINED, Table
 from reports.tables import all_tables
 
 _STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 78rem; padding: 0 1rem; color: #1a1a1a }
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 92rem; padding: 0 1rem; color: #1a1a1a;
+  background: #fff; color-scheme: light dark }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px }
 th, td { padding: .25rem .6rem; border-bottom: 1px solid #ddd; white-space: nowrap }
 th { text-align: left; vertical-align: bottom; border-bottom-color: #888 }
@@ -23,7 +25,15 @@ th small { font-weight: normal; color: #555 }
 .scroll { overflow-x: auto }
 .notes { color: #444; font-size: 13px; margin: .4rem 0 }
 h2 { margin-top: 2.5rem; border-bottom: 2px solid #1a1a1a }
-img { max-width: 100%; display: block; margin: 1rem 0 }
+img { max-width: 100%; display: block; margin: 1rem 0; background: #fff }
+th:first-child, td:first-child { position: sticky; left: 0; background: inherit }
+tr { background: #fff }
+@media (prefers-color-scheme: dark) {
+  body, tr { background: #16181c; color: #e4e4e4 }
+  th, td { border-bottom-color: #3a3d44 }
+  th small, .notes { color: #a8abb2 }
+  h2 { border-bottom-color: #e4e4e4 }
+}
 """
 
 
@@ -32,7 +42,7 @@ def page(run: Run, figures: Sequence[Figure]) -> str:
     suite = run.starts[-1].get("suite", "") if run.starts else ""
     title = f"neubtf-bench {suite}".strip()
     body = [f"<h1>{escape(title)}</h1>", *(_note(note) for note in run_notes(run))]
-    tables = all_tables(run)
+    tables = all_tables(run, narrow=True)
     if not any(table.kind == "main" for table in tables):
         body.append("<p><strong>Nothing was measured in this run.</strong></p>")
     body += [_table(table) for table in tables if table.kind == "summary"]
@@ -54,8 +64,9 @@ def _table(table: Table) -> str:
     align = ["left" if i < table.words else "right" for i in range(len(headers))]
     rows = [[_marked(cell, table.marks.get((i, j))) for j, cell in enumerate(row)] for i, row in enumerate(table.rows)]
     kind = "words" if table.words > 1 else "scroll"
+    notes = "\n".join(map(_note, [*table.notes, *legend(table)]))
     text = tabulate(rows, headers, "unsafehtml", colalign=align, disable_numparse=True)
-    return f'<h3>{escape(table.title)}</h3>\n<div class="{kind}">{text}</div>\n' + "\n".join(map(_note, table.notes))
+    return f'<h3>{escape(table.title)}</h3>\n<div class="{kind}">{text}</div>\n{notes}'
 
 
 def _marked(cell: str, mark: str | None) -> str:

@@ -3,19 +3,25 @@
 import math
 from collections.abc import Sequence
 from statistics import fmean
+from typing import TYPE_CHECKING
 
-from bench.compare.standings import Standing, standings
+from bench.errors import InputError
 from bench.records import Record, Run
 from reports import columns
 from reports.column import Column
-from reports.marks import legend, marks
+from reports.marks import marks
 from reports.numbers import EXACT, NONE, fixed, integer
 from reports.rows import Codec, Material, materials
 from reports.table import Table
 
+if TYPE_CHECKING:
+    from bench.compare.standings import Standing
 
-def summary_table(run: Run) -> Table | None:
-    """A row a codec; None where fewer than two codecs were measured."""
+
+def summary_table(run: Run, intervals: bool = True) -> Table | None:
+    """A row a codec; None where fewer than two codecs were measured. Without `intervals` no slice is read."""
+    from bench.compare.standings import standings  # loads NumPy, which a table of one material does without
+
     found = [material for material in materials(run) if material.measured]
     stand = standings({material.name: _jobs(material) for material in found})
     if len(stand) < 2:
@@ -31,23 +37,49 @@ def summary_table(run: Run) -> Table | None:
         written = [NONE if mean is None else column.write(mean) for column, mean in zip(chosen, means, strict=True)]
         rows.append([*_standing(each, len(found)), *written])
         scores.append([None, None, *_scores(each, chosen, means)])
+    notes = _NOTES
+    if intervals:
+        best, against = _against(run, stand)
+        headers.append(("against the best", "dB a slice"))
+        rows = [[*row, against.get(row[0], NONE)] for row in rows]
+        notes = [*_NOTES, _PAIRED.format(best)] if against else _NOTES
     names = ", ".join(material.name for material in found)
     title = f"Summary over {len(found)} material{'s' * (len(found) > 1)}: {names}"
-    return Table("summary", title, headers, rows, [*_NOTES, *legend(scores)], marks=marks(rows, scores))
+    return Table("summary", title, headers, rows, notes, marks=marks(rows, scores))
 
 
 _NOTES = [
-    "Means over seeds, then over materials. Rank, materials won (none is better there) and PSNR are of the pooled "
-    "squared error of the pairs that decide; other metrics are means over slices. Codecs that were measured on every "
-    "material are ranked, among each other."
+    "Means over seeds, then over materials. Rank and materials won (none is better there) are of pooled PSNR. "
+    "Decibels are of the pooled squared error of the pairs that decide, other metrics are means over their slices. "
+    "Codecs that were measured on every material are ranked, among each other."
 ]
+_PAIRED = (
+    "Against {}: the mean paired difference of PSNR a slice, with the 95 % interval of a bootstrap over materials, "
+    "seeds and pairs; the two are told apart where it holds no 0."
+)
+
+
+def _against(run: Run, stand: Sequence["Standing"]) -> tuple[str, dict[str, str]]:
+    """The best codec that has an error, and by how much the others differ from it, slice by slice."""
+    from bench.compare import paired
+
+    best = next((each.label for each in stand if each.rank is not None and math.isfinite(each.psnr)), "")
+    found = {}
+    for each in stand:
+        try:
+            interval = paired.codecs(run, best, each.label) if best and each.label != best else None
+        except InputError:  # a run's records are worth reading without its bulky parts
+            interval = None
+        if interval:
+            found[each.label] = f"{interval.mean:+.2f} ({interval.low:+.2f} to {interval.high:+.2f})".replace("-", "−")
+    return best, found
 
 
 def _jobs(material: Material) -> dict[str, list[Record]]:
     return {codec.label: [row.job for row in codec.measured] for codec in material.codecs if codec.measured}
 
 
-def _standing(each: Standing, of: int) -> list[str]:
+def _standing(each: "Standing", of: int) -> list[str]:
     psnr = fixed(each.psnr, 2) if math.isfinite(each.psnr) else EXACT
     return [each.label, f"{each.materials} of {of}", fixed(each.rank, 1), integer(each.wins), psnr]
 
@@ -59,7 +91,7 @@ def _mean(column: Column, codecs: Sequence[Codec]) -> float | None:
     return fmean(found) if found and len(found) == len(means) else None
 
 
-def _scores(each: Standing, chosen: Sequence[Column], means: Sequence[float | None]) -> list[float | None]:
+def _scores(each: "Standing", chosen: Sequence[Column], means: Sequence[float | None]) -> list[float | None]:
     """How good each cell is; of a codec that is not ranked, none is in a race."""
     if each.rank is None or each.wins is None:
         return [None] * (3 + len(chosen))

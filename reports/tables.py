@@ -6,7 +6,7 @@ from bench.records import Record, Run
 from reports import KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
-from reports.marks import legend, marks
+from reports.marks import marks
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE, fixed
 from reports.paper import paper_table
@@ -145,7 +145,7 @@ def _table(kind: str, material: Material, about: str, chosen: Sequence[Column], 
     rows = [[codec.label, *_cells(codec, chosen)] for codec in codecs]
     scores = [[None, *(column.score(codec.measured) for column in chosen)] for codec in codecs]
     rows += _native_row(material, chosen)
-    notes = [*notes, *_seeds(material), *legend(scores)]
+    notes = [*notes, *_seeds(material)]
     return Table(kind, title, headers, rows, notes, material=material.name, marks=marks(rows, scores))
 
 
@@ -158,9 +158,11 @@ def _seeds(material: Material) -> Iterator[str]:
         f"Seeds {', '.join(map(str, seeds))}: a number is their mean ± std where they differ; mean and std over slices "
         "are means over the seeds."
     )
+    short: dict[int, list[str]] = {}
     for codec in material.codecs:
         if 0 < len(codec.measured) < len(seeds):
-            yield f"{codec.label}: {len(codec.measured)} of {len(seeds)} seeds."
+            short.setdefault(len(codec.measured), []).append(codec.label)
+    yield from (f"{count} of {len(seeds)} seeds: {', '.join(labels)}." for count, labels in short.items())
 
 
 def _native_row(material: Material, chosen: Sequence[Column]) -> list[list[str]]:

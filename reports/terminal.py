@@ -16,7 +16,7 @@ from reports.text import plain, wrapped
 def terminal(run: Run) -> str:
     """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
     found = materials(run)
-    tables = [summary_table(run)] if len(found) > 1 else []
+    tables = [summary_table(run, intervals=False)] if len(found) > 1 else []
     for material in found:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
     shown = [table for table in (*tables, *rate_tables(run), unfinished_table(run)) if table]
@@ -42,6 +42,6 @@ def _detail(material: Material) -> Table | None:
         return None
     job = material.first
     chosen = [columns.PER_SLICE, *columns.bands(job)[1:], columns.RELATIVE_ERROR, *columns.footprints(job)[1:]]
-    table = main_table(material, chosen)
+    table = main_table(material, columns.means(chosen))
     note = "dB: display PSNR, by direction (so many slices) and by footprint. RMSE: of radiance, against its mean."
     return table and replace(table, kind="detail", title=f"{material.name}: where the error lies", notes=[note])

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from tabulate import tabulate
 
+from reports.marks import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 WIDTH = 120
@@ -65,7 +66,7 @@ def markdown(tables: Sequence[Table]) -> str:
 
 
 def _markdown(table: Table) -> str:
-    return "\n\n".join([f"### {escaped(table.title)}", grid(table), *map(escaped, table.notes)])
+    return "\n\n".join([f"### {escaped(table.title)}", grid(table), *map(escaped, [*table.notes, *legend(table)])])
 
 
 def grid(table: Table) -> str:

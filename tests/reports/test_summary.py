@@ -44,3 +44,12 @@ def test_papers_report_mean_and_deviation_over_slices(made):
     assert "| pca" in text
     assert "**30.00 ± 1.50**" in text
     assert "0.750 ± 0.125" in text
+
+
+def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
+    for material in ("satin", "brick"):
+        made.job("pca", material=material, psnr=30.0).job("vq", material=material, psnr=28.5)
+        made.job("table", material=material, psnr=None)
+    table = summary_table(load_run(made.folder))
+    assert {row[0]: row[-1] for row in table.rows} == {"table": "—", "pca": "—", "vq": "−1.50 (−1.50 to −1.50)"}
+    assert any(note.startswith("Against pca: the mean paired difference") for note in table.notes)

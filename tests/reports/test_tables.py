@@ -156,7 +156,7 @@ def test_pairs_that_are_drawn_anew_for_each_seed_are_no_obstacle_but_older_ones_
     made.job("old", seed=0, btf="f0", run="0").job("old", seed=1, btf="f9", run="0")
     (table,) = tables(made, "main")
     assert {row[0]: row[1] for row in table.rows} == {"a": "3,011", "b": "3,011", "old": "3,011"}
-    assert "old: 1 of 2 seeds." in table.notes
+    assert "1 of 2 seeds: old." in table.notes
     assert any(note.startswith("n/c: old seed=1 is not comparable") and "another BTF" in note for note in table.notes)
 
 

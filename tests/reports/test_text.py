@@ -14,6 +14,16 @@ def test_the_main_table_fits_a_terminal(made):
     assert "15,375,476" in main
 
 
+def test_several_seeds_fit_a_terminal_too(made):
+    for seed in (0, 1, 2):
+        for label in ("mean-colour", LONG):
+            made.job(label, seed=seed, psnr=20.0 + 3 * seed, fit_seconds=100.0 * seed).timing(label)
+    shown = terminal(load_run(made.folder))
+    assert max(map(len, shown.splitlines())) <= 120
+    assert "23.00 ± 3.00" in shown
+    assert "Bold" not in shown  # a terminal shows no marks
+
+
 def test_long_labels_are_folded_and_lose_nothing(made):
     main = terminal(load_run(made.job(LONG).folder)).split("where the error lies")[0]
     for word in LONG.split():
