@@ -27,7 +27,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
     if len(stand) < 2:
         return None
     chosen = columns.summary(found)
-    headers = [("codec", ""), ("materials", ""), ("mean rank", "↓"), ("won", "materials ↑"), ("PSNR pooled", "dB ↑")]
+    headers = [("codec", ""), ("materials", ""), ("mean rank", "↓"), ("won", "↑"), ("PSNR pooled", "dB ↑")]
     headers += [(column.name, column.unit) for column in chosen]
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
