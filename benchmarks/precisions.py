@@ -18,20 +18,21 @@ import numpy as np
 import torch
 
 from bench.btf import BTF
-from bench.codec import Codec, Fit
+from bench.codec import Codec, Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.materials import load
 from bench.material import Material
 from bench.metrics.bd import bd_rate
 from bench.metrics.scoring import Scorer
+from bench.quantise import Precision, WeightPrecision, pack
 
 LADDERS: dict[str, list[dict[str, int]]] = {
     "pca": [{"components": n} for n in (4, 8, 16, 32, 64)],
     "vq": [{"codes": n} for n in (8, 16, 32, 64, 128)],
-    "rainer2019": [{"latents": n, "steps": 1500} for n in (2, 4, 8, 12)],
-    "neumip": [{"channels": n, "steps": 1500} for n in (2, 4, 7, 10)],
-    "neubtf-direct": [{"latents": n, "steps": 1500} for n in (4, 8, 14, 20)],
+    "rainer2019": [{"latents": n, "steps": 600} for n in (2, 4, 8, 12)],
+    "neumip": [{"channels": n, "steps": 600} for n in (2, 4, 7, 10)],
+    "neubtf-direct": [{"latents": n, "steps": 600} for n in (4, 8, 14, 20)],
 }
 
 
@@ -55,12 +56,23 @@ def points(
     split = btf.split()
     training, held = btf.subset(split.train), split.heldout["heldout"]
     found = {}
+    fitted = kind(**rung, precision="float32", weights="float32").encode(training, Fit()) if "steps" in rung else None
     with tempfile.TemporaryDirectory() as folder:
         for choice in variants(kind):
             codec = stored(kind(**rung), *choice)
-            header = container.save(Path(folder) / "file", codec, codec.encode(training, Fit()))
+            parts = rounded(fitted, *choice) if fitted else codec.encode(training, Fit())
+            header = container.save(Path(folder) / "file", codec, parts)
             found[choice] = (header.file_bytes, psnr(loading.load(header.path)[1], btf, held, scorer))
     return found
+
+
+def rounded(parts: Parts, precision: Precision, weights: WeightPrecision) -> Parts:
+    """What a network's fit stored in float32, at other precisions."""
+    texture, decoder = (
+        {key: value for name, tensor in found.items() for key, value in pack(name, tensor, kind).items()}
+        for found, kind in ((parts.texture, precision), (parts.decoder, weights))
+    )
+    return replace(parts, texture=texture, decoder=decoder)
 
 
 def psnr(material: Material, btf: BTF, pairs: np.ndarray, scorer: Scorer) -> float:
