@@ -2,9 +2,9 @@
 
     python benchmarks/recipes.py [--steps N] [--material NAME ...] [--departures NAME --size N]
 
-64² texels, 25 × 25 training pairs, 150 validation pairs, one seed. Prints two Markdown tables: for each material our
+64² texels, 25 × 25 training pairs, 150 validation pairs, one seed. Prints Markdown tables: for each material our
 recipe, the paper's with as many steps, and the paper's with as many processor seconds as ours took; then, on one
-material, the paper's recipe with one departure at a time, each with as many steps.
+material, the paper's recipe with one departure at a time, and ours without one, each with as many steps.
 """
 
 import argparse
@@ -17,6 +17,7 @@ from bench.codecs.registry import load_codec
 from bench.data.materials import load
 
 PAPER = {"recipe": "paper"}
+PUBLISHED = load_codec("neubtf").recipes["paper"]
 # The departures of our recipe, each by itself; `STAGES` is the frozen renderer, too.
 TRIALS = (5, 25)  # steps
 STAGES = {"direct": 0.5, "taught": 0.1}
@@ -75,6 +76,11 @@ def main() -> None:
             settings = PAPER | departure | {"steps": chosen.steps}
             print(f"| {what} | {measured(bench, **settings)[0]} |", flush=True)
         print(f"| all of them: our recipe | {measured(bench, steps=chosen.steps)[0]} |", flush=True)
+        print(f"\n| our recipe, but | {head}\n|" + " --- |" * 5)
+        for what, departure in DEPARTURES.items():
+            if departure:
+                back = {name: PUBLISHED[name] for name in departure}
+                print(f"| without {what} | {measured(bench, steps=chosen.steps, **back)[0]} |", flush=True)
 
 
 if __name__ == "__main__":
