@@ -104,7 +104,12 @@ class NeuMIP(Codec):
         height, width = parts.other["size"].tolist()
         offset = unpack("offset", parts.texture).flatten(0, 1) if self.settings.offset else None
         table = unpack("pyramid", parts.texture)
-        pyramid = Pyramid((height, width), int(parts.other["levels"]) if "levels" in parts.other else None)
+        levels = int(parts.other["levels"]) if "levels" in parts.other else None
+        if min(height, width) < 1 or not 1 <= (levels or 1) <= level_count((height, width)):
+            raise ValueError(f"a pyramid of {levels} levels over {height} × {width} texels")
+        pyramid = Pyramid((height, width), levels)
+        if len(table) != sum(pyramid.counts) or (offset is not None and len(offset) != height * width):
+            raise ValueError(f"textures that are not those of {height} × {width} texels")
         return NeuMIPMaterial(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)
 
 

@@ -61,7 +61,7 @@ class PCA(Codec):
         mean, basis = unpack("mean", parts.decoder), unpack("basis", parts.decoder)
         table = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1): the mean's coefficient is 1
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
-        return PCAMaterial(texture, table, PairInterpolator(unpack_layout(parts.other)), gain).to(device)
+        return PCAMaterial(texture, table, PairInterpolator(unpack_layout(parts.other, len(table))), gain).to(device)
 
 
 class PCAMaterial(Material):

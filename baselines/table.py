@@ -27,8 +27,9 @@ class Table(Codec):
         return Parts(texture={"values": values}, other={**pack_layout(btf.layout), "scale": torch.tensor([scale])})
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        interpolator = PairInterpolator(unpack_layout(parts.other))
-        return TableMaterial(parts.texture["values"].to(device).float(), interpolator, float(parts.other["scale"]))
+        values = parts.texture["values"].to(device).float()
+        interpolator = PairInterpolator(unpack_layout(parts.other, len(values)))
+        return TableMaterial(values, interpolator, float(parts.other["scale"]))
 
 
 class TableMaterial(Material):

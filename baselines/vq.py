@@ -26,6 +26,7 @@ BLOCK_BYTES = 64 << 20  # slices read together
 PASSES = 4  # readings of the data that find the principal components
 CLUSTERING_BATCH = 4_096
 MOST_CODES = 65_536
+MOST_TEXELS = 1 << 28  # with a codebook of one entry no byte says how many there are
 
 
 class VQ(Codec):
@@ -73,9 +74,10 @@ class VQ(Codec):
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
         rows = torch.stack(index, 1) + starts
         codebook, gain = unpack("codebook", parts.decoder), float(parts.other["gain"])
-        return VQMaterial((height, width), rows, codebook, PairInterpolator(unpack_layout(parts.other)), gain).to(
-            device
-        )
+        if min(counts) < 1 or len(codebook) != sum(counts):
+            raise ValueError(f"a codebook of {len(codebook)} entries for stages of {counts}")
+        interpolator = PairInterpolator(unpack_layout(parts.other, codebook.shape[1]))
+        return VQMaterial((height, width), rows, codebook, interpolator, gain).to(device)
 
 
 class VQMaterial(Material):
@@ -191,6 +193,8 @@ def pack_index(label: np.ndarray, codes: int) -> Tensor:
 def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
     """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` where bytes are missing."""
     bits = (codes - 1).bit_length()
+    if not 0 < count <= MOST_TEXELS or packed.ndim != 1 or len(packed) != (count * bits + 7) // 8:
+        raise ValueError(f"an index of {packed.numel()} bytes for {count} texels and {codes} codes")
     flat = np.unpackbits(packed.numpy(), count=count * bits).reshape(count, bits).astype(np.int64)
     label = (flat << np.arange(bits)).sum(1)
     if label.max(initial=0) >= codes:

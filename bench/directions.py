@@ -21,6 +21,7 @@ from bench.btf import Layout
 
 CELLS = 64  # a side of the grid of candidate triangles: about two candidates a cell for the published sets
 SHEPARD_NEIGHBOURS = 8
+UNIT = 1e-3  # by which a stored direction may miss unit length, or lie below the horizon
 ROUNDING = 1e-4  # barycentric weights of a sample itself come out as low as −2e-5 in float32
 
 
@@ -225,7 +226,17 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
     return {"views": views, "lights": lights, "pairs": pairs.to(dtype)}
 
 
-def unpack_layout(parts: dict[str, Tensor]) -> Layout:
-    """The layout that `pack_layout` packed; `KeyError` where a tensor of it is missing."""
+def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
+    """The layout that `pack_layout` packed; `rows` is how many pairs a table over them has.
+
+    `KeyError` where a tensor of it is missing, `ValueError` where one is no such thing or is of another table.
+    """
     pairs = parts["pairs"].long().numpy()
-    return Layout(parts["views"].numpy(), parts["lights"].numpy(), pairs[:, 0], pairs[:, 1])
+    views, lights = (parts[side].float().numpy() for side in ("views", "lights"))
+    for side, index in ((views, pairs[:, 0]), (lights, pairs[:, 1])):
+        sound = side.shape[1:] == (3,) and side.min() >= -1 - UNIT and side.max() <= 1 + UNIT
+        if not sound or not (np.abs(np.linalg.norm(side, axis=1) - 1) < UNIT).all() or side[:, 2].min() < -UNIT:
+            raise ValueError("its directions are not unit vectors of the upper hemisphere")
+        if not 0 < len(index) == (rows or len(index)) or index.min() < 0 or index.max() >= len(side):
+            raise ValueError("its pairs are not those of its table and directions")
+    return Layout(views, lights, pairs[:, 0], pairs[:, 1])

@@ -11,7 +11,9 @@ safetensors file of its tensors, compressed by Zstandard.
 import hashlib
 import json
 import math
+import re
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +23,8 @@ from bench.codecs.zstd import compressed, expanded
 from bench.errors import ContainerError
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from bench.codec import Codec, Parts, SharedNetwork
 
 FORMAT = 1
@@ -29,6 +33,7 @@ SUFFIX = ".nbtf"
 MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or the network that a codec shares over them
 ZEROS = b"0" * 64
 HEADER_LIMIT = 1 << 24
+MOST_EXPANSION, LEAST_EXPANDED = 1024, 64 << 20  # what all compressed parts may expand to: × the file, or these bytes
 PARTS = ("decoder", "texture", "encoder", "other")
 # Bytes a number of the dtypes that safetensors names and a codec may write.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
@@ -106,17 +111,32 @@ def read_header(path: Path) -> Header:
 
 def read_parts(path: Path) -> "tuple[Header, Parts]":
     """Check a codec file against its own hash and read its tensors. `ContainerError` says what is wrong."""
+    from safetensors import SafetensorError
     from safetensors.torch import load as deserialise
 
     from bench.codec import ZSTD, Parts
 
     data = _read(Path(path))
     header, parts = _parse(Path(path), data), Parts()
-    for full, tensor in deserialise(data).items():
+    left = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))
+    try:
+        stored = deserialise(data)
+    except (SafetensorError, ValueError) as error:
+        raise ContainerError(f"{path}: its safetensors header is not sound ({error})") from error
+    for full, tensor in stored.items():
         part, name = full.split("/", 1)
-        found = expanded(tensor, path) if header.settings.get(ZSTD) else {name: tensor}
+        found = expanded(tensor, Path(path), left) if header.settings.get(ZSTD) else {name: tensor}
+        left -= sum(values.nbytes for values in found.values())
+        _check_numbers(path, part, found)
         getattr(parts, part).update(found)
     return header, parts
+
+
+def _check_numbers(path: Path, part: str, tensors: "dict[str, Tensor]") -> None:
+    """`ContainerError` where a number is not finite, which no codec writes."""
+    for name, values in tensors.items():
+        if values.is_floating_point() and not values.isfinite().all():
+            raise ContainerError(f"{path}: tensor {part}/{name} holds numbers that are not finite")
 
 
 def _read(path: Path) -> bytes:
@@ -158,7 +178,10 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
         )
     try:
         header = json.loads(data[8 : 8 + length])
-        end = max((entry["data_offsets"][1] for name, entry in header.items() if name != "__metadata__"), default=0)
+        offsets = [entry["data_offsets"] for name, entry in header.items() if name != "__metadata__"]
+        if not all(_whole(place) for pair in offsets for place in pair):
+            raise ValueError
+        end = max((pair[1] for pair in offsets), default=0)
         missing = 8 + length + end - len(data)
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise ContainerError(f"{path}: not a codec file (its safetensors header is not sound)") from error
@@ -170,26 +193,54 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
 def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
     try:
         says = json.loads(header.pop("__metadata__")[KEY])
-        newer = int(says["format"]) > FORMAT
-        whole = {"format", "codec", "version", "settings", "sha256"} <= says.keys() and len(says["sha256"]) == 64
-        whole &= isinstance(says.get("provenance", {}), dict) and says.get("kind", MATERIAL) in (MATERIAL, SHARED)
-        whole &= len(says.get("shared", "")) in (0, 64) and isinstance(says.get("scene", {}), dict)
+        newer = isinstance(says["format"], int) and says["format"] > FORMAT
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:
         raise ContainerError(f"{path}: format {says['format']} is newer than this version reads ({FORMAT}): upgrade")
-    if not whole:
-        raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete")
+    if wrong := next((name for name, sound in _FIELDS.items() if name in says and not sound(says[name])), ""):
+        raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {wrong} is {says[wrong]!r:.60}")
+    if missing := {"format", "codec", "version", "settings", "sha256"} - says.keys():
+        raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete: no {', '.join(sorted(missing))}")
     return says
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
+
+
+def _settings(value: object) -> bool:
+    """Plain values by name, every number finite."""
+    if not isinstance(value, dict):
+        return False
+    plain = all(isinstance(found, str | int | float) for found in value.values())
+    return plain and all(math.isfinite(found) for found in value.values() if isinstance(found, float))
+
+
+def _hash(value: object) -> bool:
+    return isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value) is not None
+
+
+_FIELDS: dict[str, Callable[[Any], bool]] = {
+    "format": _whole,
+    "codec": lambda value: isinstance(value, str),
+    "version": _whole,
+    "settings": _settings,
+    "sha256": _hash,
+    "kind": lambda value: value in (MATERIAL, SHARED),
+    "scene": lambda value: isinstance(value, dict),
+    "shared": lambda value: value == "" or _hash(value),
+    "provenance": lambda value: isinstance(value, dict),
+}
 
 
 def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
     try:
         begin, end = entry["data_offsets"]
-        shape = tuple(int(n) for n in entry["shape"])
-        sound = name.split("/")[0] in PARTS and "/" in name
+        shape = tuple(entry["shape"])
+        sound = name.split("/")[0] in PARTS and "/" in name and all(map(_whole, shape))
         if not sound or end - begin != ITEM_BYTES[entry["dtype"]] * math.prod(shape):
             raise ValueError
     except (KeyError, ValueError, TypeError) as error:
-        raise ContainerError(f"{path}: tensor {name!r} is not sound") from error
+        raise ContainerError(f"{path}: tensor {name!r:.60} is not sound") from error
     return entry["dtype"], shape, end - begin

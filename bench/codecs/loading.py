@@ -44,9 +44,20 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     parts = dataclasses.replace(parts, network=network)
     try:
         material = codec_class(**header.settings).decode(parts, torch.device(device))
+        _try(material)
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
-    except (KeyError, ValueError, RuntimeError, IndexError, TypeError) as error:
+    except Exception as error:  # tensors that no encoder made may bring a decoder to anything
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
     return Loaded(header, material, network)
+
+
+def _try(material: Material) -> None:
+    """Ask one query at each corner of the picture: what does not fit together shows at once. `ValueError` says what."""
+    if not all(isinstance(side, int) and side > 0 for side in material.size):
+        raise ValueError(f"a picture of {material.size} texels")
+    uv = torch.tensor([[0.0, 0.0], [0.0, 0.999], [0.999, 0.0], [0.999, 0.999]], device=material.device)
+    up, low = (torch.tensor(w, device=material.device).expand(4, 3) for w in ((0.0, 0.0, 1.0), (0.6, 0.0, 0.8)))
+    if not material.query(uv, up, low).isfinite().all():
+        raise ValueError("its answers are not finite")

@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 LEVEL = 19
-LIMIT = 1 << 32  # bytes that a part may take: what a small file expands to must not fill the memory
 
 
 def compressed(data: bytes) -> "Tensor":
@@ -21,16 +20,16 @@ def compressed(data: bytes) -> "Tensor":
     return torch.frombuffer(bytearray(packed), dtype=torch.uint8)
 
 
-def expanded(payload: "Tensor", path: Path) -> "dict[str, Tensor]":
-    """The tensors of a compressed safetensors file. `ContainerError` where it is not sound."""
+def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
+    """The tensors of a compressed safetensors file of at most so many bytes. `ContainerError` where it is not sound."""
     from safetensors import SafetensorError
     from safetensors.torch import load
 
     zstandard = _library(str(path))
     data = payload.numpy().tobytes()
     try:
-        if not 0 <= zstandard.frame_content_size(data) <= LIMIT:
-            raise ContainerError(f"{path}: a compressed part says no size, or more than {LIMIT} bytes")
+        if not 0 <= zstandard.frame_content_size(data) <= most:
+            raise ContainerError(f"{path}: a compressed part says no size, or one beyond all proportion to the file")
         return load(zstandard.ZstdDecompressor().decompress(data))
     except (zstandard.ZstdError, SafetensorError) as error:
         raise ContainerError(f"{path}: a compressed part is not sound ({error})") from error

@@ -1,0 +1,118 @@
+"""Codec files whose hash is sound and whose content is not: refused by name, or they answer with numbers."""
+
+import importlib.util
+import json
+import random
+import struct
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from bench.codec import Fit, Parts
+from bench.codecs import container, loading
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+from bench.errors import ContainerError
+
+_PLACE = Path(__file__).parents[3] / "benchmarks" / "fuzz_codec_files.py"
+
+
+@pytest.fixture(scope="module")
+def fuzzer():
+    spec = importlib.util.spec_from_file_location("fuzz_codec_files", _PLACE)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["mean-colour", "table", "pca", "vq", "rainer2019", "neumip", "neubtf-direct"])
+def test_mutations_with_a_sound_hash_are_refused_or_answer(name, fuzzer, tmp_path):
+    found = fuzzer.fuzz(name, 60, 7, tmp_path)
+    assert found["refused"] > 20
+    assert sum(found.values()) == 60
+
+
+def resealed(fuzzer, path, change):
+    """The file with its metadata and header changed, its hash computed again."""
+    content = path.read_bytes()
+    length = struct.unpack("<Q", content[:8])[0]
+    header = json.loads(content[8 : 8 + length])
+    says = json.loads(header.pop("__metadata__")[container.KEY])
+    change(says, header)
+    path.write_bytes(fuzzer.sealed(header, says, content[8 + length :]))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("codec", ["pca"]),
+        ("version", "1"),
+        ("version", 1e300),
+        ("settings", [1]),
+        ("settings", {"half": {"deep": 1}}),
+        ("settings", {"half": float("nan")}),
+        ("kind", 3),
+        ("shared", 5),
+        ("scene", "satin"),
+        ("provenance", [1]),
+    ],
+)
+def test_a_field_of_the_wrong_type_is_named(field, value, fuzzer, tmp_path):
+    path = container.save(
+        tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
+    )
+    resealed(fuzzer, path.path, lambda says, header: says.update({field: value}))
+    with pytest.raises(ContainerError, match=rf"a\.nbtf.*{field}"):
+        loading.load(path.path)
+
+
+def saved(tmp_path, name, **settings):
+    codec = load_codec(name)(**settings)
+    return codec, codec.encode(tiny_btf(5, 3, 3), Fit(seed=1))
+
+
+def refused(tmp_path, codec, parts):
+    with pytest.raises(ContainerError) as raised:
+        loading.load(container.save(tmp_path / "a.nbtf", codec, parts).path)
+    return str(raised.value)
+
+
+def test_missing_bits_of_an_index_are_noticed(tmp_path):
+    codec, parts = saved(tmp_path, "vq", codes=5)
+    parts.texture["index0"] = parts.texture["index0"][:-1]
+    assert "an index of" in refused(tmp_path, codec, parts)
+
+
+def test_sizes_that_no_byte_holds_are_refused_before_memory_is_taken(tmp_path):
+    codec, parts = saved(tmp_path, "vq", codes=1)
+    parts.other["size"] = torch.tensor([2**30, 2**30], dtype=torch.int32)
+    assert "an index of" in refused(tmp_path, codec, parts)
+    codec, parts = saved(tmp_path, "neumip", steps=1, batch=16)
+    parts.other["size"] = torch.tensor([2**30, 2**30], dtype=torch.int32)
+    assert "not what codec neumip wrote" in refused(tmp_path, codec, parts)
+
+
+def test_a_table_of_other_pairs_is_refused(tmp_path):
+    codec, parts = saved(tmp_path, "pca", components=2)
+    parts.other["pairs"] = parts.other["pairs"][:-1]
+    assert "its pairs are not those of its table" in refused(tmp_path, codec, parts)
+
+
+def test_numbers_that_are_not_finite_are_refused(fuzzer, tmp_path):
+    path = container.save(
+        tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
+    )
+    content = path.path.read_bytes()
+    length = struct.unpack("<Q", content[:8])[0]
+    path.path.write_bytes(content[: 8 + length] + torch.full((12,), torch.nan).numpy().tobytes())
+    resealed(fuzzer, path.path, lambda says, header: None)
+    with pytest.raises(ContainerError, match="texture/mean holds numbers that are not finite"):
+        loading.load(path.path)
+
+
+def test_random_mutations_are_the_same_in_every_run(fuzzer, tmp_path):
+    content = fuzzer.small("pca", tmp_path)
+    assert fuzzer.mutated(content, random.Random("a")) == fuzzer.mutated(content, random.Random("a"))
