@@ -1,8 +1,8 @@
 """Writes the report of a run: tables, figures, and one page that holds both."""
 
-import os
 from pathlib import Path
 
+from bench.atomic import replacing
 from bench.records import Run, load_run
 from reports import KINDS, Written, figures, trade
 from reports.latex import latex
@@ -44,8 +44,6 @@ def _write_tables(run: Run, folder: Path) -> list[Path]:
 
 def put(path: Path, content: bytes) -> Path:
     """Write a file whole or not at all."""
-    path.parent.mkdir(exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    part.write_bytes(content)
-    os.replace(part, path)
+    with replacing(path) as partial:
+        partial.write_bytes(content)
     return path

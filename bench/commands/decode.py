@@ -27,9 +27,8 @@ def run(options: argparse.Namespace) -> int:
     from bench.btf import BTF
     from bench.codecs import loading
     from bench.console import Console
-    from bench.data.convert import DecodedSource
+    from bench.data.convert import DecodedSource, write_btf
     from bench.data.open import open_named
-    from bench.data.readers.folder import write_folder
     from bench.errors import did_you_mean
     from bench.hemisphere import DIRECTION_SETS, thin
 
@@ -48,6 +47,6 @@ def run(options: argparse.Namespace) -> int:
             side = directions[thin(directions, options.count)]
             wo, wi = np.repeat(side, len(side), 0), np.tile(side, (len(side), 1))
         source = DecodedSource(material, wo, wi, header.sha256)
-        write_folder(BTF(options.file.stem, wo, wi, source), options.out)
+        write_btf(BTF(options.file.stem, wo, wi, source), options.out)
     console.say(f"{len(wo)} slices of {material.size[0]} × {material.size[1]} in {options.out}")
     return FINE

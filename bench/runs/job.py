@@ -25,13 +25,14 @@ from typing import Any
 
 import torch
 
+from bench import atomic
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
 from bench.data.spec import MaterialSpec, Preparation
 from bench.demand import UNIFORM, fitting
 from bench.demand.demand import Demand
-from bench.errors import CodecError, ContainerError, InputError, MissingDataError
+from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.metrics import DEFAULTS
 from bench.records import Record
 from bench.runs.evaluation import evaluate, score_key
@@ -47,7 +48,6 @@ log = logging.getLogger(__name__)
 
 STATE, FRESH_STATE = ".state", ".fresh"  # of a fit under way, to go on from; the latter within one run alone
 FACTS = ".fit.json"  # beside a codec file
-NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
 
 @dataclass(frozen=True)
@@ -125,6 +125,9 @@ def work(task: Task, show: Progress = silent) -> Answer:
             return Job(task, bench, show).run()
     except MissingDataError as error:
         return Result(task.base | {"status": "unavailable", "error": str(error)})
+    except OSError as error:  # of the material: a cache without room, and no fault of the job
+        _raise_where_no_job_can_help(error)
+        raise
 
 
 def failed(task: Task, error: str, more: Record | None = None) -> Result:
@@ -329,9 +332,15 @@ def machine() -> dict[str, str]:
 
 
 def _raise_where_no_job_can_help(error: BaseException) -> None:
-    if isinstance(error, OSError) and error.errno in NO_PLACE:
+    if isinstance(error, OSError) and (error.errno in NO_PLACE or _is_of_cache(error)):
         place = f"{error.filename}: " if error.filename else ""
         raise InputError(
             f"{place}cannot be written on {platform.node()} ({error.strerror}): make room, then give the same command "
             "again: what is finished is kept"
         ) from error
+
+
+def _is_of_cache(error: OSError) -> bool:
+    """Whether the cache may not be written."""
+    denied = error.errno in (errno.EACCES, errno.EPERM)
+    return denied and Path(str(error.filename)).is_relative_to(atomic.cache_dir())

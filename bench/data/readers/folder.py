@@ -5,8 +5,10 @@
 """
 
 import csv
+import errno
 import io
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from bench.data.readers.checks import angles_in_range, no_duplicates, readable, 
 from bench.data.readers.files import FolderFiles, inside
 from bench.data.readers.pictures import PictureSource
 from bench.data.readers.seen import Seen
-from bench.errors import InputError
+from bench.errors import NO_PLACE, InputError
 from bench.hemisphere import from_degrees, to_degrees
 
 Array = np.ndarray
@@ -163,9 +165,13 @@ def write_folder(btf: BTF, path: str | Path) -> None:
 
 
 def write_exr(path: Path, picture: Array) -> None:
-    """Write a picture (H, W, 3) as a float EXR with channels R, G, B, compressed without loss."""
+    """Write a picture (H, W, 3) as a float EXR with channels R, G, B, without loss. `OSError` if it cannot."""
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channels = {name: np.ascontiguousarray(picture[..., i], np.float32) for i, name in enumerate("RGB")}
-    OpenEXR.File(header, channels).write(str(path))
+    try:
+        OpenEXR.File(header, channels).write(str(path))
+    except RuntimeError as error:  # the library keeps the words of the system's error alone
+        number = next((n for n in NO_PLACE if os.strerror(n) in str(error)), errno.EIO)
+        raise OSError(number, os.strerror(number), str(path)) from error

@@ -1,0 +1,93 @@
+"""Commands on a disk without room: one line that names the file, exit code 2, and nothing half done left behind."""
+
+import errno
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from bench import atomic, cli
+from bench.conformance.check import tiny_btf
+from bench.data.readers.folder import write_folder
+from bench.errors import InputError
+from bench.runs import job
+
+# Files of more than 300 bytes are refused to a process with this limit, as on a full disk.
+LIMITED = """
+import json, resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))
+from bench import cli
+for words in json.loads(sys.argv[1]):
+    print(cli.main(words), flush=True)
+"""
+SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
+
+
+@pytest.fixture(autouse=True)
+def places(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.chdir(tmp_path)
+    write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
+
+
+def left(folder):
+    return [path for path in folder.rglob("*") if ".partial" in path.name or path.name.endswith(".part")]
+
+
+def test_each_command_says_one_line_and_leaves_nothing(tmp_path):
+
+    assert cli.main(["encode", "btf", "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
+    assert cli.main(["run", "quick", "--material", "btf", "--codec", "mean-colour", "--out", "run"]) == 0
+    commands = {
+        "b.nbtf": ["encode", "btf", "--codec", "mean-colour", "-o", "b.nbtf"],
+        "slices": ["decode", "a.nbtf", "--like", "btf", "-o", "slices"],
+        "d.npz": ["demand", "table-top", "--queries", "500", "-o", "d.npz"],
+        "a.json": ["score", "a.nbtf", "btf", "--json", "a.json"],
+        "run/tables": ["report", "run"],
+        "cache/materials/satin": ["encode", "satin", "--codec", "mean-colour", "-o", "c.nbtf", *SMALL],
+    }
+    command = [sys.executable, "-c", LIMITED, json.dumps(list(commands.values()))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert [line for line in done.stdout.splitlines() if line.isdigit()] == ["2"] * len(commands), done.stderr
+    said = [line for line in done.stderr.splitlines() if line.startswith("neubtf-bench: ")]
+    assert "Traceback" not in done.stderr
+    assert len(said) == len(commands)
+    for name, line in zip(commands, said, strict=True):
+        assert name in line
+        assert "cannot be written (File too large)" in line
+    assert left(tmp_path) == []
+    assert not any((tmp_path / name).exists() for name in ("b.nbtf", "slices", "d.npz", "a.json"))
+
+
+def test_a_full_cache_is_no_failure_of_a_job_and_the_same_command_goes_on(tmp_path, monkeypatch, capsys):
+    def full(path, dtype, shape):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    words = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--out", "run", *SMALL]
+    with monkeypatch.context() as without_room:
+        without_room.setattr(atomic, "mapped", full)
+        assert cli.main(words) == 2
+    said = capsys.readouterr().err
+    assert f"{tmp_path / 'cache' / 'materials' / 'satin'}" in said
+    assert "cannot be written" in said
+    assert said.count("\n") == 1
+    assert cli.main(words) == 0
+
+
+def test_a_cache_that_may_not_be_written_is_no_failure_of_a_job(tmp_path, monkeypatch):
+    def denied(*_):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(tmp_path / "cache" / "scratch" / "a.npy"))
+
+    monkeypatch.setattr(job, "workbench", denied)
+    with pytest.raises(InputError, match=r"a.npy: cannot be written"):
+        job.work(task_of(tmp_path))
+
+
+def task_of(folder):
+    from bench.data.spec import MaterialSpec, Preparation
+    from bench.runs.suite import CodecSpec
+
+    return job.Task("run", folder, MaterialSpec("satin"), Preparation(), CodecSpec("mean-colour"), 0, 1)
