@@ -37,10 +37,13 @@ class Rainer2019(Codec):
 
     name, version = "rainer2019", 2
     sizes = ("latents",)
-    recipes: ClassVar = {"paper": {"directions": "stereographic", "start": "encoder", "optimiser": "adam"}}
+    recipes: ClassVar = {
+        "paper": {"directions": "stereographic", "start": "encoder", "optimiser": "adam", "steps": 10_000}
+    }
 
     @dataclass(frozen=True)
     class Settings(FitSettings):
+        steps: Natural = 2_500  # of the fit
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, Adam alone
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
         directions: Directions = "xyzh"  # inputs: each stereographic as published, or all of both and of their half

@@ -159,6 +159,10 @@ class Block(nn.Module):
         self.wider = nn.Linear(channels, expansion * channels)
         self.back = nn.Linear(expansion * channels, channels)
 
+    def hidden_matrices(self) -> list[Tensor]:
+        """The pointwise layers' weights, most of the network's: see `bench.training.groups_of`."""
+        return [self.wider.weight, self.back.weight]
+
     def forward(self, x: Tensor) -> Tensor:
         hidden = self.norm(self.spatial(x).movedim(1, -1))
         return SCALE * (x + self.back(functional.gelu(self.wider(hidden))).movedim(-1, 1))

@@ -35,12 +35,12 @@ class NeuBTFDirect(Codec):
 
     name, version = "neubtf-direct", 2
     sizes = ("latents", "width")
-    recipes: ClassVar = {"paper": {"directions": "xy", "start": "random", "optimiser": "adam"}}
+    recipes: ClassVar = {"paper": {"directions": "xy", "start": "random", "optimiser": "adam", "steps": 10_000}}
 
     @dataclass(frozen=True)
     class Settings(RendererSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, random latents, Adam alone
-        steps: Natural = 10_000  # of the fit
+        steps: Natural = 2_500  # of the fit
         batch: Count = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         start: Start = "components"  # of the neural texture: principal components of the log ABRDFs, or random

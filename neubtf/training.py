@@ -27,7 +27,7 @@ from neubtf.encoder import Encoder, displayed
 from neubtf.losses import Style, focal_frequency, shown
 from neubtf.renderer import RendererSettings, render
 
-ENCODER = 0  # its group of parameters, before those of the texture and the renderer
+ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
 DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as if they had it
 
 
@@ -35,9 +35,9 @@ DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as
 class FitSettings(RendererSettings):
     """What a NeuBTF file is, and how it is fitted."""
 
-    steps: Natural = 10_000  # of the fit, in three stages
-    direct: Share = 0.5  # share of the steps that fit texture and renderer without the autoencoder
-    taught: Share = 0.1  # share of the steps that teach the autoencoder this texture; the rest is guided
+    steps: Natural = 2_500  # of the fit, in three stages
+    direct: Share = 0.6  # share of the steps that fit texture and renderer without the autoencoder
+    taught: Share = 0.2  # share of the steps that teach the autoencoder this texture; the rest is guided
     explore: Share = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
     explore_weight: NotNegative = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
     pixels: Literal["samples", "slices"] = "samples"  # what the pixels' loss compares: single samples, or whole slices
@@ -48,11 +48,12 @@ class FitSettings(RendererSettings):
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # scale of an input, at which it can be guided later, too
     keep_scale: Share = 0.5  # share of the inputs that keep their scale
     init: Literal["faint", "published"] = "faint"  # first texture and answer: faint and the mean, or as drawn
-    start: Literal["encoder", "components"] = "encoder"  # of the first texture: what the autoencoder makes
+    start: Literal["components", "encoder"] = "components"  # of the first texture; or what the autoencoder makes
     optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; all else is Adam's
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 1e-2  # highest learning rate of the renderer and of the first stage's texture
     encoder_rate: Positive = 2e-3  # highest learning rate of the autoencoder
+    encoder_hidden_rate: Positive = 2e-2  # highest learning rate of Muon for the autoencoder's pointwise layers
     loss: Loss = "both"  # of a pixel's log radiance: absolute, squared, or their sum
     pixel: NotNegative = 1.0  # weight of the pixels' loss
     style: NotNegative = 0.002  # weight of the difference of Gram matrices
@@ -81,6 +82,8 @@ PAPER = {
     "levelled": False,
     "keep_scale": 0.0,
     "init": "published",
+    "start": "encoder",
+    "steps": 10_000,
     "optimiser": "adam",
 }
 
@@ -122,11 +125,9 @@ class Staged(Objective):
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
-        return [
-            {"params": list(self.encoder.parameters()), "lr": settings.encoder_rate},
-            {"params": [self.texture], "lr": settings.rate},
-            *groups_of([self.renderer], settings.rate, settings.optimiser, settings.hidden_rate),
-        ]
+        renderer = groups_of([self.renderer], settings.rate, settings.optimiser, settings.hidden_rate)
+        encoder = groups_of([self.encoder], settings.encoder_rate, settings.optimiser, settings.encoder_hidden_rate)
+        return [*encoder, *renderer, {"params": [self.texture], "lr": settings.rate}]
 
     def stage(self, step: int) -> int:
         """The stage, from 0 to 2, that a step belongs to."""
@@ -135,7 +136,7 @@ class Staged(Objective):
     def rate(self, step: int, steps: int, group: int) -> float:
         stage = self.stage(step)
         start, end = [*self.ends, steps][stage : stage + 2]
-        fixed = stage == 2 and group != ENCODER and self.settings.direct > 0
+        fixed = stage == 2 and self.settings.direct > 0 and group >= ENCODERS[self.settings.optimiser]
         return 0.0 if fixed else super().rate(step - start, end - start, group)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:

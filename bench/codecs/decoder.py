@@ -95,6 +95,10 @@ class Decoder(Network):
         last.weight.zero_()
         last.bias.copy_(outputs)
 
+    def hidden_matrices(self) -> list[Tensor]:
+        """The weights between hidden layers: see `bench.codecs.optimiser`."""
+        return [layer.weight for layer in self.layers[1:-1] if isinstance(layer, nn.Linear)]
+
     def forward(self, inputs: Tensor) -> Tensor:
         """Outputs (n, outputs) of inputs (n, inputs), in their dtype; between them all is in that of the weights."""
         x = inputs.to(next(self.parameters()).dtype)

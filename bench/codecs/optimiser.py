@@ -14,8 +14,6 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from bench.codecs.decoder import Decoder
-
 Optimiser = Literal["muon", "adam"]
 
 QUINTIC = (3.4445, -4.7750, 2.0315)  # coefficients of the published iteration, and how often it is applied
@@ -67,9 +65,9 @@ def groups_of(
 
 
 def hidden_matrices(network: nn.Module) -> list[nn.Parameter]:
-    """The weights between the hidden layers of every `Decoder` in a network."""
-    decoders = (module for module in network.modules() if isinstance(module, Decoder))
-    return [layer.weight for decoder in decoders for layer in decoder.layers[1:-1]]  # type: ignore[misc]
+    """The matrices between hidden channels that the modules of a network name by a method `hidden_matrices`."""
+    named = [module.hidden_matrices for module in network.modules() if hasattr(module, "hidden_matrices")]
+    return [p for matrices in named for p in matrices()]  # type: ignore[operator]
 
 
 class Optimisers:

@@ -4,6 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from bench.codecs.optimiser import hidden_matrices
 from neubtf.autoencoder import HALO, RADIUS, STRIDE, Autoencoder, Pooled, surrounded
 
 ROUNDING = 1e-5  # float32 sums in another order, through some ten layers of values of unit size
@@ -98,3 +99,11 @@ def test_a_texel_depends_on_its_surroundings_only(row: int) -> None:
     assert touched.abs().max() <= RADIUS
     if row == 61:  # the cell's own corner decides how far it is to the last cell
         assert touched.min() == -RADIUS
+
+
+def test_muon_steps_the_pointwise_layers_which_are_most_of_it() -> None:
+    network = made()
+    found = hidden_matrices(network)
+    named = {id(p) for name, p in network.named_parameters() if name.endswith(("wider.weight", "back.weight"))}
+    assert {id(p) for p in found} == named
+    assert sum(p.numel() for p in found) > 0.5 * sum(p.numel() for p in network.parameters())

@@ -1,0 +1,25 @@
+import importlib
+from typing import Any
+
+import pytest
+
+from bench.codec import Fit
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+
+
+class AskedError(Exception):
+    pass
+
+
+@pytest.mark.parametrize("name", ["neubtf-direct", "neumip", "rainer2019"])
+def test_codecs_hand_their_patience_to_the_fit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    codec = load_codec(name)(steps=700, patience=300)
+
+    def asked(objective: Any, fit: Fit, steps: int, patience: int = 0) -> float:
+        raise AskedError(steps, patience)
+
+    monkeypatch.setattr(importlib.import_module(type(codec).__module__), "train", asked)
+    with pytest.raises(AskedError) as found:
+        codec.encode(tiny_btf(), Fit())
+    assert found.value.args == (700, 300)
