@@ -53,19 +53,12 @@ class NeuMIP(Codec):
     name, version = "neumip", 2
     sizes = ("channels",)
     recipes: ClassVar = {
-        "paper": {
-            "directions": "xy",
-            "start": "random",
-            "optimiser": "adam",
-            "blur": True,
-            "loss": "balanced",
-            "steps": 10_000,
-        }
+        "paper": {"directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
     }
 
     @dataclass(frozen=True)
     class Settings:
-        steps: Natural = 5_000  # of the fit
+        steps: Natural = 10_000  # of the fit
         batch: Count = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
