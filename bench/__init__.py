@@ -7,15 +7,15 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bench.library import encode as encode
-    from bench.library import load as load
-    from bench.library import open as open
-    from bench.library import score as score
     from bench.runs.history import load_runs as load_runs
+    from bench.runs.library import encode as encode
+    from bench.runs.library import load as load
+    from bench.runs.library import open as open
+    from bench.runs.library import score as score
 
     __version__: str
 
-_LAZY = dict.fromkeys(("open", "encode", "load", "score"), "bench.library") | {"load_runs": "bench.runs.history"}
+_LAZY = dict.fromkeys(("open", "encode", "load", "score"), "bench.runs.library") | {"load_runs": "bench.runs.history"}
 
 
 def __getattr__(name: str) -> Any:

@@ -7,7 +7,7 @@ from rich.console import Console as RichConsole
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from bench.codecs.container import Header
-from bench.fields import PSNR, stats_of
+from bench.records import PSNR, stats_of
 
 if TYPE_CHECKING:
     from bench.btf import BTF

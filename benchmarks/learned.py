@@ -26,9 +26,9 @@ from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.open import open_material
 from bench.data.spec import Preparation, named
-from bench.fields import SSIM, metric_of
 from bench.metrics import default_names
 from bench.metrics.scoring import Scorer, summarise
+from bench.records import SSIM, metric_of
 from bench.threads import torch_threads
 
 TRAINING_PAIRS = 75  # scored of all

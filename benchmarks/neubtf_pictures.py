@@ -26,13 +26,13 @@ from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.materials import load
 from bench.data.materials.maps import resize
-from bench.fields import SSIM, metric_of
 from bench.hemisphere import from_degrees
 from bench.material import Material
 from bench.metrics import default_names
 from bench.metrics.angular import THETA_EDGES_DEG, theta_deg
 from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
 from bench.metrics.scoring import Scorer
+from bench.records import SSIM, metric_of
 from bench.threads import torch_threads
 from neubtf.codec import NeuBTF, most_frontal
 from neubtf.guidance import RADIANCE, Treatment

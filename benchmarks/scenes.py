@@ -26,7 +26,7 @@ from bench.codec import Codec, Fit
 from bench.codecs.registry import load_codec
 from bench.data.open import open_material
 from bench.data.spec import Preparation, named
-from bench.demand import portrait
+from bench.demand import overview
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
 from bench.demand.fitting import Found, Search, as_good_as, rows
@@ -115,7 +115,7 @@ def pictures(options: argparse.Namespace) -> None:
     codec = parse(options.codecs[0] if options.codecs else "pca")
     for scene in options.scene or sorted(shipped()):
         demand = demand_of(scene, PICTURED)
-        portrait.draw(demand, options.pictures / f"demand-{scene}.png")
+        overview.draw(demand, options.pictures / f"demand-{scene}.png")
         judge = Judge(table_of(btf), demand)
         with tempfile.TemporaryDirectory() as folder:
             found = search(codec, btf, judge, 0, Path(folder))

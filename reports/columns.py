@@ -4,9 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-from bench.fields import PSNR, RMSE, gate, metric_of, metrics_of
 from bench.metrics import PERIODIC, label_of
-from bench.records import Record
+from bench.records import PSNR, RMSE, Record, gate, metric_of, metrics_of
 from reports.column import Column, Value, hull
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, pooled, significant, spread
 from reports.rows import NEW_RUN, Material, Row, described

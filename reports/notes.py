@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator
 
-from bench.fields import PSNR, gate
-from bench.records import Record, Run
+from bench.records import PSNR, Record, Run, gate
 from reports.rows import Material, Row
 
 

@@ -6,8 +6,7 @@ needs weights that would have to be downloaded, and is left out. Its Table 2 is 
 
 from collections.abc import Iterable, Iterator
 
-from bench.fields import FLIP, PSNR, SSIM, shown_label, stats_of
-from bench.records import Record, Run
+from bench.records import FLIP, PSNR, SSIM, Record, Run, shown_label, stats_of
 from reports.numbers import NONE, plus_minus, spread
 from reports.table import Table
 

@@ -5,8 +5,7 @@ import io
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from bench.fields import flattened
-from bench.records import Run
+from bench.records import Run, flattened
 from reports.rows import Row, materials
 from reports.table import Table
 

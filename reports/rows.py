@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from bench.fields import CONDITIONS, PSNR, gate, metric_of, metrics_of, shown_label, stats_of
-from bench.records import Record, Run
+from bench.records import CONDITIONS, PSNR, Record, Run, gate, metric_of, metrics_of, shown_label, stats_of
 
 NEW_RUN = "timed in an earlier run than its neighbours"
 

@@ -7,7 +7,7 @@ examples:
 
 import argparse
 
-from bench.arguments import assignments
+from bench.commands import assignments
 from bench.errors import FINE, NO
 
 

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import usable_device
+from bench.commands import usable_device
 from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:

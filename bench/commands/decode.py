@@ -8,7 +8,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.arguments import usable_device
+from bench.commands import usable_device
 from bench.errors import FINE, InputError
 
 

@@ -27,7 +27,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.console import Console
-    from bench.demand import portrait
+    from bench.demand import overview
     from bench.demand.collect import checked, collect
 
     checked(options.queries, options.out)
@@ -35,8 +35,8 @@ def run(options: argparse.Namespace) -> int:
         demand = collect(_scene(options), options.queries, options.seed, console.show)
         demand.save(options.out)
         picture = options.out.with_suffix(".png")
-        portrait.draw(demand, picture)
-        console.say(portrait.summarise(demand).text())
+        overview.draw(demand, picture)
+        console.say(overview.summarise(demand).text())
         console.say(f"wrote {options.out} ({options.out.stat().st_size / 1e6:.1f} MB) and {picture}")
     return FINE
 

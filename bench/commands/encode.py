@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import assignments, usable_device
+from bench.commands import assignments, usable_device
 from bench.errors import FINE, NO, InputError
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import FINE, NOTHING
-from bench.fields import RMSE
+from bench.records import RMSE
 
 if TYPE_CHECKING:
     import pandas as pd

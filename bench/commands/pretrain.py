@@ -12,7 +12,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.arguments import assignments, usable_device
+from bench.commands import assignments, usable_device
 from bench.errors import FINE, InputError
 
 

@@ -11,7 +11,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.arguments import assignments, usable_device
+from bench.commands import assignments, usable_device
 from bench.errors import FINE, InputError
 
 
@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.codecs.container import read_header
     from bench.console import Console
     from bench.data.open import open_named
-    from bench.library import score
+    from bench.runs.library import score
     from reports import score_text
 
     changes = assignments(options.set)

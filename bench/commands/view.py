@@ -11,7 +11,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.arguments import assignments
+from bench.commands import assignments
 from bench.errors import FINE, InputError
 
 

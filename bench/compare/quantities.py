@@ -4,8 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from bench.fields import FLIP, PSNR, gate, metric_of, metrics_of
-from bench.records import Record
+from bench.records import FLIP, PSNR, Record, gate, metric_of, metrics_of
 
 FOOTPRINTS = "footprints"  # in place of a metric's name
 SLICE = "slice"  # the PSNR of a slice, mean over all

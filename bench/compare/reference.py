@@ -14,8 +14,7 @@ from typing import Any
 from bench.compare.quantities import FOOTPRINTS
 from bench.compare.slices import decibels, packed
 from bench.errors import InputError
-from bench.fields import CONDITIONS, FLIP, PSNR, gate, metric_of, metrics_of, stats_of
-from bench.records import Record, Run
+from bench.records import CONDITIONS, FLIP, PSNR, Record, Run, gate, metric_of, metrics_of, stats_of
 
 FEW_SEEDS = 6  # of three, one deviation in five (1 − e^−¼) is less than half the true one; of six, one in sixteen
 _DIGITS = 7

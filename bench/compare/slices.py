@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.errors import InputError
-from bench.fields import PSNR, gate
-from bench.records import Record
+from bench.records import PSNR, Record, gate
 
 Array = np.ndarray
 _EXACT = 32767  # in hundredths of a dB; no error of a picture is so small

@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from bench.fields import PSNR, stats_of
-from bench.records import Record
+from bench.records import PSNR, Record, stats_of
 
 Cells = Mapping[str, Mapping[str, Sequence[Record]]]  # the jobs of each material and label, one a seed
 SAME_DB = 0.005  # what tables round away: such codecs share a rank

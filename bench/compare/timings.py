@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bench.fields import CONDITIONS
-from bench.records import Record
+from bench.records import CONDITIONS, Record
 
-FLOOR = "mean-colour"
+UNIT = "mean-colour"
 FACTOR = 1.25  # what a ratio must change by to be mentioned
 
 
@@ -58,7 +57,7 @@ def multiples(jobs: Sequence[Record], timings: Sequence[Record]) -> dict[tuple[s
     for job in jobs:
         if job["job"] in by_job:
             rows.setdefault((job["material"], job["label"]), []).append(by_job[job["job"]])
-    found = {row: _multiple(ours, rows.get((row[0], FLOOR), [])) for row, ours in rows.items()}
+    found = {row: _multiple(ours, rows.get((row[0], UNIT), [])) for row, ours in rows.items()}
     return {row: multiple for row, multiple in found.items() if multiple}
 
 

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench import fields
 from bench import metrics as registry
+from bench import records
 from bench.btf import BTF
 from bench.codec import Progress, silent
 from bench.demand.corners import pair_shares
 from bench.demand.demand import Demand
-from bench.demand.reference import reference
+from bench.demand.truth import truth
 from bench.material import Material
 from bench.metrics.angular import as_number
 from bench.metrics.base import Prepared, SliceMetric
@@ -23,7 +23,7 @@ from bench.metrics.magma import magma
 Array = np.ndarray
 
 NAMES = registry.default_names(periodic=False)  # a frame has borders
-PSNR, FLIP = (fields.metric_of(NAMES, family) for family in (fields.PSNR, fields.FLIP))
+PSNR, FLIP = (records.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
 
 
 def table_of(btf: BTF) -> BTF:
@@ -46,7 +46,7 @@ class Judge:
     @cached_property
     def truth(self) -> Array:
         """The frames (frames, H, W, 3) of the reference table, linear RGB."""
-        return self.demand.pictures(reference(self.btf, self.demand, self.show))
+        return self.demand.pictures(truth(self.btf, self.demand, self.show))
 
     @cached_property
     def seen(self) -> Array:

@@ -15,7 +15,6 @@ from bench.codecs.loading import Loaded
 from bench.codecs.registry import load_codec
 from bench.codecs.scene_material import unreported
 from bench.errors import ContainerError
-from bench.fields import FLIP, PSNR, gate, metric_of
 from bench.hemisphere import to_degrees
 from bench.material import Material, parameters
 from bench.metrics import get as get_metric
@@ -30,7 +29,7 @@ from bench.metrics.scoring import (
     summarise_footprints,
     weighted,
 )
-from bench.records import Record
+from bench.records import FLIP, PSNR, Record, gate, metric_of
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
 from bench.threads import torch_threads

@@ -17,8 +17,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.fields import flattened
-from bench.records import Record, Run, load_run
+from bench.records import Record, Run, flattened, load_run
 
 _STARTED = "%Y%m%dT%H%M%S.%f"
 

@@ -10,9 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from bench.errors import InputError
-from bench.fields import PSNR, stats_of
 from bench.metrics.bd import FEWEST, bd_psnr, bd_rate
-from bench.records import Record
+from bench.records import PSNR, Record, stats_of
 
 ANCHOR = "pca"
 

@@ -17,10 +17,21 @@ from bench import atomic, timing
 from bench.codec import Progress, silent
 from bench.data.spec import MaterialSpec
 from bench.errors import InputError
-from bench.fields import FLIP, PSNR, gate, metric_of, metrics_of
 from bench.material import Material
 from bench.metrics.scoring import summarise
-from bench.records import TRADE, TRADE_FORMAT, Record, Run, load_run, load_trade
+from bench.records import (
+    FLIP,
+    PSNR,
+    TRADE,
+    TRADE_FORMAT,
+    Record,
+    Run,
+    gate,
+    load_run,
+    load_trade,
+    metric_of,
+    metrics_of,
+)
 from bench.runs import runner
 from bench.runs.choose import answers, psnr
 from bench.runs.evaluation import Slices, recorded

@@ -10,7 +10,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.arguments import usable_device
+from bench.commands import usable_device
 from bench.errors import FINE, InputError
 
 MARGIN = 1 / 6  # of a side: about what the built-in photographs lose

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.fields import PSNR
-from bench.records import Run
+from bench.records import PSNR, Run
 from reports.artefacts import Arrays, arrays
 from reports.figures.canvas import Figure, legend, new, png, style
 from reports.figures.looks import Looks

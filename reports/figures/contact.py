@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.fields import FLIP
-from bench.records import Run
+from bench.records import FLIP, Run
 from reports.artefacts import Arrays, arrays
 from reports.figures.canvas import DPI, Figure, new, png, style
 from reports.rows import Material, Row, materials

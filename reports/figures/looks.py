@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from bench.fields import shown_label
-from bench.records import Run
+from bench.records import Run, shown_label
 
 # Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The
 # marker changes together with the colour, so that no two of 14 are alike even in grey.

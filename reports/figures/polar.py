@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
-from bench.fields import FLIP
-from bench.records import Run
+from bench.records import FLIP, Run
 from reports.artefacts import angular
 from reports.figures.canvas import Figure, new, png, short, style
 from reports.rows import Material, materials

@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterator
 from statistics import fmean
 from typing import Any
 
-from bench.fields import PSNR
-from bench.records import Run
+from bench.records import PSNR, Run
 from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
 from reports.figures.looks import Looks
 from reports.rows import Material, Row, materials

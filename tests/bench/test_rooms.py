@@ -9,18 +9,18 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 FLOORS = [  # from the ground up; a room may enter those of lower floors, and a word any word
-    {"errors", "atomic", "threads", "hemisphere", "density", "settings", "records", "fields", "material", "btf"}
+    {"errors", "atomic", "threads", "hemisphere", "density", "settings", "records", "material", "btf"}
     | {"directions", "codec"},
     {"metrics"},
     {"data", "codecs"},
     {"timing", "decoder", "quantise", "training"},
     {"demand"},
     {"runs"},
-    {"compare", "conformance", "library"},
-    {"console", "arguments"},
+    {"compare", "conformance"},
+    {"console"},
     {"commands", "cli", ""},
 ]
-BESIDE = {("cli", "commands"), ("", "library")}
+BESIDE = {("cli", "commands")}
 FILES = [path for part in ("bench", "baselines", "neubtf", "reports") for path in sorted((ROOT / part).rglob("*.py"))]
 
 

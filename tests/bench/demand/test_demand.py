@@ -6,7 +6,7 @@ import pytest
 from bench import cli
 from bench.demand import demand as demands
 from bench.demand.collect import collect
-from bench.demand.portrait import summarise
+from bench.demand.overview import summarise
 from bench.demand.scene import named_scene, parse_scene, shipped
 from bench.demand.text_scene import TextScene
 from bench.errors import InputError

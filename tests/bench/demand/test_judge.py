@@ -9,9 +9,9 @@ from bench.conformance.check import tiny_btf
 from bench.demand.collect import collect
 from bench.demand.corners import pair_shares
 from bench.demand.judge import FLIP, PSNR, Judge, table_of
-from bench.demand.reference import reference
 from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
+from bench.demand.truth import truth
 from bench.hemisphere import uniform
 from bench.metrics.display import to_display
 from bench.metrics.scoring import Scorer, summarise, weighted
@@ -48,7 +48,7 @@ def test_the_reference_at_a_pair_and_a_texel_is_the_btf_itself():
     columns = {"wo": btf.wo[pair], "wi": btf.wi[pair], "footprint": np.zeros(len(asked), np.float32)}
     columns["uv"] = np.stack([(col + 0.5) / 8, 1 - (row + 0.5) / 8], 1).astype(np.float32)
     exact = type(asked)(**(vars(asked) | columns))
-    np.testing.assert_allclose(reference(btf, exact), btf.gather(pair, row, col), atol=2e-5)
+    np.testing.assert_allclose(truth(btf, exact), btf.gather(pair, row, col), atol=2e-5)
 
 
 def test_the_reference_over_a_box_is_its_mean():
@@ -58,7 +58,7 @@ def test_the_reference_over_a_box_is_its_mean():
     columns["footprint"] = np.full(count, 0.5, np.float32)  # four texels
     columns["uv"] = np.full((count, 2), 0.25, np.float32)  # the middle of the box at the lower left
     box = type(asked)(**(vars(asked) | columns))
-    np.testing.assert_allclose(reference(btf, box)[0], btf[7][4:, :4].mean((0, 1)), atol=1e-5)
+    np.testing.assert_allclose(truth(btf, box)[0], btf[7][4:, :4].mean((0, 1)), atol=1e-5)
 
 
 def test_the_table_makes_the_frames_of_the_reference_and_a_mean_colour_does_not():

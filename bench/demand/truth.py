@@ -16,7 +16,7 @@ from bench.material import sample_texture
 Array = np.ndarray
 
 
-def reference(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
+def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     """Linear radiance (n, 3) float32, not negative, of the queries of a demand. Each slice is read once at most."""
     found = corners(btf.layout, demand, radiance=True)
     pair, weight = found.sample.numpy().ravel(), found.weight.numpy().ravel()

@@ -1,6 +1,6 @@
 """What records say is read in one way, whoever reads them."""
 
-from bench import fields, timing
+from bench import records, timing
 
 STATS = {"pooled": 30.0}
 
@@ -10,30 +10,30 @@ def job(**groups):
 
 
 def test_held_out_pairs_decide_and_all_pairs_where_there_are_none():
-    assert fields.gate({"all": 0, "train": 0, "heldout": 0}) == "heldout"
-    assert fields.gate(["all", "train"]) == "all"
-    assert fields.metrics_of(job(all=["b"], heldout=["a"])) == {"a": STATS}
-    assert fields.metrics_of(job(all=["b"], train=["c"])) == {"b": STATS}
-    assert fields.metrics_of(job(all=["b"]), "train") == {}
+    assert records.gate({"all": 0, "train": 0, "heldout": 0}) == "heldout"
+    assert records.gate(["all", "train"]) == "all"
+    assert records.metrics_of(job(all=["b"], heldout=["a"])) == {"a": STATS}
+    assert records.metrics_of(job(all=["b"], train=["c"])) == {"b": STATS}
+    assert records.metrics_of(job(all=["b"]), "train") == {}
 
 
 def test_a_family_is_its_own_name_or_a_variant_and_no_other_word():
     names = ["ssimilar", "ssim_periodic", "flip_ldr_20ppd"]
-    assert fields.metric_of(names, "ssim") == "ssim_periodic"
-    assert fields.metric_of(names, fields.FLIP) == "flip_ldr_20ppd"
-    assert fields.metric_of(names, fields.PSNR) == ""
-    assert fields.stats_of(job(heldout=names), "ssim") == STATS
-    assert fields.stats_of(job(heldout=names), fields.PSNR) == {}
+    assert records.metric_of(names, "ssim") == "ssim_periodic"
+    assert records.metric_of(names, records.FLIP) == "flip_ldr_20ppd"
+    assert records.metric_of(names, records.PSNR) == ""
+    assert records.stats_of(job(heldout=names), "ssim") == STATS
+    assert records.stats_of(job(heldout=names), records.PSNR) == {}
 
 
 def test_every_condition_of_a_timing_is_compared():
-    assert set(fields.CONDITIONS) == set(timing.conditions(1, "cpu"))
+    assert set(records.CONDITIONS) == set(timing.conditions(1, "cpu"))
 
 
 def test_a_record_is_flattened_to_numbers_by_path():
     record = {"label": "a", "kind": "job", "bytes": {"total": 3}, "frames": [1, 2], "history": [{"step": 1}]}
     record |= {"long": list(range(100)), "score_key": {"metrics": {"ssim": 2}}}
-    found = dict(fields.flattened(record, {"interval95_ns": [1.0, 2.0], "samples_ns": [1.0], "run": "1"}))
+    found = dict(records.flattened(record, {"interval95_ns": [1.0, 2.0], "samples_ns": [1.0], "run": "1"}))
     assert {name: value for name, value in found.items() if value is not None} == {
         "label": "a",
         "metric_version/ssim": 2,
