@@ -166,6 +166,7 @@ def _conditions(start: Record) -> dict[str, object]:
     return {
         "torch": packages.get("torch"),
         "processor": machine.get("processor"),
+        "capability": machine.get("capability"),
         "device": start.get("device"),
         "threads": start.get("threads"),
     }

@@ -69,7 +69,8 @@ def _start(run: Run) -> Iterator[Record]:
         start = run.starts[-1]
         line = {key: start.get(key) for key in ("kind", "suite", "device", "threads")}
         line["packages"] = {name: start["packages"][name] for name in _PACKAGES if name in start.get("packages", {})}
-        yield line | {"machine": {"processor": start.get("machine", {}).get("processor")}}
+        machine = start.get("machine", {})
+        yield line | {"machine": {key: machine.get(key) for key in ("processor", "capability")}}
 
 
 def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
