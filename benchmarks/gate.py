@@ -118,8 +118,7 @@ def _values(native: Run, others: dict[str, Run], faults: dict[str, Run]) -> dict
 
 def _print_margins(base: Run) -> None:
     """The margins for three new seeds, which are the smallest losses that a row sees."""
-    # The last seeds stand for three new ones: any but the first three, which would be the same again.
-    found = compare(base, _shifted(base, max(job["seed"] for job in base.jobs) - 2))
+    found = compare(base, _shifted(base))
     print(
         f"{'smallest loss seen':<40}"
         + "".join(f"{name:>12}" for name in ("PSNR", "slice", "grazing", "footprints", "FLIP"))
@@ -130,10 +129,13 @@ def _print_margins(base: Run) -> None:
         print(f"{row.name:<40}" + "".join(numbers) + f"{margins.get('FLIP', 0):>12.4f}")
 
 
-def _shifted(base: Run, first: int) -> Run:
-    """Three seeds from `first` on as seeds 0, 1 and 2."""
-    chosen = [job for job in base.jobs if first <= job["seed"] < first + len(COMPARED)]
-    return _with(base, ({**job, "seed": job["seed"] - first} for job in chosen))
+def _shifted(base: Run) -> Run:
+    """The last three seeds of each row as its first: they stand for new ones, as those would be the same again."""
+    rows: dict[tuple[str, str], list[Record]] = {}
+    for job in base.jobs:
+        rows.setdefault((job["material"], job["label"]), []).append(job)
+    last = (jobs[-len(COMPARED) :] for jobs in rows.values())
+    return _with(base, (job | {"seed": seed} for jobs in last for seed, job in enumerate(jobs)))
 
 
 def _print_alarms(base: Run, others: dict[str, Run]) -> None:

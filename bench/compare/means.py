@@ -5,7 +5,6 @@ Fits scatter, each by itself, so their mean scatters less: what no single row ca
 
 import math
 from collections.abc import Sequence
-from statistics import fmean
 
 from bench.compare.quantities import Quantity
 from bench.compare.rows import ORDER, Row
@@ -38,23 +37,35 @@ def _mean(label: str, rows: list[Row], every: bool) -> Row | None:
 
 
 def _merged(changes: list[Change], every: bool) -> Change:
-    """The mean change of one quantity over some rows, and the margin of that mean."""
+    """The mean change of one quantity over some rows, each counting by `_weights`, and the margin of that mean."""
     quantity: Quantity = changes[0].quantity
-    chance = _together([change.chance for change in changes if change.chance], len(changes))
     tolerance = quantity.tolerance
     assert tolerance is not None, "what decides has a tolerance"
+    weights = _weights(changes, tolerance.common)
+    chance = _together(changes, weights)
     least = tolerance.common if every else tolerance.drawn if chance else tolerance.certain
     room = max(least, chance.margin if chance else 0.0)
-    base, new = (fmean([getattr(change, side) for change in changes]) for side in ("base", "new"))
+    base, new = (
+        math.fsum(weight * getattr(change, side) for weight, change in zip(weights, changes, strict=True))
+        for side in ("base", "new")
+    )
     whole = Change(quantity, base, new, Verdict.SHOWN)
     return Change(quantity, base, new, verdict(whole.loss, room), room, chance=chance)
 
 
-def _together(chances: list[Chance], count: int) -> Chance | None:
-    """How the mean of `count` differences scatters, of which some do, by Welch and Satterthwaite."""
-    squares = [chance.error**2 for chance in chances]
-    if not any(squares):
+def _weights(changes: list[Change], least: float) -> list[float]:
+    """Shares of the rows in their mean: the more a row scatters, the less it counts; `least` is what none is below.
+
+    The inverse of each variance is the best weight where all lose alike.
+    """
+    inverse = [1 / ((change.chance.error if change.chance else 0.0) ** 2 + least**2) for change in changes]
+    return [each / math.fsum(inverse) for each in inverse]
+
+
+def _together(changes: list[Change], weights: list[float]) -> Chance | None:
+    """How the mean of differences scatters, of which some do, by Welch and Satterthwaite."""
+    parts = [((w * c.chance.error) ** 2, c.chance.freedom) for w, c in zip(weights, changes, strict=True) if c.chance]
+    total = math.fsum(square for square, _ in parts)
+    if not total:
         return None
-    total = math.fsum(squares)
-    freedom = total**2 / math.fsum(s**2 / chance.freedom for s, chance in zip(squares, chances, strict=True))
-    return Chance(math.sqrt(total) / count, freedom)
+    return Chance(math.sqrt(total), total**2 / math.fsum(square**2 / freedom for square, freedom in parts))

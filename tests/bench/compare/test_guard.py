@@ -144,8 +144,10 @@ def test_a_loss_of_a_seventh_of_a_decibel_everywhere_is_caught_in_codecs_that_do
 
 
 def test_a_tenth_of_a_decibel_is_seen_in_the_mean_over_codecs_of_new_seeds(tmp_path):
-    """By the mean over slices; of new seeds, none of which the reference holds."""
-    found = replay(tmp_path, random.Random(3))
+    """By the mean over slices, of seeds that are not the same again."""
+    rows = SEEDS["native"]
+    last = jobs(rows, {row: range(len(values["PSNR"]))[-3:] for row, values in rows.items()})
+    found = compare(written(tmp_path / "base.jsonl", jobs(rows)), written(tmp_path / "new.jsonl", last))
     margins = {change.quantity.name: change.margin for change in found.means[-1].deciding}
     assert margins["slice"] <= 0.1
 
