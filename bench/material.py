@@ -66,7 +66,8 @@ class Material:
                 learned = next(value.parameters(), None) is not None
                 value.to(device=device, dtype=dtype if dtype is None or learned else at_least_float32(dtype))
             elif isinstance(value, Tensor):
-                setattr(self, name, value.to(device=device, dtype=dtype if value.is_floating_point() else None))
+                moved = value.to(device=device, dtype=dtype if value.is_floating_point() else None)
+                setattr(self, name, moved if moved.dtype == value.dtype else saturated(moved))
         self.device = self.device if device is None else torch.device(device)
         self.dtype = dtype or self.dtype
         return self

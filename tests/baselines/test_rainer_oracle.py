@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from baselines.rainer import Encoder
-from baselines.rainer2019 import Fitting, Rainer2019
+from baselines.rainer2019 import Encoded, Rainer2019
 from baselines.rainer2020 import Rainer2020, Rainer2020Network
 from bench.codec import Fit
 from bench.codecs import shared
@@ -88,13 +88,13 @@ def test_the_encoder_is_three_convolutions_and_a_linear_layer(pairs: int) -> Non
 
 def test_rainer2019_is_its_equations() -> None:
     btf, fit = tiny_btf(), Fit()
-    codec = Rainer2019(steps=20, texels=8, pairs=8, **FLOAT32)
+    codec = Rainer2019(recipe="paper", steps=20, texels=8, pairs=8, **FLOAT32)
     parts = codec.encode(btf, fit)
     material = codec.decode(parts, torch.device("cpu"))
     gain = float(parts.other["gain"])
     compared(material, parts.texture["latents"].numpy(), parts.decoder["weights"].numpy(), gain)
     # The latents of a fit that did no step are those of the encoder that it starts with.
-    fitting = Fitting(Samples(btf, gain, fit), codec.settings, fit)
+    fitting = Encoded(Samples(btf, gain, fit), codec.settings, fit)
     logs = np.log1p(gain * btf.texels([0, 3], [1, 5]).astype(np.float64))
     expected = [encode(to_vector(fitting.encoder).numpy(), one, 8) for one in logs]
     # The fit holds its data as halves.
