@@ -90,8 +90,9 @@ def compare(
     def between(some: list[Record], others: list[Record]) -> Interval | None:
         return interval(cells(base, some, new, others))
 
+    olds, news = _by_row(before), _by_row(after)
     rows = [
-        compared(_of(before, key), _of(after, key), declared, advice(ours.get(key), theirs.get(key)), between)
+        compared(olds.get(key, []), news.get(key, []), declared, advice(ours.get(key), theirs.get(key)), between)
         for key in sorted(keys, key=lambda key: order.index(key[0]))
     ]
     rows = [replace(row, allowed=any(_names(pattern, row) for pattern in allow)) for row in rows]
@@ -139,8 +140,12 @@ def _checked(job: Record, run: Run) -> Record:
     return job
 
 
-def _of(jobs: list[Record], key: tuple[str, str]) -> list[Record]:
-    return sorted((job for job in jobs if (job["material"], job["label"]) == key), key=lambda job: job["seed"])
+def _by_row(jobs: list[Record]) -> dict[tuple[str, str], list[Record]]:
+    """The jobs of each row, by material and label, in the order of their seeds."""
+    found: dict[tuple[str, str], list[Record]] = {}
+    for job in sorted(jobs, key=lambda job: job["seed"]):
+        found.setdefault((job["material"], job["label"]), []).append(job)
+    return found
 
 
 def _notes(base: Run, new: Run, rows: list[Row]) -> Iterator[str]:
