@@ -90,11 +90,11 @@ class _Cells:
         return [*told, *self._nearest(), *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
 
     def _nearest(self) -> list[str]:
-        """Of each extreme whose records say how much of the bound is used: where most of it is."""
+        """Of each extreme whose records say at which query how much of the bound is used: where most of it is."""
         worst: dict[str, Record] = {}
         for record in self.records.values():
             used, extreme = record.get("used"), record["extreme"]
-            if used is not None and (extreme not in worst or used > worst[extreme]["used"]):
+            if used is not None and record["detail"] and (extreme not in worst or used > worst[extreme]["used"]):
                 worst[extreme] = record
         return [f"{name}, worst of all: {record['subject']}: {record['detail']}" for name, record in worst.items()]
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from bench.codec import Progress
-from bench.codecs import loading
+from bench.codecs import loading, registry
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
-from bench.codecs.registry import load_codec
 from bench.codecs.scene_material import unreported
 from bench.errors import ContainerError
 from bench.hemisphere import to_degrees
@@ -40,7 +39,7 @@ Keep = Callable[[str, dict[str, Any]], str]
 
 def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
     """All that shapes the figures of a file: where a record has this key, nothing is scored again."""
-    codec = load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
+    codec = registry.load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
     code = identity(codec, __name__, *(type(metric).__module__ for metric in bench.scorer.metrics.values()))["code"]
     return {
         "sha256": header.sha256,

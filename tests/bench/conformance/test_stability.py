@@ -62,8 +62,33 @@ def test_a_codec_that_answers_0_everywhere_fails(tmp_path, monkeypatch):
     found = verdicts(broken(Dark), names, tmp_path, monkeypatch)
     passed = {name for name, verdict in found.items() if verdict.verdict == "pass"}
     assert passed == {"all zero", "NaN and infinite texels"}
-    assert found["constant"].figure == "100.0%"
+    assert found["two constants"].figure == "100.0%"
     assert "dB is due" in found["one row"].detail
+
+
+class OneColour(MeanColourMaterial):
+    """One flat colour, the mean of all texels."""
+
+    def __init__(self, texture):
+        super().__init__(texture.mean((0, 1), keepdim=True).expand_as(texture).clone())
+
+
+def test_a_codec_that_answers_one_colour_fails_where_texels_differ(tmp_path, monkeypatch):
+    names = ["two constants", "one firefly texel", "highlights of 1e6", "65,504 beside zeros", "rank one"]
+    found = verdicts(broken(OneColour), names, tmp_path, monkeypatch)
+    assert {name: verdict.verdict for name, verdict in found.items()} == dict.fromkeys(names, "fail")
+
+
+class BlackensTheRest(MeanColourMaterial):
+    """Keeps the brightest texels and blackens all others."""
+
+    def __init__(self, texture):
+        super().__init__(texture * (texture > texture.max() / 10))
+
+
+def test_a_codec_that_keeps_highlights_and_blackens_the_rest_fails(tmp_path, monkeypatch):
+    found = verdicts(broken(BlackensTheRest), ["highlights of 1e6"], tmp_path, monkeypatch)["highlights of 1e6"]
+    assert found.verdict == "fail", found
 
 
 class BreaksAtGrazing(MeanColourMaterial):
@@ -278,22 +303,22 @@ def test_a_broken_metric_or_loss_is_caught(monkeypatch):
 
 
 def test_the_command_records_prints_and_says_no(tmp_path, monkeypatch, capsys):
-    command = ["stress", "--codec", "mean-colour", "--case", "constant", "--case", "sine of 1e5", "--jobs", "1"]
+    command = ["stress", "--codec", "mean-colour", "--case", "two constants", "--case", "sine of 1e5", "--jobs", "1"]
     command += ["--out", str(tmp_path / "out")]
     assert main(command) == 0
     said = capsys.readouterr().out
-    assert re.search(r"^constant +pass$", said, re.M)
+    assert re.search(r"^two constants +pass$", said, re.M)
     assert re.search(r"^sine of 1e5 +n/a a$", said, re.M)
     assert "a: has no sine" in said
     monkeypatch.setattr("bench.conformance.stability.run.load_codec", lambda name: broken(Dark))
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": broken(Dark))
     assert main(command) == 1
     said = capsys.readouterr().out
-    assert re.search(r"^constant +FAIL 100.0%$", said, re.M)
-    assert "FAIL mean-colour, constant: a value is off by 100.000%" in said
+    assert re.search(r"^two constants +FAIL 100.0%$", said, re.M)
+    assert "FAIL mean-colour, two constants: a value is off by 100.000%" in said
     run = load_run(tmp_path / "out")
     found = {(r["subject"], r["extreme"], r["verdict"], r["version"]) for r in run.stress}
-    assert found == {("mean-colour", "constant", "fail", 1), ("mean-colour", "sine of 1e5", "n/a", 1)}
+    assert found == {("mean-colour", "two constants", "fail", 1), ("mean-colour", "sine of 1e5", "n/a", 1)}
 
 
 def test_its_folder_is_no_run(tmp_path, monkeypatch, capsys):
