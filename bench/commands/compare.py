@@ -37,8 +37,14 @@ def run(options: argparse.Namespace) -> int:
     from bench.records import load_run
     from reports.comparison import markdown, terminal
 
-    new = load_run(options.new)
-    found = compare(load_run(options.base), new, options.material, options.codec, options.allow)
+    base, new = load_run(options.base), load_run(options.new)
+    if base.stress and not base.jobs:
+        from bench.compare.extremes import report
+
+        text, code = report(base, new, options.codec, getattr(options, "allow", []))
+        print(text)
+        return code
+    found = compare(base, new, options.material, options.codec, options.allow)
     print(terminal(found))
     if options.annotations:
         from bench.compare.annotations import annotations

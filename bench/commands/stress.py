@@ -30,6 +30,7 @@ MOST = 81  # directions of a side to draw from
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
     parser.add_argument("--case", action="append", default=[], metavar="NAME", help="only this extreme; repeatable")
+    parser.add_argument("--cheap", action="store_true", help="only the extremes that `check` tries, too")
     parser.add_argument("--list", action="store_true", help="list the extremes and what must hold, and try nothing")
     parser.add_argument("--out", type=Path, default=Path("runs") / STRESS, help="its folder (default: runs/stress)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="at once (default: cores)")
@@ -52,6 +53,7 @@ def run(options: argparse.Namespace) -> int:
     from reports import stress_text
 
     codecs, cases = stress.chosen(options.codec, options.case)
+    cases = [case for case in cases if case.cheap or not options.cheap]
     _make(options.out)
     records.append(options.out, {"kind": "run", "suite": "stress", "device": "cpu"} | provenance())
     found: list[Record] = []

@@ -11,7 +11,7 @@ FILE = "stress.jsonl"
 
 def place() -> Path:
     """The committed record."""
-    return Path(str(files("bench") / "reference" / FILE))
+    return Path(str(files("bench") / "compare" / "references" / FILE))
 
 
 @cache

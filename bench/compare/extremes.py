@@ -1,0 +1,40 @@
+"""Compares two stress tests, cell by cell: what held and does not, and what is gone. `docs/stress.md` says when."""
+
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatch
+
+from bench.errors import FINE, NO, NOTHING
+from bench.records import Record, Run
+
+GONE = "is gone"
+
+
+def changes(base: Run, new: Run, codecs: Sequence[str] = ()) -> Iterator[tuple[str, str]]:
+    """Each cell that got worse, as its name, `CODEC: EXTREME`, and what became of it.
+
+    A cell of a codec of another version is compared like any other: an extreme that held must hold.
+    """
+    found = {(record["subject"], record["extreme"]): record for record in new.stress}
+    for before in base.stress:
+        subject, extreme = before["subject"], before["extreme"]
+        if before["verdict"] != "pass" or (codecs and subject not in codecs):
+            continue
+        after = found.get((subject, extreme))
+        if after is None:
+            yield f"{subject}: {extreme}", GONE
+        elif after["verdict"] != "pass":
+            yield f"{subject}: {extreme}", _said(after)
+
+
+def _said(after: Record) -> str:
+    return f"held, and now {after['verdict']}: {after['detail'] or after['figure']}"
+
+
+def report(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str] = ()) -> tuple[str, int]:
+    """The changes as text, and the exit code: 1 where a cell got worse that `allow` does not name, 4 for no cell."""
+    held = sum(record["verdict"] == "pass" for record in new.stress)
+    if not held or not len(base.stress):
+        return "no cell of a stress test can be compared", NOTHING
+    worse = [change for change in changes(base, new, codecs) if not any(fnmatch(change[0], name) for name in allow)]
+    lines = [f"{name} {what}" for name, what in worse]
+    return "\n".join([*lines, f"{held} cells hold, {len(worse)} got worse"]), NO if worse else FINE
