@@ -1,0 +1,101 @@
+"""Relief: the height of the surface, found in the training slices and marched at decoding, under a neural texture.
+
+Every published neural texture blurs a texel over the places where its views saw it. Here a plane sweep finds the height
+of each texel first; latents then belong to surface points, and the network has but their reflectance to learn. Where no
+height stands the test of lights that it was not found with, none is written. See docs/relief.md.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from torch import Tensor
+
+from baselines.relief import latents as coding
+from baselines.relief import sweep
+from baselines.relief.fitting import Fitting
+from baselines.relief.geometry import Relief as Surface
+from baselines.relief.material import ReliefMaterial
+from baselines.relief.network import Network
+from baselines.relief.pyramid import level_count
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.decoder import load_vector, to_vector
+from bench.material import Material
+from bench.quantise import WeightPrecision, pack, unpack
+from bench.settings import Count, Natural, Positive, Range
+from bench.training import Loss, Optimiser, Samples, Start, gain_of, train
+
+HEIGHT_BITS = 8
+HEIGHT_MIDDLE = 2 ** (HEIGHT_BITS - 1)  # the code of z = 0
+
+
+class Relief(Codec):
+    """Relief: heights found in the slices and marched, latents of few bits, directions in learned shading frames."""
+
+    name, version = "relief", 1
+    sizes = ("latents", "width")
+
+    @dataclass(frozen=True)
+    class Settings:
+        steps: Natural = 2_600  # of the fit
+        batch: Count = 4_096  # samples a step
+        latents: Count = 14  # channels of the neural texture
+        bits: Annotated[int, Range(2, 8)] = 8  # of each stored latent
+        layers: Count = 3  # hidden layers of the network
+        width: Count = 32  # channels of each hidden layer
+        omega: Positive = 2.0  # frequency of the sine
+        relief: bool = True  # look for a height; it is written only where the slices show one
+        frames: bool = True  # turn the directions into two learned shading frames
+        shadow: bool = True  # march toward the light as well, where there is a height
+        start: Start = "components"  # of the latents: principal components of the ABRDFs, or random
+        optimiser: Optimiser = "muon"  # of the matrices between hidden layers
+        rate: Positive = 1e-2  # highest learning rate of the network
+        latent_rate: Positive = 1e-2  # highest learning rate of the latents
+        hidden_rate: Positive = 2e-2  # highest learning rate of Muon
+        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+        weights: WeightPrecision = "half"  # of the stored network
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain = gain_of(btf, fit)
+        levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(_levels(btf, fit))]
+        texture, height = self._relief(btf, gain, fit)
+        fitting = Fitting(levels, height, self.settings, fit)
+        train(fitting, fit, self.settings.steps)
+        codes, low, step = fitting.coded()
+        bits = self.settings.bits
+        texture |= {"latents": coding.compress(codes.reshape(*btf.shape, -1), bits), "low": low, "step": step}
+        other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
+        return Parts(pack("weights", to_vector(fitting.network), self.settings.weights), texture, other=other)
+
+    def _relief(self, btf: BTF, gain: float, fit: Fit) -> tuple[dict[str, Tensor], Tensor | None]:
+        """The height as the file holds it, and as it is read back; nothing where there is none."""
+        found = sweep.find(btf, gain, fit) if self.settings.relief else None
+        if found is None or not found.stands:
+            return {}, None
+        unit = found.height.abs().max() / (HEIGHT_MIDDLE - 1)
+        codes = (found.height / unit).round() + HEIGHT_MIDDLE
+        texture = {"height": coding.compress(codes[..., None], HEIGHT_BITS), "height.unit": unit[None]}
+        return texture, (codes - HEIGHT_MIDDLE) * unit
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        height, width = parts.other["size"].tolist()
+        surface = None
+        if "height" in parts.texture:
+            codes = coding.expand(parts.texture["height"], (height, width, 1), HEIGHT_BITS)[..., 0]
+            # Heights beyond those that are looked for were altered: a search through them must end all the same.
+            unit = parts.texture["height.unit"].clamp(max=2 * sweep.REACH / HEIGHT_MIDDLE)
+            surface = Surface((codes - HEIGHT_MIDDLE) * unit)
+        network = Network(self.settings, surface is not None)
+        load_vector(unpack("weights", parts.decoder), network)
+        shape = (height, width, self.settings.latents)
+        latents = coding.expand(parts.texture["latents"], shape, self.settings.bits)
+        latents = latents * parts.texture["step"] + parts.texture["low"]
+        gain = float(parts.other["gain"])
+        return ReliefMaterial(network, (height, width), latents.flatten(0, 1), surface, gain).to(device)
+
+
+def _levels(btf: BTF, fit: Fit) -> int:
+    """Levels of detail that are fitted: all, or those that a scene sees."""
+    count = level_count(btf.shape)
+    return min(count, fit.density.levels(max(btf.shape))) if fit.density else count

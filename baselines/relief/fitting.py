@@ -1,0 +1,106 @@
+"""The fit of `relief`: latents, frames and network, by random samples of every level of detail."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from baselines.relief import latents as coding
+from baselines.relief.geometry import Relief, slope, wrapped
+from baselines.relief.material import answer
+from baselines.relief.network import Network
+from baselines.relief.pyramid import Pyramid
+from bench.codec import Fit
+from bench.material import sample_texture
+from bench.training import Batch, Objective, Samples, distance, first_latents, groups_of
+
+COARSE_SHARE = 8  # one sample in so many is of a coarser level
+ROUNDED_FROM = 0.5  # of the steps: from there on the latents are those that the file will hold
+
+
+class Rectified(Samples):
+    """Samples whose slices show surface points where each view sees them, instead of places on the plane."""
+
+    def __init__(self, samples: Samples, height: Tensor):
+        self.__dict__.update(vars(samples))
+        self.height = height.reshape(-1, 1).to(samples.device)
+
+    def slices(self, pair: Tensor) -> Tensor:
+        """The log radiance (texels, n, 3) of some pairs (n,), texels being those of the height."""
+        texel = torch.arange(self.texels, device=self.device)
+        found = []
+        for i, flat in zip(pair.tolist(), super().slices(pair).unbind(1), strict=True):
+            along = slope(self.wo[i : i + 1], self.shape)
+            found.append(
+                sample_texture(flat.reshape(*self.shape, 3), wrapped(self.centres(texel) - self.height * along))
+            )
+        return torch.stack(found, 1)
+
+
+class Fitting(Objective):
+    """The latents of the finest level and the network; the relief is given, and stays."""
+
+    def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
+        super().__init__(levels[0])
+        self.levels, self.settings = levels, settings
+        generator = fit.generator()
+        self.network = Network(settings, height is not None, generator)
+        self.network.start_at(self.samples.mean(generator))
+        self.pyramid = Pyramid(self.samples.shape)
+        self.relief = None if height is None else Relief(height)
+        source = self.samples if height is None else Rectified(self.samples, height)
+        self.latents = nn.Parameter(first_latents(source, settings.latents, settings.start, generator))
+        # How the latents are rounded, once they are: lowest value and step of each channel; a step of 0 says not yet.
+        self.register_buffer("low", torch.zeros(settings.latents))
+        self.register_buffer("step", torch.zeros(settings.latents))
+
+    low: Tensor
+    step: Tensor
+
+    def groups(self) -> list[dict[str, Any]]:
+        settings = self.settings
+        networks = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
+        return [*networks, {"params": [self.latents], "lr": settings.latent_rate}]
+
+    def table(self, progress: float) -> Tensor:
+        """The pyramid as it is looked up at some progress of the fit."""
+        latents: Tensor = self.latents
+        if progress >= ROUNDED_FROM:
+            if not self.step.any():
+                low, step = coding.steps_for(latents, self.settings.bits)
+                self.low.copy_(low)
+                self.step.copy_(step)
+            latents = coding.rounded(latents, self.low, self.step, self.settings.bits)
+        return self.pyramid.table(latents)
+
+    @torch.no_grad()
+    def coded(self) -> tuple[Tensor, Tensor, Tensor]:
+        """The codes (H · W, D) of the latents, and lowest value and step of each channel."""
+        self.table(1.0)
+        return coding.codes_of(self.latents, self.low, self.step, self.settings.bits), self.low, self.step
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        queries = next(self._queries([(0, batch)]))
+        return answer(self.network, self.pyramid, self.relief, self.table(progress), queries)
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        coarse = self.settings.batch // COARSE_SHARE if len(self.levels) > 1 else 0
+        batches = [(0, self.samples.draw(self.settings.batch - coarse, generator))]
+        if coarse:
+            level = int(torch.randint(1, len(self.levels), (), generator=generator))
+            batches.append((level, self.levels[level].draw(coarse, generator)))
+        queries = [torch.cat(parts) for parts in zip(*self._queries(batches), strict=True)]
+        uv, wo, wi, level_of = queries
+        ours = answer(self.network, self.pyramid, self.relief, self.table(progress), (uv, wo, wi, level_of))
+        return distance(ours, torch.cat([batch.target for _, batch in batches]), self.settings.loss)
+
+    def _queries(self, batches: list[tuple[int, Batch]]) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor]]:
+        """uv, wo, wi and level of batches. Texels of a coarser level are boxes of the finest, which it may not fill."""
+        height, width = self.samples.shape
+        for level, batch in batches:
+            samples, factor = self.levels[level], 2**level
+            row = batch.texel.div(samples.shape[1], rounding_mode="floor")
+            col = batch.texel - row * samples.shape[1]
+            uv = torch.stack([(col + 0.5) * (factor / width), 1 - (row + 0.5) * (factor / height)], 1)
+            yield uv, samples.wo[batch.pair], samples.wi[batch.pair], torch.full_like(uv[:, 0], level)

@@ -1,0 +1,97 @@
+"""A height per texel: where a view ray meets it, and how far it stands in the way of a light.
+
+Heights are in units of the picture's width above the reference plane z = 0; texels are square. The plane repeats with
+the picture. A texel p of a slice shows, seen along ω_o, the surface point p + z · ω_o.xy / ω_o.z, z being the height
+there: a point of height z therefore appears at its own place − z · ω_o.xy / ω_o.z.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from bench.material import sample_texture
+
+LOWEST = 0.2  # cosine of a direction: nearer to the horizon (78.5°) its slope grows no further
+FINENESS = 256  # texels a side at least of the height that is searched; beyond, it is searched as it is stored
+VIEW_STEPS, SECANTS = 16, 2  # of the search along the view
+LIGHT_STEPS = 12  # of the search toward the light
+
+
+def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
+    """What uv gain while a ray along `direction` (n, 3) rises by one unit of height: (n, 2)."""
+    across = direction[:, :2] / direction[:, 2:].clamp_min(LOWEST)
+    return across if shape[0] == shape[1] else across * across.new_tensor([1, shape[1] / shape[0]])
+
+
+class Relief(nn.Module):
+    """A height (H, W), made ready to be searched.
+
+    The search reads the nearest sample of a finer copy, padded so that no ray leaves it; the last steps interpolate.
+    """
+
+    def __init__(self, height: Tensor):
+        super().__init__()
+        self.shape = (height.shape[0], height.shape[1])
+        self.low, self.high = float(height.min()), float(height.max())
+        self.register_buffer("height", height.float()[..., None], persistent=False)
+        self.fine = [side * max(1, round(FINENESS / side)) for side in self.shape]
+        rise, wide = max(self.high - self.low, abs(self.low), abs(self.high)), self.shape[1] / self.shape[0]
+        self.margin = [int(rise / LOWEST * grow * side) + 2 for side, grow in zip(self.fine, (wide, 1), strict=True)]
+        self.register_buffer("padded", self._padded(), persistent=False)
+
+    height: Tensor
+    padded: Tensor
+
+    def _padded(self) -> Tensor:
+        (rows, cols), (above, left) = self.fine, self.margin
+        v = 1 - (torch.arange(-above, rows + above) + 0.5) / rows
+        u = (torch.arange(-left, cols + left) + 0.5) / cols
+        uv = torch.stack(torch.meshgrid(v, u, indexing="ij")[::-1], -1).flatten(0, 1)
+        return sample_texture(self.height, uv - uv.floor()).reshape(len(v), len(u))
+
+    def _nearest(self, u: Tensor, v: Tensor) -> Tensor:
+        """Heights at u and v, of any one shape, within the margin around [0, 1)."""
+        (rows, cols), (above, left) = self.fine, self.margin
+        col = (u * cols + left).int()
+        row = ((1 - v) * rows + above).int()
+        return self.padded.view(-1).take(row.mul_(self.padded.shape[1]).add_(col).long())
+
+    def meet(self, uv: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
+        """Where the rays through uv (n, 2) in [0, 1) on the plane, toward wo (n, 3), first meet the surface from above.
+
+        The place (n, 2), wrapped into [0, 1), and the height (n, 1) there: a linear search and `SECANTS` of the secant.
+        """
+        along = slope(wo, self.shape)
+        step = (self.high - self.low) / VIEW_STEPS
+        z = self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype)
+        over = self._nearest(uv[:, :1] + along[:, :1] * z, uv[:, 1:] + along[:, 1:] * z) - z
+        first = (over[:, 1:] >= 0).to(torch.uint8).argmax(1, keepdim=True)
+        # The last step lies at the lowest height, where rounding alone keeps a ray from the surface.
+        first = torch.where((over[:, 1:] >= 0).any(1, keepdim=True), first, VIEW_STEPS - 1)
+        upper, lower = z[first], z[first + 1]
+        before, after = over.gather(1, first).clamp_max(0), over.gather(1, first + 1).clamp_min(0)
+        for _ in range(SECANTS):
+            middle = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
+            found = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype) - middle
+            inside = found >= 0
+            lower, after = torch.where(inside, middle, lower), torch.where(inside, found, after)
+            upper, before = torch.where(inside, upper, middle), torch.where(inside, before, found)
+        z = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
+        return wrapped(uv + along * z), z
+
+    def excess(self, uv: Tensor, z: Tensor, wi: Tensor) -> Tensor:
+        """How far, in texels, the surface rises at most (n, 1) over the rays from uv at height z (n, 1) toward wi.
+
+        Negative where nothing stands in the way: the light passes over by so much.
+        """
+        along = slope(wi, self.shape)
+        share = (torch.arange(LIGHT_STEPS, device=uv.device, dtype=uv.dtype) + 0.5) / LIGHT_STEPS
+        rise = (self.high - z).clamp_min(0) * share
+        over = self._nearest(uv[:, :1] + along[:, :1] * rise, uv[:, 1:] + along[:, 1:] * rise) - (z + rise)
+        return over.amax(1, keepdim=True) * self.shape[1]
+
+
+def wrapped(uv: Tensor) -> Tensor:
+    """Places of the periodic plane within [0, 1)."""
+    # A tiny negative number rounds to 1, which is 0 again.
+    inside = uv - uv.floor()
+    return torch.where(inside < 1, inside, 0)

@@ -1,0 +1,48 @@
+"""What a file of `relief` decodes to: march the view ray to the surface, fetch the latents there, shade."""
+
+import torch
+from torch import Tensor
+
+from baselines.relief.geometry import LIGHT_STEPS, SECANTS, VIEW_STEPS, Relief
+from baselines.relief.network import Network
+from baselines.relief.pyramid import Pyramid
+from bench.material import DecoderCost, Material, to_radiance
+
+Queries = tuple[Tensor, Tensor, Tensor, Tensor]  # uv (n, 2) in [0, 1], wo and wi (n, 3), level of detail (n,)
+
+
+def answer(network: Network, pyramid: Pyramid, relief: Relief | None, table: Tensor, queries: Queries) -> Tensor:
+    """Log radiance (n, 3) of queries; what the fit and the decoded material share."""
+    uv, wo, wi, level = queries
+    excess = None
+    if relief is not None:
+        with torch.no_grad():
+            uv, z = relief.meet(uv, wo)
+            if network.shadow:
+                excess = relief.excess(uv, z, wi)
+    found: Tensor = network(pyramid.fetch(table, uv, level), level[:, None], wo, wi, excess)
+    return found
+
+
+class ReliefMaterial(Material):
+    """Latents (H · W, D) of the finest level, a height or none, and the network."""
+
+    def __init__(self, network: Network, size: tuple[int, int], latents: Tensor, relief: Relief | None, gain: float):
+        taps = 0 if relief is None else VIEW_STEPS + 1 + 4 * SECANTS + (LIGHT_STEPS if network.shadow else 0)
+        super().__init__(
+            size,
+            DecoderCost(
+                parameters=network.count,
+                texture_channels=latents.shape[1] + (relief is not None),
+                texture_floats=latents.numel() + (0 if relief is None else relief.height.numel()),
+                flops_per_sample=network.flops + 2 * 8 * latents.shape[1] + 8 * taps,
+                bytes_per_sample=8 * latents.shape[1] * latents.element_size() + 4 * taps,
+            ),
+        )
+        # The relief stands apart from the network: it holds places, which stay float32 where the network is shorter.
+        self.network, self.pyramid, self.relief, self.gain = network, Pyramid(size), relief, gain
+        self.table = self.pyramid.table(latents)
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        queries = (uv, wo, wi, self.pyramid.level(footprint))
+        return to_radiance(answer(self.network, self.pyramid, self.relief, self.table, queries), self.gain)

@@ -1,0 +1,75 @@
+"""The network: latents, directions, learned frames and the light's visibility → log radiance.
+
+NeuBTF's renderer, three hidden layers with layer norm and sine, sees more: ω_o, ω_i and the half vector h in xyz, the
+same in two shading frames, whose normal and tangent are linear in the latents (Zeltner et al., "Real-time neural
+appearance models", ACM Trans. Graph. 43(3), 2024), and how far the relief rises into the ray to the light.
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.decoder import Architecture, Decoder
+
+FRAMES = 2
+DEEPEST = 3.0  # level of detail, that of footprints of 8 texels, which the network sees as 1
+SHADOW = 0.5  # texels: about half of the penumbra that a texel's width makes
+
+
+class Network(nn.Module):
+    """Latents (n, D) and directions (n, 3) → log radiance (n, 3); with `relief` it may know the light's horizon."""
+
+    def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
+        super().__init__()
+        self.shadow: bool = relief and settings.shadow
+        inputs = settings.latents + 1 + 9 * (1 + FRAMES * settings.frames) + self.shadow
+        widths = (settings.width,) * settings.layers
+        outputs = 6 if self.shadow else 3
+        architecture = Architecture(inputs, widths, outputs, "sine", settings.omega, norm=True, residual=True)
+        self.decoder = Decoder(architecture, generator)
+        self.frames = nn.Linear(settings.latents, 6 * FRAMES) if settings.frames else None
+        if self.frames is not None:
+            with torch.no_grad():
+                self.frames.weight.normal_(0, 0.1, generator=generator)
+                self.frames.bias.copy_(torch.tensor([0.0, 0, 1, 1, 0, 0] * FRAMES))
+
+    @property
+    def count(self) -> int:
+        """Trainable numbers: of the decoder, and 12 (D + 1) of the frames."""
+        return sum(p.numel() for p in self.parameters())
+
+    @property
+    def flops(self) -> int:
+        """Operations of one sample, a fused multiply-add counted as two."""
+        frames = self.frames
+        if frames is None:
+            return self.decoder.architecture.flops
+        turned = FRAMES * (2 * 8 + 9 + 3 * 3 * 5)  # two lengths, a cross product, three directions on three axes
+        return self.decoder.architecture.flops + 2 * frames.in_features * frames.out_features + turned
+
+    def start_at(self, level: Tensor) -> None:
+        """Answer one log radiance (3,) whatever the inputs, the mask being open."""
+        outputs = torch.zeros(self.decoder.architecture.outputs)
+        outputs[:3] = level.cpu()
+        outputs[3:] = 2.0
+        self.decoder.start_at(outputs)
+
+    def forward(self, latents: Tensor, level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
+        """Log radiance (n, 3); `level` (n, 1) is that of detail, `excess` (n, 1) in texels, where there is relief."""
+        directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)], 1)
+        inputs = [latents, level.to(latents.dtype) / DEEPEST, directions.flatten(1).to(latents.dtype)]
+        if self.frames is not None:
+            axes = self.frames(latents).unflatten(1, (FRAMES, 2, 3))
+            normal, tangent = functional.normalize(axes, dim=3).unbind(2)
+            axes = torch.stack([tangent, torch.linalg.cross(normal, tangent), normal], 2).flatten(1, 2)
+            inputs.append((directions.to(axes.dtype) @ axes.mT).flatten(1))
+        if excess is not None:
+            inputs.append((excess * SHADOW).tanh().to(latents.dtype))
+        out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
+        if excess is None:
+            return out
+        # log1p(mask · radiance): a mask takes light away, and a log radiance goes below 0 rarely.
+        radiance = out[:, :3].clamp(max=60).expm1()
+        return (radiance * out[:, 3:].sigmoid()).clamp_min(-0.5).log1p()

@@ -1,0 +1,69 @@
+"""A texture and its box-filtered levels in one table, fetched trilinearly; a file holds the finest alone."""
+
+import math
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+
+def level_count(size: tuple[int, int]) -> int:
+    """Levels over a picture (H, W): each halves both sides, and none of them goes below a texel."""
+    return int(math.log2(min(size))) + 1
+
+
+class Pyramid(nn.Module):
+    """Where the texels of each level are: level i is (H // 2ⁱ, W // 2ⁱ), all in one table, the finest first."""
+
+    def __init__(self, size: tuple[int, int]):
+        super().__init__()
+        self.levels = [(size[0] >> level, size[1] >> level) for level in range(level_count(size))]
+        counts = [height * width for height, width in self.levels]
+        self.side = max(size)
+        self.register_buffer("sizes", torch.tensor(self.levels, dtype=torch.int32), persistent=False)
+        starts = torch.tensor([sum(counts[:i]) for i in range(len(counts))], dtype=torch.int32)
+        self.register_buffer("starts", starts, persistent=False)
+
+    sizes: Tensor
+    starts: Tensor
+
+    def table(self, finest: Tensor) -> Tensor:
+        """All levels (rows, C) of a texture (H · W, C)."""
+        picture = finest.reshape(1, *self.levels[0], -1).permute(0, 3, 1, 2)
+        tables = [finest]
+        for _ in self.levels[1:]:
+            picture = functional.avg_pool2d(picture, 2)
+            tables.append(picture[0].flatten(1).T)
+        return torch.cat(tables)
+
+    def level(self, footprint: Tensor) -> Tensor:
+        """The level (n,) of footprints (n,) in texture units: log2 of texels, within the pyramid."""
+        return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
+
+    def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
+        """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels."""
+        lower = level.int()
+        share = (level - lower)[:, None]
+        near, near_weight = self._corners(uv, lower)
+        far, far_weight = self._corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
+        index = torch.cat([near, far], 1)
+        weight = torch.cat([near_weight * (1 - share), far_weight * share], 1).to(table.dtype)
+        if not table.requires_grad:
+            return functional.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
+        # A bag's gradient takes longer than that of the sum written out.
+        return torch.einsum("nk,nkc->nc", weight, table[index])
+
+    def _corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
+        """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
+        height, width = self.sizes[level].unbind(1)
+        # Half precision cannot address texels: places are found in float32 whatever the dtype.
+        col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
+        west, north = col.floor(), row.floor()
+        right, below = col - west, row - north
+        west, north = west.int().remainder(width), north.int().remainder(height)
+        east, south = torch.where(west == width - 1, 0, west + 1), torch.where(north == height - 1, 0, north + 1)
+        start = self.starts[level]
+        upper, lower = start + north * width, start + south * width
+        left, above = 1 - right, 1 - below
+        index = torch.stack([upper + west, upper + east, lower + west, lower + east], 1)
+        return index, torch.stack([above * left, above * right, below * left, below * right], 1)
