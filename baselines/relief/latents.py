@@ -1,7 +1,7 @@
 """Textures in two to eight bits a number: the steps they are rounded to, and the bytes that a file holds.
 
-Codes are written plane by plane, each as the high bits of a byte, and compressed by LZMA, whose range coder then sees
-the code before as its context. It comes with Python, and takes a quarter off the bytes of latents.
+Codes are stored plane by plane in the shortest of three ways, which the first byte names: their bits alone, or LZMA's
+range coder, whose odds adapt to each plane, without context or with the code before as context. LZMA comes with Python.
 """
 
 import lzma
@@ -13,7 +13,7 @@ from torch import Tensor
 from bench.errors import InputError
 
 RANGES = 29  # shares of a channel's range, from 0.3 to all of it, that are tried: rounding finer, clipping more
-_CODER = {"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 4, "lp": 0, "pb": 0}
+PACKED, ALONE, AFTER = range(3)  # the ways; LZMA's context are the high bits of the byte before
 
 
 def steps_for(values: Tensor, bits: int) -> tuple[Tensor, Tensor]:
@@ -46,25 +46,39 @@ def rounded(values: Tensor, low: Tensor, step: Tensor, bits: int) -> Tensor:
 
 def compress(codes: Tensor, bits: int) -> Tensor:
     """Codes (H, W, C) below 2^bits as bytes (n,), uint8, without loss."""
-    planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).transpose(2, 0, 1)) << (8 - bits)
-    data = lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=[_filter(planes.size)])
-    return torch.frombuffer(bytearray(data), dtype=torch.uint8)
+    planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).transpose(2, 0, 1)).reshape(-1)
+    shifted = planes << (8 - bits)
+    ways = {
+        PACKED: np.packbits(np.unpackbits(shifted[:, None], axis=1)[:, :bits]).tobytes(),
+        ALONE: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(ALONE, planes.size)),
+        AFTER: lzma.compress(shifted.tobytes(), lzma.FORMAT_RAW, filters=_coder(AFTER, planes.size)),
+    }
+    way = min(ways, key=lambda each: len(ways[each]))
+    return torch.frombuffer(bytearray([way]) + ways[way], dtype=torch.uint8)
 
 
 def expand(data: Tensor, shape: tuple[int, int, int], bits: int) -> Tensor:
     """The codes (H, W, C), as floats, of what `compress` gave; memory stays within that shape."""
     height, width, channels = shape
     count = height * width * channels
-    decoder = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=[_filter(count)])
-    try:
-        planes = decoder.decompress(data.numpy().tobytes(), max_length=count)
-    except lzma.LZMAError as error:
-        raise InputError(f"a texture of this file does not expand ({error}): encode it again") from error
+    way, payload = int(data[0]), data[1:].numpy().tobytes()
+    if way == PACKED:
+        flags = np.unpackbits(np.frombuffer(payload, np.uint8), count=count * bits)
+        planes = np.packbits(flags.reshape(-1, bits), axis=1).reshape(-1) >> (8 - bits)
+    else:
+        try:
+            decoder = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=_coder(way, count))
+            planes = np.frombuffer(decoder.decompress(payload, max_length=count), np.uint8)
+        except lzma.LZMAError as error:
+            raise InputError(f"a texture of this file does not expand ({error}): encode it again") from error
+        planes = planes >> (8 - bits) if way == AFTER else planes
     if len(planes) != count:
         raise InputError(f"a texture of this file holds {len(planes)} codes, not {count}: encode it again")
-    found = np.frombuffer(planes, np.uint8).reshape(channels, height, width) >> (8 - bits)
-    return torch.from_numpy(found.transpose(1, 2, 0).astype(np.float32))
+    return torch.from_numpy(planes.reshape(channels, height, width).transpose(1, 2, 0).astype(np.float32))
 
 
-def _filter(count: int) -> dict[str, int]:
-    return _CODER | {"dict_size": min(max(4096, count), 1 << 24)}
+def _coder(way: int, count: int) -> list[dict[str, int]]:
+    context = 4 if way == AFTER else 0
+    size = min(max(4096, count), 1 << 24)
+    preset = 9 | lzma.PRESET_EXTREME
+    return [{"id": lzma.FILTER_LZMA2, "preset": preset, "lc": context, "lp": 0, "pb": 0, "dict_size": size}]

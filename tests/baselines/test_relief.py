@@ -1,0 +1,171 @@
+"""The codec: what its file holds, what it finds, and what it leaves out."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.relief.codec import Relief
+from baselines.relief.material import ReliefMaterial
+from bench.btf import BTF, ArraySource
+from bench.codec import Fit
+from bench.codecs import container, training
+from bench.conformance.check import tiny_btf
+from bench.data.materials.maps import Maps
+from bench.data.materials.renderer import render
+from bench.errors import InputError
+from bench.hemisphere import thin, ubo2003
+from bench.material import parameters
+
+SIZE = 16
+
+
+def bumps(amplitude: float = 0.06, views: int = 13, lights: int = 9, size: int = SIZE) -> tuple[BTF, np.ndarray]:
+    """A rendered waves-and-spots surface and its true height (H, W), of which the mean is 0."""
+    rng = np.random.default_rng(3)
+    v, u = 2 * np.pi * (np.mgrid[: 8 * size, : 8 * size] + 0.5) / (8 * size)
+    height = amplitude * (np.sin(u) * np.sin(v))
+    colour = np.kron(rng.uniform(0.1, 0.9, (size, size, 3)), np.ones((8, 8, 1)))
+    maps = Maps(height=height, base_colour=colour, roughness=0.8, specular=0.3)
+    directions = ubo2003()
+    wo, wi = directions[thin(directions, views)], directions[thin(directions, lights)]
+    wo, wi = np.repeat(wo, lights, 0), np.tile(wi, (views, 1))
+    values = render(maps, wo, wi, (size, size))
+    truth = height.reshape(size, 8, size, 8).mean((1, 3))
+    return BTF("bumps", wo, wi, ArraySource(values), periodic=True), truth - truth.mean()
+
+
+def fitted(btf: BTF, **settings: Any) -> ReliefMaterial:
+    codec = Relief(**{"steps": 20, "batch": 256} | settings)
+    material = codec.decode(codec.encode(btf, Fit()), torch.device("cpu"))
+    assert isinstance(material, ReliefMaterial)
+    return material
+
+
+@pytest.mark.parametrize(
+    ("settings", "count"),
+    # (42 + 1) · 32 + 2 · 33 · 32 + 33 · 3, norms 6 · 32, frames 15 · 12
+    [({}, 3_959), ({"frames": False}, 3_203), ({"latents": 4, "width": 16}, 1_279)],
+    ids=["default", "no frames", "small"],
+)
+def test_parameters_without_relief(settings: dict[str, Any], count: int) -> None:
+    material = fitted(tiny_btf(), **settings)
+    assert parameters(material) == material.cost.parameters == count
+
+
+def test_parameters_with_relief() -> None:
+    """One input more, the visibility of the light, and three outputs, its mask."""
+    material = fitted(bumps()[0])
+    assert parameters(material) == material.cost.parameters == 3_959 + 32 + 3 * 33
+    assert material.cost.texture_channels == 15
+
+
+def test_the_height_is_found() -> None:
+    btf, truth = bumps()
+    material = fitted(btf)
+    assert material.relief is not None
+    found = material.relief.height[..., 0].numpy()
+    assert np.corrcoef(found.ravel(), truth.ravel())[0, 1] > 0.9
+    # A texel is 0.06 wide.
+    assert np.sqrt(np.square(found - truth).mean()) < 0.02
+
+
+@pytest.mark.parametrize(
+    "btf",
+    [bumps(amplitude=0.0)[0], tiny_btf(), bumps(views=1)[0], bumps(lights=1)[0]],
+    ids=["flat", "flat and glossy", "one view", "one light"],
+)
+def test_no_height_is_written_where_there_is_none(btf: BTF) -> None:
+    parts = Relief(steps=1, batch=64).encode(btf, Fit())
+    assert set(parts.texture) == {"latents", "low", "step"}
+
+
+def test_relief_is_nearer_than_none() -> None:
+    btf, _ = bumps(amplitude=0.09)
+    truth = np.stack(list(btf))
+
+    def error(**settings: Any) -> float:
+        material = fitted(btf, steps=150, batch=1024, **settings)
+        ours = [material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()).numpy() for i in range(len(btf))]
+        return float(np.square(np.stack(ours) - truth).mean())
+
+    assert error() < 0.8 * error(relief=False)
+
+
+def test_bits_are_what_is_paid() -> None:
+    """A latent of n bits takes at most n bits of the file."""
+    noise = BTF("noise", tiny_btf().wo, tiny_btf().wi, ArraySource(np.random.default_rng(0).random((81, 32, 32, 3))))
+    sizes = {}
+    for bits in (2, 4, 8):
+        parts = Relief(steps=1, batch=64, bits=bits).encode(noise, Fit())
+        sizes[bits] = len(parts.texture["latents"])
+        assert sizes[bits] < 32 * 32 * 14 * bits / 8 + 2
+    assert sizes[2] < sizes[4] < sizes[8]
+
+
+def test_a_file_answers_as_the_fit_did() -> None:
+    """What is rounded in the fit is what the file holds."""
+    from baselines.relief.fitting import Fitting
+
+    btf, _ = bumps()
+    codec = Relief(steps=20, batch=256, weights="float32", bits=4)
+    fit, kept = Fit(), list[Fitting]()
+
+    class Watched(Fitting):
+        def __init__(self, *given: Any) -> None:
+            super().__init__(*given)
+            kept.append(self)
+
+    import baselines.relief.codec as module
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "Fitting", Watched)
+        material = codec.decode(codec.encode(btf, fit), torch.device("cpu"))
+    samples = kept[0].samples
+    batch = samples.draw(200, fit.generator())
+    with torch.no_grad():
+        expected = kept[0].predict(batch, 1.0).expm1().clamp_min(0) / samples.gain
+    found = material.query(samples.centres(batch.texel), samples.wo[batch.pair], samples.wi[batch.pair])
+    torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-5)
+
+
+def test_a_larger_footprint_is_fitted() -> None:
+    like = tiny_btf()
+    checks = np.indices((8, 8)).sum(0) % 2 * like.wi[:, 2, None, None]
+    btf = BTF("checks", like.wo, like.wi, ArraySource(np.repeat(checks[..., None], 3, -1).astype(np.float32)))
+    material = fitted(btf, steps=300)
+    fine, coarse = (material.slice([0, 0, 1], [0, 0, 1], (n, n)) for n in (8, 4))
+    assert (fine.amax() - fine.amin()) > 0.8
+    # Black or white would be 0.5 away, a fit of a few seconds is not exact.
+    assert (coarse - 0.5).abs().max() < 0.25
+
+
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (2, 16)])
+def test_any_size_is_fitted(size: tuple[int, int]) -> None:
+    like = tiny_btf()
+    values = np.random.default_rng(0).uniform(0, 1, (len(like), *size, 3)).astype(np.float32)
+    material = fitted(BTF("noise", like.wo, like.wi, ArraySource(values)))
+    assert material.slice([0, 0, 1], [0, 0, 1]).shape == (*size, 3)
+
+
+def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "KEEP_EVERY", 10)
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+    codec, (btf, _) = Relief(steps=30, batch=64, bits=4), bumps()
+
+    def halt(label: str, done: int, total: int) -> None:
+        if label.startswith("fitting") and done == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        codec.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
+    resumed = codec.encode(btf, Fit(checkpoint=tmp_path / "state"))
+    assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(btf, Fit()))
+
+
+def test_settings_without_sense_are_refused() -> None:
+    for wrong in ({"bits": 1}, {"bits": 9}, {"latents": 0}, {"width": 0}):
+        with pytest.raises(InputError, match="codec relief must be"):
+            Relief(**wrong)
