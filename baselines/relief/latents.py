@@ -47,7 +47,7 @@ def rounded(values: Tensor, low: Tensor, step: Tensor, bits: int) -> Tensor:
 def compress(codes: Tensor, bits: int) -> Tensor:
     """Codes (H, W, C) below 2^bits as bytes (n,), uint8, without loss."""
     planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).transpose(2, 0, 1)).reshape(-1)
-    shifted = planes << (8 - bits)
+    shifted = planes << np.uint8(8 - bits)
     ways = {
         PACKED: np.packbits(np.unpackbits(shifted[:, None], axis=1)[:, :bits]).tobytes(),
         ALONE: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(ALONE, planes.size)),
@@ -64,14 +64,14 @@ def expand(data: Tensor, shape: tuple[int, int, int], bits: int) -> Tensor:
     way, payload = int(data[0]), data[1:].numpy().tobytes()
     if way == PACKED:
         flags = np.unpackbits(np.frombuffer(payload, np.uint8), count=count * bits)
-        planes = np.packbits(flags.reshape(-1, bits), axis=1).reshape(-1) >> (8 - bits)
+        planes = np.packbits(flags.reshape(-1, bits), axis=1).reshape(-1) >> np.uint8(8 - bits)
     else:
         try:
             decoder = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=_coder(way, count))
             planes = np.frombuffer(decoder.decompress(payload, max_length=count), np.uint8)
         except lzma.LZMAError as error:
             raise InputError(f"a texture of this file does not expand ({error}): encode it again") from error
-        planes = planes >> (8 - bits) if way == AFTER else planes
+        planes = planes >> np.uint8(8 - bits) if way == AFTER else planes
     if len(planes) != count:
         raise InputError(f"a texture of this file holds {len(planes)} codes, not {count}: encode it again")
     return torch.from_numpy(planes.reshape(channels, height, width).transpose(1, 2, 0).astype(np.float32))

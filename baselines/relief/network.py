@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.decoder import Architecture, Decoder
+from bench.material import saturated
 
 FRAMES = 2
 DEEPEST = 3.0  # level of detail, that of footprints of 8 texels, which the network sees as 1
@@ -61,10 +62,10 @@ class Network(nn.Module):
         directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)], 1)
         inputs = [latents, level.to(latents.dtype) / DEEPEST, directions.flatten(1).to(latents.dtype)]
         if self.frames is not None:
-            axes = self.frames(latents).unflatten(1, (FRAMES, 2, 3))
+            axes = saturated(self.frames(latents)).to(directions.dtype).unflatten(1, (FRAMES, 2, 3))
             normal, tangent = functional.normalize(axes, dim=3).unbind(2)
             axes = torch.stack([tangent, torch.linalg.cross(normal, tangent), normal], 2).flatten(1, 2)
-            inputs.append((directions.to(axes.dtype) @ axes.mT).flatten(1))
+            inputs.append((directions @ axes.mT).flatten(1).to(latents.dtype))
         if excess is not None:
             inputs.append((excess * SHADOW).tanh().to(latents.dtype))
         out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)

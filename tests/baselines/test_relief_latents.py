@@ -20,7 +20,7 @@ def test_what_repeats_takes_less() -> None:
 
 def test_a_damaged_texture_says_so() -> None:
     data = compress(torch.zeros(8, 8, 2), 4)
-    with pytest.raises(InputError, match="holds|expand"):
+    with pytest.raises(InputError, match=r"holds|expand"):
         expand(data[:5], (8, 8, 2), 4)
     with pytest.raises(InputError, match="not 512"):
         expand(data, (16, 16, 2), 4)
