@@ -41,7 +41,7 @@ class Relief(Codec):
         steps: Natural = 2_600  # of the fit
         batch: Count = 4_096  # samples a step
         latents: Count = 14  # channels of the neural texture
-        bits: Annotated[int, Range(2, 8)] = 8  # of each stored latent
+        bits: Annotated[int, Range(2, 8)] = 5  # of each stored latent
         layers: Count = 3  # hidden layers of the network
         width: Count = 32  # channels of each hidden layer
         omega: Positive = 2.0  # frequency of the sine
