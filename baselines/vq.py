@@ -17,7 +17,7 @@ from torch.nn import functional
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
-from bench.material import DecoderCost, Material, texel_corners, to_radiance
+from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
 from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
 from bench.training import gain_of, truncated_svd
@@ -106,7 +106,7 @@ class VQMaterial(Material):
         mixed = functional.embedding_bag(
             row.flatten(1), self.codebook, per_sample_weights=weight.flatten(1), mode="sum"
         )
-        level = mixed.to(share.dtype).clamp_min(0)
+        level = saturated(mixed).to(share.dtype).clamp_min(0)  # shares of halves may add up to more than 1
         return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
 
 

@@ -136,6 +136,13 @@ def test_a_short_material_is_asked_in_float32_and_keeps_its_geometry(dtype):
     assert torch.equal(material.seen[0][1], wo)
 
 
+def test_what_no_half_holds_becomes_the_largest_that_one_does():
+    material = Constant()
+    material.table = torch.tensor([1e6, -1e6, 3.0])
+    material.to(dtype=torch.float16)
+    assert material.table.tolist() == [65504.0, -65504.0, 3.0]
+
+
 def test_radiance_is_finite_whatever_the_level():
     level = torch.tensor([0.0, 0.5, 100.0, 65504.0], dtype=torch.float16)
     radiance = to_radiance(level, 1e-6)
