@@ -324,7 +324,7 @@ class BTF:
         if not (1 <= height <= self.shape[0] and 1 <= width <= self.shape[1]):
             raise ValueError(f"a window of {height} × {width} does not fit into {self.shape}")
         source = _Cropped(self.source, top, left, height, width)
-        cropped = self.over(source, window=[top, left, height, width])
+        cropped = self.over(source, cropped=[top, left, height, width])
         cropped.periodic = False
         return cropped
 

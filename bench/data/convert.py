@@ -4,7 +4,6 @@ Slices are read and written one at a time, so memory stays small whatever the si
 place under a temporary name, opened once to see that it can be read, and renamed.
 """
 
-import hashlib
 import os
 import shutil
 from collections.abc import Callable
@@ -43,37 +42,7 @@ def cropped(btf: BTF, row: int, col: int, height: int, width: int) -> BTF:
         raise InputError(f"--crop {row},{col},{height},{width}: does not fit into {H} x {W} texels")
     if (height, width) == (H, W):
         return btf
-    return BTF(
-        btf.name,
-        btf.wo,
-        btf.wi,
-        _Window(btf.source, row, col, height, width),
-        heldout=btf.heldout,
-        provenance=btf.provenance | {"cropped": [row, col, height, width]},
-        pairs=btf.pairs,
-    )
-
-
-class _Window(Source):
-    """A rectangle of another source."""
-
-    def __init__(self, source: Source, row: int, col: int, height: int, width: int):
-        self.source, self.row, self.col = source, row, col
-        self.shape, self.count = (height, width), source.count
-
-    def slice(self, pair: int) -> Array:
-        (H, W), row, col = self.shape, self.row, self.col
-        return self.source.slice(pair)[row : row + H, col : col + W]
-
-    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
-        return self.source.texels(rows + self.row, cols + self.col, pairs)
-
-    def gather(self, pair: Array, row: Array, col: Array) -> Array:
-        return self.source.gather(pair, row + self.row, col + self.col)
-
-    def fingerprint(self) -> str:
-        window = f"{self.source.fingerprint()} window {self.row} {self.col} {self.shape}"
-        return hashlib.sha256(window.encode()).hexdigest()
+    return btf.crop(row, col, height, width)
 
 
 class _Watched(Source):
@@ -117,16 +86,7 @@ def write_btf(btf: BTF, out: Path, progress: Callable[[int, int], None] | None =
     partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
     if progress:
         source = _Watched(btf.source, lambda done: progress(done, len(btf)))
-        btf = BTF(
-            btf.name,
-            btf.wo,
-            btf.wi,
-            source,
-            heldout=btf.heldout,
-            periodic=btf.periodic,
-            provenance=btf.provenance,
-            pairs=btf.pairs,
-        )
+        btf = btf.over(source)
     try:
         (write_npz if to_file else write_folder)(btf, partial)
         open_btf(partial)  # what the readers would refuse must not stand there as if it were done

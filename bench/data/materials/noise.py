@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from bench.metrics.display import decode_srgb
+
 Array = np.ndarray
 
 
@@ -31,5 +33,4 @@ def mix(a: Array, b: Array, weight: Array) -> Array:
 
 def srgb(*codes: float) -> Array:
     """A colour of sRGB codes in [0, 255] as linear Rec. 709 (IEC 61966-2-1)."""
-    encoded = np.array(codes) / 255
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return decode_srgb(np.array(codes) / 255)

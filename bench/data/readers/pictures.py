@@ -19,6 +19,7 @@ from bench.btf import Source, finite
 from bench.data.readers.checks import readable
 from bench.data.readers.files import Files, FolderFiles
 from bench.errors import InputError
+from bench.metrics.display import decode_srgb
 
 Array = np.ndarray
 MAX_PIXELS = 1 << 26
@@ -35,8 +36,7 @@ REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 @cache
 def srgb_table(levels: int) -> Array:
     """Linear values (levels,) float32 in [0, 1] of sRGB codes 0 … levels − 1 (IEC 61966-2-1)."""
-    code = np.arange(levels) / (levels - 1)
-    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return decode_srgb(np.arange(levels) / (levels - 1)).astype(np.float32)
 
 
 def kind_of(head: bytes) -> str | None:

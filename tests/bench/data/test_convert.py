@@ -36,6 +36,7 @@ def test_a_window_is_cut_and_wraps_no_longer(btf):
     window = changed(btf, crop=(2, 3, 6, 4))
     assert window.shape == (6, 4)
     assert not window.periodic
+    assert window.provenance["cropped"] == [2, 3, 6, 4]
     np.testing.assert_array_equal(window[7], btf[7][2:8, 3:7])
     np.testing.assert_array_equal(window.texels([1], [2]), btf.texels([3], [5]))
     np.testing.assert_array_equal(window.gather([4], [1], [2]), btf.gather([4], [3], [5]))
