@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, written under a temporary name, then renamed; and the cache folder."""
+"""Writes files whole or not at all (under a temporary name, then renamed), and locates the cache folder."""
 
 import fcntl
 import os
@@ -16,10 +16,10 @@ SUFFIX = ".partial"
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary name beside `path` to write to; it takes the place of `path` when the block ends without an error.
+    """Yield a temporary name beside `path` to write to; it is renamed to `path` when the block ends without an error.
 
-    The name is random, so that processes of several machines can write the same file, each whole. An `OSError` of the
-    temporary name, or of no name, as that of a full disk, tells `path`.
+    The name is random, so processes on several machines can write the same file without mixing their bytes. An
+    `OSError` that names the temporary file or no file (a full disk) is changed to name `path`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(secrets.token_hex(8) + SUFFIX)
@@ -35,7 +35,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Write a file in one move; its bytes are on the disk before its name is."""
+    """Write a file atomically: its bytes are synced to disk before it is renamed."""
     with replacing(path) as partial, open(partial, "wb") as file:
         file.write(data)
         file.flush()
@@ -43,9 +43,9 @@ def write(path: Path, data: bytes) -> None:
 
 
 def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
-    """A new .npy file, memory-mapped, to be filled. Its place on the disk is taken now.
+    """Create a memory-mapped .npy file to be filled, and reserve its disk space.
 
-    On a full disk this is an `OSError`, where a write to the mapping would kill the process.
+    A full disk raises an `OSError` here; a later write to the mapping would kill the process instead.
     """
     import numpy as np
 
@@ -58,9 +58,9 @@ def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
 
 @contextmanager
 def alone(path: Path) -> Iterator[None]:
-    """Hold off other processes that would make `path`: they wait here, and should look again whether it is made.
+    """Hold a lock while making `path`; other processes wait here, and should then check again whether it exists.
 
-    Where the file system cannot lock, several make it, each whole.
+    On a file system without locks several processes make the file at once; each writes it whole.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = path.with_name(path.name + ".lock")
@@ -73,7 +73,7 @@ def alone(path: Path) -> Iterator[None]:
 
 
 def _locked(path: Path) -> int:
-    """A file of that name, open and locked; who waited for one that its holder removed opens the next."""
+    """Open and lock the file of that name; if its holder removed it meanwhile, open it anew."""
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
@@ -88,7 +88,7 @@ def _locked(path: Path) -> int:
 
 
 def is_still(file: int, path: Path) -> bool:
-    """Whether an open file is the one that stands under a name."""
+    """Whether an open file is still the file at `path`."""
     try:
         return os.path.samestat(os.fstat(file), os.stat(path))
     except FileNotFoundError:
@@ -96,7 +96,7 @@ def is_still(file: int, path: Path) -> bool:
 
 
 def cache_dir() -> Path:
-    """The folder of what can be made again, renderings and scratch files; it is made when missing.
+    """The cache folder, for renderings and scratch files, which can all be made again; created when missing.
 
     `$NEUBTF_CACHE`, else `$XDG_CACHE_HOME/neubtf-bench`, else `~/.cache/neubtf-bench`.
     """

@@ -1,4 +1,4 @@
-"""The bidirectional texture function (BTF): what every reader gives and every codec is given.
+"""The bidirectional texture function (BTF): every reader returns one, every codec encodes one.
 
 Conventions, on which every docstring of the suite relies:
 
@@ -8,8 +8,8 @@ Conventions, on which every docstring of the suite relies:
 - **Texels.** `uv` is in texture units, periodic. Row 0 is the top row of the picture: texel (row, col) has its
   centre at u = (col + 0.5) / W, v = 1 − (row + 0.5) / H. A footprint is the side of a square box in texture units.
 - **Values.** Linear Rec. 709 RGB of f_r · cos θ_i: the radiance that leaves toward ω_o under a directional light
-  of unit irradiance on a plane that faces it. Highlights are not clamped. What a reader converted stands in
-  `BTF.provenance`.
+  of unit irradiance on a plane that faces it. Highlights are not clamped. `BTF.provenance` lists the conversions
+    that the reader made.
 
 A *pair* is one (ω_o, ω_i); a *slice* is the picture of one pair, (H, W, 3); an *ABRDF* is one texel at all pairs.
 """
@@ -35,7 +35,7 @@ Array = np.ndarray
 
 
 class NotFiniteError(InputError):
-    """Radiance that is NaN or infinite; `values` are what was read, which `bench.data.repair` can mend."""
+    """Radiance that is NaN or infinite; `values` holds what was read, for `bench.data.repair` to repair."""
 
     def __init__(self, message: str, values: Array):
         super().__init__(message)
@@ -43,7 +43,7 @@ class NotFiniteError(InputError):
 
 
 def finite(values: Array, label: str) -> Array:
-    """The values (..., 3), or a `NotFiniteError` that says how many are not finite and where the first of them is."""
+    """Return the values (..., 3); raise a `NotFiniteError` with the count and first index where some are not finite."""
     good = np.isfinite(values)
     if good.all():
         return values
@@ -59,8 +59,8 @@ def finite(values: Array, label: str) -> Array:
 class Source:
     """Where the values of a BTF come from. A reader implements `slice` and `fingerprint`; the rest has defaults.
 
-    The defaults of `texels` and `gather` serve a source that is cheap only by slices: they read a transposed
-    half-float scratch file, made once and kept in the cache under the fingerprint.
+    The default `texels` and `gather` are for sources that can only read whole slices cheaply: they read a transposed
+    half-float scratch file, which is made once and cached under the fingerprint.
     """
 
     shape: tuple[int, int]
@@ -83,14 +83,14 @@ class Source:
         return self._scratch[row * self.shape[1] + col, pair].astype(np.float32)
 
     def of(self, pairs: Array) -> "Source":
-        """A source of these pairs under the same numbers, which may leave out what only others need."""
+        """A source that must answer only these pairs, under the same indices; it may drop data of other pairs."""
         return self
 
     @cached_property
     def _scratch(self) -> Array:
         path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}.npy"
         if not path.exists():
-            with atomic.alone(path):  # a dozen workers would write a dozen of many gigabytes
+            with atomic.alone(path):  # else each of a dozen workers would write its own, of many gigabytes
                 if not path.exists():
                     _write_transposed(self, path)
         return np.load(path, mmap_mode="r", allow_pickle=False)
@@ -103,7 +103,7 @@ def _write_transposed(source: Source, path: Path, block_bytes: int = 64 << 20) -
 
 
 def _transposed(source: Source, path: Path, partial: Path, dtype: type, block_bytes: int) -> bool:
-    """Fill `partial`; False where a value is too large for the type."""
+    """Fill `partial`; return False where a value is too large for the dtype."""
     texels = source.shape[0] * source.shape[1]
     size = texels * source.count * 3 * np.dtype(dtype).itemsize
     log.warning("writing a scratch file of %.1f MB for scattered reads: %s", size / 1e6, path)
@@ -237,7 +237,7 @@ class Split:
 class BTF:
     """Outgoing radiance over texels × pairs, read lazily. See the module for frame, units and colour space.
 
-    What is read is finite; where it is not, a `NotFiniteError` says how many values and where.
+    Every read checks that the values are finite; if not, it raises a `NotFiniteError` with their number and place.
 
     `wo` and `wi` are (N, 3) float32, `shape` is (H, W), `len(btf)` is N and `btf[i]` the slice (H, W, 3) float32.
     `heldout`, where the data declare it, is an (N,) mask of pairs that no codec may train on.
@@ -309,7 +309,7 @@ class BTF:
     def downsample(self, factor: int) -> "BTF":
         """The BTF box-filtered over factor × factor texels, in linear light.
 
-        Rows and columns at the end that do not fill a box are left out; what is left is then not periodic.
+        Rows and columns at the end that do not fill a box are left out; the result is then not periodic.
         """
         if not 1 <= factor <= min(self.shape):
             raise ValueError(f"factor must be between 1 and {min(self.shape)}, not {factor}")
@@ -329,7 +329,7 @@ class BTF:
         return cropped
 
     def over(self, source: Source, **provenance: Any) -> "BTF":
-        """The same pairs of another source, which has as many; `provenance` says what was done."""
+        """The same pairs read from another source of equal count; `provenance` is added to say what was done."""
         return self._with(np.arange(len(self)), source, **provenance)
 
     @cached_property
@@ -350,7 +350,7 @@ class BTF:
 
         A declared split is kept as the one group `heldout`. Otherwise whole views and whole lights are held out
         (`fraction` of each, by seed), so that the training pairs of a product stay a product; the groups are
-        `new view`, `new light` and `both new`. Of a side with fewer than four directions none is held out.
+        `new view`, `new light` and `both new`. A side with fewer than four directions holds out none.
         """
         everything = np.arange(len(self))
         if self.heldout is not None:
@@ -367,7 +367,7 @@ class BTF:
 
 
 def _held(rng: np.random.Generator, count: int, fraction: float) -> Array:
-    """Mask (count,) of the directions of one side that are held out; at least one where there are four or more."""
+    """Mask (count,) of the held-out directions of one side; at least one where there are four or more."""
     mask = np.zeros(count, bool)
     if count >= 4:
         mask[rng.permutation(count)[: max(1, round(count * fraction))]] = True
@@ -375,7 +375,7 @@ def _held(rng: np.random.Generator, count: int, fraction: float) -> Array:
 
 
 def _distinct(directions: Array) -> tuple[Array, Array]:
-    """Distinct rows in the order of their first appearance, and for each row the index of its distinct one."""
+    """Distinct rows in the order of first appearance, and for each row the index of its distinct row."""
     rounded = np.round(directions, 6) + 0.0
     _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)

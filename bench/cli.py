@@ -1,4 +1,4 @@
-"""The command line, `neubtf-bench`: finds the command, runs it, and turns what it raises into an exit code."""
+"""The command line, `neubtf-bench`: finds the command, runs it, and turns exceptions into exit codes."""
 
 import argparse
 import os
@@ -14,8 +14,8 @@ from bench import commands
 from bench.codecs.registry import first_line
 from bench.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
 
-WIDTH = 100  # columns of a help text at most
-EXAMPLES = "\n\nexamples:\n"  # what follows in a command's docstring is shown as it stands
+WIDTH = 100  # maximal width of a help text, in columns
+EXAMPLES = "\n\nexamples:\n"  # text after this line of a command's docstring is shown unwrapped
 EVERYDAY = """examples:
   neubtf-bench run quick                                 every codec on two materials, in minutes
   neubtf-bench run quick --material PATH --codec pca     one codec on a measured BTF
@@ -29,7 +29,7 @@ EVERYDAY = """examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.errors`."""
     if "OMP_WAIT_POLICY" not in os.environ:
-        # PyTorch's threads wait for work by turning in place: for 0.2 ms, not 8, in which Dr.Jit's need the cores.
+        # PyTorch's idle threads spin before they sleep: 0.2 ms instead of 8, since Dr.Jit's threads need the cores.
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")
     words = list(sys.argv[1:] if argv is None else argv)
     try:
@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Treat SIGTERM, which schedulers send, as Ctrl-C: what is finished is kept."""
+    """Treat SIGTERM, which schedulers send, as Ctrl-C: finished work is kept."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -75,7 +75,7 @@ def _interrupt(*_: object) -> None:
 
 
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser of the command that is wanted; of the others their names, so that none of them is imported.
+    """Build the parser of the wanted command; the others are only listed by name, not imported.
 
     `InputError` where there is no such command.
     """
@@ -100,7 +100,7 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def _add(listing: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, module: str) -> None:
-    """Import a command; its docstring is its help: paragraphs that are filled, then examples as they stand."""
+    """Import a command and take its help from its docstring: wrapped paragraphs, then examples unwrapped."""
     loaded = commands.load(module)
     text, _, examples = (loaded.__doc__ or "").partition(EXAMPLES)
     command = listing.add_parser(

@@ -1,4 +1,4 @@
-"""What a codec must do: turn a BTF into named tensors, and named tensors into a material."""
+"""The interface of a codec: it encodes a BTF to named tensors, and decodes named tensors to a material."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bench.density import Density
 
 T = TypeVar("T")
-ZSTD, SCENE = COMMON = ("zstd", "scene")  # the settings of every codec, true or false
+ZSTD, SCENE = COMMON = ("zstd", "scene")  # boolean settings that every codec has
 COMMON_MEANINGS = {
     ZSTD: "store each part compressed by Zstandard, without loss (extra neubtf-bench[zstd])",
     SCENE: "fit to the demand of a scene instead of to the whole BTF (see docs/scenes.md)",
@@ -27,11 +27,11 @@ Progress = Callable[[str, int, int], None]  # label, done, total
 
 
 def silent(label: str, done: int, total: int) -> None:
-    """The progress of what nobody watches."""
+    """A `Progress` that shows nothing."""
 
 
 def followed(show: Progress, items: Iterable[T], label: str, total: int) -> Iterator[T]:
-    """The same items, telling `show` how many are done."""
+    """Yield the items and report to `show` how many are done."""
     for done, item in enumerate(items):
         show(label, done, total)
         yield item
@@ -40,19 +40,19 @@ def followed(show: Progress, items: Iterable[T], label: str, total: int) -> Iter
 
 @dataclass(frozen=True)
 class Fit:
-    """What one fit is given besides its data: where it runs, its seed, and whom it tells how far it is."""
+    """The context of one fit: device, seed, progress callback, checkpoint, curve, scene and shared network."""
 
     device: torch.device = field(default_factory=lambda: torch.device("cpu"))
     threads: int = 1
     seed: int = 0
     show: Progress = silent
-    checkpoint: Path | None = None  # where a long fit keeps its state, to go on from it when it is started again
-    history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; goes into the record
-    density: "Density | None" = None  # where the scene that is fitted to looks; without one, everywhere alike
-    network: "TrainedNetwork | None" = None  # the one that the codec shares over materials, where it has one
+    checkpoint: Path | None = None  # the file that a long fit saves its state to, and resumes from
+    history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; stored in the record
+    density: "Density | None" = None  # the demand of the scene that is fitted to; None: uniform
+    network: "TrainedNetwork | None" = None  # the network that the codec shares over materials, if any
 
     def shared(self, name: str) -> "TrainedNetwork":
-        """The network that codec `name` shares over materials. `MissingDataError` where this fit was given none."""
+        """The network that codec `name` shares over materials. `MissingDataError` where this fit has none."""
         if self.network is None:
             raise MissingDataError(
                 f"codec {name} needs the network that it shares over materials: give it as `Fit(network=...)`, from "
@@ -61,16 +61,16 @@ class Fit:
         return self.network
 
     def log(self, step: int, **values: float) -> None:
-        """Add a point to the curve of this fit: `seconds`, `psnr` and what else a codec has to say at a step."""
+        """Add a point to the curve of this fit: `seconds`, `psnr` and further values of a codec at a step."""
         self.history.append({"step": step, **values})
 
     def progress(self, items: Iterable[T], label: str = "reading", total: int | None = None) -> Iterator[T]:
-        """The same items, while a progress bar follows; `total` where they have no length."""
+        """Yield the items with a progress bar; `total` is needed where they have no length."""
         return followed(self.show, items, label, len(items) if total is None else total)  # type: ignore[arg-type]
 
     @property
     def row_weights(self) -> Tensor | None:
-        """How much each row (3 · pairs,) of the matrix of ABRDFs counts, 1 on average; None where all count alike."""
+        """The weight of each row (3 · pairs,) of the matrix of ABRDFs, 1 on average; None where all are equal."""
         return None if self.density is None else self.density.weights.repeat_interleave(3)
 
     def generator(self) -> torch.Generator:
@@ -80,14 +80,14 @@ class Fit:
 
 @dataclass(frozen=True)
 class Parts:
-    """The named tensors of a codec file, by what they are for: bytes are reported for each part."""
+    """The named tensors of a codec file, grouped by purpose; bytes are reported for each part."""
 
-    decoder: dict[str, Tensor] = field(default_factory=dict)  # what every query needs: the network
-    texture: dict[str, Tensor] = field(default_factory=dict)  # what varies over the texels
-    encoder: dict[str, Tensor] = field(default_factory=dict)  # what makes new textures; no query needs it
-    other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, what else decoding needs
-    scene: dict[str, Any] = field(default_factory=dict)  # what was fitted to, where it was one scene's demand
-    network: "TrainedNetwork | None" = None  # the shared network that was used: the file names it by its hash
+    decoder: dict[str, Tensor] = field(default_factory=dict)  # the network, read by every query
+    texture: dict[str, Tensor] = field(default_factory=dict)  # data that varies over the texels
+    encoder: dict[str, Tensor] = field(default_factory=dict)  # makes new textures; no query reads it
+    other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, other data for decoding
+    scene: dict[str, Any] = field(default_factory=dict)  # the scene's demand, where the file was fitted to one
+    network: "TrainedNetwork | None" = None  # the shared network that was used; the file stores its hash
 
 
 @dataclass(frozen=True)
@@ -108,11 +108,11 @@ class TrainedNetwork:
 
 
 class Configured:
-    """What has a `name`, a `version` and `Settings`.
+    """Base class with a `name`, a `version` and `Settings`.
 
     `Settings` is a frozen dataclass of int, float, bool, str and `Literal` fields, each with a default and a comment
-    of one line. The types of `bench.settings` say a range, too. Where there is a setting `recipe`, `recipes` says which
-    defaults each of its values changes.
+    of one line. The types of `bench.settings` add a range. If there is a setting `recipe`, `recipes` lists the defaults
+    that each of its values changes.
     """
 
     name: ClassVar[str]
@@ -124,10 +124,10 @@ class Configured:
         pass
 
     def __init__(self, *, zstd: bool | str = False, scene: bool | str = False, **settings: Any):
-        """With the default settings, those of the recipe if one is named, but for those named; strings are converted.
+        """Set the given settings, and the others to the defaults of the recipe or of the class; convert strings.
 
-        Two has every codec: `zstd`, its file is compressed by Zstandard, without loss, and `scene`, it is fitted to
-        the demand of a scene instead of to the whole BTF.
+        Every codec has two settings more: `zstd` compresses its file by Zstandard, without loss; `scene` fits it to the
+        demand of a scene instead of to the whole BTF.
         """
         self.zstd: bool = convert(self.name, ZSTD, bool, zstd)
         self.scene: bool = convert(self.name, SCENE, bool, scene)
@@ -146,23 +146,23 @@ class SharedNetwork(Configured):
         raise NotImplementedError
 
     def brief(self) -> "SharedNetwork":
-        """The same with so short a training that `neubtf-bench check` takes seconds."""
+        """The same network with a training short enough for `neubtf-bench check` to take seconds."""
         raise NotImplementedError
 
 
 class Codec(Configured):
     """A codec: `name`, `version`, `Settings`, `encode`, `decode`. Its docstring's first line describes it in lists."""
 
-    network: ClassVar[type[SharedNetwork] | None] = None  # where it trains one for all materials
-    interpolates: ClassVar[bool] = False  # between the pairs of the BTF: those no query lies between are not needed
-    sizes: ClassVar[tuple[str, ...]] = ()  # the settings, whole numbers ≥ 1, that its bytes grow with; the first leads
+    network: ClassVar[type[SharedNetwork] | None] = None  # where the codec trains one network for all materials
+    interpolates: ClassVar[bool] = False  # between pairs: a fit to a scene drops unused pairs
+    sizes: ClassVar[tuple[str, ...]] = ()  # whole-number settings that grow the file; the first leads
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Fit a BTF, training pairs only; the tensors that the file will hold."""
+        """Fit the training pairs of a BTF, and return the tensors for the file."""
         raise NotImplementedError
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material that the tensors describe, without any other source."""
+        """Decode a material from the tensors alone."""
         raise NotImplementedError
 
 
@@ -177,6 +177,6 @@ def setting_names(codec: type[Configured]) -> set[str]:
 
 
 def described_settings(codec: type[Configured]) -> list[Setting]:
-    """Every setting of a codec, its own first, then those that every codec has."""
+    """Every setting of a codec: its own first, then those common to all codecs."""
     common = [Setting(name, "false", "true or false", COMMON_MEANINGS[name]) for name in COMMON]
     return described(codec.Settings) + common

@@ -1,4 +1,4 @@
-"""What the command line shows while it works: progress bars, one line a job, and the words of `info`."""
+"""Terminal output of the command line: progress bars, one line per job, and the text of `info`."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Console:
-    """Progress bars that vanish when they are done, and lines that stay. Without a terminal only the lines show."""
+    """Progress bars that vanish when done, and lines that stay. Without a terminal only the lines are shown."""
 
     def __init__(self) -> None:
         self.out = RichConsole(highlight=False)
@@ -32,7 +32,7 @@ class Console:
         self.bars.stop()
 
     def show(self, label: str, done: int, total: int) -> None:
-        """The `Progress` of a fit: move the bar of that label, and remove it when it is full."""
+        """Move the progress bar of that label, and remove it when it is full."""
         task = self.tasks.get(label)
         if task is None:
             task = self.tasks[label] = self.bars.add_task(label, total=total)
@@ -41,11 +41,11 @@ class Console:
             self.bars.remove_task(self.tasks.pop(label))
 
     def say(self, text: str) -> None:
-        """A line that stays, above the bars."""
+        """Print a line above the bars."""
         self.out.print(text, markup=False, soft_wrap=True)
 
     def ended(self, outcome: "Outcome") -> None:
-        """A finished job, in one line."""
+        """Print a finished job in one line."""
         self.say(job_line(outcome.record, outcome.cached))
 
 
@@ -62,7 +62,7 @@ def job_line(record: dict[str, Any], cached: str) -> str:
 
 
 def file_lines(header: Header) -> str:
-    """A codec file: codec, settings, parts with bytes, tensors, and what its decoder costs."""
+    """Describe a codec file: codec, settings, parts with bytes, tensors, and the cost of its decoder."""
     from bench.codecs.container import SHARED
 
     parts = header.part_bytes()
@@ -80,7 +80,7 @@ def file_lines(header: Header) -> str:
 
 
 def _scene_lines(header: Header) -> list[str]:
-    """What of a BTF a file that was fitted to a scene holds."""
+    """Describe which part of a BTF a file that was fitted to a scene holds."""
     if not (says := header.scene):
         return []
     top, left, height, width = says["window"]
@@ -93,7 +93,7 @@ def _scene_lines(header: Header) -> list[str]:
 
 
 def _material_lines(header: Header) -> list[str]:
-    """What a codec file decodes to."""
+    """Describe the material that a codec file decodes to."""
     from bench.codecs.loading import load
     from bench.material import parameters
 
@@ -109,7 +109,7 @@ def _material_lines(header: Header) -> list[str]:
 
 
 def _network_lines(header: Header) -> list[str]:
-    """What a shared network's file holds."""
+    """Describe a shared network's file."""
     from bench.codecs.shared import read
 
     return [
@@ -119,7 +119,7 @@ def _network_lines(header: Header) -> list[str]:
 
 
 def btf_lines(seen: "Look") -> str:
-    """A BTF: size, directions, split, range of values, what its reader says of it, and what seems wrong."""
+    """Describe a BTF: size, directions, split, range of values, its reader's notes, and warnings."""
     btf, values = seen.btf, seen.values
     split = btf.split()
     low, middle, high = np.percentile(values, [0, 50, 100])
@@ -141,7 +141,7 @@ def _heldout_lines(btf: "BTF", groups: dict[str, np.ndarray]) -> list[str]:
 
 
 def _pairs_line(btf: "BTF", pairs: np.ndarray) -> str:
-    """Some pairs of a BTF: how many, and from which directions."""
+    """Describe some pairs of a BTF: their number and directions."""
     from bench.btf import Layout
     from bench.hemisphere import to_degrees
 

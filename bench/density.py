@@ -1,4 +1,4 @@
-"""Where a demand lies among the texels and pairs of a BTF: what a fit draws its samples by, and weighs pairs with."""
+"""The density of a scene's demand over the texels and pairs of a BTF: a fit samples by it and weights pairs with it."""
 
 import math
 from dataclasses import dataclass
@@ -7,14 +7,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-COVERED = 0.999  # of the demand counts: the rest may lie outside the pairs and the levels of detail that are kept
+COVERED = 0.999  # share of the demand to cover; the rest may fall outside the kept pairs and levels of detail
 
 
 class Drawn(NamedTuple):
-    """Random samples: texel (n,) as row · W + column, direction (n,), and what it is interpolated from.
+    """Random samples: texel (n,) as row · W + column, direction (n,), and the pairs that it is interpolated from.
 
-    A direction below the number of pairs is that pair's, any other that of the query after them. `pair`, `weight`
-    (n, k): radiance is the sum of weight × radiance of the pair.
+    A direction index below the number of pairs is that pair; a larger one is a query, counted after the pairs.
+    `pair`, `weight` (n, k): radiance is the sum of weight × radiance of the pair.
     """
 
     texel: Tensor
@@ -25,7 +25,7 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True)
 class Density:
-    """A demand over the pairs of one layout and a window of texels; a share `uniform` is spread over all evenly."""
+    """A demand over the pairs of one layout and a window of texels; the share `uniform` of it is spread evenly."""
 
     uv: Tensor  # (n, 2) within the window
     footprint: Tensor  # (n,) in units of the window
@@ -33,27 +33,27 @@ class Density:
     wi: Tensor  # (n, 3)
     cumulative: Tensor  # (n,) float64: running sums of the importance of the queries
     pair: Tensor  # (n, k) the pairs around each query …
-    weight: Tensor  # … and what their radiance weighs in it, cosines included
+    weight: Tensor  # … and their weights in it, cosines included
     per_pair: Tensor  # (N,) float64: the demand on each pair
     uniform: float
 
     @property
     def weights(self) -> Tensor:
-        """How much each pair counts (N,), float32, 1 on average."""
+        """The weight of each pair (N,), float32, 1 on average."""
         even = 1 / len(self.per_pair)
         mixed = self.uniform * even + (1 - self.uniform) * self.per_pair
         return (mixed / even).float()
 
     def levels(self, side: int) -> int:
-        """How many levels of detail of a texture of `side` texels, from the finest on, the demand is seen at."""
+        """The number of levels of detail, from the finest, that the demand uses of a texture of `side` texels."""
         coarsest = torch.quantile(self.footprint[:: max(1, len(self.footprint) // 100_000)], COVERED)
         return max(0, math.ceil(math.log2(max(1.0, float(coarsest) * side)))) + 1
 
     def draw(self, count: int, shape: tuple[int, int], generator: torch.Generator) -> Drawn:
         """`count` random samples of the window at a resolution.
 
-        A texel is the one at a random place in the footprint of a query, or within half a texel of its middle, which
-        finds the four around it in the proportions of bilinear interpolation.
+        A texel is drawn at a random place in the footprint of a query, or within half a texel of its centre if that is
+        larger, so that the four texels around it are drawn in the proportions of bilinear interpolation.
         """
         height, width = shape
         chance = torch.rand(count, 4, generator=generator, dtype=torch.float64)

@@ -2,12 +2,12 @@
 
 One hemisphere is triangulated by Delaunay in its stereographic plane, where circles of the sphere stay circles,
 so that the triangulation is the one of the sphere; weights are barycentric in that plane. Pairs that form a
-product views × lights take the tensor product of the two sides (3 × 3 pairs); scattered pairs take modified
-Shepard weights over the nearest eight. A side of one or two directions answers with the nearest.
-Outside the hull a direction is projected onto it.
+product views × lights use the tensor product of the two sides (3 × 3 pairs); scattered pairs use modified
+Shepard weights over the nearest eight. A side of one or two directions uses the nearest.
+A direction outside the hull is projected onto it.
 
-What is interpolated is radiance / cos θ_i, multiplied back by the cosine of the query: `pair_weights` folds both
-cosines into its weights, so a caller sums weight × radiance and is done.
+The interpolated quantity is radiance / cos θ_i, multiplied by the cosine of the query. `PairInterpolator` folds both
+cosines into its weights, so a caller only sums weight × radiance.
 """
 
 from typing import NamedTuple
@@ -19,14 +19,14 @@ from torch import Tensor, nn
 
 from bench.btf import Layout
 
-CELLS = 64  # a side of the grid of candidate triangles: about two candidates a cell for the published sets
+CELLS = 64  # cells per side of the grid of candidate triangles: about two candidates a cell for the published sets
 SHEPARD_NEIGHBOURS = 8
-UNIT = 1e-3  # by which a stored direction may miss unit length, or lie below the horizon
+UNIT = 1e-3  # tolerance of a stored direction's length, and of its depth below the horizon
 ROUNDING = 1e-4  # barycentric weights of a sample itself come out as low as −2e-5 in float32
 
 
 class Weights(NamedTuple):
-    """Which samples answer a query, and with what weight: both (n, k)."""
+    """The samples that a query is interpolated from, and their weights: both (n, k)."""
 
     sample: Tensor
     weight: Tensor
@@ -58,7 +58,7 @@ class Hemisphere(nn.Module):
         triangles = Delaunay(points).simplices
         corners = points[triangles]
         spans = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1)
-        sound = np.abs(np.linalg.det(spans)) > 1e-9  # Qhull keeps slivers of collinear rings: they answer nothing
+        sound = np.abs(np.linalg.det(spans)) > 1e-9  # Qhull keeps degenerate slivers of collinear rings; drop them
         triangles, corners, spans = triangles[sound], corners[sound], spans[sound]
         inverse = np.linalg.inv(spans)
         # Barycentric (b1, b2) = inverse @ (p − corner0) as one affine map a triangle: [2, 3].
@@ -156,7 +156,7 @@ class PairInterpolator(nn.Module):
 
     @property
     def reads(self) -> int:
-        """Samples that one query reads."""
+        """The number of samples that one query reads."""
         if not self.product:
             return min(SHEPARD_NEIGHBOURS, len(self.pairs))
         return (1 if self.views.flat else 3) * (1 if self.lights.flat else 3)
@@ -167,18 +167,18 @@ class PairInterpolator(nn.Module):
         return Weights(index, share * wi[:, 2:] / self.cos_i[index].to(share.dtype))
 
     def shares(self, wo: Tensor, wi: Tensor) -> Weights:
-        """Pair indices and weights (n, k) that add up to one, for whoever accounts for the cosines otherwise."""
+        """Pair indices and weights (n, k) that add up to one, for callers that handle the cosines themselves."""
         search = self._tensor_product if self.product else self._shepard
         if len(wo) > 1 and wo.stride(0) == wi.stride(0) == 0:  # a slice: one pair of directions, expanded to all texels
             return Weights(*(found.expand(len(wo), -1) for found in search(wo[:1], wi[:1])))
         return search(wo, wi)
 
     def mean_cosine(self, pair: Tensor, share: Tensor, level: Tensor) -> Tensor:
-        """The mean cosine (n, 3) of the samples' lights that their interpolated logarithms `level` (n, 3) stand for.
+        """The effective cosine (n, 3) of the samples' lights, given their interpolated logarithms `level` (n, 3).
 
         The c for which log1p(r · c) = Σ share · log1p(r · cosine) = level, to second order in the cosines' spread: the
-        arithmetic mean where the level is low and the logarithm straight, the geometric mean where it is high. Whoever
-        interpolates log1p(radiance) by `shares` multiplies what it says by the query's cosine over this.
+        arithmetic mean where the level is low and the logarithm nearly linear, the geometric mean where it is high. A
+        caller that interpolates log1p(radiance) by `shares` multiplies the radiance by the query's cosine over this.
         """
         cosine = self.cos_i[pair].to(share.dtype)
         arithmetic = (share * cosine).sum(1, keepdim=True).log()
@@ -192,13 +192,13 @@ class PairInterpolator(nn.Module):
         return Weights(index.flatten(1), weight.flatten(1))
 
     def _shepard(self, wo: Tensor, wi: Tensor) -> Weights:
-        """Inverse squared distance over the nearest pairs, the distance that of (ω_o, ω_i) in R⁶.
+        """Modified Shepard weights over the nearest pairs, by the distance of (ω_o, ω_i) in R⁶.
 
-        Weights fall to zero at the first pair left out, so that the answer does not jump where the nearest change:
+        Weights fall to zero at the first pair left out, so the result is continuous where the nearest pairs change:
         Franke and Nielson, "Smooth interpolation of large sets of scattered data", IJNME 15 (1980).
         """
         queries = torch.cat([wo, wi], 1)
-        # The fast product form loses a distance below 3e-4, and with it exactness at the samples.
+        # The fast product form cannot resolve distances below 3e-4, so it would not be exact at the samples.
         distance = torch.cdist(queries, self.pairs.to(wo.dtype), compute_mode="donot_use_mm_for_euclid_dist")
         near, index = distance.topk(min(SHEPARD_NEIGHBOURS + 1, len(self.pairs)), largest=False)
         near = near.clamp_min(1e-6)
@@ -218,7 +218,7 @@ class PairInterpolator(nn.Module):
 
 
 def pack_layout(layout: Layout) -> dict[str, Tensor]:
-    """Distinct views and lights, and for each pair the numbers of its two (N, 2) in the smallest integers that do."""
+    """Pack the distinct views and lights, and each pair's indices into them (N, 2), in the smallest integer type."""
     pairs = torch.from_numpy(np.stack([layout.view, layout.light], 1))
     most = max(len(layout.views), len(layout.lights))
     dtype = torch.uint8 if most <= 256 else torch.int16 if most <= 32768 else torch.int32
@@ -227,9 +227,9 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
 
 
 def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
-    """The layout that `pack_layout` packed; `rows` is how many pairs a table over them has.
+    """Unpack the layout that `pack_layout` packed; `rows` is the number of pairs of the table.
 
-    `KeyError` where a tensor of it is missing, `ValueError` where one is no such thing or is of another table.
+    `KeyError` where a tensor is missing, `ValueError` where one is invalid or does not fit the table.
     """
     pairs = parts["pairs"].long().numpy()
     views, lights = (parts[side].float().numpy() for side in ("views", "lights"))

@@ -1,18 +1,18 @@
-"""What a command says when it cannot go on: errors that a user can mend, "did you mean", and exit codes."""
+"""Errors that a user can correct, "did you mean" suggestions, and exit codes."""
 
 import difflib
 import errno
 from collections.abc import Iterable
 
 FINE = 0  # exit codes
-NO = 1  # the verdict is no: a regression, a failed check
+NO = 1  # negative verdict: a regression, a failed check
 USAGE = 2  # bad usage or input
 FAILED = 3  # some or all jobs failed
 NOTHING = 4  # nothing was measured, or nothing is comparable
 INTERNAL = 70
 INTERRUPTED = 130
 
-NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # no other job would fare better
+NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # every other job would fail alike
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG)
 
 
@@ -25,15 +25,15 @@ class ContainerError(InputError):
 
 
 class CodecError(InputError):
-    """A codec that fails where it is imported or made; the message names it and the distribution it comes from."""
+    """A codec fails on import or construction; the message names it and its distribution."""
 
 
 class MissingDataError(InputError):
-    """A material or a shared network that is known but not on this machine; the message says how to get it."""
+    """A known material or shared network is not on this machine; the message says how to get it."""
 
 
 def unwritable(error: OSError) -> str:
-    """What to say of a file that could not be written, with its remedy; "" where the error is another."""
+    """The message for a file that could not be written, with the remedy; "" for any other error."""
     place = f"{error.filename}: " if error.filename else ""
     if error.errno in NO_PLACE:
         return f"{place}cannot be written ({error.strerror}): make room, then give the same command again"

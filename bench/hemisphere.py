@@ -54,14 +54,14 @@ DIRECTION_SETS = {"ubo2003": ubo2003, "ubo2014": ubo2014}
 def thin(directions: Array, count: int) -> Array:
     """Indices (count,) of a subset spread evenly: farthest-point selection, begun at the zenith-most.
 
-    Deterministic: equal distances go to the lower index. Sorted, so that the order of the set survives.
+    Deterministic: of equal distances the lower index wins. The indices are sorted, which keeps the order of the set.
     """
     if not 1 <= count <= len(directions):
         raise ValueError(f"count must be between 1 and {len(directions)}, not {count}")
     chosen = [int(np.argmax(directions[:, 2]))]
     distance = np.linalg.norm(directions - directions[chosen[0]], axis=1)
     while len(chosen) < count:
-        # Rounding makes the ties of a symmetric set depend on the machine; 1e-4 is far below any spacing.
+        # Ties of a symmetric set would depend on the machine's rounding; 1e-4 is far below any spacing.
         chosen.append(int(np.argmax(np.round(distance, 4))))
         distance = np.minimum(distance, np.linalg.norm(directions - directions[chosen[-1]], axis=1))
     return np.sort(chosen)

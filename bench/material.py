@@ -1,4 +1,4 @@
-"""What a decoder holds: a material that answers queries (u, v, ω_o, ω_i, footprint) → RGB, in PyTorch.
+"""The decoded material: answers queries (u, v, ω_o, ω_i, footprint) → RGB, in PyTorch.
 
 Frame, units and colour space: see `bench.btf`.
 """
@@ -24,7 +24,7 @@ HIGHEST_LEVEL = 60.0  # of log radiance: 1e26 times the brightest percent, and s
 
 @dataclass(frozen=True)
 class DecoderCost:
-    """What one decoder costs, as its codec declares it; `neubtf-bench check` compares it with what is counted."""
+    """The cost of a decoder as its codec declares it; `neubtf-bench check` compares it with counted values."""
 
     parameters: int = 0  # trainable numbers of the decoder network; 0 for tables
     texture_channels: int = 0  # numbers a texel of the finest texture
@@ -47,12 +47,12 @@ class Material:
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """RGB (n, 3) of valid queries above the horizon: uv (n, 2), wo and wi (n, 3), footprint (n,). Pure.
 
-        Queries are float32 where the material is half or bfloat16, because neither can address texels or the zenith.
+        Queries stay float32 for a half or bfloat16 material: these types can resolve neither texels nor the zenith.
         """
         raise NotImplementedError
 
     def modules(self) -> Sequence[nn.Module]:
-        """The networks whose parameters count as the decoder's; none for tables."""
+        """The networks whose parameters are counted as the decoder's; none for tables."""
         networks = (value for value in vars(self).values() if isinstance(value, nn.Module))
         return [network for network in networks if next(network.parameters(), None) is not None]
 
@@ -81,9 +81,9 @@ class Material:
     def query(self, uv: Any, wo: Any, wi: Any, footprint: Any = None) -> Tensor | np.ndarray:
         """RGB (n, 3) float32, ≥ 0, of n queries: uv (n, 2), wo and wi (n, 3), footprint (n,) or one number.
 
-        Queries are tensors, or NumPy arrays, and so is the answer. A direction at or below the horizon answers 0.
-        Directions must be of unit length within 1e-3 and every number finite: `InputError` names the first row that is
-        not. Memory beyond inputs and outputs is bounded.
+        Queries are tensors or NumPy arrays; the result is of that kind. A direction at or below the horizon gives 0.
+        Directions must be of unit length within 1e-3 and every number finite; otherwise an `InputError` names the first
+        bad row. Memory beyond inputs and outputs is bounded.
         """
         if not isinstance(uv, Tensor):
             return self.query(*map(_tensor, (uv, wo, wi, 0.0 if footprint is None else footprint))).cpu().numpy()
@@ -100,9 +100,9 @@ class Material:
         return out
 
     def _answer(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """One chunk: below the horizon 0; `evaluate` sees the zenith there, never a direction it cannot handle."""
+        """Answer one chunk. Below the horizon the result is 0; `evaluate` is given the zenith there instead."""
         below = (wo[:, 2] <= 0) | (wi[:, 2] <= 0)
-        # Wrapping in double keeps the place of uv = ±1e6 in the texture.
+        # Wrap in double precision: float32 would lose the position of uv = ±1e6.
         uv = uv.double()
         uv = uv - uv.floor()
         if below.any():
@@ -121,8 +121,8 @@ class Material:
     ) -> Tensor:
         """The picture (H // factor, W // factor, 3) of one pair over the boxes of factor × factor texels of `size`.
 
-        Where a side is no multiple of the factor, what does not fill a box at its end is left out, as
-        `bench.btf.box_filter` leaves it out: a box is asked where its texels are.
+        Where a side is no multiple of the factor, texels at its end that do not fill a box are left out, as in
+        `bench.btf.box_filter`, so a box is queried where its texels are.
         """
         height, width = size or self.size
         uv = box_centres((height, width), factor)
@@ -139,15 +139,15 @@ def parameters(material: Material) -> int:
 
 @cache
 def keep_buffers() -> None:
-    """Let the C library keep what a chunk frees for the next: it maps larger blocks afresh, page by page, each time.
+    """Make the C library reuse freed blocks for the next chunk: by default it maps large blocks anew, page by page.
 
-    glibc raises that size to the largest block freed, up to 32 MB; an untouched block costs nothing.
+    glibc raises its mapping threshold to the largest block freed, up to 32 MB; an untouched block costs nothing.
     """
     torch.empty(31 << 20, dtype=torch.uint8)
 
 
 def _tensor(values: ArrayLike | Tensor) -> Tensor:
-    """The same numbers as a tensor, which may share their memory; whole numbers become floats."""
+    """Convert to a tensor, which may share memory; whole numbers become floats."""
     if isinstance(values, Tensor):
         return values
     try:
@@ -168,9 +168,9 @@ def _check_shapes(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None
 
 
 def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor, start: int) -> None:
-    """`InputError` names the first of these rows that cannot be answered, counted from `start`."""
+    """Raise an `InputError` that names the first invalid row, counted from `start`."""
     for name, values in (("uv", uv), ("wo", wo), ("wi", wi), ("footprint", footprint[:, None])):
-        # A sum is non-finite wherever one of its terms is, and far cheaper than a mask.
+        # A sum is not finite if any of its terms is not, and it is far cheaper than a mask.
         if not torch.isfinite(values.sum(dtype=torch.float64)):
             row = int((~torch.isfinite(values).all(1)).nonzero()[0])
             raise InputError(f"query: {name} of row {start + row} is not finite: {values[row].tolist()}")
@@ -190,14 +190,14 @@ def at_least_float32(dtype: torch.dtype) -> torch.dtype:
 
 
 def saturated(x: Tensor) -> Tensor:
-    """The same numbers; of halves, which end at 65,504, the infinite ones replaced by the largest finite ones."""
+    """Replace infinite halves by the largest finite half, 65,504; other dtypes are returned as they are."""
     return x.clamp(-HALF_MAX, HALF_MAX) if x.dtype == torch.float16 else x
 
 
 def to_radiance(level: Tensor, gain: float) -> Tensor:
-    """Radiance, at least in float32, of level = log1p(gain · radiance): a half would end at 65,504 / gain.
+    """Radiance of level = log1p(gain · radiance), at least in float32, since a half would overflow at 65,504 / gain.
 
-    A network can answer any level; beyond `HIGHEST_LEVEL` all are one, so that the answer is always a number.
+    A network can output any level; it is clamped to `HIGHEST_LEVEL`, so that the result is always finite.
     """
     return level.to(at_least_float32(level.dtype)).clamp(max=HIGHEST_LEVEL).expm1() / gain
 
@@ -222,9 +222,9 @@ def texel_corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
-    """The same with indices int32, which are found and read in half the time."""
+    """The same with int32 indices, which take half the time to compute and read."""
     height, width = size
-    # Half precision cannot address texels: places are found in float32 whatever the codec's dtype.
+    # Half precision cannot resolve texels: positions are float32 whatever the codec's dtype.
     col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
     first_col, first_row = col.floor(), row.floor()
     right, below = col - first_col, row - first_row
@@ -243,5 +243,5 @@ def sample_texture(texture: Tensor, uv: Tensor) -> Tensor:
     rows, weight = texture.flatten(0, 1), weight.to(texture.dtype)
     if texture.shape[2] and not (texture.requires_grad or uv.requires_grad):
         return functional.embedding_bag(index, rows, per_sample_weights=weight, mode="sum")
-    # A bag's gradient takes longer than that of the sum written out.
+    # The gradient of an embedding bag is slower than that of the explicit sum.
     return torch.einsum("nk,nkc->nc", weight, rows[index])

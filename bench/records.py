@@ -1,16 +1,16 @@
-"""The records of a run: one JSON object a line, appended and synced the moment it is true.
+"""The records of a run: one JSON object per line, appended and synced as soon as it is known.
 
 `RUN/records.jsonl` holds five kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
 encoded, its bytes, its errors, or why it failed), `timing` (one codec timed beside the others of its material),
 `rate` (one codec's ladder of rates against that of log PCA) and `stress` (one extreme tried on one codec or metric).
 Paths in records are relative to the run's folder. Imports neither PyTorch nor pandas.
 
-A line begins with a checksum of what follows it, its kind, and, of jobs and timings, the job's name: so a line that
-was cut or altered is found, and a large run opened, without reading what is in the lines; each is parsed when it is
-asked for. A line without a checksum, written by hand, is a record too.
+A line begins with a checksum of the rest, its kind, and, for jobs and timings, the job's name. So cut or altered lines
+are detected, and a large run is opened, without parsing the lines; each is parsed on demand. A line without a
+checksum, written by hand, is valid too.
 
-What the fields of a record mean is said here too: which pairs decide, which metric is of a family, under which
-conditions two timings compare.
+This module also defines the meaning of a record's fields: which pairs decide, which metric belongs to a family, and
+which conditions two timings must share.
 """
 
 import json
@@ -25,9 +25,9 @@ from typing import Any, overload
 from bench.errors import InputError
 
 FILE = "records.jsonl"
-TRADE = "trade.json"  # beside the records: what `neubtf-bench trade` measured of the run; see `bench.runs.trade`
+TRADE = "trade.json"  # beside the records: the measurements of `neubtf-bench trade`; see `bench.runs.trade`
 TRADE_FORMAT = 1
-STRESS = "stress"  # the folder, beside those of runs, that `neubtf-bench stress` writes to
+STRESS = "stress"  # the folder that `neubtf-bench stress` writes to, beside those of runs
 Record = dict[str, Any]
 
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
@@ -35,23 +35,23 @@ _NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": 
 
 PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
 
-# What two timings must share to be compared.
+# Two timings are compared only if these fields agree.
 CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
 
 _HEAD = ("material", "label", "codec", "seed", "job", "status")
 _NO_NUMBERS = {"kind", "run", "fit_key", "score_key", "provenance", "traceback", "metrics", "settings", "shape"}
 _RAW_TIMING = {"kind", "job", "run", "samples_ns", "floor_ratios"}
-_LONGEST = 8  # numbers of a list that are fields; a longer one is left to the record
+_LONGEST = 8  # longest list whose numbers become fields
 
 
 def append(folder: Path, record: Record) -> None:
-    """Add one record to a run and sync it to the disk. `InputError` where the disk does not take it."""
+    """Append one record to a run and sync it to disk. `InputError` where it cannot be written."""
     line = _line(record)
     try:
         with open(folder / FILE, "ab", buffering=0) as file:
             start = file.tell()
             if start and not _ends_in_newline(folder / FILE):
-                line = b"\n" + line  # the process that wrote before was killed in the middle of its line
+                line = b"\n" + line  # an earlier process was killed while writing its line
             try:
                 _write(file.fileno(), line)
             except OSError:
@@ -90,11 +90,11 @@ class Records(Sequence[Record]):
         self._found: dict[object, Record | bytes] = {}
 
     def put(self, name: object, record: Record | bytes) -> None:
-        """Add a record, or its line, which is parsed when it is asked for."""
+        """Add a record, or its line, which is parsed on demand."""
         self._found[name] = record
 
     def arrange(self, names: Iterable[object]) -> None:
-        """Put them into this order, and what it does not name after it."""
+        """Sort the records into this order; those it does not name follow."""
         ordered = {name: self._found[name] for name in names if name in self._found}
         self._found = ordered | {name: record for name, record in self._found.items() if name not in ordered}
 
@@ -122,7 +122,7 @@ class Records(Sequence[Record]):
 
 @dataclass(frozen=True)
 class Run:
-    """What a run's folder holds: the latest record of each job, timing and rate; jobs in the order of their suite."""
+    """A run's folder: the latest record of each job, timing and rate; jobs in the order of their suite."""
 
     folder: Path
     starts: list[Record] = field(default_factory=list)
@@ -144,7 +144,7 @@ class Run:
 def load_run(folder: str | Path) -> Run:
     """Read the records of a run, given its folder or a file of records, `.jsonl`.
 
-    `InputError` where there are none; a line that is no record is counted, not read.
+    `InputError` where the file is missing; the numbers of unreadable lines are kept in `unreadable`.
     """
     path = Path(folder) if str(folder).endswith(".jsonl") else Path(folder) / FILE
     if not path.is_file():
@@ -159,9 +159,9 @@ def load_run(folder: str | Path) -> Run:
 
 
 def load_trade(folder: Path) -> Record | None:
-    """What `neubtf-bench trade` measured of a run; None where it did not. `InputError` where it cannot be read.
+    """Read what `neubtf-bench trade` measured of a run; None where it was not run. `InputError` for an unreadable file.
 
-    Choices whose files were fitted again since are left out.
+    Choices whose codec files were fitted again since then are left out.
     """
     try:
         found: Record = json.loads((folder / TRADE).read_text(encoding="utf-8"))
@@ -176,13 +176,13 @@ def load_trade(folder: Path) -> Record | None:
 
 
 def _stands(choice: Record, run: Run) -> bool:
-    """Whether a choice is of the file that its job's record is of; what is of no file stands."""
+    """Whether a choice belongs to the codec file of its job's record, or to no file."""
     job = run.job(choice.get("job", "")) or {}
     return "sha256" not in choice or job.get("score_key", {}).get("sha256") == choice["sha256"]
 
 
 def _take(run: Run, line: bytes) -> bool:
-    """Add a line to what was found; False where it is no record."""
+    """Add the record of a line to the run; return False where the line is no record."""
     sealed = _SEALED.match(line)
     if sealed and int(sealed[1], 16) != zlib.crc32(line[sealed.end() :].rstrip(b"\n")):
         return False
@@ -211,7 +211,7 @@ def _sort(run: Run, record: Record) -> bool:
 
 
 def _parsed(line: bytes) -> Record:
-    """The record of a line, without its checksum; empty where the line is none."""
+    """The record of a line, without its checksum; empty where the line is no record."""
     try:
         record = json.loads(line)
     except ValueError:
@@ -223,19 +223,19 @@ def _parsed(line: bytes) -> Record:
 
 
 def shown_label(job: Record) -> str:
-    """The label of a job as tables print it: of a codec that has recipes, the default is "(our recipe)"."""
+    """The label of a job in tables: a codec with recipes gets "(our recipe)" for its default."""
     label = str(job.get("label", job["job"]))
     ours = job.get("settings", {}).get("recipe") == "ours" and "recipe=" not in label
     return " ".join([*label.split()[:1], "(our recipe)", *label.split()[1:]]) if ours else label
 
 
 def gate(groups: Container[str]) -> str:
-    """The group of pairs that decides: held-out ones, or all where none are held out."""
+    """The group of pairs that decides a comparison: `heldout`, or `all` where none are held out."""
     return "heldout" if "heldout" in groups else "all"
 
 
 def metric_of(names: Iterable[str], family: str) -> str:
-    """The first of some names of metrics that is of a family (`ssim` → `ssim_periodic`), or ""."""
+    """The first of these metric names that belongs to a family (`ssim` → `ssim_periodic`), or ""."""
     return next((name for name in names if name == family or name.startswith(f"{family}_")), "")
 
 
@@ -255,11 +255,11 @@ def stats_of(job: Record, family: str, group: str = "") -> Record:
 def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:
     """Every number of a job and of its timing, by the path of its field: `bytes/total`, `timing/ns_per_sample`.
 
-    Nothing is rounded. What names the job (material, label, codec, seed, job, status) comes first, settings as JSON.
-    Of lists only short ones of numbers are given, `…/0`, `…/1`; longer ones are left to the record.
+    Nothing is rounded. The fields that name the job (material, label, codec, seed, job, status) come first, settings as
+    JSON. Short lists of numbers become fields `…/0`, `…/1`; longer lists are left out.
     """
     yield from ((name, job.get(name)) for name in _HEAD)
-    settings = job.get("settings", job.get("fit_key", {}).get("settings"))  # a reference has them in its key alone
+    settings = job.get("settings", job.get("fit_key", {}).get("settings"))  # a reference stores them only in its key
     yield "settings", None if settings is None else json.dumps(settings, sort_keys=True)
     score = job.get("score_key", {})
     yield from ((name, score.get(name)) for name in ("btf", "exposure", "sha256"))

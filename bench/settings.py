@@ -1,4 +1,4 @@
-"""The settings of a codec: they convert from strings, are checked against their range, and describe themselves.
+"""The settings of a codec: converts them from strings, checks their ranges, and describes them.
 
 `Settings` is a frozen dataclass of int, float, bool, str and `Literal` fields. A field may say its range:
 
@@ -45,7 +45,7 @@ _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting, described: its name, default, what it may be, and the comment beside it."""
+    """The description of a setting: name, default, allowed values, and the comment beside it."""
 
     name: str
     default: str
@@ -54,7 +54,7 @@ class Setting:
 
 
 def parse(owner: str, settings: type, values: dict[str, Any]) -> Any:
-    """A `Settings` object of a codec, `owner`, with some fields set, from Python values or strings.
+    """Make the `Settings` object of the codec `owner`, with some fields set from Python values or strings.
 
     `InputError` where a field is unknown (with the nearest name), or a value does not convert or is out of range.
     """
@@ -66,7 +66,7 @@ def parse(owner: str, settings: type, values: dict[str, Any]) -> Any:
 
 
 def convert(owner: str, name: str, kind: Any, value: Any) -> Any:
-    """The value of a setting. `InputError` says what it must be."""
+    """Convert the value of a setting. An `InputError` says which values are allowed."""
     try:
         found = _converted(kind, value)
     except (KeyError, ValueError, TypeError, OverflowError):
@@ -77,7 +77,7 @@ def convert(owner: str, name: str, kind: Any, value: Any) -> Any:
 
 
 def _converted(kind: Any, value: Any) -> Any:
-    """The value, or None where it is out of range; an error where it is of another kind."""
+    """The converted value, or None where it is out of range; raises where it is of another type."""
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
         return value if value in get_args(plain) else None
@@ -102,7 +102,7 @@ def _parts(kind: Any) -> tuple[Any, Range]:
 
 
 def _wanted(kind: Any) -> str:
-    """What a setting may be, in words."""
+    """The allowed values of a setting, in words."""
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
         return " or ".join(map(repr, get_args(plain)))
@@ -111,7 +111,7 @@ def _wanted(kind: Any) -> str:
 
 
 def described(settings: type) -> list[Setting]:
-    """Every setting of a `Settings` class, in order. Meanings are comments, read from the source where there is one."""
+    """Describe every setting of a `Settings` class, in order. Meanings are the comments in its source, if available."""
     kinds, comments = get_type_hints(settings, include_extras=True), _comments(settings)
     return [
         Setting(field.name, _shown(field.default), _wanted(kinds[field.name]), comments.get(field.name, ""))
@@ -130,7 +130,7 @@ def _comments(settings: type) -> dict[str, str]:
     for owner in reversed(settings.__mro__[:-1]):
         try:
             source = inspect.getsource(owner)
-        except (OSError, TypeError):  # made without a file
+        except (OSError, TypeError):  # a class without a source file
             continue
         found |= dict(re.findall(r"^\s+(\w+): [^#\n]*#\s*(.*)$", source, re.M))
     return found

@@ -1,4 +1,4 @@
-"""How many CPU threads a block of work may use."""
+"""Limits the number of CPU threads of a block."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """PyTorch, and the libraries under NumPy and scikit-learn, limited to `count` CPU threads inside."""
+    """Limit PyTorch, and the libraries under NumPy and scikit-learn, to `count` CPU threads in this block."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

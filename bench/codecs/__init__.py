@@ -1,1 +1,1 @@
-"""What codecs are made of: their files, the registry that finds them, networks and their fitting."""
+"""Building blocks of codecs: their files, the registry, networks and fitting."""

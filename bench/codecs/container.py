@@ -2,8 +2,8 @@
 
 The JSON holds {format, codec, version, settings, sha256}, and `provenance` where a file was made from others. Where a
 codec shares a network over materials, `shared` is the hash of its file, and that file's own `kind` is "shared". Where
-a file was fitted to a scene, `scene` says what of the BTF it holds. The
-hash is that of the whole file with its own 64 digits replaced by zeros, so that no byte of the file can change unseen.
+a file was fitted to a scene, `scene` says which part of the BTF it holds. The hash covers the whole file, with its own
+64 digits replaced by zeros, so that every changed byte is detected.
 Nothing is ever unpickled. Where the setting `zstd` is true, each part is one uint8 tensor `part/zstd`: the bytes of a
 safetensors file of its tensors, compressed by Zstandard.
 """
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 FORMAT = 1
 KEY = "neubtf"
 SUFFIX = ".nbtf"
-MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or the network that a codec shares over them
+MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or a network shared over materials
 ZEROS = b"0" * 64
 HEADER_LIMIT = 1 << 24
-MOST_EXPANSION, LEAST_EXPANDED = 1024, 64 << 20  # what all compressed parts may expand to: × the file, or these bytes
+MOST_EXPANSION, LEAST_EXPANDED = 1024, 64 << 20  # limits of all expanded parts: × the file, or bytes
 PARTS = ("decoder", "texture", "encoder", "other")
 # Bytes a number of the dtypes that safetensors names and a codec may write.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
@@ -41,7 +41,7 @@ ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16"
 
 @dataclass(frozen=True)
 class Header:
-    """What a codec file says of itself, read without PyTorch and checked against its hash."""
+    """The header of a codec file, read without PyTorch and checked against its hash."""
 
     path: Path
     codec: str
@@ -52,13 +52,13 @@ class Header:
     file_bytes: int
     kind: str = MATERIAL
     scene: dict[str, Any] = field(default_factory=dict)  # the demand that it was fitted to: see `bench.demand.need`
-    network: str = ""  # the hash of the shared network's file, where one is needed to decode
-    provenance: dict[str, Any] = field(default_factory=dict)  # what else than a BTF the file was made from
+    network: str = ""  # the hash of the shared network's file, if one is needed to decode
+    provenance: dict[str, Any] = field(default_factory=dict)  # the sources of the file other than a BTF
 
     def part_bytes(self) -> dict[str, int]:
-        """Bytes of the tensors by part, and `header`: what the file needs besides. They add up to the file.
+        """Bytes of the tensors by part, and of `header`, the rest of the file. They add up to the file's size.
 
-        `encoder` stands there only where the file has one.
+        `encoder` is listed only where the file has one.
         """
         sums = {"decoder": 0, "texture": 0, "other": 0}
         for name, (_, _, size) in self.tensors.items():
@@ -133,7 +133,7 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
 
 
 def _check_numbers(path: Path, part: str, tensors: "dict[str, Tensor]") -> None:
-    """`ContainerError` where a number is not finite, which no codec writes."""
+    """Raise a `ContainerError` where a number is not finite; no codec writes such numbers."""
     for name, values in tensors.items():
         if values.is_floating_point() and not values.isfinite().all():
             raise ContainerError(f"{path}: tensor {part}/{name} holds numbers that are not finite")

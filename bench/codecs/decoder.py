@@ -1,4 +1,4 @@
-"""The small network of every learned codec: one class, so that it is counted, timed, quantised and exported once.
+"""The small network of every learned codec, in one class, so that counting, timing and export are written once.
 
 NeuBTF's renderer, Rainer's decoders and NeuMIP's two networks are settings of it; see `Architecture`.
 """
@@ -21,7 +21,7 @@ LEAK = 0.01  # slope of the leaky ReLU below 0
 
 @dataclass(frozen=True)
 class Architecture:
-    """What a network is: `inputs` numbers → hidden layers of `widths` → `outputs` numbers, the last layer linear.
+    """The shape of a network: `inputs` numbers → hidden layers of `widths` → `outputs` numbers, the last layer linear.
 
     A hidden layer is linear → layer norm with gain and offset, if `norm` → activation; `omega` is the sine's frequency.
     With `residual`, a hidden layer whose input has its own width adds that input.
@@ -58,7 +58,7 @@ class Architecture:
 
 
 class Network(nn.Module):
-    """What stands for a network (n, inputs) → (n, outputs): a `Decoder`, or what an execution makes of it."""
+    """The protocol of a network (n, inputs) → (n, outputs): a `Decoder`, or an execution's replacement of it."""
 
     def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
         """The outputs for a texture (H, W, C) at uv (n, 2), bilinear, followed by the numbers `first` and `second`."""
@@ -85,10 +85,10 @@ class Decoder(Network):
 
     @torch.no_grad()
     def start_at(self, outputs: Tensor) -> None:
-        """Answer `outputs` (outputs,) whatever the inputs, by the bias of the last layer; its weights become 0.
+        """Set the last layer to output `outputs` (outputs,) for any input: its bias is `outputs`, its weights are 0.
 
-        A fit that begins at the mean of its data need not first unlearn what random weights say: it is sooner done, and
-        a constant material is met from the start.
+        A fit that starts at the mean of its data converges sooner than from random outputs, and a constant material is
+        exact from the start.
         """
         last = self.layers[-1]
         assert isinstance(last, nn.Linear)
@@ -110,9 +110,10 @@ class Decoder(Network):
         return saturated(self.layers[-1](x)).to(inputs.dtype)
 
     def _normed(self, x: Tensor, depth: int) -> Tensor:
-        """A linear layer and its norm; where no gradient is kept, in fewer passes over the samples.
+        """Apply a linear layer and its norm; without gradients, in fewer passes over the samples.
 
-        There the mean is taken from the weights before, not from each answer after; half precisions would round it.
+        Without gradients the mean is removed from the weights beforehand, not from each output; half precision would
+        round it.
         """
         assert self.norms is not None
         layer, norm = self.layers[depth], self.norms[depth]
@@ -127,7 +128,7 @@ class Decoder(Network):
         return torch.addcmul(norm.bias, hidden, norm.weight, out=hidden)
 
     def _activate(self, x: Tensor) -> Tensor:
-        """The activation of a layer's own numbers; where no gradient needs them, in their place: that spares memory."""
+        """Apply the activation to a layer's outputs; in place where no gradient needs them, to save memory."""
         free = not x.requires_grad
         match self.architecture.activation:
             case "sine":
@@ -148,13 +149,13 @@ def _initialise(layer: nn.Module, architecture: Architecture, depth: int, genera
     layer.weight.uniform_(-bound, bound, generator=generator)
     layer.bias.zero_()
     if depth < len(architecture.widths):
-        # A bias spreads the kinks, or the phases, of a layer over its inputs.
+        # Random biases spread the kinks, or the phases, of a layer over its inputs.
         spread = 1 / math.sqrt(layer.in_features)
         layer.bias.uniform_(-spread, spread, generator=generator)
 
 
 def to_vector(*networks: nn.Module) -> Tensor:
-    """Every parameter of some networks, one after the other: what a codec file stores, one tensor without names."""
+    """Concatenate all parameters of some networks to one tensor, as a codec file stores them."""
     return torch.cat([p.detach().reshape(-1) for network in networks for p in network.parameters()])
 
 

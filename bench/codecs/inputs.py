@@ -1,4 +1,4 @@
-"""What a network sees of two directions: coordinates in the tangent plane, or both directions and their half vector."""
+"""Network inputs of two directions: coordinates in the tangent plane, or both directions and their half vector."""
 
 from typing import Literal
 
@@ -8,11 +8,11 @@ from torch.nn import functional
 
 Directions = Literal["xy", "xyzh"]
 
-COUNTS = {"xy": 4, "xyzh": 9}  # numbers of both directions together
+COUNTS = {"xy": 4, "xyzh": 9}  # count of inputs for both directions together
 
 
 def direction_inputs(wo: Tensor, wi: Tensor, kind: Directions) -> tuple[Tensor, Tensor]:
-    """What a network sees of unit directions wo, wi (n, 3): of the view, and of the light with what they share.
+    """Network inputs of unit directions wo, wi (n, 3): those of the view, then those of the light and the half vector.
 
     `xy`: x and y of each. `xyzh`: x, y and z of each, and of the half vector, around which highlights lie.
     """

@@ -1,4 +1,4 @@
-"""Decodes a codec file: finds the codec that it names, its shared network where it needs one, and the scene it fits."""
+"""Decodes a codec file: finds its codec, its shared network if it needs one, and the scene it was fitted to."""
 
 import dataclasses
 from pathlib import Path
@@ -15,7 +15,7 @@ from bench.material import Material
 
 
 class Loaded(NamedTuple):
-    """A codec file, what it decodes to, and the shared network that it was decoded with, where it needs one."""
+    """A codec file's header, the decoded material, and the shared network used to decode it, if any."""
 
     header: Header
     material: Material
@@ -25,7 +25,7 @@ class Loaded(NamedTuple):
 def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork | None = None) -> Loaded:
     """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong.
 
-    The shared network that the file names is `network` where its hash agrees, else `shared.named_by` finds its file.
+    If the file needs a shared network, `network` is used where its hash agrees; else `shared.named_by` finds the file.
     """
     path = Path(path)
     header, parts = read_parts(path)
@@ -47,14 +47,14 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         _try(material)
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
-    except Exception as error:  # tensors that no encoder made may bring a decoder to anything
+    except Exception as error:  # tensors that no encoder made may raise any error in a decoder
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
     return Loaded(header, material, network)
 
 
 def _try(material: Material) -> None:
-    """Ask one query at each corner of the picture: what does not fit together shows at once. `ValueError` says what."""
+    """Query each corner of the picture, so that inconsistent tensors are found at once. Raises a `ValueError`."""
     if not all(isinstance(side, int) and side > 0 for side in material.size):
         raise ValueError(f"a picture of {material.size} texels")
     uv = torch.tensor([[0.0, 0.0], [0.0, 0.999], [0.999, 0.0], [0.999, 0.999]], device=material.device)

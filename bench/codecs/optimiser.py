@@ -1,10 +1,10 @@
-"""What steps the parameters of a fit: Muon for the matrices between hidden layers, Adam for everything else.
+"""The optimisers of a fit: Muon for the matrices between hidden layers, Adam for all other parameters.
 
 Muon (Jordan et al., "Muon: an optimizer for hidden layers in neural networks", 2024) moves a matrix by its gradient's
 momentum with all singular values brought near 1, so that directions with a small gradient are learned as well. It is
-meant for matrices from hidden channels to hidden channels; inputs, outputs, biases, norms and latents are Adam's.
+meant for matrices from hidden channels to hidden channels; Adam steps inputs, outputs, biases, norms and latents.
 
-`torch.optim.Muon` does the same in bfloat16, which a processor without instructions for it emulates: 2.1 ms for a
+`torch.optim.Muon` does the same in bfloat16, which processors without bfloat16 instructions emulate: 2.1 ms for a
 matrix of 32², and 0.06 ms in the float32 used here.
 """
 
@@ -56,7 +56,7 @@ class Muon(torch.optim.Optimizer):
 def groups_of(
     networks: Iterable[nn.Module], rate: float, optimiser: Optimiser, hidden_rate: float
 ) -> list[dict[str, Any]]:
-    """Parameter groups of some networks: all of them at `rate`, but with Muon hidden matrices at `hidden_rate`."""
+    """Parameter groups of some networks: all at `rate`; with Muon, hidden matrices at `hidden_rate`."""
     networks = list(networks)
     hidden = [p for network in networks for p in hidden_matrices(network)] if optimiser == "muon" else []
     others = [p for network in networks for p in network.parameters() if all(p is not h for h in hidden)]
@@ -71,7 +71,7 @@ def hidden_matrices(network: nn.Module) -> list[nn.Parameter]:
 
 
 class Optimisers:
-    """Adam and Muon over the groups of an objective; a group with `hidden` is Muon's."""
+    """Adam and Muon over the groups of an objective; Muon steps the groups with `hidden`."""
 
     def __init__(self, groups: list[dict[str, Any]], device: torch.device):
         self.fused = device.type in ("cpu", "cuda")
@@ -111,7 +111,7 @@ class Optimisers:
         }
 
     def step(self, rates: list[float]) -> None:
-        """One step down the gradients, each group at a rate of its own; the gradients are then forgotten."""
+        """One step down the gradients, each group at its own rate; then clear the gradients."""
         for group, rate in zip(self.groups, rates, strict=True):
             group["lr"] = rate
         for optimiser in self.each.values():

@@ -1,8 +1,8 @@
-"""A decoded material as a program of plain operations on NumPy constants, for whoever draws it without PyTorch.
+"""A decoded material as a program of plain operations on NumPy constants, for renderers without PyTorch.
 
-`program_of` records what `Material.evaluate` does for one query, operation by operation, by `torch.export`. So every
-codec is drawn by the same generator, codecs of others included; none writes a shader. What depends on constants alone
-is computed here and becomes a constant. `Program.run` is the reference interpreter.
+`program_of` records the operations of `Material.evaluate` for one query by `torch.export`. So one generator writes the
+shaders of every codec, external ones included; no codec writes a shader. Operations on constants alone are computed
+here and become constants. `Program.run` is the reference interpreter.
 """
 
 import io
@@ -24,13 +24,13 @@ from bench.errors import InputError
 from bench.material import Material
 
 INPUTS = ("uv", "wo", "wi", "footprint")
-# Operations that only promise something about their argument.
+# Operations that only assert a property of their argument.
 SAME = ("alias", "detach", "clone", "contiguous", "lift_fresh_copy")
 
 
 @dataclass(frozen=True)
 class Step:
-    """One operation of PyTorch's core set (ATen): its name without overload, its arguments, what it gives.
+    """One operation of PyTorch's core set (ATen): its name without overload, its arguments, its result.
 
     An argument is a number, a string, None, a list of arguments, or {"of": NAME}: an input, a constant or a result.
     """
@@ -52,7 +52,7 @@ class Program:
     size: tuple[int, int]  # texels, (H, W)
 
     def save(self, path: Path) -> None:
-        """Write the program as `.npz`: the steps as JSON, one array a constant. Nothing in it is pickled."""
+        """Write the program as `.npz`: the steps as JSON, one array per constant. Nothing is pickled."""
         says = {"result": self.result, "size": list(self.size), "steps": [vars(step) for step in self.steps]}
         text = np.frombuffer(json.dumps(says).encode(), np.uint8)
         with atomic.replacing(path) as partial, open(partial, "wb") as file:
@@ -61,7 +61,7 @@ class Program:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without what torch.export says of its own parts, and of the graph where it fails."""
+    """Silence the warnings and logs of torch.export."""
     logging.disable(logging.CRITICAL)
     try:
         with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
@@ -83,15 +83,15 @@ class _Evaluate(nn.Module):
 def program_of(material: Material) -> Program:
     """The program of a float32 material on the CPU.
 
-    `InputError` where `evaluate` cannot be recorded: it depends on the values of a query by Python's own branches, or
-    uses what is no tensor operation.
+    `InputError` where `evaluate` cannot be recorded: it branches in Python on the values of a query, or uses something
+    other than tensor operations.
     """
     zenith = torch.tensor([[0.0, 0.0, 1.0]])
     query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)
     try:
         with torch.no_grad(), _quiet():
             exported = torch.export.export(_Evaluate(material), query, strict=False).run_decompositions()
-    except Exception as error:  # torch.export has no kind of its own
+    except Exception as error:  # torch.export has no exception type of its own
         what = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise InputError(f"this material cannot be recorded as a program: {what}") from error
     known = {**exported.state_dict, **exported.constants}
@@ -112,7 +112,7 @@ def program_of(material: Material) -> Program:
 
 
 class _Recorder:
-    """What each node of the graph stands for: a constant tensor, or the name of an input or a step."""
+    """Maps each node of the graph to a constant tensor, or to the name of an input or a step."""
 
     def __init__(self, constants: dict[str, Tensor]):
         self.values: dict[str, Any] = dict(constants)
@@ -129,7 +129,7 @@ class _Recorder:
         elif operation == "getitem":
             source, number = arguments
             self.values[node.name] = source[number] if isinstance(source, (list, tuple)) else f"{source}.{number}"
-        elif operation == "full_like":  # of the shape alone
+        elif operation == "full_like":  # depends on the shape alone
             self.values[node.name] = torch.full(
                 tuple(node.meta["val"].shape), arguments[1], dtype=node.meta["val"].dtype
             )
@@ -182,7 +182,7 @@ class _Recorder:
         return [self._argument(each) for each in value] if isinstance(value, (list, tuple)) else value
 
     def _keep(self, tensor: Tensor) -> str:
-        """The name of a constant, one for equal objects."""
+        """Store a constant and return its name; equal objects share one."""
         for name, kept in self.values.items():
             if kept is tensor:
                 return name
@@ -191,7 +191,7 @@ class _Recorder:
         return name
 
     def program(self, result: str, size: tuple[int, int]) -> Program:
-        """The steps that the result needs, and the constants that they need."""
+        """The program, reduced to the steps and constants that the result needs."""
         last = self.values[result]
         needed, steps = {last}, list[Step]()
         for step in reversed(self.steps):
@@ -204,7 +204,7 @@ class _Recorder:
 
 
 def _names(arguments: Any) -> bool:
-    """Whether an input or a step is among some arguments: strings are names, constants are tensors."""
+    """Whether some arguments contain an input or a step: strings are names, constants are tensors."""
     if isinstance(arguments, list):
         return any(_names(each) for each in arguments)
     return isinstance(arguments, str)

@@ -1,7 +1,7 @@
-"""Textures and weights at the precision that a file stores, with their true bytes.
+"""Packs textures and weights at the precision that a file stores.
 
-Eight bits are affine a channel: value = offset + scale · code. Latents lose ≤ 0.01 dB by it; see docs/decisions.
-Halves hold numbers of any size: those beyond or far below what a half can tell apart carry a power of two.
+Eight bits are affine per channel: value = offset + scale · code. Latents lose ≤ 0.01 dB by it; see docs/decisions.
+Halves can hold numbers of any size: values too large or too small for a half are scaled by a power of two.
 """
 
 import math
@@ -13,13 +13,13 @@ from torch import Tensor
 Precision = Literal["float32", "half", "int8"]
 WeightPrecision = Literal["float32", "half"]
 
-HALF_PEAKS = (2.0**-4, 65504.0)  # where the largest of some numbers may lie for halves to hold them as they are
+HALF_PEAKS = (2.0**-4, 65504.0)  # range of the largest magnitude that halves hold unscaled
 
 
 def half_scale(peak: float) -> float:
-    """What numbers up to ±`peak` are divided by before they become halves: 1, or the power of two that they need.
+    """The divisor of numbers up to ±`peak` before they become halves: 1, or a power of two.
 
-    Half precision ends at 65,504, and below 6e-5 it loses digits; divided by a power of two, halves stay exact.
+    Half precision ends at 65,504 and loses digits below 6e-5; division by a power of two is exact.
     """
     if peak == 0 or HALF_PEAKS[0] <= peak <= HALF_PEAKS[1]:
         return 1.0
@@ -29,7 +29,7 @@ def half_scale(peak: float) -> float:
 def pack(name: str, values: Tensor, precision: Precision) -> dict[str, Tensor]:
     """Values (…, C) as named tensors; with eight bits `name` is uint8, and `name.scale`, `name.offset` are (C,).
 
-    Halves that need a power of two have it in `name.scale`, (1,).
+    Scaled halves store their power of two in `name.scale`, (1,).
     """
     values = values.detach().cpu()
     if precision == "float32":
@@ -39,14 +39,14 @@ def pack(name: str, values: Tensor, precision: Precision) -> dict[str, Tensor]:
         return {name: (values / scale).half()} | ({f"{name}.scale": torch.tensor([scale])} if scale != 1 else {})
     flat = values.flatten(0, -2).float()
     low, high = flat.amin(0), flat.amax(0)
-    # A constant channel needs some scale that is not 0.
+    # The scale of a constant channel must not be 0.
     step = ((high - low) / 255).clamp_min(1e-12)
     codes = (values - low).div_(step).round_().clamp_(0, 255).to(torch.uint8)
     return {name: codes, f"{name}.scale": step, f"{name}.offset": low}
 
 
 def unpack(name: str, tensors: dict[str, Tensor]) -> Tensor:
-    """The float32 values of what `pack` gave."""
+    """Restore the float32 values that `pack` stored."""
     values = tensors[name].float()
     if f"{name}.scale" in tensors:
         values = values * tensors[f"{name}.scale"]

@@ -26,14 +26,14 @@ def codec_entries() -> dict[str, EntryPoint]:
 
 
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
-    """The class of a codec. `InputError` where none has the name, or where the class does not bear it."""
+    """Import the class of a codec. `InputError` where no codec has the name, or its class has another one."""
     entry = _entry(name, wanted_by)
     trial.check(entry, called(entry), _tried)
     return _loaded(entry, wanted_by)
 
 
 def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
-    """A codec with some settings. `InputError` where they will not do, `CodecError` where the codec itself fails."""
+    """Make a codec with some settings. `InputError` where they are invalid, `CodecError` where the codec fails."""
     entry = _entry(name)
     trial.check(entry, called(entry), _tried, settings)
     try:
@@ -45,7 +45,7 @@ def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
 
 
 def _tried(name: str, settings: dict[str, Any] | None) -> object:
-    """What is tried with a codec from outside, in a process of its own."""
+    """The trial of an external codec, which runs in its own process."""
     return load_codec(name) if settings is None else make_codec(name, settings)
 
 
@@ -74,18 +74,18 @@ def _kind(error: BaseException) -> str:
 
 
 def from_outside(name: str) -> bool:
-    """Whether a codec comes from another distribution than this suite."""
+    """Whether a codec comes from a distribution other than this suite."""
     entry = codec_entries().get(name)
     return entry is not None and trial.is_outside(entry)
 
 
 def called(entry: EntryPoint) -> str:
-    """How errors call a codec: by its name and the distribution it comes from."""
+    """The name of a codec in errors, with its distribution."""
     return f"codec {entry.name} of {origin(entry)}"
 
 
 def origin(entry: EntryPoint) -> str:
-    """The distribution that a codec comes from, and its version: `neubtf-bench 0.1.0`."""
+    """The distribution of a codec and its version: `neubtf-bench 0.1.0`."""
     return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown distribution"
 
 

@@ -1,4 +1,4 @@
-"""A material that was fitted to a scene: maps queries of the whole texture to what is stored, and counts the others."""
+"""A material fitted to a scene: maps queries of the whole texture to the stored window, and counts those outside."""
 
 import logging
 from typing import Any
@@ -11,14 +11,14 @@ from bench.material import Material
 
 log = logging.getLogger(__name__)
 
-FINER = 2.0  # a footprint this much below the finest demanded one lies far outside
+FINER = 2.0  # a footprint smaller than the finest demanded one by this factor is far outside
 
 
 class SceneMaterial(Material):
-    """A decoded material around the one of a window of the texture; see `bench.demand.need`.
+    """Wraps the decoded material of a window of the texture; see `bench.demand.need`.
 
-    Queries far outside what the scene asks for, whose direction is over a cell of the map away from every demanded one
-    or whose place or footprint was left out, are answered as well as may be, counted, and reported once.
+    A query is far outside the scene's demand if its direction is over a map cell away from every demanded one, or its
+    position or footprint was left out. Such queries get the nearest stored answer, are counted, and reported once.
     """
 
     def __init__(self, inner: Material, says: dict[str, Any], name: str):
@@ -48,7 +48,7 @@ class SceneMaterial(Material):
         return self.inner.evaluate(self.window.within(uv), wo, wi, footprint * self.window.stretch)
 
     def _count(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
-        """Add to `asked` and `outside`; the first time, say so."""
+        """Add to `asked` and `outside`; warn at the first query outside."""
         inside = self.views.index_select(0, cell_of(wo)) & self.lights.index_select(0, cell_of(wi))
         if not self.window.full:
             inside &= self.window.holds(uv)
@@ -68,7 +68,7 @@ class SceneMaterial(Material):
 
 
 def unreported(material: Material) -> Material:
-    """The same material, its queries far outside its scene no more reported: it is asked everything on purpose."""
+    """The same material without the warning, for callers that query everything on purpose."""
     if isinstance(material, SceneMaterial):
         material.reports = False
     return material

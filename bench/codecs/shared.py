@@ -1,8 +1,8 @@
-"""Networks that a codec trains once for all materials: each a file of its own, named by hash in a material's file.
+"""Networks that a codec trains once for all materials: each has its own file, which a material's file names by hash.
 
 The file is a codec file of kind "shared": the network in its parts `decoder` and `encoder`, and in `other` two hashes
-of each BTF it was trained on, the `fingerprint` and the `origin`. It lies as `CODEC.nbtf` in `$NEUBTF_SHARED`, else in
-`shared/` under the cache folder; one that another takes the place of stays beside it under a name with its hash.
+of each BTF it was trained on, the `fingerprint` and the `origin`. It is stored as `CODEC.nbtf` in `$NEUBTF_SHARED`,
+else in `shared/` under the cache folder; a replaced file stays beside it under a name with its hash.
 """
 
 import dataclasses
@@ -25,13 +25,13 @@ from bench.errors import ContainerError, InputError, MissingDataError
 
 
 def folder() -> Path:
-    """Where shared networks lie."""
+    """The folder of the shared networks."""
     chosen = os.environ.get("NEUBTF_SHARED")
     return Path(chosen) if chosen else cache_dir() / "shared"
 
 
 def place(codec: str) -> Path:
-    """The file of the network that a codec shares, which new materials are encoded with."""
+    """The file of a codec's shared network, used to encode new materials."""
     return folder() / f"{codec}{container.SUFFIX}"
 
 
@@ -41,7 +41,7 @@ def hashed_name(codec: str, sha256: str) -> str:
 
 
 def read(path: Path) -> TrainedNetwork:
-    """A shared network's file. `ContainerError` says what is wrong."""
+    """Read a shared network's file. `ContainerError` says what is wrong."""
     return _trained(*container.read_parts(path))
 
 
@@ -54,7 +54,7 @@ def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
 
 
 def find(codec: str, path: Path | None = None) -> TrainedNetwork:
-    """The network that a codec shares, at `path` or at its place. `MissingDataError` says how to get it."""
+    """Read a codec's shared network from `path` or its default place. `MissingDataError` says how to get it."""
     path = path or place(codec)
     if not path.exists():
         raise missing(codec, path)
@@ -65,12 +65,12 @@ def find(codec: str, path: Path | None = None) -> TrainedNetwork:
 
 
 def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
-    """The network that a codec shares, at its place; None where it shares none."""
+    """Read a codec's shared network from its default place; None for a codec without one."""
     return find(codec.name) if codec.network else None
 
 
 def missing(codec: str, path: Path | None = None) -> MissingDataError:
-    """What to say where the network of a codec is not at `path`, or not at its place."""
+    """The message for a shared network that is missing at `path`, or at its default place."""
     return MissingDataError(
         f"{path or place(codec)}: not there: codec {codec} needs the network that it shares over materials: make it "
         f"with `neubtf-bench pretrain {codec}`"
@@ -78,8 +78,8 @@ def missing(codec: str, path: Path | None = None) -> MissingDataError:
 
 
 def named_by(header: container.Header) -> TrainedNetwork:
-    """The network that a material's file names by its hash: beside it or in `folder()`, by that name or any of the
-    codec's. `ContainerError` says where to put it."""
+    """Find the network that a material's file names by hash: beside the file or in `folder()`, under the hashed name or
+    any of the codec's. `ContainerError` says where to put it."""
     names = (hashed_name(header.codec, header.network), f"{header.codec}{container.SUFFIX}")
     for path in (place / name for place in (header.path.parent, folder()) for name in names):
         if path.is_file() and (found := container.read_parts(path))[0].sha256 == header.network:
@@ -92,11 +92,11 @@ def named_by(header: container.Header) -> TrainedNetwork:
 
 
 def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> container.Header:
-    """Train a network on some BTFs and write its file; another one that lies there keeps a name with its hash.
+    """Train a network on some BTFs and write its file; an existing file is renamed to its hash.
 
-    A training that was killed goes on from its state, which lies beside the file as long as it is not finished.
+    An interrupted training resumes from its state, which is kept beside the file until it is finished.
     """
-    before = container.read_header(path) if path.exists() else None  # what cannot be read stops here, not at the end
+    before = container.read_header(path) if path.exists() else None  # fail now on an unreadable file
     path.parent.mkdir(parents=True, exist_ok=True)
     fingerprints, origins = [btf.fingerprint for btf in btfs], [origin(btf) for btf in btfs]
     state = path.with_name(f"{path.stem}-{_key(network, fit, fingerprints)[:12]}.state")
@@ -110,7 +110,7 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
 
 
 def _key(network: SharedNetwork, fit: Fit, fingerprints: list[str]) -> str:
-    """All that shapes a shared file."""
+    """A hash of everything that determines a shared file."""
     known = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
     known += [fit.threads, torch.__version__, fingerprints]
     return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
@@ -123,8 +123,8 @@ def _digests(digests: list[str]) -> Tensor:
 def origin(btf: BTF) -> str:
     """A hex digest of the surface that a BTF shows, the same at every size and for all directions.
 
-    Of a rendered material it is that of recipe, parameters and seed, of baked maps that of the names of folder and
-    files, of measured data that of the whole source.
+    A rendered material is hashed by recipe, parameters and seed; baked maps by the names of folder and files; measured
+    data by the whole source.
     """
     says = btf.provenance
     match says.get("source"):
@@ -138,7 +138,7 @@ def origin(btf: BTF) -> str:
 
 
 def refuse(network: TrainedNetwork, btf: BTF) -> None:
-    """`InputError` where a network was trained on this material, at whatever size and directions."""
+    """Raise an `InputError` where a network was trained on this material, at any size and directions."""
     if origin(btf) in network.origins:
         raise InputError(
             f"{btf.name}: codec {network.codec} cannot be measured on it, as its shared network was trained "

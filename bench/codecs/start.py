@@ -1,7 +1,7 @@
-"""Where the latents of a fit start: at the principal components of the texels' log ABRDFs, or at random.
+"""The initial latents of a fit: the principal components of the texels' log ABRDFs, or random numbers.
 
-A random start has to find what the components already are: which texels look alike. Scores are whitened, since a
-network cannot tell small inputs from none, and halved, since beside strong latents it makes little of the directions.
+The components already group texels that look alike; a random start must learn this first. Scores are whitened, since a
+network ignores small inputs, and halved, since it makes little use of the directions beside strong latents.
 """
 
 from collections.abc import Iterator
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 Start = Literal["components", "random"]
 
 RANDOM_SPREAD, COMPONENT_SPREAD = 0.1, 0.5  # standard deviation of a channel
-MOST_PAIRS = 1_024  # that the components are taken of: more tell nothing new of which texels look alike
-PASSES = 2  # readings of the data: a start need not be exact
-BLOCK_BYTES = 16 << 20  # of the matrix at once
+MOST_PAIRS = 1_024  # pairs that the components are computed from: more pairs group the texels no better
+PASSES = 2  # passes over the data: a start need not be exact
+BLOCK_BYTES = 16 << 20  # bytes of the matrix in memory at once
 
 
 def first_latents(samples: "Samples", channels: int, start: Start, generator: torch.Generator) -> Tensor:

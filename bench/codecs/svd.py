@@ -1,9 +1,9 @@
-"""Truncated singular value decomposition of a matrix that is read in blocks of rows, a stated number of times.
+"""Truncated singular value decomposition of a matrix read in blocks of rows, in a fixed number of passes.
 
 The matrix A is features × texels (a slice gives three rows), each row centred over the texels. With rows Q in texel
-space, one reading gives A Qᵀ and in the same pass A Qᵀ's image under Aᵀ: a whole power iteration. The images of all
-passes together span a Krylov space, in which the last pass finds the components. Where the spectrum is flat that
-converges far faster than the last image alone: Musco and Musco, "Randomized Block Krylov Methods for Stronger and
+space, one pass gives both A Qᵀ and its image under Aᵀ: a whole power iteration. The images of all
+passes together span a Krylov space, in which the last pass finds the components. For a flat spectrum this converges
+far faster than the last image alone: Musco and Musco, "Randomized Block Krylov Methods for Stronger and
 Faster Approximate Singular Value Decomposition", NeurIPS 2015; Halko, Martinsson and Tropp, SIAM Review 53 (2011).
 """
 
@@ -18,8 +18,8 @@ OVERSAMPLE = 10  # rows beyond the rank: Halko et al. recommend five to ten
 EPSILON = torch.finfo(torch.float32).eps
 CHUNK = 1 << 15  # columns converted to double at once
 EXACT_SIDE, EXACT_BYTES = 1024, 64 << 20  # a smaller side and a matrix up to these are decomposed exactly: 0.4 s
-LEAST_WEIGHT = 1e-6  # rows that weigh nothing are stored too, and divided by the root of their weight
-SPACE_BYTES = 512 << 20  # of images kept: with more texels only those of the last passes, at least two
+LEAST_WEIGHT = 1e-6  # rows of weight 0 are stored too, and divided by the root of their weight
+SPACE_BYTES = 512 << 20  # memory for images; with many texels only those of the last passes are kept, at least two
 
 Blocks = Callable[[str], Iterator[Tensor]]
 
@@ -45,9 +45,9 @@ def truncated_svd(
     device: torch.device,
     weight: Tensor | None = None,
 ) -> Factors:
-    """The `rank` strongest components of a matrix of `shape` (F, T), or all that stand above rounding if fewer.
+    """The `rank` strongest components of a matrix of `shape` (F, T), or all above rounding error if fewer.
 
-    With a `weight` (F,) the squared error of each row counts so much.
+    A `weight` (F,) weights the squared error of each row.
     `read(label)` yields the matrix in float32 blocks of rows, in order, which will be overwritten; it is called
     `passes` ≥ 2 times. Memory: images of (rank + 10) · T numbers, one a pass but the last, as many as `SPACE_BYTES`
     holds and at least two; one or two of them more; and the like of F. A small matrix, and one that all images would
@@ -115,7 +115,7 @@ def _centred(blocks: Iterator[Tensor], mean: Tensor, first: bool) -> Iterator[tu
     for block in blocks:
         rows = slice(start, start + len(block))
         if first:
-            # From the first entry on, so that a constant row centres to exact zeros.
+            # Relative to the first entry, so that a constant row centres to exact zeros.
             mean[rows] = block[:, 0] + (block - block[:, :1]).mean(1)
         yield rows, block.sub_(mean[rows, None])
         start = rows.stop
@@ -131,9 +131,9 @@ def _gram(rows: Tensor) -> Tensor:
 
 
 def _orthonormalise(rows: Tensor) -> None:
-    """Make rows (n, m) orthonormal in place, without a second copy; what is only rounding stays short.
+    """Make rows (n, m) orthonormal in place, without a second copy; rows that are only rounding error stay short.
 
-    By the eigenvectors of the Gram matrix, twice: Stathopoulos and Wu, "A block orthogonalization procedure with
+    Uses the eigenvectors of the Gram matrix, twice: Stathopoulos and Wu, "A block orthogonalization procedure with
     constant synchronization requirements", SIAM J. Sci. Comput. 23 (2002).
     """
     for _ in range(2):
@@ -151,7 +151,7 @@ def _largest(values: Tensor, rank: int, floor: float) -> Tensor:
 
 
 def _balanced(mean: Tensor, basis: Tensor, coefficients: Tensor) -> Factors:
-    """The same product with coefficients in [−1, 1], and a sign that does not hang on the solver's whim."""
+    """Rescale to the same product with coefficients in [−1, 1], and a sign that does not depend on the solver."""
     if len(coefficients) == 0:
         return Factors(mean, basis, coefficients)
     low, high = coefficients.aminmax(dim=1, keepdim=True)

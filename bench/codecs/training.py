@@ -1,8 +1,8 @@
-"""How a learned codec is fitted: seeded random samples of a BTF, and one loop that every network goes through.
+"""Fits learned codecs: seeded random samples of a BTF, and one training loop for every network.
 
-The loop is Adam (Kingma and Ba 2015) with a linear warm-up and a cosine to 0, a budget in steps, a curve of PSNR over
-steps and seconds, a state on disk to go on from, and a guard against divergence. The same seed, machine, versions and
-threads give the same parameters, whether or not the fit was interrupted.
+The loop uses Adam (Kingma and Ba 2015) with a linear warm-up and a cosine decay to 0, a budget in steps, a curve of
+PSNR over steps and seconds, a state on disk to resume from, and a guard against divergence. The same seed, machine,
+versions and threads give the same parameters, whether or not the fit was interrupted.
 """
 
 import logging
@@ -31,21 +31,21 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-MEMORY_LIMIT = 640 << 20  # bytes of log radiance that are kept in memory; beyond, each batch is read from the BTF
-PROBE = 8_192  # samples that the curve's PSNR is measured on
+MEMORY_LIMIT = 640 << 20  # bytes of log radiance kept in memory; a larger BTF is read batch by batch
+PROBE = 8_192  # samples for the PSNR of the curve
 POINTS = 25  # of the curve
 WARMUP = 100  # steps, or a tenth of a short fit
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
-SAVE_SECONDS = 5.0  # at least, between two states on disk: what a killed fit loses, beside KEEP_EVERY steps
+SAVE_SECONDS = 5.0  # least seconds between two states on disk: the loss of a killed fit, beside KEEP_EVERY steps
 RESCUES = 3
-GAIN = 0.02  # dB in the steps of a fit's patience, below which it ends
-AWAY = 10.0  # root mean square error of log radiance of a fit that ran away: a factor of 22,000
+GAIN = 0.02  # dB: a fit that gains less within its patience ends
+AWAY = 10.0  # root mean square error of log radiance of a diverged fit: a factor of 22,000
 
 Loss = Literal["l1", "l2", "both"]
 
 
 class DivergedError(RuntimeError):
-    """A fit whose loss stopped being finite, again after each remedy."""
+    """A fit diverged, and again after each remedy."""
 
 
 def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
@@ -62,7 +62,7 @@ def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
 class Batch(NamedTuple):
     """Random samples of a BTF: texel (n,) as row · W + column, pair (n,), and log radiance (n, 3).
 
-    `pair` is an index of `Samples.wo` and `wi`: of a pair, or in a fit to a scene of a direction between some.
+    `pair` indexes `Samples.wo` and `wi`: a pair, or in a fit to a scene a direction between pairs.
     """
 
     texel: Tensor
@@ -77,7 +77,7 @@ class Samples:
     far below any codec's error. `gain` is 8 × exposure: see `gain_of`.
     """
 
-    density: "Density | None" = None  # of the scene that is fitted to
+    density: "Density | None" = None  # of the scene, in a fit to one
 
     def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
         self.btf, self.gain, self.device = btf, gain, fit.device
@@ -85,7 +85,7 @@ class Samples:
         self.texels = btf.shape[0] * btf.shape[1]
         self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
         self.density = fit.density
-        if self.density:  # after the pairs' directions come those of the scene
+        if self.density:  # the scene's directions follow those of the pairs
             self.wo = torch.cat([self.wo, self.density.wo.to(fit.device)])
             self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
         self.kept: Tensor | None = None  # (texels, pairs, 3)
@@ -99,7 +99,7 @@ class Samples:
         return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: a source may be read-only
 
     def draw(self, count: int, generator: torch.Generator) -> Batch:
-        """`count` samples, uniform over texels and pairs; of a fit to a scene, by its density."""
+        """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
         if self.density:
             return self._between(*(drawn.to(self.device) for drawn in self.density.draw(count, self.shape, generator)))
         flat = torch.randint(self.texels * self.pairs, (count,), generator=generator).to(self.device)
@@ -107,7 +107,7 @@ class Samples:
         return self.at(texel, flat - texel * self.pairs)
 
     def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
-        """A sample at each of some texels (n,), uniform over pairs; of a fit to a scene, by its density."""
+        """Draw a sample at each of some texels (n,), uniform over pairs; in a fit to a scene, by its density."""
         if self.density:
             _, *drawn = self.density.draw(len(texel), self.shape, generator)
             return self._between(texel, *(each.to(self.device) for each in drawn))
@@ -149,14 +149,14 @@ class Samples:
 
 
 def gain_of(btf: BTF, fit: Fit) -> float:
-    """8 × the exposure of the training pairs: a codec predicts log1p(gain · radiance), and stores the gain."""
+    """The gain, 8 × the exposure of the training pairs; a codec predicts log1p(gain · radiance) and stores the gain."""
     return LOG_SCALE * exposure(btf, fit.seed)
 
 
 class Objective(nn.Module):
-    """What is fitted: parameters, their learning rates, and the loss of one step. A codec writes one.
+    """The objective of a fit: parameters, their learning rates, and the loss of one step. Each codec writes one.
 
-    Everything that must survive an interruption is a parameter or a buffer.
+    State that must survive an interruption must be a parameter or a buffer.
     """
 
     def __init__(self, samples: Samples):
@@ -166,12 +166,12 @@ class Objective(nn.Module):
     def groups(self) -> list[dict[str, Any]]:
         """Parameter groups, each with its highest learning rate, `lr`.
 
-        One with `hidden` holds matrices between hidden layers, which Muon steps; the others are Adam's.
+        Muon steps a group with `hidden`, which holds matrices between hidden layers; Adam steps the others.
         """
         raise NotImplementedError
 
     def rate(self, step: int, steps: int, group: int) -> float:
-        """The share of its highest learning rate that a group has at a step; each stage of a fit has its curve."""
+        """The learning rate of a group at a step, as a share of its highest; each stage of a fit has its own curve."""
         return rate(step, steps)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
@@ -186,7 +186,7 @@ class Objective(nn.Module):
 def display_psnr(level: Tensor, target: Tensor) -> float:
     """Display-space PSNR in dB of log radiance against its target."""
     ours, truth = (to_display((x.double().expm1() / LOG_SCALE).cpu().numpy(), 1.0) for x in (level, target))
-    # A constant material is met exactly; the curve then shows 120 dB, as infinity is no number in a record.
+    # A constant material is fitted exactly; the curve then shows 120 dB, since a record cannot hold infinity.
     return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
 
 
@@ -197,15 +197,15 @@ def rate(step: int, steps: int) -> float:
 
 
 def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> float:
-    """Fit the parameters of an objective in place, in `steps` steps; the share of them that were taken.
+    """Fit the parameters of an objective in place, in `steps` steps; return the share of the steps that were taken.
 
-    With a `patience` above 0 a fit ends sooner, once its curve gained less than `GAIN` dB in so many steps; the last
-    point of the curve then says `ended`.
+    With a `patience` above 0 a fit ends early, once its curve gained less than `GAIN` dB in that many steps; the last
+    point of the curve then has `ended`.
 
-    Where `fit.checkpoint` names a file, the state is kept there, and a fit that finds one goes on from it; who named it
-    removes it, once what was fitted is stored. Where the loss or a parameter is no longer finite, or the fit `AWAY`
-    from its data, the last good state is restored and the learning rate halved; the fourth time, `DivergedError` is
-    raised. `InputError` where the file on disk belongs to another fit.
+    If `fit.checkpoint` names a file, the state is saved there, and a fit resumes from an existing one; the caller
+    removes it once the result is stored. If the loss or a parameter is not finite, or the error exceeds `AWAY`, the last good
+    state is restored and the learning rate halved; the fourth time, `DivergedError` is raised. `InputError` where the
+    file on disk belongs to another fit.
     """
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
@@ -263,7 +263,7 @@ class _Loop:
             return
         try:
             self.good = load_file(path)
-        except Exception as error:  # safetensors raises its own kinds; whatever it is, the remedy is the same
+        except Exception as error:  # safetensors raises its own types; the remedy is the same for all
             raise InputError(f"{path}: not the state of a fit: remove it ({error})") from error
         self._restore(self.good)
         log.info("going on from step %d of %d: %s", self.step, self.steps, path)
@@ -277,7 +277,7 @@ class _Loop:
         return bool(before) and max(psnr for _, _, psnr in self.curve) < max(before) + GAIN
 
     def advance(self, end: int) -> None:
-        """Steps up to `end`, then keep the state, or go back to the last good one."""
+        """Step up to `end`, then save the state, or go back to the last good one."""
         total = torch.zeros((), device=self.fit.device)
         while self.step < end:
             shares = (self.objective.rate(self.step, self.steps, i) for i in range(len(self.highest)))
@@ -288,7 +288,7 @@ class _Loop:
             )
             total += loss.detach()
             self.step += 1
-        # A gradient that is not finite leaves its parameter so, for good: looking once every so often misses nothing.
+        # A parameter that is not finite stays so, so checking once in a while misses nothing.
         if not all(t.isfinite().all() for t in (total, *self.parameters)) or not self._measured():
             self._rescue()
             return
@@ -296,7 +296,7 @@ class _Loop:
         self.good = self._state()
         if self.fit.checkpoint and time.perf_counter() - self.saved >= SAVE_SECONDS:
             state = {name: value.cpu() for name, value in self.good.items()}
-            atomic.write(self.fit.checkpoint, serialise(state))  # a kill leaves the old state or the new one
+            atomic.write(self.fit.checkpoint, serialise(state))  # a killed process leaves the old state or the new one
             self.saved = time.perf_counter()
 
     def _rescue(self) -> None:
@@ -312,9 +312,9 @@ class _Loop:
 
     @torch.no_grad()
     def _measured(self) -> bool:
-        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end; False where the fit ran away.
+        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end; return False where it diverged.
 
-        A rectifier can be dead, or a sine answer anything, and every number still be finite.
+        Dead rectifiers or arbitrary sine outputs can diverge while every number is finite.
         """
         last = self.curve[-1][0] if self.curve else 0
         if self.step < self.steps and self.step - last < self.steps / POINTS:

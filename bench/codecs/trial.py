@@ -1,7 +1,6 @@
-"""Tries a codec of another distribution in a process of its own, before it is let into this one.
+"""Tries an external codec in its own process before it is imported into this one.
 
-What it does there when it is imported, or made with settings, can end that process and not this one: `sys.exit`,
-`os._exit`, a crash, a hang.
+If importing or constructing the codec calls `sys.exit` or `os._exit`, crashes or hangs, only that process ends.
 """
 
 import os
@@ -18,8 +17,8 @@ if TYPE_CHECKING:
 
 Make = Callable[[str, dict[str, Any] | None], object]
 OURS = "neubtf-bench"
-EXPENDABLE = "NEUBTF_EXPENDABLE"  # set in the environment of a process that may die of a codec
-PATIENCE = 120.0  # seconds for an import, PyTorch's among them, on a slow disk
+EXPENDABLE = "NEUBTF_EXPENDABLE"  # set in the environment of a process that a codec may end
+PATIENCE = 120.0  # seconds for an import, PyTorch's included, on a slow disk
 
 
 def is_outside(entry: EntryPoint) -> bool:
@@ -28,9 +27,9 @@ def is_outside(entry: EntryPoint) -> bool:
 
 
 def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] | None = None) -> None:
-    """Do `make(name, settings)` in another process first, if the codec is from outside; without settings, import it.
+    """Run `make(name, settings)` in another process first, if the codec is external; without settings, import it.
 
-    `CodecError` says what became of it; an `InputError` of the codec's own is passed on.
+    `CodecError` says how the process failed; an `InputError` of the codec is passed on.
     """
     if EXPENDABLE in os.environ or not is_outside(entry):
         return
@@ -43,7 +42,7 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
 @cache
 def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], ...] | None) -> InputError | None:
     """What is wrong with a codec, or None."""
-    import multiprocessing  # here, as listing codecs should be instant
+    import multiprocessing  # imported here, since listing codecs should be instant
 
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)

@@ -1,4 +1,4 @@
-"""What of a texture a file fitted to a scene holds: a window of texels, and maps of the directions asked for."""
+"""The part of a texture that a file fitted to a scene holds: a window of texels, and maps of demanded directions."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from torch import Tensor
 
 from bench.btf import BTF
 
-CELLS = 16  # a side of the map of demanded directions, over the stereographic plane
+CELLS = 16  # cells per side of the map of demanded directions, over the stereographic plane
 
 Array = np.ndarray
 
@@ -26,22 +26,22 @@ class Window:
 
     @classmethod
     def whole(cls, size: tuple[int, int], factor: int = 1) -> "Window":
-        """All of the texture, but for what does not fill a box."""
+        """The window of the whole texture, without texels that do not fill a box."""
         return cls(size, 0, 0, size[0] // factor * factor, size[1] // factor * factor, factor)
 
     @property
     def all(self) -> bool:
-        """Whether nothing is left out and nothing is coarser."""
+        """Whether the window is the whole texture at full resolution."""
         return self == Window.whole(self.size)
 
     @property
     def full(self) -> bool:
-        """Whether it is the whole texture, but for what does not fill a box."""
+        """Whether it is the whole texture, without texels that do not fill a box."""
         return self.sides == Window.whole(self.size, self.factor).sides
 
     @property
     def stretch(self) -> float:
-        """What a footprint is multiplied with, so that it is as many texels of the window."""
+        """The factor that converts a footprint to units of the window, for the same number of texels."""
         return max(self.size) / max(self.height, self.width)
 
     def cut(self, btf: BTF) -> BTF:
@@ -66,7 +66,7 @@ class Window:
             return place
         texels = (place * side - start).remainder(side)
         half = self.factor / 2
-        # What is nearer to the start, the other way round, is clamped to it.
+        # Positions nearer to the start, around the border, are clamped to it.
         texels = torch.where(texels > (length + side) / 2, texels - side, texels)
         return texels.clamp(half, length - half) / length
 
@@ -74,7 +74,7 @@ class Window:
         """Mask (n,) of the uv (n, 2) that lie in the window."""
         across = (uv[:, 0] * self.size[1] - self.left).remainder(self.size[1]) <= self.width
         down = ((1 - uv[:, 1]) * self.size[0] - self.top).remainder(self.size[0]) <= self.height
-        rest = Window.whole(self.size, self.factor)  # what does not fill a box is no loss
+        rest = Window.whole(self.size, self.factor)  # texels that do not fill a box do not count as left out
         return (across | (self.width == rest.width)) & (down | (self.height == rest.height))
 
 

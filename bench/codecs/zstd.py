@@ -1,4 +1,4 @@
-"""Tensors as one tensor of bytes that Zstandard has compressed."""
+"""Compresses tensors by Zstandard into one tensor of bytes."""
 
 from pathlib import Path
 from types import ModuleType
@@ -21,7 +21,7 @@ def compressed(data: bytes) -> "Tensor":
 
 
 def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
-    """The tensors of a compressed safetensors file of at most so many bytes. `ContainerError` where it is not sound."""
+    """Expand a compressed safetensors file of at most so many bytes. `ContainerError` where it is not sound."""
     from safetensors import SafetensorError
     from safetensors.torch import load
 
