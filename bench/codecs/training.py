@@ -203,9 +203,9 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     point of the curve then has `ended`.
 
     If `fit.checkpoint` names a file, the state is saved there, and a fit resumes from an existing one; the caller
-    removes it once the result is stored. If the loss or a parameter is not finite, or the error exceeds `AWAY`, the last good
-    state is restored and the learning rate halved; the fourth time, `DivergedError` is raised. `InputError` where the
-    file on disk belongs to another fit.
+    removes it once the result is stored. If the loss or a parameter is not finite, or the error exceeds `AWAY`, the
+    last good state is restored and the learning rate halved; the fourth time, `DivergedError` is raised.
+    `InputError` where the file on disk belongs to another fit.
     """
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
