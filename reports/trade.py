@@ -23,7 +23,7 @@ def trade_tables(folder: Path) -> Iterator[Table]:
         profiles = [record for record in found["profiles"] if record["material"] == material]
         if profiles:
             yield _profile(material, profiles)
-    yield _ceilings(found["ceilings"])
+    yield _ceilings(found["ceilings"], found.get("left_out", []))
 
 
 def csv_text(folder: Path) -> str:
@@ -82,7 +82,7 @@ def _choice(row: dict[str, Any]) -> list[str]:
 
 
 def _name(row: dict[str, Any]) -> str:
-    variant = f"{row['execution']} {row['precision']}"
+    variant = f"{row['execution']} {row['precision']}" + (", emulated" if row.get("emulated") else "")
     return str(row["label"]) + ("" if variant == "eager float32" else f" [{variant}]")
 
 
@@ -129,10 +129,16 @@ def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
     )
 
 
-def _ceilings(ceilings: Sequence[dict[str, Any]]) -> Table:
+def _ceilings(ceilings: Sequence[dict[str, Any]], left_out: Sequence[str]) -> Table:
     headers = [("device", ""), ("threads", ""), ("numbers", ""), ("multiply-add", "Gflop/s"), ("copy", "GB/s")]
     rows = [
         [c["device"], str(c["threads"]), c["dtype"], significant(c["flops_per_ns"]), significant(c["bytes_per_ns"])]
         for c in ceilings
     ]
-    return Table("trade", "ceilings: what this machine was measured to do", headers, rows)
+    notes = []
+    if left_out:
+        notes.append(
+            f"Left out, because this processor only emulates their precision: {', '.join(left_out)}. "
+            "`neubtf-bench trade --emulated` measures them too."
+        )
+    return Table("trade", "ceilings: what this machine was measured to do", headers, rows, notes)

@@ -20,6 +20,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     parser.add_argument("--full", action="store_true", help="time batches up to 2^22, half an hour more")
+    parser.add_argument(
+        "--emulated", action="store_true", help="measure precisions that the processor only emulates too"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -35,7 +38,8 @@ def run(options: argparse.Namespace) -> int:
     with Console() as console:
         for line in described_changes(suite, changes):
             console.say(line)
-        states = run_and_measure(suite, Options(folder, device, show=console.show), console.ended, options.full)
+        run_options = Options(folder, device, show=console.show)
+        states = run_and_measure(suite, run_options, console.ended, options.full, options.emulated)
         if "ok" not in states:
             return NOTHING
         from reports import table_text, write_report

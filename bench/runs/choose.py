@@ -92,7 +92,7 @@ def answers(material: str, choices: list[Choice]) -> Iterator[str]:
 
 def named(row: Choice) -> str:
     """A choice by name: the codec's label, and how it is computed where that is not the default."""
-    how = f"{row['execution']} {row['precision']}"
+    how = f"{row['execution']} {row['precision']}" + (", emulated" if row.get("emulated") else "")
     return str(row["label"]) + ("" if how == PLAIN else f" [{how}]")
 
 

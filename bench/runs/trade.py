@@ -38,6 +38,7 @@ from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import Suite, canonical
 from bench.runs.workbench import Workbench, workbench
 from bench.threads import torch_threads
+from bench.timing import native
 from bench.timing.execution import Variant, exists_on, networks, prepared
 from bench.timing.machine import unrest
 from bench.timing.profile import profile
@@ -51,7 +52,11 @@ _BY_MATERIAL = ("choices", "profiles")
 
 
 def run_and_measure(
-    suite: Suite, options: runner.Options, tell: Callable[[runner.Outcome], None], full: bool = False
+    suite: Suite,
+    options: runner.Options,
+    tell: Callable[[runner.Outcome], None],
+    full: bool = False,
+    emulated: bool = False,
 ) -> list[str]:
     """Run a suite, then score and time its choices into `trade.json`; what became of each job, which `tell` hears."""
     for variant in suite.variants:
@@ -62,23 +67,30 @@ def run_and_measure(
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
-        found = measure(suite, load_run(options.folder), options.device, full, options.show)
+        found = measure(suite, load_run(options.folder), options.device, full, options.show, emulated)
         write(options.folder, merged(load_trade(options.folder), found))
     return states
 
 
-def measure(suite: Suite, run: Run, device: str, full: bool = False, show: Progress = silent) -> dict[str, Any]:
+def measure(
+    suite: Suite, run: Run, device: str, full: bool = False, show: Progress = silent, emulated: bool = False
+) -> dict[str, Any]:
     """Score and time every choice of a finished run of a suite; what `trade.json` holds.
 
-    `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more.
+    `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more; `emulated` measures precisions
+    that the processor only emulates too.
     """
     suite = canonical(suite)  # jobs are recorded under the names of that
+    there = [text for text in suite.variants if exists_on(Variant.parse(text), torch.device(device))]
+    left_out = [] if emulated else [text for text in there if _is_emulated(text, torch.device(device))]
+    suite = replace(suite, variants=tuple(text for text in there if text not in left_out))
     cores = torch.get_num_threads()
     ceilings = _ceilings(suite, torch.device(device), cores)
     result: dict[str, Any] = {
         "format": TRADE_FORMAT,
         "suite": suite.name,
         "ceilings": ceilings,
+        "left_out": left_out,
         "choices": [],
         "profiles": [],
     }
@@ -109,6 +121,10 @@ def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[dict[str, 
     half = any(Variant.parse(text).precision == "bfloat16" for text in suite.variants)
     short = [roofline(device, suite.threads, torch.bfloat16)] if half else []
     return [*(roofline(device, count) for count in dict.fromkeys((suite.threads, cores))), *short]
+
+
+def _is_emulated(variant: str, device: torch.device) -> bool:
+    return native.emulated(Variant.parse(variant).precision, device)
 
 
 def write(folder: Path, result: dict[str, Any]) -> None:
@@ -161,6 +177,7 @@ def _choices(
             row |= {"settings": job["settings"], "execution": variant.execution, "precision": variant.precision}
             row |= {"bytes": job["bytes"]["total"], "parameters": job["parameters"], "device": device}
             row |= {"sha256": job["score_key"]["sha256"]}
+            row |= {"emulated": True} if native.emulated(variant.precision, material.device) else {}
             try:
                 ready = prepared(material, variant)
                 row |= _quality(bench, job, run) if variant == Variant() else _score(bench, ready, suite.threads, show)
@@ -181,10 +198,8 @@ def _choices(
 
 
 def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
-    """Those of the suite that the device has, for a material with a network whose entry sweeps nothing."""
-    if not (_plain(suite, job) and networks(material)):
-        return []
-    return [variant for variant in map(Variant.parse, suite.variants) if exists_on(variant, material.device)]
+    """Those of the suite, for a material with a network whose entry sweeps nothing."""
+    return [Variant.parse(text) for text in suite.variants] if _plain(suite, job) and networks(material) else []
 
 
 def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:

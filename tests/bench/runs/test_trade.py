@@ -1,18 +1,22 @@
 import argparse
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
+import torch
 
 from bench import timing
 from bench.commands import choose as choose_command
 from bench.conformance.check import tiny_btf
 from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
+from bench.material import DecoderCost
 from bench.records import append, load_run, load_trade
 from bench.runs import choose, trade
 from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
+from bench.timing import native
 from reports import table_text, write_report
 
 SUITE = Suite(
@@ -45,6 +49,7 @@ def measured(tmp_path_factory):
         patch.setattr(trade, "BATCHES", (1,))
         patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
         patch.setattr("bench.timing.roofline.COPIED", 1 << 20)
+        patch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
         assert {outcome.record["status"] for outcome in run(SUITE, Options(folder))} == {"ok"}
         found = trade.measure(SUITE, load_run(folder), "cpu")
     trade.write(folder, found)
@@ -138,11 +143,57 @@ def test_time_is_told_by_part_batch_order_footprint_and_threads(measured):
     assert all(len(record["samples_ns"]) == 3 for record in records)  # as many as the fixture lets it take
 
 
-def test_the_limit_is_the_faster_of_the_precisions_that_could_be_used(measured):
-    ceilings = measured[1]["ceilings"]
-    assert {ceiling["dtype"] for ceiling in ceilings} == {"float32", "bfloat16"}
+def ceiling(dtype, flops, copied=10.0, threads=1):
+    return {"device": "cpu", "dtype": dtype, "flops_per_ns": flops, "bytes_per_ns": copied, "threads": threads}
+
+
+@pytest.mark.parametrize(
+    ("dtype", "ceilings", "limit"),
+    [
+        (torch.float32, [ceiling("float32", 50.0)], 2.0),  # 100 flops
+        (torch.bfloat16, [ceiling("float32", 50.0), ceiling("bfloat16", 100.0)], 1.0),
+        (torch.bfloat16, [ceiling("float32", 50.0), ceiling("bfloat16", 5.0)], 2.0),  # emulated: products stay wide
+        (torch.float32, [ceiling("float32", 50.0), ceiling("bfloat16", 100.0)], 2.0),
+        (torch.float32, [ceiling("float32", 50.0), ceiling("float32", 100.0, threads=2)], 2.0),
+        (torch.float32, [ceiling("float32", 50.0, 2.0)], 4.0),  # 8 bytes
+        (torch.bfloat16, [ceiling("float32", 50.0, 2.0)], 2.0),  # half as many
+    ],
+)
+def test_the_limit_is_the_faster_of_the_precisions_that_could_be_used(dtype, ceilings, limit):
+    material = SimpleNamespace(dtype=dtype, cost=DecoderCost(flops_per_sample=100, bytes_per_sample=8))
+    assert trade._limit(material, ceilings) == pytest.approx(limit)
+
+
+def test_each_precision_of_a_suite_has_a_ceiling_and_each_choice_a_limit(measured):
+    assert {ceiling["dtype"] for ceiling in measured[1]["ceilings"]} == {"float32", "bfloat16"}
     rows = by_name(measured[1])
-    assert rows["neubtf-direct steps=20 [eager bfloat16]"]["limit_ns"] < rows["neubtf-direct steps=20"]["limit_ns"]
+    for name in ("neubtf-direct steps=20 [eager bfloat16]", "neubtf-direct steps=20"):
+        assert rows[name]["of_limit"] == rows[name]["limit_ns"] / rows[name]["ns_per_sample"] > 0
+
+
+def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(measured, tmp_path, monkeypatch):
+    folder = measured[0]
+    suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("eager bfloat16", "fused bfloat16", "compiled tf32"))
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
+    monkeypatch.setattr(native, "emulated", lambda precision, device: precision == "bfloat16")
+    monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
+    monkeypatch.setattr(trade, "profile", lambda *_: [])
+    monkeypatch.setattr(trade, "BATCH", 256)
+    monkeypatch.setattr(timing, "SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
+    found = trade.measure(suite, load_run(folder), "cpu")
+    assert list(by_name(found)) == ["neubtf-direct steps=20", timing.FLOOR]
+    assert {ceiling["dtype"] for ceiling in found["ceilings"]} == {"float32"}
+    shutil.copy(folder / "records.jsonl", tmp_path)
+    trade.write(tmp_path, found)
+    said = "only emulates their precision: eager bfloat16. `neubtf-bench trade --emulated` measures them"
+    assert said in " ".join(table_text(tmp_path, kind="trade").split())
+    found = trade.measure(suite, load_run(folder), "cpu", emulated=True)
+    assert "neubtf-direct steps=20 [eager bfloat16, emulated]" in by_name(found)
+    trade.write(tmp_path, found)
+    text = table_text(tmp_path, kind="trade")
+    assert "[eager bfloat16, emulated]" in text
+    assert "only emulates" not in text
 
 
 def test_another_material_is_measured_beside_those_that_are_there(measured):
