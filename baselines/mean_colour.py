@@ -34,14 +34,7 @@ class MeanColour(Codec):
 
 class MeanColourMaterial(Material):
     def __init__(self, texture: Tensor):
-        height, width, channels = texture.shape
-        cost = DecoderCost(
-            texture_channels=channels,
-            texture_floats=texture.numel(),
-            flops_per_sample=4 * 2 * channels,
-            bytes_per_sample=4 * channels * texture.element_size(),
-        )
-        super().__init__((height, width), cost)
+        super().__init__((texture.shape[0], texture.shape[1]), DecoderCost.of_texture(texture))
         self.texture = texture
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

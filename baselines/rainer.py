@@ -154,15 +154,9 @@ class RainerMaterial(Material):
     """A texture (H, W, D + 6) of latents, means and deviations, fetched bilinearly, and the decoder."""
 
     def __init__(self, decoder: Decoder, texture: Tensor, gain: float, directions: Directions = "stereographic"):
-        height, width, channels = texture.shape
-        cost = DecoderCost(
-            parameters=decoder.architecture.parameters,
-            texture_channels=channels,
-            texture_floats=texture.numel(),
-            flops_per_sample=decoder.architecture.flops + 4 * 2 * channels + 6,
-            bytes_per_sample=4 * channels * texture.element_size(),
-        )
-        super().__init__((height, width), cost)
+        architecture = decoder.architecture
+        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + 6)
+        super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder, self.texture, self.gain, self.directions = decoder, texture, gain, directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

@@ -3,6 +3,7 @@
 import fcntl
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,8 +16,8 @@ SUFFIX = ".partial"
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary name beside `path` to write to; it is renamed to `path` when the block ends without an error.
+def beside(path: Path) -> Iterator[Path]:
+    """Yield a temporary name beside `path`; a file or folder under that name is removed when the block ends.
 
     The name is random, so processes on several machines can write the same file without mixing their bytes. An
     `OSError` that names the temporary file or no file (a full disk) is changed to name `path`.
@@ -25,13 +26,22 @@ def replacing(path: Path) -> Iterator[Path]:
     partial = path.with_name(secrets.token_hex(8) + SUFFIX)
     try:
         yield partial
-        os.replace(partial, path)
     except OSError as error:
         if error.errno is not None and error.filename in (None, str(partial)):
             error.filename, error.filename2 = str(path), None
         raise
     finally:
+        if partial.is_dir():
+            shutil.rmtree(partial)
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a name as `beside` does; it is renamed to `path` when the block ends without an error."""
+    with beside(path) as partial:
+        yield partial
+        os.replace(partial, path)
 
 
 def write(path: Path, data: bytes) -> None:

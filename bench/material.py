@@ -32,6 +32,13 @@ class DecoderCost:
     flops_per_sample: int = 0  # a fused multiply-add counts as two
     bytes_per_sample: int = 0  # read from textures and tables for one query
 
+    @classmethod
+    def of_texture(cls, texture: Tensor, parameters: int = 0, flops: int = 0) -> "DecoderCost":
+        """The cost of fetching a texture (H, W, C) bilinearly and decoding it with a network."""
+        channels = texture.shape[2]
+        read = 4 * channels
+        return cls(parameters, channels, texture.numel(), flops + 2 * read, read * texture.element_size())
+
 
 class Material:
     """A decoded material. A codec writes `evaluate`; everything else is final.

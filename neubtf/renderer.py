@@ -70,15 +70,9 @@ class NeuBTFMaterial(Material):
     """A neural texture (H, W, D), fetched bilinearly, and a renderer. It ignores the footprint."""
 
     def __init__(self, renderer: Decoder, texture: Tensor, gain: float, directions: Directions):
-        height, width, channels = texture.shape
-        cost = DecoderCost(
-            parameters=renderer.architecture.parameters,
-            texture_channels=channels,
-            texture_floats=texture.numel(),
-            flops_per_sample=renderer.architecture.flops + 4 * 2 * channels,
-            bytes_per_sample=4 * channels * texture.element_size(),
-        )
-        super().__init__((height, width), cost)
+        architecture = renderer.architecture
+        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops)
+        super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.renderer, self.texture, self.gain, self.directions = renderer, texture, gain, directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

@@ -4,13 +4,12 @@ Slices are read and written one at a time, so memory stays small whatever the si
 place under a temporary name, opened once to see that it can be read, and renamed.
 """
 
-import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from bench import atomic
 from bench.btf import BTF, Source
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
@@ -82,21 +81,15 @@ def write_btf(btf: BTF, out: Path, progress: Callable[[int, int], None] | None =
     replaced. Raises `InputError` where `out` is a folder that holds something, or cannot be made.
     """
     check_place(out)
-    to_file = _is_file_name(out)
-    partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
     if progress:
         source = _Watched(btf.source, lambda done: progress(done, len(btf)))
         btf = btf.over(source)
     try:
-        (write_npz if to_file else write_folder)(btf, partial)
-        open_btf(partial)  # what the readers would refuse must not stand there as if it were done
-        os.replace(partial, out)
+        with atomic.replacing(out) as partial:
+            (write_npz if _is_file_name(out) else write_folder)(btf, partial)
+            open_btf(partial)  # what the readers would refuse must not stand there as if it were done
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror}): is there room, and may you write?") from error
-    finally:
-        if partial.is_dir():
-            shutil.rmtree(partial)
-        partial.unlink(missing_ok=True)
 
 
 def check_place(out: Path) -> None:

@@ -27,6 +27,16 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path):
     assert list(path.parent.iterdir()) == [path]
 
 
+def test_a_folder_takes_its_place_whole_and_scratch_is_removed(tmp_path):
+    with atomic.replacing(tmp_path / "folder") as partial:
+        partial.mkdir()
+        (partial / "a").touch()
+    with atomic.beside(tmp_path / "folder") as scratch:
+        scratch.mkdir()
+        (scratch / "b").touch()
+    assert [path.name for path in tmp_path.rglob("*")] == ["folder", "a"]
+
+
 def test_a_full_disk_is_an_error_before_anything_is_mapped(tmp_path, monkeypatch):
     def full(file, start, size):
         assert size > 1000 * 1000 * 2

@@ -178,3 +178,8 @@ def test_queries_of_wrong_shape_or_kind_are_named():
     ):
         with pytest.raises(InputError, match=message):
             Constant().query(*wrong)
+
+
+def test_the_cost_of_a_texture_is_four_texels_fetched_and_blended():
+    found = DecoderCost.of_texture(torch.zeros(3, 5, 7, dtype=torch.float16), parameters=11, flops=100)
+    assert found == DecoderCost(11, 7, 3 * 5 * 7, flops_per_sample=100 + 4 * 2 * 7, bytes_per_sample=4 * 7 * 2)

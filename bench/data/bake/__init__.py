@@ -7,7 +7,6 @@
 import hashlib
 import json
 import logging
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bench import atomic
 from bench.atomic import cache_dir
 from bench.btf import BTF, ArraySource
 from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
@@ -89,13 +89,10 @@ def _bake(
         return
     if renderer != "builtin":
         raise InputError(f"no renderer {renderer!r}: there are {' and '.join(RENDERERS)}")
-    scratch = out.with_name(f".{out.name}.{os.getpid()}.values")
-    try:
-        values = np.lib.format.open_memmap(scratch, "w+", dtype=np.float32, shape=(len(wo), *surface.shape, 3))
+    with atomic.beside(out) as scratch:
+        values = atomic.mapped(scratch, np.float32, (len(wo), *surface.shape, 3))
         render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, progress)
         write(values, described)
-    finally:
-        scratch.unlink(missing_ok=True)
 
 
 def _path_traced(

@@ -1,11 +1,12 @@
 """Values that take long to compute, kept on disk while they grow, so that a killed bake goes on where it was."""
 
 import hashlib
-import os
 import shutil
 from pathlib import Path
 
 import numpy as np
+
+from bench import atomic
 
 Array = np.ndarray
 COUNT = "finished"
@@ -23,10 +24,10 @@ class Partial:
         self.folder.mkdir(exist_ok=True)
         path = self.folder / "values.npy"
         self.done = self._count() if path.exists() else 0
-        if self.done:
-            self.values = np.lib.format.open_memmap(path, "r+")
-        else:
-            self.values = np.lib.format.open_memmap(path, "w+", dtype=np.float32, shape=shape)
+        if not self.done:
+            with atomic.replacing(path) as fresh:
+                atomic.mapped(fresh, np.float32, shape)
+        self.values = np.lib.format.open_memmap(path, "r+")
 
     def _count(self) -> int:
         try:
@@ -39,9 +40,7 @@ class Partial:
         self.values[self.done : self.done + len(slices)] = slices
         self.values.flush()
         self.done += len(slices)
-        fresh = self.folder / f"{COUNT}.new"
-        fresh.write_text(str(self.done))
-        os.replace(fresh, self.folder / COUNT)
+        atomic.write(self.folder / COUNT, str(self.done).encode())
 
     def remove(self) -> None:
         """Remove it, and what other settings left for the same place."""

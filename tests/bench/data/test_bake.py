@@ -1,3 +1,4 @@
+import errno
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from bench import cli
 from bench.btf import box_filter
 from bench.codec import silent
 from bench.data.bake import bake, looks_like_maps, open_svbrdf, read_surface, recognise
+from bench.data.bake.partial import Partial
 from bench.data.bake.surface import SUB_POINTS
 from bench.data.materials.renderer import render
 from bench.data.open import open_material
@@ -232,6 +234,22 @@ def test_a_baked_file_opens_again_and_equals_what_was_rendered(tmp_path):
     expected = render(surface.maps, btf.wo, btf.wi, surface.shape, SUB_POINTS)
     np.testing.assert_array_equal(np.stack(list(btf)), expected)
     assert {path.name for path in tmp_path.iterdir()} <= {"m", "m.npz", "cache"}
+
+
+def test_what_is_finished_is_counted_in_one_move_and_leaves_no_temporary(tmp_path, monkeypatch):
+    grown = Partial(tmp_path / "a.npz", "key", (3, 2, 2, 3))
+    grown.add(np.ones((2, 2, 2, 3), np.float32))
+
+    def full(source, target):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="No space left"):
+        grown.add(np.ones((1, 2, 2, 3), np.float32))
+    assert {path.name for path in grown.folder.iterdir()} == {"values.npy", "finished"}
+    again = Partial(tmp_path / "a.npz", "key", (3, 2, 2, 3))
+    assert again.done == 2
+    assert again.values[:2].min() == 1
 
 
 def test_a_folder_of_maps_is_a_material_and_is_baked_once(tmp_path, monkeypatch, caplog):
