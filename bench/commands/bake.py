@@ -40,14 +40,7 @@ def run(options: argparse.Namespace) -> int:
     with Console() as console:
         surface = read_surface(recognise(options.folder), data.size, options.depth)
         console.say(f"{options.folder}:\n{table(surface)}")
-        bake(
-            surface,
-            data,
-            options.out,
-            lambda done, total: console.show("baking", done, total),
-            options.seed,
-            options.renderer,
-        )
+        bake(surface, data, options.out, console.show, options.seed, options.renderer)
     pairs = data.views * data.lights + data.heldout
     console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}")
     return FINE

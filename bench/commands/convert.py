@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     with Console() as console:
         opened = open_named(options.btf, {"data.repair": "true"} if options.repair else {}, console.show)
         btf = changed(opened, options.crop, options.downsample, options.thin)
-        write_btf(btf, options.out, lambda done, total: console.show("writing", done, total))
+        write_btf(btf, options.out, console.show)
     console.say(f"{len(btf)} slices of {btf.shape[0]} × {btf.shape[1]} in {options.out}")
     return FINE
 

@@ -4,13 +4,13 @@ Slices are read and written one at a time, so memory stays small whatever the si
 place under a temporary name, opened once to see that it can be read, and renamed.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from bench import atomic
 from bench.btf import BTF, Source
+from bench.codec import Progress, silent
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
 from bench.data.readers.npz import write_npz
@@ -45,15 +45,15 @@ def cropped(btf: BTF, row: int, col: int, height: int, width: int) -> BTF:
 
 
 class _Watched(Source):
-    """Another source that tells how many slices have been read."""
+    """Another source that tells `show` how many of `total` slices have been read."""
 
-    def __init__(self, source: Source, tell: Callable[[int], None]):
-        self.source, self.tell, self.read = source, tell, 0
+    def __init__(self, source: Source, show: Progress, total: int):
+        self.source, self.show, self.total, self.read = source, show, total, 0
         self.shape, self.count = source.shape, source.count
 
     def slice(self, pair: int) -> Array:
         self.read += 1
-        self.tell(self.read)
+        self.show("writing", self.read, self.total)
         return self.source.slice(pair)
 
 
@@ -74,16 +74,14 @@ class DecodedSource(Source):
         return self.identity
 
 
-def write_btf(btf: BTF, out: Path, progress: Callable[[int, int], None] | None = None) -> None:
+def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
     """Write a BTF as one `.npz` (float32) where `out` ends so, else as a folder of EXR pictures with `pairs.csv`.
 
-    `progress(done, pairs)` is called for each slice. Nothing stands under `out` before it is complete; an `.npz` is
+    `show` is called for each slice. Nothing stands under `out` before it is complete; an `.npz` is
     replaced. Raises `InputError` where `out` is a folder that holds something, or cannot be made.
     """
     check_place(out)
-    if progress:
-        source = _Watched(btf.source, lambda done: progress(done, len(btf)))
-        btf = btf.over(source)
+    btf = btf.over(_Watched(btf.source, show, len(btf)))
     try:
         with atomic.replacing(out) as partial:
             (write_npz if _is_file_name(out) else write_folder)(btf, partial)

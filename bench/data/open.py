@@ -21,12 +21,7 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     if not spec.path:
         from bench.data.materials import load
 
-        return load(
-            spec.name,
-            data.size,
-            data.sampling(draw),
-            progress=lambda done, total: show(f"rendering {spec.name}", done, total),
-        )
+        return load(spec.name, data.size, data.sampling(draw), show=show)
     path = spec.found()
     if path is None:
         under = f" or under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
@@ -37,7 +32,7 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     if looks_like_maps(path):
         from bench.data.bake import open_svbrdf
 
-        return open_svbrdf(path, data, lambda done, total: show(f"baking {spec.name}", done, total), draw)
+        return open_svbrdf(path, data, show, draw)
     from bench.data.readers import open_btf
 
     btf = thinned(open_btf(path), data.pairs)

@@ -17,6 +17,7 @@ import numpy as np
 from bench import atomic
 from bench.atomic import cache_dir
 from bench.btf import BTF, ArraySource
+from bench.codec import Progress
 from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
 from bench.data.bake.partial import Partial
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
@@ -48,7 +49,7 @@ def bake(
     surface: Surface,
     data: Preparation,
     out: Path,
-    progress: Callable[[int, int], None],
+    show: Progress,
     seed: int = 0,
     renderer: str = "builtin",
 ) -> None:
@@ -64,7 +65,7 @@ def bake(
     wo, wi = sampling.everything(surface.name, seed)
     heldout = np.arange(len(wo)) >= data.views * data.lights if data.heldout else None
     described = _described(surface, seed) | _sampled(data) | {"heldout": sampling.described()}
-    _bake(surface, Pairs(wo, wi, heldout), described, out, progress, seed, renderer)
+    _bake(surface, Pairs(wo, wi, heldout), described, out, show, seed, renderer)
 
 
 def _bake(
@@ -72,7 +73,7 @@ def _bake(
     pairs: Pairs,
     described: dict[str, Any],
     out: Path,
-    progress: Callable[[int, int], None],
+    show: Progress,
     seed: int = 0,
     renderer: str = "builtin",
 ) -> None:
@@ -85,13 +86,13 @@ def _bake(
         write_btf(BTF(surface.name, wo, wi, source, heldout=pairs.heldout, periodic=True, provenance=notes), out)
 
     if renderer == "mitsuba":
-        _path_traced(surface, wo, wi, seed, described, out, progress, write)
+        _path_traced(surface, wo, wi, seed, described, out, show, write)
         return
     if renderer != "builtin":
         raise InputError(f"no renderer {renderer!r}: there are {' and '.join(RENDERERS)}")
     with atomic.beside(out) as scratch:
         values = atomic.mapped(scratch, np.float32, (len(wo), *surface.shape, 3))
-        render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, progress)
+        render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, show, f"baking {surface.name}")
         write(values, described)
 
 
@@ -102,7 +103,7 @@ def _path_traced(
     seed: int,
     described: dict[str, Any],
     out: Path,
-    progress: Callable[[int, int], None],
+    show: Progress,
     write: Callable[[Array, dict[str, Any]], None],
 ) -> None:
     """The bake by Mitsuba: launch after launch into a partial folder, then written as one."""
@@ -115,12 +116,13 @@ def _path_traced(
         ) from error
     described = described | path_tracer.described()
     partial = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
-    progress(partial.done, len(wo))
+    label = f"baking {surface.name}"
+    show(label, partial.done, len(wo))
 
     traced = path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=partial.done)
     for slices in traced:
         partial.add(slices)
-        progress(partial.done, len(wo))
+        show(label, partial.done, len(wo))
     write(partial.values, described)
     partial.remove()
 
@@ -134,24 +136,22 @@ def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -
     return hashed.hexdigest()
 
 
-def open_svbrdf(folder: Path, data: Preparation, progress: Callable[[int, int], None], draw: int = 0) -> BTF:
+def open_svbrdf(folder: Path, data: Preparation, show: Progress, draw: int = 0) -> BTF:
     """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` is of its test pairs.
 
     The training pairs and the held-out ones are a file each, so that another draw bakes no product again.
     Raises `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
     sampling = data.sampling(draw)
-    product = _cached(folder, data.size, Pairs(*sampling.product()), _sampled(data), progress)
+    product = _cached(folder, data.size, Pairs(*sampling.product()), _sampled(data), show)
     if not data.heldout:
         return product
     words = {"heldout": sampling.described()}
     pairs = Pairs(*sampling.drawn(product.name, 0))
-    return with_heldout(product, _cached(folder, data.size, pairs, words, progress), **words)
+    return with_heldout(product, _cached(folder, data.size, pairs, words, show), **words)
 
 
-def _cached(
-    folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], progress: Callable[[int, int], None]
-) -> BTF:
+def _cached(folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], show: Progress) -> BTF:
     """A folder of maps at some pairs, which `sampled` describes: from the cache, or baked into it."""
     found, name = recognise(folder), folder.resolve().name
     path = cache_dir() / "materials" / f"{name}-{size}-{_key(found, size, sampled)[:24]}.npz"
@@ -159,7 +159,7 @@ def _cached(
         surface = read_surface(found, size)
         path.parent.mkdir(parents=True, exist_ok=True)
         log.warning("baking %s\n%s", folder, table(surface))
-        _bake(surface, pairs, _described(surface, 0) | sampled, path, progress)
+        _bake(surface, pairs, _described(surface, 0) | sampled, path, show)
     btf = open_btf(path)
     btf.name = name
     return btf

@@ -4,13 +4,13 @@ Names and descriptions live here; recipes, renderer and image libraries are impo
 """
 
 import importlib
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from bench.btf import BTF
+    from bench.codec import Progress
     from bench.data.materials.maps import Recipe
     from bench.data.pairs import Sampling
 
@@ -61,7 +61,7 @@ def load(
     size: int = 64,
     sampling: "Sampling | None" = None,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    show: "Progress | None" = None,
     **pairs: Any,
 ) -> "BTF":
     """A built-in material as a periodic BTF of size² texels, rendered once and then mapped from the cache.
@@ -70,10 +70,10 @@ def load(
     are the product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights + light),
     then `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks: validation
     pairs, or those of `split="test"`. `seed` shapes the material's random structure and the held-out pairs.
-    `progress(done, pairs)` is called while rendering. Raises `InputError` for an unknown name or direction set and for
-    counts out of range.
+    `show(label, done, pairs)` is called while rendering. Raises `InputError` for an unknown name or direction set and
+    for counts out of range.
     """
     from bench.data.materials.store import load_or_render
     from bench.data.pairs import Sampling
 
-    return load_or_render(name, recipe(name), size, sampling or Sampling(**pairs), seed, progress)
+    return load_or_render(name, recipe(name), size, sampling or Sampling(**pairs), seed, show)

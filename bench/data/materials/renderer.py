@@ -7,9 +7,9 @@ the mean height, as rectified measurements are. Light is counted once: there is 
 
 import math
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,9 @@ from bench.data.materials import brdf
 from bench.data.materials.heightfield import HeightField
 from bench.data.materials.maps import Maps
 from bench.errors import InputError
+
+if TYPE_CHECKING:
+    from bench.codec import Progress
 
 Array = np.ndarray
 RENDERER_VERSION = 3  # raised whenever a value changes; part of the key of every cached rendering
@@ -141,13 +144,14 @@ def render(
     size: tuple[int, int],
     sub_points: int = 2,
     out: Array | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    show: "Progress | None" = None,
+    label: str = "rendering",
 ) -> Array:
     """Slices (N, H, W, 3) of a surface at N pairs, linear Rec. 709: each view is traced once and each light cast once.
 
     `wo` and `wi` are (N, 3) unit vectors with z > 0; `size` is (H, W), rows at the top first. `out`, any float array of
     that shape (a memory map, say), receives the slices, as infinity where its type cannot hold a highlight; float32 is
-    made where it is None. `progress(done, N)` is called
+    made where it is None. `show(label, done, N)` is called
     after each view. Uses one thread for each processor this process may run on; the result does not depend on how many.
     """
     wo, wi = (np.asarray(d, np.float32).reshape(-1, 3) for d in (wo, wi))
@@ -177,8 +181,8 @@ def render(
         shared = list(pool.map(light, range(len(lights))))
         for count in pool.map(paint, range(len(views))):
             done += count
-            if progress:
-                progress(done, len(wo))
+            if show:
+                show(label, done, len(wo))
     return result
 
 

@@ -6,10 +6,9 @@ that could be read. Values are float16 (half the bytes, 5e-4 relative), float32 
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,8 +21,10 @@ from bench.data.materials.renderer import RENDERER_VERSION, SUB_POINTS, render
 from bench.data.pairs import Sampling
 from bench.errors import InputError
 
+if TYPE_CHECKING:
+    from bench.codec import Progress
+
 Array = np.ndarray
-Progress = Callable[[int, int], None]
 
 
 class StoredSource(ArraySource):
@@ -38,7 +39,7 @@ class StoredSource(ArraySource):
 
 
 def load_or_render(
-    name: str, recipe: Recipe, size: int, sampling: Sampling, seed: int, progress: Progress | None = None
+    name: str, recipe: Recipe, size: int, sampling: Sampling, seed: int, show: "Progress | None" = None
 ) -> BTF:
     """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`.
 
@@ -47,14 +48,12 @@ def load_or_render(
     if size < 1:
         raise InputError(f"size must be at least 1, not {size}")
     directions = {"directions": sampling.directions, "views": sampling.views, "lights": sampling.lights}
-    product = _rendered(name, recipe, size, sampling.product(), seed, directions, progress)
+    product = _rendered(name, recipe, size, sampling.product(), seed, directions, show)
     product.heldout = np.zeros(len(product), bool)
     if not sampling.heldout:
         return product
     words = {"heldout": sampling.described()}
-    return with_heldout(
-        product, _rendered(name, recipe, size, sampling.drawn(name, seed), seed, words, progress), **words
-    )
+    return with_heldout(product, _rendered(name, recipe, size, sampling.drawn(name, seed), seed, words, show), **words)
 
 
 def _rendered(
@@ -64,7 +63,7 @@ def _rendered(
     pairs: tuple[Array, Array],
     seed: int,
     sampled: dict[str, Any],
-    progress: Progress | None,
+    show: "Progress | None",
 ) -> BTF:
     """A surface at some pairs, `wo` and `wi`, which `sampled` describes: from the cache, or rendered into it."""
     described = _describe(name, recipe, size, seed) | sampled
@@ -76,7 +75,7 @@ def _rendered(
         with atomic.alone(path):
             values = _read(path, shape)
             if values is None:
-                _write(path, recipe, *pairs, shape, seed, described, progress)
+                _write(path, recipe, *pairs, shape, seed, described, show)
                 values = _read(path, shape)
     if values is None:
         raise InputError(f"{path}: cannot be read back after writing it; is the disk full?")
@@ -120,13 +119,13 @@ def _write(
     shape: tuple[int, ...],
     seed: int,
     described: dict[str, Any],
-    progress: Progress | None,
+    show: "Progress | None",
 ) -> None:
     maps = recipe.maps(seed)
     with atomic.replacing(path) as partial:
         for dtype in (np.float16, np.float32):
             values = atomic.mapped(partial, dtype, shape)
-            render(maps, wo, wi, (shape[1], shape[2]), SUB_POINTS, values, progress)
+            render(maps, wo, wi, (shape[1], shape[2]), SUB_POINTS, values, show, f"rendering {described['material']}")
             if all(np.isfinite(picture).all() for picture in values):
                 break
     atomic.write(path.with_suffix(".json"), json.dumps(described, indent=1, sort_keys=True).encode())

@@ -225,8 +225,8 @@ def test_a_baked_file_opens_again_and_equals_what_was_rendered(tmp_path):
     surface = read_surface(recognise(folder), 8)
     assert surface.shape == (4, 8)  # square texels: the longer side has the size asked for
     calls = []
-    bake(surface, SMALL, tmp_path / "m.npz", lambda done, total: calls.append((done, total)))
-    assert calls[-1] == (19, 19)
+    bake(surface, SMALL, tmp_path / "m.npz", lambda *says: calls.append(says))
+    assert calls[-1] == ("baking m", 19, 19)
     btf = open_btf(tmp_path / "m.npz")
     assert btf.periodic
     assert len(btf.split().heldout["heldout"]) == 3
@@ -258,11 +258,11 @@ def test_a_folder_of_maps_is_a_material_and_is_baked_once(tmp_path, monkeypatch,
     assert (btf.name, btf.shape, len(btf)) == ("tiles", (8, 8), 19)
     assert "roughness.png" in caplog.text
     monkeypatch.setattr("bench.data.bake.render", None)  # a second time nothing is rendered
-    again = open_svbrdf(folder, SMALL, lambda done, total: None)
+    again = open_svbrdf(folder, SMALL, silent)
     assert again.fingerprint == btf.fingerprint
     save(folder, roughness=flat(0.5))
     with pytest.raises(TypeError):
-        open_svbrdf(folder, SMALL, lambda done, total: None)
+        open_svbrdf(folder, SMALL, silent)
 
 
 def test_bake_from_the_command_line(tmp_path, capsys):

@@ -54,7 +54,7 @@ def test_without_mitsuba_it_says_what_to_install(tmp_path, monkeypatch, capsys):
 
 def test_an_unknown_renderer_is_named(tmp_path):
     with pytest.raises(InputError, match="no renderer 'pbrt': there are builtin and mitsuba"):
-        bake(Surface("x", (8, 8), hills()), SMALL, tmp_path / "x.npz", lambda done, total: None, renderer="pbrt")
+        bake(Surface("x", (8, 8), hills()), SMALL, tmp_path / "x.npz", lambda label, done, total: None, renderer="pbrt")
 
 
 FLAT = {
@@ -185,17 +185,17 @@ def test_a_killed_bake_goes_on_where_it_was(tmp_path, monkeypatch):
     surface, out = Surface("hills", (8, 8), hills()), tmp_path / "hills.npz"
     calls = []
 
-    def dies(done, total):
+    def dies(label, done, total):
         if done >= 8:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         bake(surface, SMALL, out, dies, renderer="mitsuba")
     assert not out.exists()
-    bake(surface, SMALL, out, lambda done, total: calls.append((done, total)), renderer="mitsuba")
+    bake(surface, SMALL, out, lambda label, done, total: calls.append((done, total)), renderer="mitsuba")
     assert calls == [(8, 19), (12, 19), (16, 19), (19, 19)]
     assert [path.name for path in tmp_path.iterdir()] == ["hills.npz"]
-    bake(surface, SMALL, tmp_path / "whole.npz", lambda done, total: None, renderer="mitsuba")
+    bake(surface, SMALL, tmp_path / "whole.npz", lambda label, done, total: None, renderer="mitsuba")
     resumed, whole = open_btf(out), open_btf(tmp_path / "whole.npz")
     np.testing.assert_array_equal(np.stack(list(resumed)), np.stack(list(whole)))
     assert "Mitsuba" in whole.provenance["renderer"]
@@ -205,14 +205,14 @@ def test_a_killed_bake_goes_on_where_it_was(tmp_path, monkeypatch):
 def test_other_settings_take_nothing_from_a_killed_bake(tmp_path):
     surface, calls = Surface("hills", (8, 8), hills()), []
 
-    def dies(done, total):
+    def dies(label, done, total):
         if done:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         bake(surface, SMALL, tmp_path / "a.npz", dies, renderer="mitsuba")
     other = Surface("hills", (8, 8), hills(base=0.4))
-    bake(other, SMALL, tmp_path / "a.npz", lambda done, total: calls.append(done), renderer="mitsuba")
+    bake(other, SMALL, tmp_path / "a.npz", lambda label, done, total: calls.append(done), renderer="mitsuba")
     assert calls[0] == 0
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
 

@@ -21,10 +21,10 @@ def btf():
 @pytest.mark.parametrize("name", ["a.npz", "folder"])
 def test_what_was_written_opens_and_is_the_same(tmp_path, btf, name):
     told = []
-    write_btf(btf, tmp_path / name, lambda done, total: told.append((done, total)))
+    write_btf(btf, tmp_path / name, lambda *says: told.append(says))
     again = open_btf(tmp_path / name)
     assert again.periodic
-    assert told[-1] == (30, 30)
+    assert told[-1] == ("writing", 30, 30)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     far = np.abs(again.wo - btf.wo[:, None]).sum(2) + np.abs(again.wi - btf.wi[:, None]).sum(2)
     order = far.argmin(1)  # a folder sorts its pairs

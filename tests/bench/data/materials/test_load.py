@@ -94,11 +94,11 @@ def test_a_changed_renderer_renders_anew(constant, monkeypatch, cache):
 
 
 def test_an_interrupted_rendering_leaves_nothing_behind(monkeypatch, cache):
-    def interrupted(done, total):
+    def interrupted(label, done, total):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        materials.load("satin", **SMALL, progress=interrupted)
+        materials.load("satin", **SMALL, show=interrupted)
     assert list(cache.iterdir()) == []
 
 

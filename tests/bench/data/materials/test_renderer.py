@@ -172,7 +172,7 @@ def test_the_order_of_the_pairs_changes_nothing(rich):
 
 def test_progress_is_told_until_all_is_done(rich):
     told = []
-    render(rich, *random_pairs(5), (4, 4), progress=lambda done, total: told.append((done, total)))
+    render(rich, *random_pairs(5), (4, 4), show=lambda label, done, total: told.append((done, total)))
     assert told[-1] == (5, 5)
 
 
