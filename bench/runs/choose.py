@@ -1,6 +1,6 @@
-"""Picks, of the choices that `bench.runs.trade` measured, the one that meets some wishes; or says how near any came.
+"""Picks the measured choice that meets given wishes, or the nearest one. `bench.runs.trade` measures the choices.
 
-Imports no PyTorch: what was measured is answered from at once.
+Imports no PyTorch, so that an answer from stored measurements comes at once.
 """
 
 import re
@@ -11,14 +11,14 @@ from typing import Any
 from bench.errors import InputError
 
 Choice = dict[str, Any]
-PLAIN = "eager float32"  # how a choice is computed where nothing else is said
-NEAR_DB = 0.5  # a choice so near to the best is as good
+PLAIN = "eager float32"  # the default execution and precision
+NEAR_DB = 0.5  # a choice within this many dB of the best counts as equally good
 _SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
 
 
 @dataclass(frozen=True)
 class Wishes:
-    """What is asked of a choice; None where nothing is."""
+    """Limits that a choice must meet; None: no limit."""
 
     min_psnr: float | None = None  # dB, held-out
     max_bytes: int | None = None
@@ -51,7 +51,7 @@ def usable(choices: list[Choice], material: str) -> list[Choice]:
 
 
 def choose(rows: list[Choice], wishes: Wishes) -> Choice | None:
-    """The choice that meets the wishes: the smallest file where a PSNR is asked for, else the highest PSNR."""
+    """The best choice that meets the wishes: the smallest file if they name a PSNR, else the highest PSNR."""
     met = [row for row in rows if wishes.met(row)]
     if not met:
         return None
@@ -74,7 +74,7 @@ def parse_bytes(text: str) -> int:
 
 
 def answers(material: str, choices: list[Choice]) -> Iterator[str]:
-    """In words: the best, and what is as good within `NEAR_DB` for the least time and for the fewest bytes."""
+    """Sentences that name the best choice, and the fastest and the smallest one within `NEAR_DB` of it."""
     rows = usable(choices, material)
     if not rows:
         return

@@ -1,4 +1,4 @@
-"""Decoded materials for who draws them without PyTorch: a program as a file, and the exposure to show it at."""
+"""Writes decoded materials as program files with an exposure, so that `reports` draws them without PyTorch."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +38,7 @@ def drawable(material: Material, path: Path) -> Drawable:
 
 
 def drawable_truth(btf: BTF, path: Path, show: Progress = silent) -> Drawable:
-    """The same of a BTF itself: the table of its training pairs, interpolated, at the BTF's own exposure."""
+    """Write a BTF itself as a program: the interpolated table of its training pairs, at the BTF's own exposure."""
     table = load_codec("table")()
     device = torch.device("cpu")
     material = table.decode(table.encode(btf.subset(btf.split().train), Fit(show=show)), device)

@@ -1,4 +1,4 @@
-"""Scores one codec file against its material: the figures of a record, and what is too much for it, beside it."""
+"""Scores one codec file against its material: figures go into the record, large arrays into files beside it."""
 
 import dataclasses
 from collections.abc import Callable
@@ -33,12 +33,12 @@ from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
 from bench.threads import torch_threads
 
-COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices themselves, which are those of one
+COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices, whose footprint is one texel
 Keep = Callable[[str, dict[str, Any]], str]
 
 
 def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
-    """All that shapes the figures of a file: where a record has this key, nothing is scored again."""
+    """Everything that the figures of a file depend on. A file is not scored again if a record has the same key."""
     codec = registry.load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
     code = identity(codec, __name__, *(type(metric).__module__ for metric in bench.scorer.metrics.values()))["code"]
     return {
@@ -52,9 +52,9 @@ def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
 
 
 def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Record:
-    """Score what was decoded from a codec file: the part of its record that the score key answers for.
+    """Score the material decoded from a codec file; returns the part of its record that the score key covers.
 
-    `keep(name, content)` stores what does not go into the record, and gives the name that the record says.
+    `keep(name, content)` stores what does not go into the record, and returns the name that the record holds.
     """
     header, material = file.header, unreported(file.material)
     decoder = Slices(bench, material, show)
@@ -90,16 +90,16 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
 
 
 def recorded(folder: Path, job: Record, device: str) -> Material:
-    """The decoded material of a job's file. `ContainerError` where the file is not the one that its record is of."""
+    """Decode the file of a job. `ContainerError` if it is not the file that the record describes."""
     file = loading.load(folder / job["file"], device)
     if file.header.sha256 != job["score_key"]["sha256"]:
-        raise ContainerError(f"{file.header.path}: not the file that {job['job']} is recorded of: run the suite again")
+        raise ContainerError(f"{file.header.path}: not the file that {job['job']} recorded: run the suite again")
     return file.material
 
 
 @dataclass
 class Slices:
-    """The decoded material, asked for the slices of its BTF's pairs."""
+    """Slices of the decoded material at the pairs of its BTF."""
 
     bench: Workbench
     material: Material
@@ -111,32 +111,32 @@ class Slices:
         return self.material.boxes(btf.wo[pair].tolist(), btf.wi[pair].tolist(), factor, btf.shape).numpy()
 
     def watched(self, pair: int) -> np.ndarray:
-        """The same, while a progress bar follows."""
+        """The slice of one pair; also moves the progress bar."""
         self.show(f"scoring {self.bench.name}", pair + 1, len(self.bench.btf))
         return self.slice(pair)
 
 
 def _bytes(file: Loaded) -> dict[str, int]:
-    """Of the file by part and in all, and of the shared network's file where it needs one."""
+    """Bytes of the file, by part and in total, and of the shared network's file if it needs one."""
     found = file.header.part_bytes() | {"total": file.header.file_bytes}
     return found | ({"shared": file.network.file_bytes} if file.network else {})
 
 
 def _described(name: str) -> dict[str, Any]:
-    """What a table must say of a metric beside its numbers."""
+    """The unit, direction, space and version of a metric, which tables show with its numbers."""
     metric = get_metric(name)
     return {word: getattr(metric, word) for word in ("unit", "direction", "space", "version")}
 
 
 def _slices(bench: Workbench, scores: Scores) -> dict[str, np.ndarray]:
-    """The numbers of every slice, with its directions in degrees."""
+    """The scores of every slice, with its directions in degrees."""
     heldout = np.isin(scores.pairs, bench.groups.get("heldout", []))
     angles = {f"{w}_deg": np.stack(to_degrees(getattr(bench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
     return {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw | angles
 
 
 def _footprints(bench: Workbench, errors: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
-    """The errors of slices at footprints of some texels, `footprint_2` …, by pair; NaN where none was measured."""
+    """The errors of slices by pair at larger footprints (`footprint_2`, …); NaN where none was measured."""
     decides = bench.groups[gate(bench.groups)]
     found = {f"footprint_{factor}": np.full(len(bench.btf), np.nan) for factor in errors}
     for factor, raw in errors.items():

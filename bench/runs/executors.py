@@ -1,7 +1,7 @@
 """Where jobs run: in this process, in worker processes of this machine, or on the workers of a Dask cluster.
 
-All three are `concurrent.futures.Executor`, and any other will do. What goes to workers and comes back are plain data
-that this suite's own processes pickle for each other; nothing is ever unpickled from a file.
+All three are a `concurrent.futures.Executor`; any other executor works too. Tasks and answers are plain data that this
+suite's own processes pickle for each other. Nothing is ever unpickled from a file.
 """
 
 import math
@@ -21,35 +21,35 @@ from bench.codecs.trial import EXPENDABLE
 from bench.errors import InputError
 
 T = TypeVar("T")
-PATIENCE = "10s"  # with a scheduler that is asked for the first time
+PATIENCE = "10s"  # how long to wait for the first answer of a scheduler
 THREAD_COUNTS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 @dataclass(frozen=True)
 class Workers:
-    """An executor, and how many jobs it is given at once: more would wait in it."""
+    """An executor, and how many jobs to submit to it at once: further ones would only queue."""
 
     executor: Executor
     at_once: int
-    here: bool = False  # jobs run in the calling thread, and can show how far they are
+    here: bool = False  # jobs run in the calling thread, and can show their progress
 
 
 @contextmanager
 def in_process() -> Iterator[Workers]:
-    """One job after another, in the calling thread."""
+    """Run one job after another, in the calling thread."""
     yield Workers(InProcess(), 1, here=True)
 
 
 @contextmanager
 def one_process(threads: int) -> Iterator[Workers]:
-    """One job after another, in a worker process that a codec may end without ending this one."""
+    """Run one job after another in a worker process, so that a codec that crashes does not end this process."""
     with processes(1, threads) as workers:
         yield workers
 
 
 @contextmanager
 def processes(count: int, threads: int, device: str = "cpu", limit: float | None = None) -> Iterator[Workers]:
-    """`count` processes of this machine, each of so many threads; on a GPU each has one of its own.
+    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one GPU each.
 
     A job that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`.
     """
@@ -68,14 +68,14 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
 
 @contextmanager
 def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
-    """The workers of a Dask scheduler, by its address or the file it wrote; a job takes `resources` of its worker."""
+    """Run jobs on a Dask scheduler, given by address or scheduler file; a job takes `resources` of its worker."""
     try:
         from distributed import Client
     except ImportError:
         raise InputError("--scheduler needs Dask: pip install 'neubtf-bench[dask]'") from None
     file = address.endswith(".json")
     try:
-        if file and not os.path.exists(address):  # the client would wait for it, for ever
+        if file and not os.path.exists(address):  # the client would wait for it forever
             raise FileNotFoundError("no such file")
         where = {"scheduler_file": address} if file else {"address": address}
         client = Client(**where, timeout=PATIENCE, set_as_default=False)
@@ -83,18 +83,18 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
     executor = client.get_executor(pure=False, resources=resources or None)
     try:
-        yield Workers(executor, 1000)  # enough for a cluster that grows with what waits
+        yield Workers(executor, 1000)  # enough for a cluster that scales with the number of waiting jobs
     finally:
         executor.shutdown(wait=False)
         client.close()
 
 
 class OutOfTimeError(Exception):
-    """A job took longer than it was given; its process was ended."""
+    """A job exceeded its time limit, and its process was ended."""
 
 
 class InProcess(Executor):
-    """Runs what is submitted, then and there."""
+    """Runs a submitted call immediately, in the calling thread."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         future: Future[T] = Future()
@@ -106,7 +106,7 @@ class InProcess(Executor):
 
 
 class Processes(Executor):
-    """Worker processes, each a pool of its own: one that dies takes only its own job along, and is replaced.
+    """Worker processes, each in its own pool: a process that dies loses only its own job, and is replaced.
 
     `submit` waits until a worker is free. A worker ends when this process does, however that ends.
     """
@@ -133,7 +133,7 @@ class Processes(Executor):
         return outer
 
     def _timer(self, process: Future[int], outer: Future[Any]) -> threading.Timer:
-        """What ends the worker process when its time is over."""
+        """A timer that ends the worker process when the job exceeds its time limit."""
 
         def end() -> None:
             with suppress(InvalidStateError):
@@ -143,7 +143,7 @@ class Processes(Executor):
 
         timer = threading.Timer(self.limit or 0, end)
         timer.daemon = True
-        process.add_done_callback(lambda _: timer.start())  # the start of the process does not count
+        process.add_done_callback(lambda _: timer.start())  # the time to start the process does not count
         return timer
 
     def _pool(self, gpu: str | None) -> tuple[ProcessPoolExecutor, Connection]:
@@ -157,7 +157,7 @@ class Processes(Executor):
         error = CancelledError() if ended.cancelled() else ended.exception()
         if error is not None and not ended.cancelled():
             self._end(seat, wait=False)  # it may have died
-        with suppress(InvalidStateError):  # its time was over
+        with suppress(InvalidStateError):  # the timer has already set an error
             if error is None:
                 outer.set_result(ended.result())
             else:
@@ -171,13 +171,13 @@ class Processes(Executor):
             pool.shutdown(wait, cancel_futures=True)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End every worker, whatever it is doing."""
+        """End every worker, even one that runs a job."""
         for seat in list(self.pools):
             self._end(seat, wait)
 
 
 def _prepare(threads: int, gpu: str | None, leash: Connection) -> None:
-    """The first thing in a worker, before NumPy and PyTorch are imported and read these variables."""
+    """Prepare a worker process: set environment variables before NumPy and PyTorch are imported and read them."""
     os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)))
     os.environ[EXPENDABLE] = "1"
     if gpu is not None:
@@ -186,7 +186,7 @@ def _prepare(threads: int, gpu: str | None, leash: Connection) -> None:
 
 
 def _follow(leash: Connection) -> None:
-    """End this process when the other end of the leash is let go of: closed, or its process dead."""
+    """End this process when the parent closes its end of the pipe, or dies."""
     try:
         leash.poll(None)
     finally:
@@ -195,7 +195,7 @@ def _follow(leash: Connection) -> None:
 
 @contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """A process started inside inherits that Ctrl-C is not for it: who started it ends it, and speaks for it."""
+    """Processes started inside this block ignore Ctrl-C: the parent process ends them and prints the message."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -207,7 +207,7 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 def _dealt(count: int) -> list[str]:
-    """The names of `count` GPUs that this process may use, one for each job."""
+    """Names of `count` GPUs that this process may use, one for each job."""
     chosen = os.environ.get("CUDA_VISIBLE_DEVICES")
     if chosen is None:
         import torch
@@ -216,5 +216,5 @@ def _dealt(count: int) -> list[str]:
     else:
         names = [name.strip() for name in chosen.split(",") if name.strip()]
     if len(names) < count:
-        raise InputError(f"--jobs {count}: each job has a GPU of its own, and there are {len(names)}")
+        raise InputError(f"--jobs {count}: each job needs a GPU of its own, and there are {len(names)}")
     return names[:count]

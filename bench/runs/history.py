@@ -1,13 +1,13 @@
-"""The records of many runs as one pandas frame: a row a job, whatever became of it.
+"""Loads the records of many runs as one pandas frame: one row for each job, failed ones included.
 
     import bench
     frame = bench.load_runs(["runs/quick", "runs/rd"])
     frame.groupby(["material", "label", "started"])["scores/heldout/metrics/psnr_display/pooled"].mean()
 
 Columns are named after the fields of a record, as in a run's `tables/results.csv`: `bytes/total`,
-`scores/heldout/metrics/psnr_display/pooled`, `timing/ns_per_sample`. What tells runs apart stands first. Nothing is
-rounded, and nothing says here whether two rows may be compared: `codec_version`, `training`, `btf` and
-`metric_version/…` are for that.
+`scores/heldout/metrics/psnr_display/pooled`, `timing/ns_per_sample`. The columns that identify the run come first.
+Nothing is rounded. Two rows may be compared only if `codec_version`, `training`, `btf` and `metric_version/…` agree;
+the frame does not check this.
 """
 
 import warnings
@@ -23,9 +23,9 @@ _STARTED = "%Y%m%dT%H%M%S.%f"
 
 
 def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.DataFrame:
-    """The jobs of one run or of many, given their folders or files of records (`.jsonl`).
+    """The jobs of one or several runs, given their folders or files of records (`.jsonl`).
 
-    `InputError` where a path holds no run. A line that could not be read is warned of.
+    Raises `InputError` if a path holds no run. Warns of lines that cannot be read.
     """
     several = [paths] if isinstance(paths, str | PathLike) else list(paths)
     runs = {str(path): load_run(str(path)) for path in several}

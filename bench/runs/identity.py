@@ -1,9 +1,9 @@
-"""The identity of the code that fits: what a codec's file depends on besides its settings and its data.
+"""Identifies the code that fits a codec: the file depends on it, besides its settings and its data.
 
-It is found, not declared, so that no author can forget it. From the modules of the codec's class, imports are followed
-in the source through the codec's own package, `bench`, and every other package that is no installed distribution. The
-syntax of each module reached counts: comments, docstrings and layout do not. Of an installed distribution the version
-counts. A package that imports modules by a computed name counts whole.
+The identity is computed, not declared, so that no author can forget it. Starting from the modules of the codec's
+class, it follows imports in the source through the codec's own package, `bench`, and every other package that is not
+an installed distribution. It hashes the syntax of each module reached, without comments, docstrings and layout. For an
+installed distribution it takes the version. It hashes every module of a package that imports by a computed name.
 """
 
 import ast
@@ -20,7 +20,7 @@ from pathlib import Path
 
 from bench.codec import Codec
 
-# What every fit goes through, whichever codec it is of; and where it is one of a scene.
+# Modules that every fit uses, and those that only fits to a scene use.
 ALWAYS, OF_SCENES = ("bench.codecs.container",), ("bench.demand.fitting",)
 INSTALLED = {"site-packages", "dist-packages"}
 BY_NAME = {"import_module", "__import__", "spec_from_file_location", "run_path", "exec", "eval"}
@@ -29,7 +29,7 @@ BY_NAME = {"import_module", "__import__", "spec_from_file_location", "run_path",
 def identity(codec: Codec, *more: str) -> dict[str, object]:
     """`code`, a hash of the source that a fit of this codec runs, and `libraries`, the versions of what it imports.
 
-    `more` are modules that count besides.
+    `more` names further modules to hash.
     """
     kinds = (type(codec), *([codec.network] if codec.network else []))
     roots = {kind.__module__ for each in kinds for kind in each.__mro__ if kind is not object}
@@ -46,7 +46,7 @@ def _identity(roots: frozenset[str]) -> dict[str, object]:
 
 
 def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[str]]:
-    """A digest of each module that the roots import, over any number of others; and the libraries they import."""
+    """A digest of each module that the roots import, directly or through others, and the libraries they import."""
     sources: dict[str, str] = {}
     libraries: set[str] = set()
     waiting = sorted(roots)
@@ -63,7 +63,7 @@ def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[s
             waiting += source.imported
             waiting += [name.rpartition(".")[0]] if "." in name else []  # a package runs before what is in it
             waiting += _everything_in(top) if source.by_name and top != "bench" else []
-    # What was typed into a shell has no source: its digest is new in each process, so that nothing of it is kept.
+    # Code typed into a shell has no source: it gets a new digest in each process, so that its files are never reused.
     return sources | {root: str(uuid.uuid4()) for root in roots if root not in sources}, libraries
 
 
@@ -97,7 +97,7 @@ def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFun
 
 @cache
 def _file(module: str) -> Path | None:
-    """The file of a module, found without importing it; None where there is none."""
+    """The file of a module, found without importing it; None if there is none."""
     loaded = getattr(sys.modules.get(module), "__file__", None)
     if loaded:
         return Path(loaded)
@@ -134,7 +134,7 @@ def _installed(top: str) -> bool:
 
 
 def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
-    """The modules that a module may import, wherever in it; not those that only a type checker sees."""
+    """The modules that a module may import anywhere in its source, except those that only a type checker sees."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     unseen = {id(inner) for node in ast.walk(tree) if _for_types(node) for inner in ast.walk(node)}
     for node in ast.walk(tree):
@@ -155,7 +155,7 @@ def _for_types(node: ast.AST) -> bool:
 
 
 def _imports_by_name(tree: ast.Module) -> bool:
-    """Whether a module imports others by a name that only running it tells."""
+    """Whether a module imports others by a name that is known only when it runs."""
     calls = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
     names = (f.attr if isinstance(f, ast.Attribute) else f.id for f in calls if isinstance(f, ast.Attribute | ast.Name))
     return bool(BY_NAME & set(names))
@@ -173,7 +173,7 @@ def _everything_in(top: str) -> Iterator[str]:
 
 @cache
 def _version(top: str) -> str | None:
-    """The version of the distribution that a top-level package is of; None where it is not installed."""
+    """The version of the distribution that a top-level package belongs to; None if it is not installed."""
     for distribution in _distributions().get(top, ()):
         try:
             return version(distribution)

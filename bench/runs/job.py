@@ -1,11 +1,11 @@
-"""One job, wherever it runs: told as plain data, it opens its material, fits, writes, scores, and answers a record.
+"""Runs one job in any process: opens its material, fits, writes the file, scores it, and returns a record.
 
-A job has two keys. The *fit key* names what shapes the file (codec, settings, training pairs, seed, threads, device
-class, PyTorch, and the code that fits: `bench.runs.identity`): where a file of that key is there, nothing is fitted
-again. It counts only if its header and the facts of its fit, written beside it, agree on key and hash. The *score key*
-names what shapes the numbers (the file's hash, the pairs, metric versions, exposure, the code that decodes and scores):
-where a record of that key is there, nothing is scored again. Files appear whole or not at all, and hold nothing of when
-and where: a job may be done twice, even at once.
+A job has two keys. The *fit key* names everything that the file depends on: codec, settings, training pairs, seed,
+threads, device class, PyTorch, and the code that fits (`bench.runs.identity`). A job is not fitted again if a file with
+its fit key exists, and its header and the facts of its fit, written beside it, agree on key and hash. The *score key*
+names everything that the numbers depend on: the file's hash, the pairs, metric versions, exposure, and the code that
+decodes and scores. A job is not scored again if a record has its score key. Files appear whole or not at all, and
+contain no time and no place, so the same job may run twice, even at the same time.
 """
 
 import dataclasses
@@ -46,13 +46,13 @@ from bench.threads import torch_threads
 
 log = logging.getLogger(__name__)
 
-STATE, FRESH_STATE = ".state", ".fresh"  # of a fit under way, to go on from; the latter within one run alone
+STATE, FRESH_STATE = ".state", ".fresh"  # checkpoints of an unfinished fit; `.fresh` is valid within one run only
 FACTS = ".fit.json"  # beside a codec file
 
 
 @dataclass(frozen=True)
 class Task:
-    """All that a worker is told of one cell of a suite."""
+    """Everything that a worker needs to know of one cell of a suite."""
 
     run: str
     folder: Path  # of the run
@@ -61,16 +61,16 @@ class Task:
     codec: CodecSpec
     repetition: int
     threads: int
-    demand: str = ""  # the path of the demand that is judged by
+    demand: str = ""  # path of the demand to judge by
     uniform: float = UNIFORM
     metrics: tuple[str, ...] = DEFAULTS  # as the suite names them
     device: str = "cpu"
     scorers: int | None = None  # threads that score; None: one a core
     fresh: bool = False
     earlier: Record | None = None  # status and keys of the job's latest record
-    sent: dict[str, bytes] = field(default_factory=dict)  # the files of that record's fit, where the worker asked
+    sent: dict[str, bytes] = field(default_factory=dict)  # the files of that record's fit, if the worker asked for them
     network: tuple[str, bytes] | None = None  # the file that the codec shares over materials, and its name in files/
-    losses: int = 0  # workers that died of this job
+    losses: int = 0  # workers that died while they ran this job
 
     @property
     def name(self) -> str:
@@ -78,7 +78,7 @@ class Task:
 
     @property
     def base(self) -> Record:
-        """How each record of this job begins."""
+        """The fields with which each record of this job begins."""
         return {
             "kind": "job",
             "job": self.name,
@@ -94,38 +94,38 @@ class Task:
 
 @dataclass(frozen=True)
 class Result:
-    """A job answers with a new record."""
+    """The answer of a job that made a new record."""
 
     record: Record
-    cached: str = ""  # how much was there already: "" or "file"
-    files: dict[str, bytes] = field(default_factory=dict)  # for the run's folder, where the worker cannot write there
+    cached: str = ""  # what existed already: "" (nothing) or "file"
+    files: dict[str, bytes] = field(default_factory=dict)  # for the run's folder, if the worker cannot write there
 
 
 class Stands:
-    """A job answers that its earlier record still holds."""
+    """The answer of a job whose earlier record still holds."""
 
 
 class WantsFiles:
-    """A job answers that it needs the files of the earlier record's fit: send them, and ask again."""
+    """The answer of a job that needs the files of the earlier record's fit: submit it again with them."""
 
 
 Answer = Result | Stands | WantsFiles
 
 
 def seed_of(*parts: object) -> int:
-    """A seed that depends on the named parts alone, 63 bits of their sha256."""
+    """A seed that depends only on the given parts: 63 bits of their sha256."""
     return int.from_bytes(hashlib.sha256("\n".join(map(str, parts)).encode()).digest()[:8], "big") >> 1
 
 
 def work(task: Task, show: Progress = silent) -> Answer:
-    """Do one job. A failure is a record with its error; what fails every job (a full disk) is `InputError`."""
+    """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`."""
     where = (task.run, task.material, task.data, task.scorers, show, task.demand, task.repetition, task.metrics)
     try:
         with workbench(*where) as bench, undisturbed():
             return Job(task, bench, show).run()
     except MissingDataError as error:
         return Result(task.base | {"status": "unavailable", "error": str(error)})
-    except OSError as error:  # of the material: a cache without room, and no fault of the job
+    except OSError as error:  # while the material was opened: the cache has no room, which is no fault of the job
         _raise_where_no_job_can_help(error)
         raise
 
@@ -136,13 +136,13 @@ def failed(task: Task, error: str, more: Record | None = None) -> Result:
 
 
 def blamed(task: Task, error: str) -> str:
-    """An error with the codec and the distribution that it is of, where it comes from outside."""
+    """An error, prefixed with codec and distribution if the codec comes from another distribution."""
     name = task.codec.codec
     return f"{called(codec_entries()[name])}: {error}" if from_outside(name) else error
 
 
 class _WantedError(Exception):
-    """The files of the earlier record's fit are needed here, and are elsewhere."""
+    """This worker needs the files of the earlier record's fit and does not have them."""
 
 
 @dataclass
@@ -163,7 +163,7 @@ class Job:
 
     @cached_property
     def network(self) -> TrainedNetwork | None:
-        """The network that the codec shares over materials, its file beside those that name it."""
+        """The network that the codec shares over materials; its file lies beside the codec files that name it."""
         if self.codec.network is None:
             return None
         if self.task.network is None:
@@ -208,7 +208,7 @@ class Job:
         return (self.place.folder / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
 
     def run(self) -> Answer:
-        """Encode, decode, score and record; or find that it is done. `MissingDataError` where something is needed."""
+        """Encode, decode, score and record, or find that this is done. `MissingDataError` if data are missing."""
         try:
             result = self._result(self.task.earlier or {})
         except _WantedError:
@@ -217,7 +217,7 @@ class Job:
             raise
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # an error is data, `sys.exit` too: it is recorded, shown, decides the exit code
+        except BaseException as error:  # errors, even `sys.exit`, are recorded and shown, and decide the exit code
             _raise_where_no_job_can_help(error)
             result = self._failed(error)
         files = self.place.parcel()
@@ -226,7 +226,7 @@ class Job:
     def _failed(self, error: BaseException) -> Result:
         says = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
         try:
-            self.checkpoint.unlink(missing_ok=True)  # who tries again may have mended the code that made it
+            self.checkpoint.unlink(missing_ok=True)  # by the next try, the code that wrote it may have been fixed
             says |= {"fit_key": self.fit_key}
         except InputError:  # a codec that cannot be made has no key
             pass
@@ -238,7 +238,7 @@ class Job:
         return self.task.base | {"fit_key": self.fit_key, "machine": machine()}
 
     def _result(self, earlier: Record) -> Result | None:
-        """The result of a job that does not fail now, but for its files; None where the earlier record holds."""
+        """The result of the job, without its files; None if the earlier record holds."""
         if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
             return None
         header, fit = self._file()
@@ -254,7 +254,7 @@ class Job:
         return evaluate(self.bench, file, self.task.threads, self.place.keep, self.show)
 
     def _file(self) -> tuple[container.Header, Record]:
-        """The codec file, from an earlier run where its key is the same, else encoded now; and facts of its fit."""
+        """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""
         path = self.place.folder / self.file
         if not self.task.fresh:
             self._fetch(path)
@@ -264,26 +264,26 @@ class Job:
         header = container.save(path, self.codec, parts)
         self.place.made.append(self.file)
         facts |= {"fit_key": self.fit_key, "sha256": header.sha256, "fitted": made()}
-        self.place.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # without them the file counts for nothing
+        self.place.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # a file without its facts is never reused
         self.checkpoint.unlink(missing_ok=True)
         return header, _told(facts) | {"fit_cached": False}
 
     def _found(self, path: Path) -> tuple[container.Header, Record] | None:
-        """A codec file that is there, and the facts of its fit; None, with a warning, where it is not of this job."""
+        """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
         try:
             header, facts = container.read_header(path), json.loads(path.with_suffix(FACTS).read_text("utf-8"))
             same = isinstance(facts, dict) and facts.get("fit_key") == json.loads(json.dumps(self.fit_key))
         except (ContainerError, OSError, ValueError) as error:
-            log.warning("%s is fitted anew: %s", self.task.name, error)
+            log.warning("%s is fitted again: %s", self.task.name, error)
             return None
         says = (header.codec, header.version, header.settings, header.sha256)
         if same and says == (self.codec.name, self.codec.version, settings_dict(self.codec), facts.get("sha256")):
             return header, _told(facts) | {"fit_cached": True}
-        log.warning("%s is fitted anew: %s is not the file that was fitted for it", self.task.name, path)
+        log.warning("%s is fitted again: %s is not the file that was fitted for it", self.task.name, path)
         return None
 
     def _fetch(self, path: Path) -> None:
-        """Where the run's folder is out of reach: have the files of the earlier record here, if it is of this fit."""
+        """Store the sent files of the earlier record here, if it has this fit key and the run's folder is remote."""
         same = self.task.earlier and self.task.earlier.get("fit_key") == self.fit_key
         if self.place.of_run or path.exists() or not same:
             return
@@ -293,7 +293,7 @@ class Job:
             self.place.put(name, content)
 
     def _encode(self) -> tuple[Record, Parts]:
-        """Facts of the fit, seconds and curve, and what it found."""
+        """Fit the codec; returns the facts of the fit (seconds and curve) and the encoded parts."""
         if self.network:
             shared.refuse(self.network, self.bench.btf)
         fit = Fit(
@@ -311,23 +311,23 @@ class Job:
             else:
                 parts = self.codec.encode(self.bench.training, fit)
             seconds = time.perf_counter() - start
-        if fit.history:  # its clock goes on where an interrupted fit is taken up again
+        if fit.history:  # its clock continues when an interrupted fit is resumed
             seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
         return {"fit_seconds": seconds, "history": fit.history}, parts
 
 
 def _told(facts: Record) -> Record:
-    """What a record says of its fit, of what the file does not hold, so that its bytes are the same."""
+    """The facts of a fit that the record holds. They are not in the file, so that its bytes do not change."""
     return {name: facts[name] for name in ("fit_seconds", "history", "fitted") if name in facts}
 
 
 def made() -> Record:
-    """By which revision of the suite, and when, something was made that may be taken up again later."""
+    """The revision of the suite and the time at which something was made that later runs may reuse."""
     return {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
 
 
 def machine() -> dict[str, str]:
-    """Where a job was done: the workers of a cluster differ."""
+    """The host and processor that ran a job: the workers of a cluster differ."""
     return {"host": platform.node(), "processor": processor()}
 
 
@@ -336,11 +336,12 @@ def _raise_where_no_job_can_help(error: BaseException) -> None:
         place = f"{error.filename}: " if error.filename else ""
         raise InputError(
             f"{place}cannot be written on {platform.node()} ({error.strerror}): make room, then give the same command "
-            "again: what is finished is kept"
+            "again: finished jobs are kept"
         ) from error
 
 
 def _is_of_cache(error: OSError) -> bool:
-    """Whether the cache may not be written."""
+    """Whether permission to write the cache was denied."""
+
     denied = error.errno in (errno.EACCES, errno.EPERM)
     return denied and Path(str(error.filename)).is_relative_to(atomic.cache_dir())

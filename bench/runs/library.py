@@ -1,6 +1,6 @@
-"""What a script calls, as attributes of `bench`: open a BTF, encode it, load the file, score it; see docs/api.md.
+"""Functions for scripts, available from `bench`: open a BTF, encode it, load the file, score it; see docs/api.md.
 
-The commands of `neubtf-bench` take the same paths, so that a script measures what a run measures.
+The commands of `neubtf-bench` call the same code, so that a script measures the same as a run.
 """
 
 from pathlib import Path
@@ -21,15 +21,15 @@ from bench.runs.evaluation import evaluate, score_key
 from bench.runs.workbench import Workbench
 from bench.threads import torch_threads
 
-_BESIDE_A_RECORD = ("slices", "angular", "pictures")  # files that a run keeps and a score does not
+_BESIDE_A_RECORD = ("slices", "angular", "pictures")  # files that a run keeps, but `score` does not
 
 
 def open(name: str | Path, **data: Any) -> BTF:
-    """The BTF of a built-in material (`neubtf-bench list materials`) or of a path.
+    """Open the BTF of a built-in material (`neubtf-bench list materials`) or of a path.
 
-    `data` are the `[data]` settings of a suite: `size`, `views`, `lights`, `heldout`, `directions` of what is rendered,
-    `split` (which pairs are held out: "test", for what is reported, or "validation", for what choices are made by),
-    `pairs` and `repair` of what was measured. `InputError` says what cannot be opened, and why.
+    `data` are the `[data]` settings of a suite. Rendered materials have `size`, `views`, `lights`, `heldout` and
+    `directions`; measured ones have `pairs` and `repair`. `split` chooses the held-out pairs: "test" for reported
+    figures, "validation" for choosing settings. `InputError` says what cannot be opened, and why.
     """
     changes = {
         f"data.{key}": str(value).lower() if isinstance(value, bool) else str(value) for key, value in data.items()
@@ -48,9 +48,9 @@ def encode(
     show: Progress = silent,
     **settings: Any,
 ) -> container.Header:
-    """Fit a codec to the training pairs of a BTF and write its file; what the file says of itself.
+    """Fit a codec to the training pairs of a BTF and write its file; returns the header of the file.
 
-    `codec` is a name, with its `settings`, or a codec. `show(label, done, total)` follows the fit.
+    `codec` is a name, with its `settings`, or a codec. The fit calls `show(label, done, total)` as it progresses.
     """
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} has its settings already: give {min(settings)} where it is made")
@@ -75,11 +75,11 @@ def score(
     device: str = "cpu",
     show: Progress = silent,
 ) -> Record:
-    """Decode a codec file and score it against its BTF, as a run does; the numbers of a job's record.
+    """Decode a codec file and score it against its BTF, as a run does; returns the numbers of a job's record.
 
-    `scores` holds every metric over groups of pairs (`heldout`, `train`, `all`, …), `footprints` the PSNR of answers
-    over several texels, `bytes`, `parameters` and `cost` what the file takes. `demand` is the file of a scene to judge
-    by too. Raises `ContainerError` for the file, `InputError` where the BTF has another resolution.
+    `scores` holds every metric over groups of pairs (`heldout`, `train`, `all`, …), `footprints` the PSNR at footprints
+    of several texels; `bytes`, `parameters` and `cost` are those of the file. `demand` is the demand file of a scene to
+    judge by as well. Raises `ContainerError` for a bad file, `InputError` if the BTF has another resolution.
     """
     loaded = loading.load(Path(file), device)
     if loaded.material.size != btf.shape:

@@ -1,8 +1,8 @@
-"""One run at a time in a folder, by a lock that a dead process cannot keep.
+"""Locks a run's folder, so that one run at a time works in it; a dead process cannot keep the lock.
 
-The holder keeps `RUN/lock` open under `flock`, which the kernel releases with the process, however that ends; the file
-says who holds it. Where a file system does not carry `flock` to other hosts, the file's time does: the holder renews
-it every 10 seconds, and the lock of another host is stale when it was not renewed for a minute.
+The holder keeps `RUN/lock` open under `flock`; the kernel releases it when the process ends, for whatever reason. The
+file names the holder. Some file systems do not carry `flock` to other hosts. There the file's modification time counts:
+the holder renews it every 10 seconds, and the lock of another host is stale if it was not renewed for a minute.
 """
 
 import fcntl
@@ -30,10 +30,10 @@ STALE_AFTER = 60.0
 
 @contextmanager
 def locked(folder: Path, run: str) -> Iterator[None]:
-    """Hold the lock of a run's folder, which is made where it is missing.
+    """Hold the lock of a run's folder; creates the folder if it is missing.
 
-    `InputError` names who holds it, or why the folder cannot be written. A lock that a dead process left is taken over,
-    with a warning.
+    `InputError` names the holder, or says why the folder cannot be written. Takes over the lock of a dead process, with
+    a warning.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -52,7 +52,7 @@ def locked(folder: Path, run: str) -> Iterator[None]:
 
 
 def reaches(folder: Path, run: str) -> bool:
-    """Whether this process can write in the very folder that a run has locked, as one on another machine may not."""
+    """Whether this process can write in the folder that a run has locked; one on another machine may be unable to."""
     return _holder(folder / FILE).get("run") == run and os.access(folder, os.W_OK)
 
 
@@ -87,7 +87,7 @@ def _flock(file: int) -> bool:
 
 
 def _check(folder: Path, kept_by_kernel: bool) -> None:
-    """Whether the process that signed the lock before us is gone. `InputError` where it may be at work."""
+    """Check that the process that signed the lock before is gone. `InputError` if it may still run."""
     holder = _holder(folder / FILE)
     if not holder:
         return
@@ -97,11 +97,11 @@ def _check(folder: Path, kept_by_kernel: bool) -> None:
         alive = _age(folder) < STALE_AFTER
     if alive:
         raise InputError(_busy(folder, holder))
-    log.warning("%s: the lock of %s is taken over: it is gone", folder, _named(holder))
+    log.warning("%s: the lock of %s is taken over, because that process is gone", folder, _named(holder))
 
 
 def _holder(path: Path) -> dict[str, Any]:
-    """What the lock says of its holder; empty where nobody signed."""
+    """The holder that the lock names; empty if nobody signed it."""
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -134,7 +134,7 @@ def _age(folder: Path) -> float:
 
 def _renew(path: Path, done: threading.Event) -> None:
     while not done.wait(RENEWED_EVERY):
-        with suppress(OSError):  # a file system that is away for a moment stops no run
+        with suppress(OSError):  # a file system that is unavailable for a moment must not stop the run
             os.utime(path)
 
 
@@ -144,4 +144,4 @@ def _named(holder: dict[str, Any]) -> str:
 
 def _busy(folder: Path, holder: dict[str, Any]) -> str:
     who = _named(holder) if holder else "another process"
-    return f"{folder}: a run is at work here ({who}): wait for its end, stop it, or choose another --out"
+    return f"{folder}: another run uses this folder ({who}): wait for its end, stop it, or choose another --out"

@@ -1,4 +1,4 @@
-"""Where a job keeps its files: the run's folder, or one of this machine where the run's is out of its reach."""
+"""Finds where a job keeps its files: the run's folder, or a local folder if the job cannot reach the run's."""
 
 import hashlib
 import json
@@ -15,23 +15,23 @@ from bench.runs import lock
 
 @dataclass
 class Place:
-    """A folder laid out as the run's, and what a job put there. Names are relative to it."""
+    """A folder with the layout of a run's folder, and the files that a job put there. Names are relative to it."""
 
     folder: Path
-    of_run: bool  # it is the run's own
+    of_run: bool  # whether it is the run's own folder
     made: list[str] = field(default_factory=list)
     lent: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, folder: Path, run: str, fresh: bool) -> "Place":
-        """The run's folder is that with the run's lock in it: another machine may have a folder of the same name."""
+        """The run's folder if its lock is there (another machine may have a folder of that name), else a local one."""
         if lock.reaches(folder, run):
             return cls(folder, True)
         digest = hashlib.sha256(f"{folder} {run if fresh else ''}".encode()).hexdigest()
         return cls(cache_dir() / "runs" / digest[:24], False)
 
     def keep(self, name: str, content: dict[str, Any]) -> str:
-        """Store what is too much for a record beside it, as .npz or .json; returns the name."""
+        """Store content that is too large for a record beside it, as .npz or .json; returns the name."""
         with atomic.replacing(self.folder / name) as partial:
             if name.endswith(".json"):
                 partial.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
@@ -42,7 +42,7 @@ class Place:
         return name
 
     def put(self, name: str, content: bytes) -> Path:
-        """Have a file here that the run's folder has, or shall have; returns its path."""
+        """Store a copy of a file of the run's folder here; returns its path."""
         path = self.folder / name
         if not path.exists():
             atomic.write(path, content)
@@ -50,7 +50,7 @@ class Place:
         return path
 
     def parcel(self) -> dict[str, bytes]:
-        """What was made out of reach of the run's folder, for who can write there; nothing of it stays here."""
+        """The files made outside the run's folder, for the process that writes there; deletes them here."""
         if self.of_run:
             return {}
         files = {name: (self.folder / name).read_bytes() for name in self.made}

@@ -1,4 +1,4 @@
-"""Trains the network that a codec shares over materials, on surfaces that no suite holds."""
+"""Trains the network that a codec shares over materials, on surfaces that no suite contains."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,9 +18,9 @@ MATERIALS = 160  # variations that a network is trained on
 def pretrain(
     network: SharedNetwork, fit: Fit, path: Path, materials: int = MATERIALS, added: Sequence[BTF] = ()
 ) -> Header:
-    """Train a network on the first `materials` variations, and on what is added, and write its file.
+    """Train a network on the first `materials` variations and on the BTFs in `added`, and write its file.
 
-    The default needs no data, so that everybody can make the same file. `InputError` where nothing is left to train on.
+    The default needs no data, so that everybody can make the same file. `InputError` if there is nothing to train on.
     """
     if materials < 0 or materials + len(added) < 1:
         raise InputError(f"a network needs at least one material to be trained on, not {materials}")
@@ -31,7 +31,7 @@ def pretrain(
 
 
 def ready(network: SharedNetwork, fit: Fit) -> Path:
-    """The file of a network at its place, made now where it is not there."""
+    """The path of a network's file; trains the network first if the file does not exist."""
     path = shared.place(network.name)
     with atomic.alone(path):
         if not path.exists():

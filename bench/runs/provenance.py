@@ -1,4 +1,4 @@
-"""Where a run's numbers come from: code, packages, machine."""
+"""Describes where a run's numbers come from: code, packages, machine."""
 
 import os
 import platform
@@ -31,7 +31,7 @@ def provenance() -> dict[str, Any]:
 
 @cache
 def revision() -> str | None:
-    """The git revision of the suite as this process found it; None outside a checkout."""
+    """The git revision of the suite when this process started; None outside a checkout."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()

@@ -1,7 +1,8 @@
-"""Rate and distortion: what each codec's ladder of rates costs against the ladder of log PCA, at equal quality.
+"""Compares the rate–distortion curve of each codec with that of log PCA, at equal quality.
 
-A ladder is one entry of a suite whose lists make several jobs; its *curve* is its label without what the lists vary.
-Rates are the bytes of whole files, quality is the pooled held-out PSNR in display space, both means over the seeds.
+One entry of a suite whose lists make several jobs gives a ladder of rates; its *curve* is named by the label without
+the varied settings. The rate is the bytes of the whole file, the quality the pooled held-out PSNR in display space;
+both are means over the seeds.
 """
 
 from collections import defaultdict
@@ -17,9 +18,9 @@ ANCHOR = "pca"
 
 
 def rate_records(jobs: list[Record]) -> Iterator[Record]:
-    """For each curve of one material's jobs: BD-rate in % and BD-PSNR in dB against the anchor, or why there is none.
+    """BD-rate in % and BD-PSNR in dB against the anchor, or why there is none, for each curve of one material's jobs.
 
-    Nothing is yielded for curves of fewer than four rates, nor where the anchor is not there.
+    Yields nothing for curves of fewer than four rates, or if the anchor is missing.
     """
     curves = _curves(jobs)
     if ANCHOR not in curves:
@@ -46,7 +47,7 @@ def rate_records(jobs: list[Record]) -> Iterator[Record]:
 
 
 def _curves(jobs: list[Record]) -> dict[str, np.ndarray]:
-    """Points (n, 2) of bytes and quality by curve; a job without a finite quality has no point."""
+    """Points (n, 2) of bytes and quality by curve; jobs without a finite quality are left out."""
     seeds: dict[str, dict[str, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
     for job in jobs:
         quality = stats_of(job, PSNR)["pooled"]

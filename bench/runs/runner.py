@@ -1,7 +1,7 @@
-"""Runs a suite: hands its jobs to workers, records what they answer, then times the decoders when nothing else runs.
+"""Runs a suite: hands its jobs to workers, records their answers, then times the decoders when nothing else runs.
 
-This process alone writes records, under the lock of the run's folder. What a job is, and when it is done already, says
-`bench.runs.job`; where it runs, `bench.runs.executors`. Timing is measured anew in every run.
+Only this process writes records, under the lock of the run's folder. `bench.runs.job` defines a job and decides whether
+it is done already; `bench.runs.executors` defines where it runs. Every run measures the timing again.
 """
 
 import dataclasses
@@ -43,33 +43,33 @@ MOST_LOSSES = 3  # worker processes that a job may lose
 
 @dataclass(frozen=True)
 class Options:
-    """How to run, besides what: the run's folder, the device, where jobs run, what to do with what is there."""
+    """How to run a suite: the run's folder, the device, where jobs run, and whether to reuse earlier results."""
 
     folder: Path
     device: str = "cpu"
     fresh: bool = False  # fit and score everything again
     retry_failed: bool = False
     show: Progress = silent
-    workers: Callable[[], AbstractContextManager[Workers]] | None = None  # None: here, but codecs from outside
+    workers: Callable[[], AbstractContextManager[Workers]] | None = None  # None: see `_workers`
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One job's record, and how much of it was taken from earlier runs: "", "file" or "record"."""
+    """One job's record, and what was reused from earlier runs: "" (nothing), "file" or "record"."""
 
     record: Record
     cached: str = ""
 
 
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
-    """Run every job of a suite, yielding each as it ends. Records are on the disk before they are yielded."""
+    """Run every job of a suite; yields each outcome after its record is on the disk."""
     suite = canonical(suite)
     codecs, faults = _made(suite)  # bad settings stop here
     if not suite.demand and (scene := next((codec.name for codec in codecs if codec.scene), "")):
         raise InputError(f"codec {scene}: scene = true needs the demand of a scene: give one with --demand")
     run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
     if suite.demand:
-        demand_of(run_id, str(Path(suite.demand).absolute()))  # and so does what is no demand
+        demand_of(run_id, str(Path(suite.demand).absolute()))  # a bad demand file stops here
     with locked(options.folder, run_id):
         _tidy(options.folder)
         session = _Session(suite, options, run_id, _networks(suite, codecs, options), faults)
@@ -83,7 +83,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
 
 
 def _made(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
-    """The codecs of a suite, and why those that could not be made could not, by label: their jobs fail."""
+    """The codecs of a suite, and by label the errors of those that could not be made, whose jobs fail."""
     codecs, faults = [], {}
     for spec in suite.codecs:
         try:
@@ -94,17 +94,17 @@ def _made(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
 
 
 def _workers(suite: Suite) -> Callable[[], AbstractContextManager[Workers]]:
-    """Where jobs run by default: here, or in a worker process where a codec of another distribution might end it."""
+    """Where jobs run by default: in this process, or in a worker if a codec of another distribution might crash it."""
     if any(from_outside(spec.codec) for spec in suite.codecs):
         return partial(one_process, suite.threads)
     return in_process
 
 
 def _networks(suite: Suite, codecs: list[Codec], options: Options) -> dict[str, tuple[str, bytes]]:
-    """For each codec that shares a network over materials, where there is one: its file's name in files/, and content.
+    """The network file of each codec that shares a network over materials: its name in files/ and its content.
 
-    Those that the suite has pretrained are made now where they are not there. The files are written into the run's
-    folder, so that it decodes wherever it is copied to.
+    Trains missing networks that the suite lists under `pretrain`; other missing ones are left out. Writes the files
+    into the run's folder, so that the folder can be decoded wherever it is copied.
     """
     found: dict[str, tuple[str, bytes]] = {}
     for name, network in {codec.name: codec.network for codec in codecs}.items():
@@ -118,7 +118,7 @@ def _networks(suite: Suite, codecs: list[Codec], options: Options) -> dict[str, 
 
 
 def _tidy(folder: Path) -> None:
-    """Remove what a killed process left half done and nobody goes on from."""
+    """Remove the temporary files of killed processes, and checkpoints that no fit resumes from."""
     for left in (*folder.glob(f"*/*{atomic.SUFFIX}"), *folder.glob(f"files/*{FRESH_STATE}")):
         left.unlink(missing_ok=True)
     for state in folder.glob(f"files/*{STATE}"):
@@ -128,7 +128,7 @@ def _tidy(folder: Path) -> None:
 
 @dataclass
 class _Session:
-    """A run under way: its jobs, what was recorded before, and what was done."""
+    """A run in progress: its jobs, the records from before, and the finished jobs."""
 
     suite: Suite
     options: Options
@@ -143,7 +143,7 @@ class _Session:
         self.before = records.load_run(folder) if (folder / records.FILE).exists() else Run(folder)
         if bad := self.before.unreadable:
             lines = ", ".join(map(str, bad[:10])) + (", …" if len(bad) > 10 else "")
-            log.warning("%s: %d line(s) are no records and are skipped: %s", folder / records.FILE, len(bad), lines)
+            log.warning("%s: skipped %d line(s) that are not records: %s", folder / records.FILE, len(bad), lines)
 
     def record(self, record: Record) -> None:
         records.append(self.options.folder, record)
@@ -159,16 +159,16 @@ class _Session:
         return [Task(material=_anywhere(m), codec=c, repetition=seed, **fixed) for m, c, seed in suite.cells]
 
     def start(self) -> None:
-        """Record what is run, and where: its jobs by name, as they end in another order."""
+        """Record the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
         suite = self.suite
         says: Record = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
         says |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
         self.record(says | {"jobs": [task.name for task in self.tasks]} | provenance())
 
     def jobs(self, workers: Workers) -> Iterator[Outcome]:
-        """Each job's outcome as it ends, recorded."""
+        """Run the jobs; records and yields the outcome of each as it ends."""
         scorers = None if workers.at_once == 1 else self.suite.threads
-        # Repetition after repetition, as each opens its material with other test pairs.
+        # Sorted by repetition, because each repetition opens its material with other test pairs.
         names = [material.name for material in self.suite.materials]
         order = sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition))
         sound = [task for task in order if task.codec.label not in self.faults]
@@ -184,11 +184,11 @@ class _Session:
             yield outcome
 
     def _told(self, task: Task) -> dict[str, Any]:
-        """What a worker cannot look up."""
+        """The fields of a task that a worker cannot look up."""
         return {"earlier": self._earlier(task.name), "network": self.networks.get(task.codec.codec)}
 
     def _earlier(self, name: str) -> Record | None:
-        """What a worker needs of a job's latest record to see whether it stands; None where it does not."""
+        """The part of a job's latest record by which a worker sees whether it still holds; None if it does not."""
         found = self.before.job(name)
         if found is None or self.options.fresh:
             return None
@@ -199,10 +199,10 @@ class _Session:
         return {key: found[key] for key in ("status", "fit_key", "score_key", "file") if key in found}
 
     def _outcome(self, task: Task, result: Result | Stands) -> Outcome:
-        """Store what a worker sent, files first, and record it."""
+        """Store the files that a worker sent, then record its result."""
         if isinstance(result, Stands):
             known = self.before.job(task.name)
-            assert known is not None, "a worker takes as recorded only what it was told of"
+            assert known is not None, "a worker answers `Stands` only if it was sent an earlier record"
             return Outcome(known, "record")
         for name, content in result.files.items():
             atomic.write(self.options.folder / name, content)
@@ -210,7 +210,7 @@ class _Session:
         return Outcome(result.record, result.cached)
 
     def compare(self) -> None:
-        """Time the decoders of each material in turns, and set its ladders of rates against each other."""
+        """Time the decoders of each material in turns, and compare its rate–distortion curves."""
         timed = self._can_time()
         for material in self.suite.materials:
             names = [task.name for task in self.tasks if task.material.name == material.name]
@@ -223,7 +223,7 @@ class _Session:
     def _can_time(self) -> bool:
         if torch.device(self.options.device).type != "cuda" or torch.cuda.is_available():
             return True
-        log.warning("no decoder is timed, as there is no GPU here: give the same command on a machine that has one")
+        log.warning("no decoder is timed, because there is no GPU here: run the same command on a machine with a GPU")
         return False
 
     def _time(self, jobs: list[Record]) -> None:
@@ -232,7 +232,7 @@ class _Session:
 
 
 def _anywhere(material: MaterialSpec) -> MaterialSpec:
-    """The material by a path that does not depend on where a process was started."""
+    """The material with an absolute path, which does not depend on a process's working directory."""
     here = Path(material.path)
     return dataclasses.replace(material, path=str(here.absolute())) if material.path and here.exists() else material
 
@@ -240,7 +240,7 @@ def _anywhere(material: MaterialSpec) -> MaterialSpec:
 def _results(
     tasks: Iterator[Task], workers: Workers, call: Callable[[Task], Answer]
 ) -> Iterator[tuple[Task, Result | Stands]]:
-    """Each task with its result as it ends; one that lost its worker is started again, some times."""
+    """Each task with its result as it ends; restarts a task that lost its worker, up to `MOST_LOSSES` times."""
     waiting: dict[Future[Answer], Task] = {}
     again: deque[Task] = deque()
     try:
@@ -252,7 +252,7 @@ def _results(
             for future in wait(waiting, return_when=FIRST_COMPLETED).done:
                 task = waiting.pop(future)
                 answer = _answer(task, future)
-                del future  # while it is held, a cluster computes again what it loses, though it was answered
+                del future  # while it is held, a cluster recomputes a lost result, although it was already received
                 if isinstance(answer, Task):
                     again.append(answer)
                 else:
@@ -263,28 +263,28 @@ def _results(
 
 
 def _answer(task: Task, future: Future[Answer]) -> Result | Stands | Task:
-    """What a worker answered, or the task to be started again. `InputError` where going on is no use."""
+    """The answer of a worker, or the task to start again. `InputError` if the run cannot continue."""
     try:
         result = future.result()
     except BrokenExecutor:
         if task.losses + 1 < MOST_LOSSES:
-            log.warning("%s: its worker died; it is started again", task.name)
+            log.warning("%s: its worker died; the job is started again", task.name)
             return dataclasses.replace(task, losses=task.losses + 1)
-        why = f"{MOST_LOSSES} workers died of it, one after the other: killed, or out of memory?"
+        why = f"{MOST_LOSSES} workers died while they ran it, one after the other: killed, or out of memory?"
         return failed(task, blamed(task, why))
     except InputError:
         raise
     except CancelledError:
         raise InputError("the scheduler is gone: start it again, then give the same command") from None
-    except Exception as error:  # the executor's own: what a codec raises is in its record
+    except Exception as error:  # an error of the executor: those of codecs are in their records
         return failed(task, blamed(task, f"{type(error).__name__}: {error}"))
     if isinstance(result, WantsFiles):
-        assert task.earlier is not None, "a worker asks for the files of what it was told of"
+        assert task.earlier is not None, "a worker asks only for the files of an earlier record that it was sent"
         return dataclasses.replace(task, sent=_files_of(task.folder, task.earlier["file"]))
     return result
 
 
 def _files_of(folder: Path, name: str) -> dict[str, bytes]:
-    """A codec file and what is beside it of its fit, by name."""
+    """A codec file and the facts of its fit, by name."""
     beside = str(Path(name).with_suffix(FACTS))
     return {each: (folder / each).read_bytes() for each in (beside, name) if (folder / each).exists()}

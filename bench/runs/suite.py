@@ -1,29 +1,29 @@
-"""A suite: a TOML file of materials × codecs × settings × seeds, and the jobs it stands for.
+"""Reads a suite: a TOML file of materials × codecs × settings × seeds, each combination of which is a job.
 
     description = "what it is for"
-    pretrain = ["rainer2020"]        # codecs whose shared network is trained first, where it is not there
-    variants = ["eager bfloat16"]    # executions and precisions besides `eager float32` that `trade` tries
-    threads = 1                      # CPU threads of a fit and of timing; part of what makes bytes the same
+    pretrain = ["rainer2020"]        # codecs whose shared network is trained first if it is missing
+    variants = ["eager bfloat16"]    # executions and precisions that `trade` tries besides `eager float32`
+    threads = 1                      # CPU threads of a fit and of timing; the bytes of a file depend on it
     seeds = [0]                      # repetitions
-    metrics = ["ssim", "flip_hdr_67ppd"]    # besides psnr_display; by default those of docs/metrics.md
-    demand = "table-top.npz"         # of a scene, which every codec is judged by too, and fitted to where scene = true
-    uniform = 0.1                    # the share of such a fit that is spread over everything alike
+    metrics = ["ssim", "flip_hdr_67ppd"]    # besides psnr_display; default: those of docs/metrics.md
+    demand = "table-top.npz"         # of a scene: judges every codec too; codecs with scene = true are fitted to it
+    uniform = 0.1                    # share of the samples of a fit to the scene that is spread uniformly
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
 
-    [data]                           # how built-in materials are rendered; of measured ones: pairs = 1000
+    [data]                           # how built-in materials are rendered; for measured ones: pairs = 1000
     size = 64
     directions = "ubo2003"
     views = 25
     lights = 25
     heldout = 150
-    split = "test"                   # which held-out pairs are scored: test, for tables, or validation, to choose by
+    split = "test"                   # held-out pairs to score: test, for tables, or validation, to choose settings
 
     [[codecs]]
     codec = "pca"
-    components = [8, 16]             # a list is a sweep: one job each
-    materials = ["satin"]            # of the suite's materials, those it is run on; all where the key is absent
+    components = [8, 16]             # a list is a sweep: one job for each value
+    materials = ["satin"]            # run it only on these of the suite's materials (default: all)
 
-A path is looked up as it stands, then under `$NEUBTF_DATA`; that of a demand as it stands.
+The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a demand only as written.
 """
 
 import dataclasses
@@ -47,7 +47,7 @@ class CodecSpec:
     codec: str
     settings: dict[str, Any] = field(default_factory=dict)
     swept: tuple[str, ...] = ()  # the settings that the suite varies in a list
-    materials: tuple[str, ...] = ()  # the names of those it is run on; empty: all of the suite
+    materials: tuple[str, ...] = ()  # names of the materials to run it on; empty: all of the suite
 
     @property
     def label(self) -> str:
@@ -56,7 +56,7 @@ class CodecSpec:
 
     @property
     def curve(self) -> str:
-        """The name of the ladder of rates that this job is a step of: the label without what is swept."""
+        """The name of the rate–distortion curve of this job: its label without the swept settings."""
         return _label(self.codec, {k: v for k, v in self.settings.items() if k not in self.swept or k == "scene"})
 
 
@@ -67,7 +67,7 @@ def _label(codec: str, settings: dict[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Suite:
-    """See the module."""
+    """A suite as read from TOML; the module explains each field."""
 
     name: str
     text: str  # the TOML it was read from
@@ -79,13 +79,13 @@ class Suite:
     codecs: tuple[CodecSpec, ...] = ()
     pretrain: tuple[str, ...] = ()
     variants: tuple[str, ...] = ()
-    demand: str = ""  # the path of one
+    demand: str = ""  # path of a demand file
     uniform: float = UNIFORM
     metrics: tuple[str, ...] = DEFAULTS
 
     @property
     def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:
-        """What the suite stands for: material, codec and seed of each job, in order."""
+        """Material, codec and seed of each job, in order."""
         every = itertools.product(self.materials, self.codecs, self.seeds)
         return [cell for cell in every if not cell[1].materials or cell[0].name in cell[1].materials]
 
@@ -97,7 +97,7 @@ def builtin_suites() -> dict[str, str]:
 
 
 def load_suite(name: str) -> Suite:
-    """A built-in suite by name, or a TOML file by path. `InputError` names the file and the key that is wrong."""
+    """Load a built-in suite by name, or a TOML file by path. `InputError` names the file and the wrong key."""
     builtin = builtin_suites()
     if name in builtin:
         return parse_suite(name, builtin[name])
@@ -111,7 +111,7 @@ def load_suite(name: str) -> Suite:
 
 
 def parse_suite(name: str, text: str, file: str = "") -> Suite:
-    """The suite that a TOML text describes; `file` is what errors call it."""
+    """Parse a suite from TOML text; errors name it `file`."""
     file = file or f"suite {name}"
     try:
         table = tomllib.loads(text)
@@ -126,14 +126,14 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     materials = [_material(file, entry) for entry in _value(file, "materials", table.get("materials", []), list)]
     codecs = [spec for entry in _value(file, "codecs", table.get("codecs", []), list) for spec in _sweep(file, entry)]
     if twice := _repeated([spec.label for spec in codecs]) or _repeated([spec.name for spec in materials]):
-        raise InputError(f"{file}: {twice!r} stands there twice")
+        raise InputError(f"{file}: {twice!r} appears twice")
     if foreign := {name for spec in codecs for name in spec.materials} - {spec.name for spec in materials}:
-        raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is no material of this suite")
+        raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
     uniform = float(_value(file, "uniform", table.get("uniform", UNIFORM), float))
     if not 0 <= uniform <= 1:
-        raise InputError(f"{file}: uniform = {uniform}: a share lies between 0 and 1")
+        raise InputError(f"{file}: uniform = {uniform}: must be between 0 and 1")
     if absent := set(pretrain) - {spec.codec for spec in codecs}:
-        raise InputError(f"{file}: pretrain names {min(absent)!r}, which is no codec of this suite")
+        raise InputError(f"{file}: pretrain names {min(absent)!r}, which is not a codec of this suite")
     return Suite(
         name,
         text,
@@ -157,7 +157,7 @@ def with_metrics(suite: Suite, names: list[str]) -> Suite:
 
 
 def _metrics(key: str, names: list[str]) -> tuple[str, ...]:
-    """The names, once they are those of metrics, each once."""
+    """The names without duplicates. `InputError` if one is not the name of a metric."""
     try:
         return chosen_names(names, periodic=False)
     except InputError as error:
@@ -167,11 +167,11 @@ def _metrics(key: str, names: list[str]) -> tuple[str, ...]:
 def with_changes(
     suite: Suite, materials: list[str], codecs: list[str], changes: dict[str, str], seed: int | None
 ) -> Suite:
-    """The suite with the command line's choices: only these materials and codecs, these settings, this seed.
+    """The suite with the choices of the command line: only these materials and codecs, these settings, this seed.
 
-    A codec that the suite does not name is added with its defaults. Materials that are chosen here are for every codec,
-    whatever the suite runs it on. A change is `data.KEY`, `CODEC.KEY`, or `KEY`
-    alone for every codec of the suite that has that setting.
+    A codec that the suite does not name is added with its defaults. Every codec runs on all materials chosen here, even
+    if the suite restricts it to others. A change is `data.KEY`, `CODEC.KEY`, or `KEY` alone for every codec of the
+    suite that has that setting.
     """
     if materials:
         known = {spec.name: spec for spec in suite.materials}
@@ -187,9 +187,10 @@ def with_changes(
 
 
 def canonical(suite: Suite) -> Suite:
-    """The suite without settings that stand at their defaults, and each codec that is then the same once.
+    """The suite without settings that equal their defaults, and without the duplicates that this leaves.
 
-    So a row has one name however it is spelled: `vq components=16` is `vq` where 16 is the default. Loads the codecs.
+    So a row has one name, however the suite spells it: `vq components=16` becomes `vq` if 16 is the default. Loads the
+    codecs.
     """
     unique: dict[str, CodecSpec] = {}
     for spec in (dataclasses.replace(spec, settings=_told(spec)) for spec in suite.codecs):
@@ -200,13 +201,13 @@ def canonical(suite: Suite) -> Suite:
 
 
 def _told(spec: CodecSpec) -> dict[str, Any]:
-    """The settings of a codec that differ from its defaults, as the codec reads them."""
+    """The settings of a codec that differ from its defaults, as the codec parses them."""
     from bench.codec import settings_dict
     from bench.codecs.registry import make_codec
 
     try:
         given, default = (settings_dict(make_codec(spec.codec, settings)) for settings in (spec.settings, {}))
-    except CodecError:  # its jobs fail, and say so
+    except CodecError:  # its jobs fail with this error
         return spec.settings
     return {key: given.get(key, value) for key, value in spec.settings.items() if given.get(key) != default.get(key)}
 
@@ -223,7 +224,7 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
 
 
 def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
-    """In words, which codecs of a suite each change of a setting reached; nothing for `data.KEY`."""
+    """One line for each change of a setting that names the codecs it changes; no line for `data.KEY`."""
     codecs, lines = dict.fromkeys(spec.codec for spec in suite.codecs), []
     for key, value in changes.items():
         scope, _, name = key.rpartition(".")
@@ -239,7 +240,7 @@ def _has(codec: str, scope: str, setting: str) -> bool:
 
     try:
         return scope in ("", codec) and setting in setting_names(load_codec(codec))
-    except CodecError:  # its jobs fail, and say so
+    except CodecError:  # its jobs fail with this error
         return False
 
 
@@ -259,7 +260,7 @@ def _material(file: str, entry: Any) -> MaterialSpec:
 
 
 def _sweep(file: str, entry: Any) -> list[CodecSpec]:
-    """A codec's table with each list multiplied out."""
+    """The codecs of one table: one for each combination of the values in its lists."""
     entry = dict(_value(file, "codecs", entry, dict))
     codec = _value(file, "codecs.codec", entry.pop("codec", None), str)
     key = "codecs.materials"

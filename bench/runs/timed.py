@@ -1,4 +1,4 @@
-"""Times the decoders of one material of a run in turns, in a worker process where a codec comes from outside."""
+"""Times the decoders of one material of a run in turns; in a worker process if a codec is from another distribution."""
 
 import logging
 from concurrent.futures import BrokenExecutor
@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 
 def timings(folder: Path, jobs: list[Record], device: str, threads: int) -> list[Record]:
-    """The timing of each job's decoder. One from outside that ends its process costs the others nothing but time."""
+    """The timing of each job's decoder. If a decoder from outside crashes its process, the others are timed again."""
     ours = [job for job in jobs if not from_outside(job["codec"])]
     if len(ours) == len(jobs):
         return measured(folder, jobs, device, threads)
@@ -24,12 +24,12 @@ def timings(folder: Path, jobs: list[Record], device: str, threads: int) -> list
             return workers.executor.submit(measured, folder, jobs, device, threads).result()
         except BrokenExecutor:
             others = ", ".join(job["job"] for job in jobs if job not in ours)
-            log.warning("not timed, as one of them ends the process that times it: %s", others)
+            log.warning("not timed, because one of them ended the timing process: %s", others)
     return measured(folder, ours, device, threads) if ours else []
 
 
 def measured(folder: Path, jobs: list[Record], device: str, threads: int) -> list[Record]:
-    """The same in this process."""
+    """The timing of each job's decoder, measured in this process."""
     decoded = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
     conditions = timing.conditions(threads, device)
     return [

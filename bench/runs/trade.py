@@ -1,7 +1,7 @@
-"""What one gives up for what one gains: every setting, execution and precision with its quality, bytes and time.
+"""Measures the trade-offs of a suite: quality, bytes and time of every setting, execution and precision.
 
-A *choice* is a codec file and how it is computed. Executions and precisions change no file: each is scored and timed
-from the same one. What a run's records do not hold is written beside them, `trade.json`, anew each time.
+A *choice* is a codec file with an execution and a precision. These two do not change the file: all of them are scored
+and timed from the same one. The results go into `trade.json` beside the run's records, which is rewritten each time.
 """
 
 import json
@@ -58,10 +58,13 @@ def run_and_measure(
     full: bool = False,
     emulated: bool = False,
 ) -> list[str]:
-    """Run a suite, then score and time its choices into `trade.json`; what became of each job, which `tell` hears."""
+    """Run a suite, then score and time its choices into `trade.json`; returns the status of each job.
+
+    Calls `tell` with the outcome of each job as it ends.
+    """
     for variant in suite.variants:
         Variant.parse(variant)  # a wrong word stops here
-    load_trade(options.folder)  # and so does a file that could not be extended
+    load_trade(options.folder)  # an unreadable file stops here
     states = []
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])
@@ -108,7 +111,7 @@ def measure(
 
 
 def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, Any]:
-    """A result, and of an earlier one what it holds of other materials."""
+    """A result, extended by the materials that only an earlier result holds."""
     here = {row["material"] for row in result["choices"]}
     kept = {key: [row for row in (earlier or {}).get(key, ()) if row["material"] not in here] for key in _BY_MATERIAL}
     together = {key: [*rows, *result[key]] for key, rows in kept.items()}
@@ -117,7 +120,7 @@ def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, 
 
 
 def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[dict[str, Any]]:
-    """What the device can do: on the suite's threads in float32 and, where a variant wants it, bfloat16; on all."""
+    """Rooflines of the device: on the suite's threads (also in bfloat16 if a variant uses it), and on all cores."""
     half = any(Variant.parse(text).precision == "bfloat16" for text in suite.variants)
     short = [roofline(device, suite.threads, torch.bfloat16)] if half else []
     return [*(roofline(device, count) for count in dict.fromkeys((suite.threads, cores))), *short]
@@ -128,7 +131,7 @@ def _is_emulated(variant: str, device: torch.device) -> bool:
 
 
 def write(folder: Path, result: dict[str, Any]) -> None:
-    """Store the result beside the records, in one move."""
+    """Store the result beside the records, atomically."""
     atomic.write(folder / TRADE, json.dumps(result, allow_nan=False).encode())
 
 
@@ -137,13 +140,13 @@ def _batches(full: bool) -> tuple[int, ...]:
 
 
 def _jobs(suite: Suite, spec: MaterialSpec, run: Run) -> list[Record]:
-    """The finished jobs of a material, in the order of the suite; of several seeds the first."""
+    """The finished jobs of a material with the first seed, in the order of the suite."""
     found = (run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs)
     return [job for job in found if job and job["status"] == "ok"]
 
 
 def _failed(suite: Suite, spec: MaterialSpec, run: Run, device: str) -> list[dict[str, Any]]:
-    """A row that says why for each job that came to nothing."""
+    """A row with the error for each job that has no result."""
     rows = []
     for codec in suite.codecs:
         job = run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}")
@@ -155,7 +158,7 @@ def _failed(suite: Suite, spec: MaterialSpec, run: Run, device: str) -> list[dic
 
 
 def _plain(suite: Suite, job: Record) -> bool:
-    """Whether a job is of a codec entry that sweeps nothing: those stand for their codec."""
+    """Whether a job belongs to a codec entry without a sweep; such a job represents its codec."""
     return any(spec.label == job["label"] and not spec.swept for spec in suite.codecs)
 
 
@@ -168,7 +171,7 @@ def _choices(
     ceilings: list[dict[str, Any]],
     show: Progress,
 ) -> list[dict[str, Any]]:
-    """Each choice of one material: quality, bytes, time in turns with all the others, place on the two fronts."""
+    """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front."""
     rows, timed = [], {}
     for job in jobs:
         material = recorded(run.folder, job, device)
@@ -203,7 +206,7 @@ def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
 
 
 def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
-    """The least ns a sample that the machine allows: shorter numbers are fewer bytes, and may be multiplied faster."""
+    """The machine's lower bound in ns per sample: short types read fewer bytes, and may multiply faster."""
     short = material.dtype.itemsize / 4
     cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * short))
     usable = ("float32", str(material.dtype).removeprefix("torch."))
@@ -212,14 +215,14 @@ def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
 
 
 def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, float | None]:
-    """PSNR, FLIP and the PSNR of the worst slice, of the held-out pairs, from a job's record."""
+    """PSNR, FLIP and worst-slice PSNR of the held-out pairs, from a job's record."""
     with np.load(run.folder / job["slices"], allow_pickle=False) as slices:
         raw = slices[PSNR][slices["heldout"]] if gate(job["scores"]) == "heldout" else slices[PSNR]
     return _figures(metrics_of(job), raw)
 
 
 def _score(bench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, float | None]:
-    """The same figures, of a material that is computed otherwise."""
+    """PSNR, FLIP and worst-slice PSNR of a material in another execution or precision, scored now."""
     decides = gate(bench.groups)
     with torch_threads(threads):
         scores = bench.scorer.score(bench.groups[decides], Slices(bench, material, show).slice)
@@ -238,13 +241,14 @@ def _figures(metrics: dict[str, Any], squared: np.ndarray) -> dict[str, float | 
 
 
 def _mark(rows: list[dict[str, Any]]) -> None:
-    """Say of each choice whether it is on a front: no other is at least as good and as cheap, and better in one."""
+    """Mark each choice that is on a Pareto front: no other is at least as good and as cheap, and better in one."""
     for cost, front in (("ns_per_sample", "fastest"), ("bytes", "smallest")):
         for row in rows:
             row[front] = not any(_beats(other, row, cost) for other in rows)
 
 
 def _beats(other: dict[str, Any], row: dict[str, Any], cost: str) -> bool:
-    # To 0.01 dB: a front is no place for roundings, by which executions of one file differ.
+    # Rounded to 0.01 dB, because executions of one file differ by rounding.
+
     ours, theirs = ((round(psnr(x), 2), -x[cost]) for x in (row, other))
     return theirs != ours and theirs[0] >= ours[0] and theirs[1] >= ours[1]

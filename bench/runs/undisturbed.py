@@ -1,4 +1,4 @@
-"""Puts back what a codec may leave behind in its process: the next job and the scores must not depend on it."""
+"""Restores process-wide settings that a codec may change, so that the next job and the scores do not depend on them."""
 
 import os
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ def undisturbed() -> Iterator[None]:
         with suppress(OSError):  # it may be gone
             os.chdir(folder)
         torch.set_default_dtype(dtype)
-        if torch.get_default_device() != device:  # to set it, even to what it is, slows every call down
+        if torch.get_default_device() != device:  # setting it, even to the same device, slows every call down
             torch.set_default_device(None if device.type == "cpu" else device)
         torch.set_num_threads(threads)
         torch.set_grad_enabled(gradients)

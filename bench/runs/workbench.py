@@ -1,4 +1,4 @@
-"""One material of a run, opened once a process, and what the jobs on it share: split, exposure, scorer."""
+"""Opens a material of a run once per process, and holds what its jobs share: split, exposure, scorer."""
 
 import threading
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of t
 
 @dataclass
 class Workbench:
-    """See the module. `scorers` is the number of threads that score, by default one a core."""
+    """An open material with everything its jobs share. `scorers`: threads that score, by default one per core."""
 
     btf: BTF
     name: str
@@ -50,13 +50,13 @@ class Workbench:
 
     @cached_property
     def scorer(self) -> Scorer:
-        # The exposure is that of the training pairs: one for a material, whatever pairs are drawn to test it.
+        # The training pairs set the exposure, so that a material has the same one whichever test pairs are drawn.
         names = chosen_names(self.metrics, self.btf.periodic)
         return Scorer(self.btf, names, threads=self.scorers, sampled=self.training)
 
     @cached_property
     def judge(self) -> Judge | None:
-        """What scores materials by the scene, where there is one."""
+        """The judge of the scene; None without a demand."""
         return Judge(table_of(self.btf), self.demand) if self.demand else None
 
     @cached_property
@@ -85,20 +85,20 @@ class Workbench:
 
     @cached_property
     def shown(self) -> np.ndarray:
-        """The few pairs that reports show, held-out ones where there are any."""
+        """The few pairs that reports show; held-out pairs if there are any."""
         pairs = self.groups.get("heldout", self.groups["all"])
         theta = np.stack([to_degrees(self.btf.wo[pairs])[0], to_degrees(self.btf.wi[pairs])[0]], 1)
         nearest = [int(np.linalg.norm(theta - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
         return pairs[np.unique(nearest)]
 
 
-_latest: dict[object, Workbench] = {}  # one: a scorer keeps hundreds of megabytes
-_ONE_AT_A_TIME = threading.Lock()  # threads of one process would share PyTorch's thread count and the open material
+_latest: dict[object, Workbench] = {}  # holds one only: a scorer keeps hundreds of megabytes
+_ONE_AT_A_TIME = threading.Lock()  # threads of a process share PyTorch's thread count and the open material
 
 
 @lru_cache(maxsize=1)
 def demand_of(run: str, path: str) -> Demand:
-    """The demand of a run, read once a process. `InputError` where the file is none."""
+    """The demand of a run, read once per process. `InputError` if the file is not a demand."""
     return load_demand(Path(path))
 
 
@@ -113,10 +113,11 @@ def workbench(
     repetition: int = 0,
     metrics: tuple[str, ...] = DEFAULTS,
 ) -> Iterator[Workbench]:
-    """The workbench of a material, for one thread at a time; jobs of a run share it as long as they follow each other.
+    """The workbench of a material, for one thread at a time; consecutive jobs of a run on one material share it.
 
-    Jobs of another `repetition` are scored at another draw of test pairs, where there is one.
+    Jobs of another `repetition` are scored at another draw of test pairs, if the material has several.
     """
+
     draw = draw_of(spec, data, repetition)
     key = (run, spec, data, scorers, demand, draw, metrics)
     with _ONE_AT_A_TIME:

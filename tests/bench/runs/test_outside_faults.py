@@ -197,7 +197,7 @@ def test_one_that_ends_the_process_that_times_it_costs_the_others_no_timing(tmp_
     monkeypatch.setenv("ARMED", str(tmp_path / "armed"))
     timed = timings(tmp_path / "run", list(jobs.values()), "cpu", 1)
     assert [record["job"] for record in timed] == [jobs["mean-colour"]["job"]]
-    assert f"not timed, as one of them ends the process that times it: {jobs['leaves']['job']}" in caplog.text
+    assert f"not timed, because one of them ended the timing process: {jobs['leaves']['job']}" in caplog.text
     assert threading.active_count() < 20
 
 

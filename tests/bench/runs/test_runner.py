@@ -174,7 +174,7 @@ def test_the_file_of_another_codec_under_the_right_name_is_not_taken_for_it(tmp_
     mean, pca = (outcome.record for outcome in outcomes(tmp_path))
     (tmp_path / pca["file"]).write_bytes((tmp_path / mean["file"]).read_bytes())
     mean_again, pca_again = (outcome.record for outcome in outcomes(tmp_path))
-    assert "tiny/pca components=4/0 is fitted anew" in caplog.text
+    assert "tiny/pca components=4/0 is fitted again" in caplog.text
     assert (mean_again["score_key"], pca_again["score_key"]) == (mean["score_key"], pca["score_key"])
     assert container.read_header(tmp_path / pca["file"]).codec == "pca"
 
@@ -182,7 +182,7 @@ def test_the_file_of_another_codec_under_the_right_name_is_not_taken_for_it(tmp_
 def test_what_was_put_in_a_files_place_is_not_timed(tmp_path):
     mean, pca = (outcome.record for outcome in outcomes(tmp_path))
     (tmp_path / pca["file"]).write_bytes((tmp_path / mean["file"]).read_bytes())
-    with pytest.raises(ContainerError, match="not the file that tiny/pca components=4/0 is recorded of"):
+    with pytest.raises(ContainerError, match="not the file that tiny/pca components=4/0 recorded"):
         recorded(tmp_path, pca, "cpu")
 
 
@@ -266,13 +266,13 @@ def contents(folder):
 def test_a_job_that_lost_its_worker_is_started_again_and_the_third_time_fails_alone(tmp_path, caplog):
     once = Elsewhere(lambda task: task.codec.codec == "pca" and not task.losses)
     assert [o.record["status"] for o in outcomes(tmp_path / "once", **through(once))] == ["ok", "ok"]
-    assert "tiny/pca components=4/0: its worker died; it is started again" in caplog.text
+    assert "tiny/pca components=4/0: its worker died; the job is started again" in caplog.text
     always = Elsewhere(lambda task: task.codec.codec == "mean-colour")
     done = {o.record["codec"]: o.record for o in outcomes(tmp_path / "always", **through(always, 2))}
     assert [task.name for task in always.calls].count("tiny/mean-colour/0") == 3
     assert done["pca"]["status"] == "ok"
     assert done["mean-colour"]["status"] == "failed"
-    assert "3 workers died of it" in done["mean-colour"]["error"]
+    assert "3 workers died while they ran it" in done["mean-colour"]["error"]
     assert [o.cached for o in outcomes(tmp_path / "always")] == ["record", "record"]
     again = outcomes(tmp_path / "always", retry_failed=True)
     assert [o.record["status"] for o in again] == ["ok", "ok"]
@@ -332,7 +332,7 @@ def test_a_full_disk_stops_the_run_and_is_no_failure_of_a_job(tmp_path, monkeypa
 def test_a_folder_has_one_run_at_a_time(tmp_path):
     first = run(SUITE, Options(tmp_path))
     next(first)
-    with pytest.raises(InputError, match="a run is at work here"):
+    with pytest.raises(InputError, match="another run uses this folder"):
         outcomes(tmp_path)
     first.close()
     assert [o.cached for o in outcomes(tmp_path)] == ["record", ""]
@@ -364,7 +364,7 @@ def test_lines_that_are_no_records_are_named_when_a_run_goes_on(tmp_path, caplog
         file.write(b'{"kind": "job", "job": "y", "sta')
     line = len((tmp_path / FILE).read_bytes().splitlines())
     assert [o.cached for o in outcomes(tmp_path)] == ["record", "record"]
-    assert f"1 line(s) are no records and are skipped: {line}" in caplog.text
+    assert f"skipped 1 line(s) that are not records: {line}" in caplog.text
 
 
 def test_a_fit_that_was_interrupted_goes_on_and_a_fresh_one_does_not(tmp_path, monkeypatch):

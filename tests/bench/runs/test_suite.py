@@ -72,12 +72,12 @@ def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
         (("size = 16", "sise = 16"), "unknown key 'data.sise'; did you mean 'size'?"),
         (("seeds = [0, 1]", "seeds = [true]"), "seeds must be of type int, not True"),
         (('codec = "mean-colour"', "half = true"), "codecs.codec must be of type str, not None"),
-        (('"satin", ', '"satin", "satin", '), "'satin' stands there twice"),
+        (('"satin", ', '"satin", "satin", '), "'satin' appears twice"),
         (("threads = 1", "threads ="), "not TOML"),
-        (("threads = 1", 'pretrain = ["pco"]'), "pretrain names 'pco', which is no codec of this suite"),
+        (("threads = 1", 'pretrain = ["pco"]'), "pretrain names 'pco', which is not a codec of this suite"),
         (
             ('"mean-colour"', '"mean-colour"\nmaterials = ["silk"]'),
-            "codecs.materials names 'silk', which is no material",
+            "codecs.materials names 'silk', which is not a material",
         ),
         (('"mean-colour"', '"mean-colour"\nmaterials = [1]'), "codecs.materials must be of type str, not 1"),
         (("threads = 1", "pretrain = [1]"), "pretrain must be of type str, not 1"),
@@ -177,7 +177,7 @@ def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it
     assert (suite.demand, suite.uniform) == ("wall.npz", 0.25)
     assert [spec.settings["scene"] for spec in suite.codecs] == [False, True]
     assert len({spec.curve for spec in suite.codecs}) == 2  # no ladder of rates mixes the two
-    with pytest.raises(InputError, match="a share lies between 0 and 1"):
+    with pytest.raises(InputError, match="must be between 0 and 1"):
         parse_suite("a", text.replace("0.25", "1.5"))
     changed = with_changes(suite, [], [], {"scene": "true"}, None)
     assert [spec.settings["scene"] for spec in changed.codecs] == [True]
