@@ -1,4 +1,4 @@
-"""Compares two runs: what got worse, by more than chance and by more than matters.
+"""Compares two runs: finds what got worse by more than chance and by enough to matter.
 
 A run is its folder, or a file of records such as the reference that a project commits. A row is a material and a codec
 with its settings; its numbers are means over the seeds that both runs have (over all seeds where they share none).
@@ -37,7 +37,7 @@ class Comparison:
 
     rows: list[Row]
     notes: list[str]
-    means: list[Row] = field(default_factory=list)  # each codec over its materials, and all codecs
+    means: list[Row] = field(default_factory=list)  # means of each codec over its materials, and of all codecs
 
     def having(self, *verdicts: Verdict) -> list[Row]:
         """The rows with one of these verdicts."""
@@ -45,7 +45,7 @@ class Comparison:
 
     @property
     def summary(self) -> str:
-        """One line: how many rows, and what became of them."""
+        """One line that counts the rows by verdict."""
         counted = [(len(self.having(verdict)), word) for verdict, word in _WORDS.items()]
         return f"{len(self.rows)} rows: " + (", ".join(f"{n} {word}" for n, word in counted if n) or "nothing there")
 
@@ -69,7 +69,7 @@ def compare(
     codecs: Sequence[str] = (),
     allow: Sequence[str] = (),
 ) -> Comparison:
-    """Compare two runs, all rows or those of some materials and codecs. `InputError` for a name that neither has.
+    """Compare two runs: all rows, or those of some materials and codecs. `InputError` for a name that neither has.
 
     `allow` names rows that may be gone or not comparable: a codec, a label, a material, `material/label`, or a pattern.
     """
@@ -105,7 +105,7 @@ def _names(pattern: str, row: Row) -> bool:
 
 
 def _renamed(before: list[Record], after: list[Record]) -> list[Record]:
-    """The jobs of before; those of a label that after has not, under the one that after has for equal settings."""
+    """The jobs of before; a label that after lacks is replaced by the label that after has for equal settings."""
     known = {(job["material"], job["label"]) for job in after}
     same = {_told(job): job["label"] for job in after if job["status"] == "ok"}
     return [
@@ -133,7 +133,7 @@ def _known(what: str, names: Sequence[str], known: set[str]) -> None:
 
 
 def _checked(job: Record, run: Run) -> Record:
-    """The job, where it has what a comparison needs."""
+    """The job. `InputError` if it lacks a field that a comparison needs."""
     for name in _NEEDED if job["status"] == "ok" else ():
         if name not in job:
             raise InputError(f"{run.folder}: {job['job']} has no {name!r}: of another version; run it again")
@@ -149,7 +149,7 @@ def _by_row(jobs: list[Record]) -> dict[tuple[str, str], list[Record]]:
 
 
 def _notes(base: Run, new: Run, rows: list[Row]) -> Iterator[str]:
-    """What a reader of the comparison should know besides."""
+    """Notes on the comparison: unreadable lines, changed conditions, bases with one seed."""
     for name, run in (("BASE", base), ("NEW", new)):
         if run.unreadable:
             yield f"{len(run.unreadable)} line(s) of {name} could not be read: {', '.join(map(str, run.unreadable))}"

@@ -1,6 +1,6 @@
-"""A comparison as workflow commands of GitHub Actions: printed in a job, they become annotations of its run.
+"""Writes a comparison as workflow commands of GitHub Actions: printed in a job, they become annotations of its run.
 
-GitHub shows ten errors and ten warnings of a step: each row is one line, and the last counts what is too much.
+GitHub shows ten errors and ten warnings of a step. Each row is one line; the last line counts the rows left out.
 """
 
 from bench.compare import FORBIDDEN, Comparison
@@ -9,7 +9,7 @@ SHOWN = 10  # of a kind and step
 
 
 def annotations(comparison: Comparison) -> str:
-    """One command a line: an error for what stops a change, a warning for what is allowed or decodes otherwise."""
+    """One command per line: an error for each row that stops a change, a warning for allowed rows and changed times."""
     rows = [*comparison.rows, *comparison.means]
     errors = [(row.name, "; ".join(row.reasons())) for row in rows if row.forbids]
     warnings = [(row.name, "; ".join(row.reasons())) for row in comparison.having(*FORBIDDEN) if not row.forbids]
@@ -19,7 +19,7 @@ def annotations(comparison: Comparison) -> str:
 
 
 def command(kind: str, title: str, message: str) -> str:
-    """`::KIND title=TITLE::MESSAGE`, escaped as the runner of GitHub Actions takes it apart."""
+    """`::KIND title=TITLE::MESSAGE`, escaped as GitHub Actions parses it."""
     return f"::{kind} title={_data(title).replace(':', '%3A').replace(',', '%2C')}::{_data(message)}"
 
 

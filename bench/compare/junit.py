@@ -1,4 +1,4 @@
-"""A comparison as JUnit XML: a suite a material, a case for each thing that decides, named material/codec/quantity."""
+"""Writes a comparison as JUnit XML: a suite per material, a case material/codec/quantity for each deciding number."""
 
 import re
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def junit(comparison: Comparison) -> str:
-    """The document. A regression and what is not comparable are failures; what is allowed or new is skipped."""
+    """The document. Regressions and rows that are not comparable are failures; allowed and new rows are skipped."""
     root = Element("testsuites", name="neubtf-bench compare")
     rows = [*comparison.rows, *comparison.means]
     for material in dict.fromkeys(row.material for row in rows):

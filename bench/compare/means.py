@@ -1,6 +1,6 @@
-"""Rows of means over the rows of a comparison: each codec over its materials, and all codecs together.
+"""Averages the rows of a comparison: each codec over its materials, and all codecs together.
 
-Fits scatter, each by itself, so their mean scatters less: what no single row can tell from chance may show here.
+Fits scatter independently, so their mean scatters less: it can show a loss that no single row can tell from chance.
 """
 
 import math
@@ -16,7 +16,7 @@ _DECIDED = (Verdict.SAME, Verdict.BETTER, Verdict.WORSE)
 
 
 def means(rows: Sequence[Row]) -> list[Row]:
-    """A row for each codec that has several rows, and one of all; none where there are fewer than two."""
+    """A mean row for each codec with several rows, and one for all codecs; none for fewer than two rows."""
     codecs: dict[str, list[Row]] = {}
     for row in rows:
         codecs.setdefault(row.label.split()[0], []).append(row)
@@ -37,7 +37,7 @@ def _mean(label: str, rows: list[Row], every: bool) -> Row | None:
 
 
 def _merged(changes: list[Change], every: bool) -> Change:
-    """The mean change of one quantity over some rows, each counting by `_weights`, and the margin of that mean."""
+    """The mean change of one quantity over some rows, weighted by `_weights`, and the margin of that mean."""
     quantity: Quantity = changes[0].quantity
     tolerance = quantity.tolerance
     assert tolerance is not None, "what decides has a tolerance"
@@ -54,16 +54,16 @@ def _merged(changes: list[Change], every: bool) -> Change:
 
 
 def _weights(changes: list[Change], least: float) -> list[float]:
-    """Shares of the rows in their mean: the more a row scatters, the less it counts; `least` is what none is below.
+    """The weights of the rows in their mean: the inverse of each variance, which is best if all rows lose alike.
 
-    The inverse of each variance is the best weight where all lose alike.
+    `least` is a lower bound of the standard errors.
     """
     inverse = [1 / ((change.chance.error if change.chance else 0.0) ** 2 + least**2) for change in changes]
     return [each / math.fsum(inverse) for each in inverse]
 
 
 def _together(changes: list[Change], weights: list[float]) -> Chance | None:
-    """How the mean of differences scatters, of which some do, by Welch and Satterthwaite."""
+    """The scatter of a weighted mean of differences, by Welch and Satterthwaite; None if no difference scatters."""
     parts = [((w * c.chance.error) ** 2, c.chance.freedom) for w, c in zip(weights, changes, strict=True) if c.chance]
     total = math.fsum(square for square, _ in parts)
     if not total:

@@ -1,8 +1,8 @@
-"""Paired differences with intervals: two results at the same pairs, bootstrapped over what they are to speak for.
+"""Computes the mean difference of two results, slice by slice at the same pairs, with a bootstrap interval.
 
-Codecs are hard or easy for the same slices, so the difference slice by slice is known far better than either mean. A
-*cell* holds the differences of one material and one seed. The bootstrap draws materials, of each its seeds, and of each
-seed its pairs, all with replacement; seeds that are scored at the same pairs draw the same ones.
+All codecs find the same slices hard, so the difference slice by slice is known far better than either mean. A *cell*
+holds the differences of one material and one seed. The bootstrap draws materials, then seeds of each material, then
+pairs of each seed, all with replacement; seeds that are scored at the same pairs draw the same ones.
 """
 
 from collections.abc import Iterable, Sequence
@@ -29,7 +29,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean difference and the 95 % interval of it, and how many materials, seeds and slices speak for it."""
+    """A mean difference with its 95 % interval, and the numbers of materials, seeds and slices behind it."""
 
     mean: float
     low: float
@@ -45,9 +45,9 @@ class Interval:
 
 
 def codecs(run: Run, first: str, second: str, materials: Sequence[str] = ()) -> Interval | None:
-    """By how many dB a slice the codec of label `second` exceeds that of `first`, where a run has both.
+    """The mean difference in dB per slice between the codecs of labels `second` and `first` of a run.
 
-    Over all of its materials and seeds, or over some materials; None where there is nothing to compare.
+    Covers all materials and seeds that have both, or only `materials`; None if there is nothing to compare.
     """
     jobs = {(job["material"], job["seed"], job["label"]): job for job in run.jobs if job["status"] == "ok"}
     found = []
@@ -59,7 +59,7 @@ def codecs(run: Run, first: str, second: str, materials: Sequence[str] = ()) -> 
 
 
 def cells(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]) -> list[Cell]:
-    """The cells of jobs of two runs, seed by seed; slices without any error in either are left out."""
+    """The cells of the jobs of two runs, seed by seed, without slices that are exact in either."""
     theirs = {job["seed"]: job for job in after}
     found = []
     for job in before:

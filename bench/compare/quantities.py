@@ -1,4 +1,4 @@
-"""What two runs are compared in: how each number is found in a record, written, and which way is better."""
+"""Defines the numbers that a comparison reads from records: how to find and write each, which way is better."""
 
 import math
 from collections.abc import Callable
@@ -12,18 +12,18 @@ SLICE = "slice"  # the PSNR of a slice, mean over all
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What a loss must exceed to matter, in the quantity's unit or, for `relative`, as a share of it."""
+    """The loss that a change must exceed to matter, in the quantity's unit or, for `relative`, as a share of it."""
 
-    certain: float = 0.0  # where the seeds of the base agree within it: the codec does not draw
-    drawn: float = 0.0  # where they differ
-    alone: float = 0.0  # where the base has one seed, so that nobody knows
+    certain: float = 0.0  # if the seeds of the base agree: the codec is deterministic
+    drawn: float = 0.0  # if they differ
+    alone: float = 0.0  # if the base has one seed, so that the scatter is unknown
     common: float = 0.0  # in the mean over all codecs
     relative: bool = False
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number of a record: `value` finds it (None: not measured); a `tolerance` makes it decide."""
+    """A number of a record: `value` finds it (None: not measured); it decides if it has a `tolerance`."""
 
     name: str
     unit: str
@@ -62,8 +62,9 @@ DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, alone=0.005, common=0.0015) 
 
 
 def deciding(job: Record) -> list[Quantity]:
-    """What a verdict is made of: parameters, bytes, and of held-out pairs PSNR, pooled and slice by slice, of grazing
-    directions and of footprints too, and FLIP.
+    """The quantities that decide a verdict: parameters, bytes, and PSNR and FLIP of held-out pairs.
+
+    PSNR is pooled, slice by slice, slice by slice at grazing directions, and at footprints.
     """
     found = [
         Quantity("parameters", "", "lower", 0, lambda job: job["parameters"], Tolerance()),
@@ -84,7 +85,7 @@ def deciding(job: Record) -> list[Quantity]:
 
 
 def shown(job: Record) -> list[Quantity]:
-    """Everything else that a record holds of quality and size."""
+    """The other numbers of quality and size in a record, which are shown and do not decide."""
     group, names = gate(job["scores"]), metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     found = [_metric(job, psnr, "train", "train PSNR", 2)] if psnr and "train" in job["scores"] else []
@@ -110,7 +111,7 @@ def _metric(
 
 
 def _mean(name: str, metric: str, groups: list[str]) -> Quantity:
-    """The mean over slices of their PSNR, mean over some groups: no few slices rule it, so it scatters less."""
+    """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
 
     def value(job: Record) -> float | None:
         stats = [found for group in groups if (found := metrics_of(job, group).get(metric)) and found.get("slices", 1)]
@@ -126,7 +127,7 @@ def _footprints(job: Record) -> float | None:
 
 
 def _average(values: list[float | None]) -> float | None:
-    """The mean of those that are finite; infinite where all are exact, None where one was not measured."""
+    """The mean of the finite values; infinite if all are exact, None if one was not measured."""
     known = [value for value in values if value is not None]
     if not known or len(known) < len(values):
         return None

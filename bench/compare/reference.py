@@ -1,7 +1,7 @@
-"""A reference: the records of a run, reduced to what a comparison needs, in a file small enough to commit.
+"""Writes a reference: the records of a run, reduced to what a comparison needs, in a file small enough to commit.
 
-The same records give the same bytes. Nothing in it names a folder, a host or a time; the processor and the versions of
-packages stay, because a comparison says where they differ.
+The same records give the same bytes. A reference names no folder, host or time. It names the processor and the versions
+of packages, because a comparison notes where they differ.
 """
 
 import json
@@ -25,15 +25,15 @@ _DESCRIBED = ("unit", "direction", "version")
 
 
 def committed(suite: str) -> Path:
-    """Where the reference of a suite stands in this package."""
+    """The path of a suite's reference in this package."""
     return Path(str(files("bench.compare"))) / "references" / f"{suite}.jsonl"
 
 
 def reference(run: Run, before: Run | None = None) -> str:
-    """The text of a run's reference. `InputError` where the run is empty or has jobs without a result.
+    """The text of a run's reference. `InputError` if the run is empty or has jobs without a result.
 
-    Of the reference that was there `before`, seeds that the run lacks are kept for each row whose other seeds gave the
-    same record again: its codec has not changed, so they still tell how far it scatters.
+    For each row whose seeds gave the same record as in the reference `before`, further seeds of `before` are kept: its
+    codec has not changed, so they still measure its scatter.
     """
     jobs = _in_order(run.jobs)
     if not jobs:
@@ -52,7 +52,7 @@ def reference(run: Run, before: Run | None = None) -> str:
 
 
 def few_seeds(run: Run) -> list[str]:
-    """Rows whose seeds differ, and are too few to tell by how much, by name."""
+    """The names of rows whose seeds differ and are too few to estimate the scatter."""
     rows: dict[str, list[object]] = {}
     for job in run.jobs:
         score = stats_of(job, PSNR)["pooled"]
@@ -83,7 +83,7 @@ def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
 
 
 def _still_true(jobs: list[Record], before: list[Record]) -> Iterator[Record]:
-    """The jobs of before that are not there now, of rows whose others are the same to the last digit."""
+    """The jobs of `before` that are missing now, from rows whose other jobs are identical."""
     now = {job["job"]: job for job in jobs}
     rows = {(job["material"], job["label"]) for job in before if job["job"] in now}
     changed = {(job["material"], job["label"]) for job in before if now.get(job["job"], job) != job}
@@ -101,7 +101,7 @@ def _in_order(found: Iterable[Record]) -> list[Record]:
 
 
 def _judged(run: Run) -> set[int]:
-    """The seeds of the run's suite, which a change is judged by; further ones only tell how far a codec scatters."""
+    """The seeds of the run's suite, by which a change is judged; further seeds only measure the scatter of a codec."""
     try:
         return set(tomllib.loads(run.starts[-1]["text"]).get("seeds", ())) if run.starts else set()
     except (KeyError, tomllib.TOMLDecodeError):
@@ -109,7 +109,7 @@ def _judged(run: Run) -> set[int]:
 
 
 def _job(job: Record, folder: Path, whole: bool) -> Record:
-    """A job's line; of one that is not `whole` only what decides."""
+    """A job's line; if not `whole`, only the numbers that decide."""
     line = {key: job[key] for key in ("kind", "job", "material", "label", "seed", "status", "bytes", "parameters")}
     line["fit_key"] = {key: job["fit_key"][key] for key in _FIT}
     line["score_key"] = {key: job["score_key"][key] for key in _SCORE if key in job["score_key"]}
@@ -128,19 +128,19 @@ def _job(job: Record, folder: Path, whole: bool) -> Record:
 
 
 def _shorter(metrics: Record, names: list[str]) -> Record:
-    """Pooled numbers, and of PSNR the mean over slices too."""
+    """The pooled numbers, and for PSNR also the mean over slices."""
     wanted = {name: ("pooled", "mean") if name == PSNR else ("pooled",) for name in names if name in metrics}
     return {"metrics": {name: _short(metrics[name], *numbers) for name, numbers in wanted.items()}}
 
 
 def _short(stats: Record, *numbers: str) -> Record:
-    """The numbers alone where there are any; else what says whether they are exact or were never measured, too."""
+    """The numbers; if one is missing, also the fields that tell whether it is exact or was never measured."""
     known = {name: stats[name] for name in numbers if name in stats}
     return known if None not in known.values() else known | {key: stats[key] for key in ("exact", "slices")}
 
 
 def _rounded(value: Any) -> Any:
-    """Numbers to seven digits: more than any tolerance asks for."""
+    """Numbers rounded to seven digits, more than any tolerance needs."""
     if isinstance(value, float):
         return float(f"{value:.{_DIGITS}g}")
     if isinstance(value, dict):

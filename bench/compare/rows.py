@@ -1,4 +1,4 @@
-"""One row of a comparison: a material and a codec with its settings, in two runs."""
+"""Compares one row: a material and a codec with its settings, in two runs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BE
 
 @dataclass(frozen=True)
 class Row:
-    """A material and a codec: what was compared, the verdict, and why where it is not plain from the numbers."""
+    """A material and a codec: the changes, the verdict, and its reason if the numbers do not show it."""
 
     material: str
     label: str
@@ -32,7 +32,7 @@ class Row:
 
     @property
     def forbids(self) -> bool:
-        """Whether a change that makes this row is to be stopped."""
+        """Whether this row stops the change under test."""
         worse = any(change.verdict == Verdict.WORSE for change in self.deciding)
         if worse or self.verdict in (Verdict.FAILED, Verdict.WORSE):
             return True
@@ -45,14 +45,14 @@ class Row:
 
     @property
     def advice(self) -> str:
-        """A change of decoding time that is worth a look, in words; "" where there is none."""
+        """A sentence on a notable change of decoding time; "" if there is none."""
         if not self.timing or not self.timing.words:
             return ""
         times = f"{self.timing.base:.2f} → {self.timing.new:.2f} × mean-colour"
         return f"decodes {self.timing.words}, {times} (times advise only)"
 
     def reasons(self) -> list[str]:
-        """Each thing that keeps this row from being the same as before, in words."""
+        """One sentence for each difference of this row."""
         found = [self.why] if self.why else []
         return found + [sentence(change) for change in self.deciding if change.verdict not in (Verdict.SAME, "")]
 
@@ -75,9 +75,9 @@ Between = Callable[[list[Record], list[Record]], "Interval | None"]
 def compared(
     before: list[Record], after: list[Record], declared: set[int], timing: Advice | None, between: Between
 ) -> Row:
-    """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new was to run.
+    """The row of the jobs of base and new, one of which may be empty; `declared` are the seeds that new should have.
 
-    `between` gives the interval of their difference slice by slice.
+    `between` gives the interval of the difference slice by slice.
     """
     first = (before or after)[0]
     base, new = ([job for job in jobs if job["status"] == "ok"] for jobs in (before, after))
@@ -109,7 +109,7 @@ def compared(
 
 
 def _paired(base: list[Record], new: list[Record]) -> tuple[list[Record], list[Record]]:
-    """The jobs of the seeds that both have, all of both where they share none."""
+    """The jobs of the seeds that both have; all jobs if they share no seed."""
     shared = {job["seed"] for job in base} & {job["seed"] for job in new}
     if not shared:
         return base, new

@@ -1,7 +1,7 @@
-"""The numbers of every slice of a job, from the file beside its record, or from a reference, which has them in short.
+"""Reads the PSNR of every slice of a job, from the file beside its record, or from a reference, which stores it packed.
 
-Slices are those of the pairs that decide, in the order of the BTF; the number is the display PSNR in dB, infinite where
-a slice has no error.
+The slices are those of the pairs that decide, in the order of the BTF. The number is the display PSNR in dB, infinite
+for a slice without error.
 """
 
 import base64
@@ -17,7 +17,7 @@ _EXACT = 32767  # in hundredths of a dB; no error of a picture is so small
 
 
 def decibels(folder: Path, job: Record) -> Array | None:
-    """The PSNR (n,) of each slice of the pairs that decide; None where it was not kept."""
+    """The PSNR (n,) of each slice of the pairs that decide; None if it was not stored."""
     stored = job.get("slices")
     if isinstance(stored, dict):
         return unpacked(stored[PSNR]) if PSNR in stored else None
@@ -38,12 +38,12 @@ def decibels(folder: Path, job: Record) -> Array | None:
 
 
 def packed(values: Array) -> str:
-    """dB to hundredths, two bytes each, as text: what a reference holds."""
+    """Encode dB as text for a reference: hundredths, two bytes each."""
     hundredths = np.where(np.isinf(values), _EXACT, np.round(100 * np.where(np.isinf(values), 0, values)))
     return base64.b64encode(np.clip(hundredths, -_EXACT, _EXACT).astype("<i2").tobytes()).decode()
 
 
 def unpacked(text: str) -> Array:
-    """What `packed` made a text of."""
+    """Decode the text of `packed`."""
     hundredths = np.frombuffer(base64.b64decode(text), "<i2")
     return np.where(hundredths == _EXACT, np.inf, hundredths / 100)

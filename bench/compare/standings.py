@@ -1,4 +1,4 @@
-"""How codecs stand over several materials: mean quality, mean rank, materials won."""
+"""Ranks codecs over several materials: mean quality, mean rank, materials won."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ SAME_DB = 0.005  # what tables round away: such codecs share a rank
 
 @dataclass(frozen=True)
 class Standing:
-    """One codec over the materials that it was measured on; `rank` and `wins` where these are all, else None."""
+    """One codec over its materials; `rank` and `wins` are None unless it was measured on all materials."""
 
     label: str
     materials: int
@@ -23,7 +23,7 @@ class Standing:
 
 
 def standings(cells: Cells) -> list[Standing]:
-    """Every codec that was measured: those on all materials first, the best rank first, then the highest PSNR.
+    """Every measured codec, sorted by rank, then by PSNR; codecs without a rank come last.
 
     Only codecs that were measured on all materials are ranked, among each other.
     """

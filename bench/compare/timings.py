@@ -1,4 +1,4 @@
-"""Times of decoders, as multiples of `mean-colour` timed in the same run. They advise and decide nothing."""
+"""Compares decoding times, as multiples of `mean-colour` timed in the same run. They are shown and decide nothing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from bench.records import CONDITIONS, Record
 
 UNIT = "mean-colour"
-FACTOR = 1.25  # what a ratio must change by to be mentioned
+FACTOR = 1.25  # a smaller change of a ratio is not mentioned
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Multiple:
 
 
 def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
-    """The times of one row in two runs; None where one lacks them or timed under other conditions."""
+    """The times of one row in two runs; None if one lacks them or was timed under other conditions."""
     if not base or not new or base.conditions != new.conditions:
         return None
     return Advice(base.mean, new.mean, base.interval, new.interval)

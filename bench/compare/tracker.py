@@ -1,5 +1,6 @@
-"""A run as input of github-action-benchmark, which plots a history: one file for what should rise, one for what should
-fall, because the tool takes one direction a file (`customBiggerIsBetter`, `customSmallerIsBetter`).
+"""Writes a run as input of github-action-benchmark, which plots a history.
+
+The tool takes one direction per file (`customBiggerIsBetter`, `customSmallerIsBetter`), so there are two files.
 """
 
 import json

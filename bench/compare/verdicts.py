@@ -1,14 +1,13 @@
-"""The rules of a comparison: when a change is a regression, and when two records cannot be compared.
+"""Decides when a change is a regression, and when two records cannot be compared.
 
-A loss counts where it exceeds its *margin*, and a gain likewise. The margin of a codec whose seeds agree is a small
-tolerance. That of a codec whose seeds differ is max(tolerance, t · s · √(1/n + 1/m)): s is the standard deviation over
-the seeds of the base, n and m are how many seeds of base and new the two means are of, and t is what Student's t
-exceeds once in a thousand times by chance, with the degrees of freedom of s. So a change counts only when it is both
-larger than chance and large enough to matter; and the margin is the smallest loss that the seeds of this codec let one
-see.
+A loss or a gain counts if it exceeds its *margin*. If the seeds of a codec agree, its margin is a small tolerance. If
+they differ, it is max(tolerance, t · s · √(1/n + 1/m)). Here s is the standard deviation over the seeds of the base, n
+and m are the numbers of seeds in the means of base and new, and t is the value that Student's t, with the degrees of
+freedom of s, exceeds by chance once in a thousand times. So a change counts only if it is both larger than chance and
+large enough to matter. The margin is the smallest loss that the seeds of this codec can reveal.
 
-Where all seeds are scored at the same pairs, the mean of the base is that of all its seeds; else of those that new has,
-seed against seed. A row whose seeds give the numbers of the base again has not changed, whatever the others say.
+If all seeds are scored at the same pairs, the base mean is over all its seeds; otherwise over the seeds that new has
+too. A row whose seeds give the numbers of the base again has not changed, whatever the other seeds give.
 """
 
 import math
@@ -24,14 +23,14 @@ from bench.records import Record
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
 
-CHANCE = 0.001  # how often a number that did not get worse may seem so
-AGREE = 0.1  # of the tolerance: what the seeds of a codec that does not draw may differ by, in rounding
-FEW_SEEDS = 6  # of fewer, the seeds of new help to tell how far a codec scatters
+CHANCE = 0.001  # how often a number that did not get worse may seem worse
+AGREE = 0.1  # of the tolerance: seeds of a deterministic codec may differ by this much, from rounding
+FEW_SEEDS = 6  # with fewer, the seeds of new help to estimate the scatter of a codec
 SAME_EXPOSURE = 1e-4  # relative: 0.0004 dB of a gain; renderings may differ in a last bit from machine to machine
 
 
 class Verdict(StrEnum):
-    """What became of a number, or of a row of numbers."""
+    """The verdict on a number, or on a row of numbers."""
 
     SAME = "same"
     BETTER = "better"
@@ -73,23 +72,23 @@ class Change:
 
 @dataclass(frozen=True)
 class Chance:
-    """How far a difference of two means scatters: its standard error, and the degrees of freedom of that."""
+    """The scatter of a difference of two means: its standard error and the degrees of freedom."""
 
     error: float
     freedom: float
 
     @property
     def margin(self) -> float:
-        """What a difference exceeds once in a thousand times, by chance."""
+        """The value that a difference exceeds by chance once in a thousand times."""
         return quantile(self.freedom) * self.error
 
 
 def judge(
     quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record], draws: bool = False
 ) -> Change:
-    """The verdict on one quantity of two sets of jobs that may be compared; `reference` are all seeds of the base.
+    """The verdict on one quantity of two comparable sets of jobs; `reference` holds all seeds of the base.
 
-    `draws` says that the codec draws, whatever the seeds of this quantity gave: see `agree`.
+    `draws` marks a random codec, even if the seeds of this quantity agree: see `agree`.
     """
     if (
         quantity.tolerance is not None
@@ -113,13 +112,13 @@ def judge(
 
 
 def _again(quantity: Quantity, base: Sequence[Record], new: Sequence[Record]) -> bool:
-    """Whether the seeds of new gave the numbers of the base again, which a reference holds rounded."""
+    """Whether the seeds of new gave the numbers of the base again, up to the rounding of a reference."""
     pairs = list(zip(map(quantity.value, base), map(quantity.value, new), strict=False))
     return len(base) == len(new) and all(a == b or (a and b and math.isclose(a, b, rel_tol=1e-5)) for a, b in pairs)
 
 
 def agree(quantity: Quantity, reference: Sequence[Record]) -> bool:
-    """Whether all seeds of the base give the same, but for rounding: then the codec does not draw."""
+    """Whether all seeds of the base give the same up to rounding: then the codec is deterministic."""
     values = [value for job in reference if (value := quantity.value(job)) is not None and math.isfinite(value)]
     if quantity.tolerance is None or len(values) < 2:
         return True
@@ -128,9 +127,9 @@ def agree(quantity: Quantity, reference: Sequence[Record]) -> bool:
 
 
 def scatter(known: Sequence[float], new: Sequence[float], n: int) -> Chance | None:
-    """How a difference of the means of `n` seeds of the base and of those of new scatters; None where nobody knows.
+    """The scatter of the difference between the means of `n` base seeds and of the new seeds; None if unknown.
 
-    `known` are the values of all seeds of the base.
+    `known` holds the values of all seeds of the base.
     """
     finite = [value for value in known if math.isfinite(value)]
     if len(finite) < 2 or not new:
@@ -144,7 +143,7 @@ def scatter(known: Sequence[float], new: Sequence[float], n: int) -> Chance | No
 
 
 def margin(tolerance: Tolerance, known: Sequence[float], chance: Chance | None) -> float:
-    """What a change must exceed to count, given the values of all seeds of the base; see the module."""
+    """The margin that a change must exceed to count, given the values of all seeds of the base; see the module."""
     finite = [value for value in known if math.isfinite(value)]
     unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
     if len(known) == 1:
@@ -153,7 +152,7 @@ def margin(tolerance: Tolerance, known: Sequence[float], chance: Chance | None) 
 
 
 def quantile(freedom: float) -> float:
-    """What Student's t exceeds with probability `CHANCE`; exact for one and two degrees of freedom, else within 3 %.
+    """The value that Student's t exceeds with probability `CHANCE`; exact for 1 and 2 degrees of freedom, else to 3 %.
 
     From the normal quantile, by the expansion of Abramowitz and Stegun (1964), 26.7.5.
     """
@@ -196,7 +195,7 @@ def unlike(base: Record, new: Record) -> str:
 
 
 def other_settings(base: Record, new: Record) -> str:
-    """In words, the settings in which two jobs differ; they are compared all the same."""
+    """The settings in which two jobs differ, as text; the jobs are compared nevertheless."""
     mine, theirs = base["fit_key"]["settings"], new["fit_key"]["settings"]
     changed = [key for key in sorted({*mine, *theirs}) if mine.get(key) != theirs.get(key)]
     return ", ".join(f"{key} {mine.get(key, '—')} → {theirs.get(key, '—')}" for key in changed)
@@ -220,7 +219,8 @@ def verdict(loss: float, room: float) -> Verdict:
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    """The mean; of those that are not exact where some are, so that one seed less that is exact does show."""
+    """The mean of the finite values, infinite if all are exact, so that losing one exact seed shows."""
+
     numbers = [value for value in values if value is not None]
     if not numbers or len(numbers) < len(values):
         return None

@@ -1,3 +1,3 @@
-"""What a scene asks of its material: which texels, at what size, seen and lit from where, and how much each counts."""
+"""Computes the demand of a scene: which texels it shows, at what size, from which directions, with which weight."""
 
-UNIFORM = 0.1  # of the samples of a fit to a scene, or of the weights of its pairs, are spread over everything alike
+UNIFORM = 0.1  # share of the samples of a fit to a scene, or of the weights of its pairs, that is spread uniformly

@@ -1,4 +1,4 @@
-"""Collects the demand of a scene, whoever casts its rays, within a limit of queries."""
+"""Collects the demand of a scene, with any ray caster, within a limit of queries."""
 
 import math
 from pathlib import Path
@@ -17,7 +17,7 @@ SPARE = 0.97  # of the limit, as the first look is coarse
 
 
 def checked(limit: int, out: Path) -> None:
-    """Refuse, before any work, a limit of queries or a place for the demand that will not do."""
+    """Check the limit of queries and the path of the demand before any work starts."""
     if not 1 <= limit <= MOST:
         raise InputError(f"--queries {limit}: must be between 1 and {MOST}")
     if out.suffix != ".npz":
@@ -27,7 +27,7 @@ def checked(limit: int, out: Path) -> None:
 
 
 class Caster(Protocol):
-    """A scene that can be asked what its camera sees and what lights it."""
+    """A scene that can cast camera rays and sample its lights."""
 
     name: str
     frames: int
@@ -40,11 +40,11 @@ class Caster(Protocol):
 
 
 def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -> Demand:
-    """The queries of every frame of a scene, `limit` of them at most.
+    """The queries of every frame of a scene, at most `limit`.
 
-    Where every pixel would ask for more, fewer rays are cast, one through a random point of each of the larger cells
-    that the picture is then divided into: the frames are smaller than the picture, but footprints stay those of its
-    pixels. `InputError` where no ray finds the material, or no light reaches what is seen.
+    If all pixels together need more, the picture is divided into larger cells, and one ray is cast through a random
+    point of each. The frames are then smaller than the picture; footprints stay those of its pixels. `InputError` if
+    no ray finds the material, or no light reaches the visible part.
     """
     size = _size(scene, limit)
     cells = size[0] * size[1]

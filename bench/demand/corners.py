@@ -1,4 +1,4 @@
-"""Which pairs of a BTF a demand's queries lie between, and how much of the demand falls on each."""
+"""Finds the pairs of a BTF around each query of a demand, and the share of the demand on each pair."""
 
 import numpy as np
 import torch
@@ -30,6 +30,6 @@ def pair_shares(layout: Layout, demand: Demand) -> Array:
 
 
 def share_of(found: Weights, importance: Array, count: int) -> Array:
-    """The same of corners that are at hand."""
+    """The share (count,) of each pair, from corners that are already known."""
     weight = found.weight.numpy() * importance[:, None]
     return np.bincount(found.sample.numpy().ravel(), weight.ravel(), count)

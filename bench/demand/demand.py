@@ -1,4 +1,4 @@
-"""A demand: the queries that the pictures of a scene make of one material, weighted by what they contribute."""
+"""Stores a demand: the queries that the pictures of a scene make of one material, weighted by their contribution."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ SNORM = 32767  # directions are stored as signed 16-bit numbers; 1.5e-5 off at m
 
 @dataclass(frozen=True)
 class Demand:
-    """Queries of a material, in the frame and units of `bench.btf`, and the pixels that they add up to.
+    """Queries of a material, in the frame and units of `bench.btf`, and the pixel that each adds to.
 
     The linear RGB of a pixel is the sum over its queries of `weight` × the material's answer, since that is the
     radiance under unit irradiance and `weight` the irradiance that the query stands for.
@@ -46,7 +46,7 @@ class Demand:
 
     @property
     def name(self) -> str:
-        """What it is called in tables: its scene."""
+        """The name of the scene, as tables show it."""
         return str(self.provenance.get("scene", "scene"))
 
     def pictures(self, answers: np.ndarray) -> np.ndarray:
@@ -56,7 +56,7 @@ class Demand:
         return flat.reshape(*self.frames, 3)
 
     def thinned(self, count: int, rng: np.random.Generator) -> "Demand":
-        """A random part of the queries, each weighing the more for it."""
+        """A random subset of the queries, with weights scaled to keep the sum."""
         kept = np.sort(rng.permutation(len(self))[:count])
         columns = {name: getattr(self, name)[kept] for name in ("uv", "footprint", "wo", "wi", "weight", "pixel")}
         columns["weight"] = columns["weight"] * np.float32(len(self) / count)
@@ -79,7 +79,7 @@ class Demand:
 
 
 def load(path: Path) -> Demand:
-    """Read what `Demand.save` wrote. `InputError` where the file is not such a one, or holds numbers of no use."""
+    """Read a file of `Demand.save`. `InputError` if it is not a demand, or is empty."""
     try:
         with np.load(path, allow_pickle=False) as arrays:
             about = json.loads(arrays["about"].tobytes())

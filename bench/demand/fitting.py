@@ -1,6 +1,6 @@
-"""Fits codecs to a scene: what its demand needs of the BTF, weighed as it asks, in the smallest size that does.
+"""Fits codecs to a scene: to the part of the BTF that its demand needs, weighted by the demand, at the smallest size.
 
-No codec knows of it: what it is given is a smaller BTF, and a `Fit` with a density.
+Codecs need no code for this: they get a smaller BTF, and a `Fit` with a density.
 """
 
 import dataclasses
@@ -31,13 +31,13 @@ from bench.material import Material
 from bench.metrics.display import to_display
 from bench.metrics.psnr import psnr
 
-EQUAL_DB = 0.2  # a scene model so near to the full one is as good
+EQUAL_DB = 0.2  # a scene model within this many dB of the full one counts as equally good
 OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What a codec is given of a scene: what a demand needs of a BTF, the demand's density, and words for the file."""
+    """The input of a fit to a scene: the needed part of the BTF, the demand's density, and facts for the file."""
 
     need: Need
     btf: BTF
@@ -46,14 +46,14 @@ class Problem:
 
     @classmethod
     def of(cls, codec: Codec, btf: BTF, demand: Demand, uniform: float = UNIFORM) -> "Problem":
-        """The problem of one codec, at whatever settings."""
+        """The problem of one codec; it does not depend on the codec's sizes."""
         need = Need.of(btf, demand, every_pair=not codec.interpolates)
         cut = need.cut(btf)
         density = density_of(demand, cut.layout, need.window, uniform)
         return cls(need, cut, density, need.says(demand) | {"uniform": uniform})
 
     def encode(self, codec: Codec, fit: Fit) -> Parts:
-        """What the codec finds."""
+        """Fit the codec; returns the encoded parts."""
         parts = codec.encode(self.btf, dataclasses.replace(fit, density=self.density))
         return dataclasses.replace(parts, scene=self.says)
 
@@ -77,13 +77,13 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
 
 
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
-    """What a codec finds of a BTF where it is fitted to a demand."""
+    """Fit a codec to a demand on a BTF; returns the encoded parts."""
     return Problem.of(codec, btf, demand, uniform).encode(codec, fit)
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What the frames of a scene must reach: PSNR in dB or more, FLIP or less."""
+    """The goal for the frames of a scene: at least this PSNR in dB, at most this FLIP."""
 
     psnr: float | None = None
     flip: float | None = None
@@ -96,7 +96,7 @@ class Goal:
 
 @dataclass(frozen=True)
 class Model:
-    """One fitted codec file, and how it does in the scene."""
+    """One fitted codec file and its scores in the scene."""
 
     header: Header
     material: Material
@@ -108,7 +108,7 @@ class Model:
 
 @dataclass(frozen=True)
 class Found:
-    """What a search came to: the full model, the one fitted to the scene or None, and what the search took."""
+    """The result of a search: the full model, the scene model or None, and the time of the search."""
 
     full: Model
     scene: Model | None
@@ -119,13 +119,13 @@ class Found:
 
     @property
     def chosen(self) -> Model:
-        """The scene model, or where it is none, the full one."""
+        """The scene model; the full one if there is none."""
         return self.scene or self.full
 
 
 @dataclass
 class Search:
-    """Looks for the smallest model of a codec that does in a scene what the full one does, or reaches a goal."""
+    """Searches for the smallest model of a codec that is as good in a scene as the full one, or reaches a goal."""
 
     codec: Codec
     btf: BTF  # training pairs
@@ -136,11 +136,11 @@ class Search:
 
     @cached_property
     def problem(self) -> Problem:
-        """What every fit to the scene is given."""
+        """The input of every fit to the scene."""
         return Problem.of(self.codec, self.btf, self.judge.demand, self.uniform)
 
     def run(self, goal: Goal | None = None) -> Found:
-        """See the class; without a goal it is the PSNR of the full model, less `EQUAL_DB`."""
+        """Run the search. The default goal is the PSNR of the full model, less `EQUAL_DB`."""
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
         if goal is None:
             goal = as_good_as(full)
@@ -157,7 +157,7 @@ class Search:
         return Found(full, best, left_out(self.problem.need, self.btf), True, len(tried), seconds)
 
     def ladder(self, goal: Goal, scene: bool) -> Iterator[Model]:
-        """Models of the scene or of the whole BTF, the range of sizes halved with each, as quality rises with size."""
+        """Fit models of the scene or of the whole BTF, bisecting their size, because quality rises with size."""
         low, high = 1, steps_of(self.codec)
         largest = self._at(high, scene)
         yield largest
@@ -173,7 +173,7 @@ class Search:
         return self.model(sized(self.codec, step, scene), f"{'scene' if scene else 'whole'}{step}")
 
     def model(self, codec: Codec, name: str) -> Model:
-        """A codec fitted to the scene, where its settings say so, or to the whole BTF, as its file decodes."""
+        """Fit a codec, to the scene if its settings say so, else to the whole BTF; decode its file and score it."""
         fit, start = self.fit(), time.perf_counter()
         parts = self.problem.encode(codec, fit) if codec.scene else codec.encode(self.btf, fit)
         seconds = time.perf_counter() - start
@@ -185,7 +185,7 @@ class Search:
 
 
 def as_good_as(full: Model) -> Goal:
-    """The goal of a model that is to replace the full one: its PSNR less `EQUAL_DB`, or no error where it has none."""
+    """The goal of a model that replaces the full one: its PSNR less `EQUAL_DB`, or no error if it has none."""
     return Goal(psnr=np.inf if full.psnr is None else full.psnr - EQUAL_DB)
 
 
@@ -206,7 +206,7 @@ def sized(codec: Codec, step: int, scene: bool = True) -> Codec:
 
 
 def left_out(need: Need, btf: BTF) -> str:
-    """In words, what of a BTF a demand does not need."""
+    """Describe the parts of a BTF that a demand does not need."""
     words = []
     window = need.window
     if not window.full:
@@ -237,7 +237,7 @@ def outside(judge: Judge, material: Material) -> float | None:
 
 
 def rows(found: Found, judge: Judge, threads: int) -> list[dict[str, Any]]:
-    """What the full model and the scene model cost and give, each as named numbers."""
+    """The costs and scores of the full model and the scene model, each as named numbers."""
     models = {"full": found.full} | ({"scene": found.scene} if found.scene else {})
     timed = _timed(models, judge.demand, threads)
     return [

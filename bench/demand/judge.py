@@ -1,4 +1,4 @@
-"""Judges materials by a scene: its frames, rendered by summing the demand, reference table against decoded material."""
+"""Judges materials by a scene: compares frames of the decoded material with those of the reference table."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -36,7 +36,7 @@ def table_of(btf: BTF) -> BTF:
 
 @dataclass
 class Judge:
-    """A scene as the reference table shows it; asked of any number of decoded materials."""
+    """A scene with the frames of the reference table; scores any number of decoded materials."""
 
     btf: BTF  # the reference table
     demand: Demand
@@ -79,7 +79,7 @@ class Judge:
         return self.compare(self.frames(material), names)
 
     def compare(self, frames: Array, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
-        """The same of frames (frames, H, W, 3), linear RGB."""
+        """Each metric of given frames (frames, H, W, 3), linear RGB; see `score`."""
         found = {}
         for name in names:
             metric = registry.get(name).load()
@@ -96,7 +96,7 @@ class Judge:
         return self.prepared[name]
 
     def record(self, material: Material) -> dict[str, Any]:
-        """What the record of a job says of its scene."""
+        """The fields of a job's record about the scene."""
         return {
             "name": self.demand.name,
             "queries": len(self.demand),

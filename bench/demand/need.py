@@ -1,4 +1,4 @@
-"""What of a BTF a demand needs: a window of its texels, no finer than is seen, and the pairs that it looks between."""
+"""Finds the part of a BTF that a demand needs: a window of texels, no finer than visible, and the pairs around it."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +20,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Need:
-    """See the module. `views` and `lights` are maps (CELLS, CELLS) of where the demand's directions lie."""
+    """The needed part of a BTF. `views` and `lights` are maps (CELLS, CELLS) of the demand's directions."""
 
     window: Window
     pairs: Array  # indices of the BTF's
@@ -31,7 +31,7 @@ class Need:
 
     @classmethod
     def of(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "Need":
-        """What a demand needs of a BTF; `every_pair` keeps them all."""
+        """The part of a BTF that a demand needs; `every_pair` keeps all pairs."""
         finest = _finest(demand)
         factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
         window = _window(btf.shape, demand, factor)
@@ -40,11 +40,11 @@ class Need:
         return cls(window, pairs, finest, _cells(demand.wo), _cells(demand.wi), whole)
 
     def cut(self, btf: BTF) -> BTF:
-        """What is needed of the BTF."""
+        """Cut the BTF to the needed part."""
         return self.window.cut(btf if len(self.pairs) == len(btf) else btf.subset(self.pairs))
 
     def says(self, demand: Demand) -> dict[str, Any]:
-        """What a codec file records of it."""
+        """The facts that a codec file records."""
         window = self.window
         return {
             "name": demand.name,

@@ -1,4 +1,4 @@
-"""What a demand asks for, in numbers and drawn as one PNG."""
+"""Summarises a demand in numbers, and draws it as one PNG."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Summary:
-    """A demand in a few numbers, each weighted by what it contributes to the pictures."""
+    """A demand in a few numbers; percentiles are weighted by the queries' contribution to the pictures."""
 
     queries: int
     frames: tuple[int, int, int]
@@ -32,7 +32,7 @@ class Summary:
     coverage: float  # share of the texture that is seen at all
 
     def text(self) -> str:
-        """The lines that a reader wants."""
+        """The summary as lines of text."""
         low, middle, high = PERCENTILES
         count, height, width = self.frames
 

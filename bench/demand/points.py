@@ -1,4 +1,4 @@
-"""What camera rays find of a surface, whoever cast them, and the queries that each light makes of it there.
+"""Holds the surface points that camera rays hit, and makes the queries of each light there.
 
 A point's frame follows its texture: x along +u, y toward +v, z the normal, so that a material lies as its picture does.
 """
@@ -74,16 +74,16 @@ def _dot(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Light:
-    """What reaches some points from one light, or one sample of it: toward the light, and RGB irradiance facing it."""
+    """Light at some points from one light or one sample of it: direction to it, and RGB irradiance facing it."""
 
     toward: Array  # (n, 3) unit
     irradiance: Array  # (n, 3)
 
 
 def asked(points: Points, lights: list[Light]) -> dict[str, Array]:
-    """The queries of some points under some lights, by the names of `Demand`, but for its frames.
+    """The queries of some points under some lights, as the columns of `Demand`.
 
-    What is at or behind a horizon, or unlit, is left out.
+    Leaves out queries at or below a horizon, and unlit ones.
     """
     wo, footprint = points.wo, points.footprint
     parts = []

@@ -1,4 +1,4 @@
-"""A scene as text: one surface, its camera or a path of cameras, and its lights, in a TOML file without Mitsuba.
+"""Reads a scene from a TOML file, without Mitsuba: one surface, a camera or a path of cameras, and lights.
 
 description = "what it shows"
 

@@ -1,9 +1,9 @@
-"""Time per sample of decoded materials, as a renderer would pay it.
+"""Measures the time per sample of decoded materials, as a renderer would pay it.
 
-Contestants take turns (A B C A B C …), so that a machine that slows down slows all of them; each is compared with
-the floor, one bilinear fetch of a colour, as the ratio inside a turn. Absolute figures from shared machines advise;
-ratios compare. The floor is timed twice a turn: where it differs from itself, or others use the processor, the figures
-say that the machine was not quiet.
+Materials take turns (A B C A B C …), so that a machine that slows down slows all of them. Each is compared with the
+floor, one bilinear fetch of a colour, by their ratio within a turn. On shared machines only these ratios are
+comparable; absolute figures are a hint. The floor is timed twice in each turn: if the two times differ, or other
+processes use the processor, the figures say that the machine was not quiet.
 """
 
 from collections.abc import Callable, Mapping
@@ -68,7 +68,7 @@ class _Floor(Material):
 
 
 def conditions(threads: int, device: str) -> dict[str, Any]:
-    """What a figure of `compare` holds for, to be stated beside it."""
+    """The conditions under which `compare` measures, to be stated with its figures."""
     return {
         "batch": BATCH,
         "dtype": "float32",

@@ -1,4 +1,4 @@
-"""A call timed: on the CPU by the clock, on a GPU by its own events; warmed up until stable, long enough to time."""
+"""Times a call: on the CPU by the clock, on a GPU by events; warms it up and repeats it until it is long enough."""
 
 from collections.abc import Callable
 from time import perf_counter_ns

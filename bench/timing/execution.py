@@ -1,8 +1,8 @@
-"""How a decoded material is computed: its execution and its precision. Neither changes the file; both trade.
+"""Chooses how a decoded material is computed: its execution and precision. Neither changes the file.
 
 | execution | what it is |
 | --- | --- |
-| `eager` | PyTorch's operations one by one, in chunks that fit the cache: what a material does by itself |
+| `eager` | PyTorch's operations one by one, in chunks that fit the cache: the default of a material |
 | `compiled` | `evaluate` through torch.compile, on the network folded by `bench.timing.fused.lean` |
 | `fused` | the network and the fetch before it as one kernel: Dr.Jit with literal weights on the CPU, Triton on a GPU |
 
@@ -62,13 +62,13 @@ class Variant:
 
 
 def exists_on(variant: Variant, device: torch.device) -> bool:
-    """Whether a kind of device has such a variant at all; what is merely not installed, `prepared` says."""
+    """Whether a kind of device supports a variant; `prepared` reports what is not installed."""
     of_gpus = variant.precision == "tf32" or (variant.execution == "fused" and variant.precision != "float32")
     return device.type == "cuda" or not of_gpus
 
 
 def prepared(material: Material, variant: Variant) -> Material:
-    """A copy of a material that is computed so. `InputError` says what is missing, or why it cannot be."""
+    """A copy of a material that is computed in a variant. `InputError` says what is missing or unsupported."""
     if variant.precision == "tf32" and material.device.type != "cuda":
         raise InputError("tf32 is a precision of NVIDIA's GPUs: use float32 here")
     material = copy.deepcopy(material).to(dtype=DTYPES[variant.precision])
@@ -89,7 +89,7 @@ def networks(material: Material) -> list[Decoder]:
 
 
 def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
-    """Put what `make` makes of each decoder network in its place; how many there were."""
+    """Replace each decoder network by `make(network)`; returns the number of networks."""
     count = 0
     for name, value in list(vars(material).items()):
         if isinstance(value, Decoder):
@@ -128,7 +128,7 @@ def _fused(material: Material, variant: Variant) -> Material:
 
 
 class _Around(Material):
-    """A material whose `evaluate` is computed otherwise."""
+    """A material whose `evaluate` is computed in another way."""
 
     def __init__(self, inner: Material):
         super().__init__(inner.size, inner.cost)
@@ -139,7 +139,7 @@ class _Around(Material):
 
 
 class _Compiled(_Around):
-    """`evaluate` through torch.compile: for whole chunks one kernel of that size, for what is left one of any size."""
+    """`evaluate` through torch.compile: a kernel of fixed size for whole chunks, and one of any size for the rest."""
 
     def __init__(self, inner: Material):
         from bench.timing.fused.lean import Lean, compiled

@@ -1,4 +1,4 @@
-"""Whether a machine was quiet while something was timed."""
+"""Checks whether a machine was quiet while something was timed."""
 
 import os
 import time

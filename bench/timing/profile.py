@@ -1,6 +1,6 @@
-"""How a material's time a sample depends on what is timed, on the batch, on the order of queries, and on threads.
+"""Profiles a material's time per sample over the timed part, the batch size, the order of queries, and the threads.
 
-One condition is changed at a time: the whole query of `BATCH` random samples on one thread is where all begin.
+One condition changes at a time. The common condition is the whole query of `BATCH` random samples on one thread.
 """
 
 from collections.abc import Callable, Iterator

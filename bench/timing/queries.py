@@ -1,4 +1,4 @@
-"""What materials are asked while they are timed."""
+"""Draws the queries with which materials are timed."""
 
 from dataclasses import dataclass
 

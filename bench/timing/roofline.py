@@ -1,4 +1,4 @@
-"""The ceiling of every timing table: how fast this machine multiplies and copies, and what a sample needs of both."""
+"""Measures how fast this machine multiplies and copies: the ceiling of the time per sample in every timing table."""
 
 from typing import Any
 
