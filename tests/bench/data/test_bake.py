@@ -275,14 +275,44 @@ def test_bake_from_the_command_line(tmp_path, capsys):
     assert cli.main(["bake", str(folder), "-o", str(tmp_path / "x.npz"), "--views", "0"]) == 2
 
 
-@pytest.mark.skipif("NEUBTF_DATA" not in os.environ, reason="NEUBTF_DATA names no folder of real materials")
-@pytest.mark.parametrize("name", ["bark", "bricks", "fabric_pattern", "rock", "rosewood", "rustymetal"])
-def test_scanned_materials_bake_upright(name):
-    folder = Path(os.environ["NEUBTF_DATA"]) / "svbrdf" / name
-    if not folder.is_dir():
-        pytest.skip(f"{folder} is not there")
+STYLES = {  # what three sites call their maps
+    "plain": ("albedo", "ao", "displacement", "normal", "roughness"),
+    "ambientcg": ("Made1_1K_Color", "Made1_1K_AmbientOcclusion", "Made1_1K_Displacement", "Made1_1K_NormalGL"),
+    "polyhaven": ("made_07_col_1_1k", "made_07_arm_1k", "made_07_nor_gl_1k"),
+}
+
+
+def make_scan(folder, style):
+    """The maps of a relief with a random albedo, twice as wide as high in the style of ambientCG."""
+    height, normal = hills()
+    blocks = np.kron(np.random.default_rng(0).uniform(0.1, 0.9, (8, 8)), np.ones((8, 8)))
+    one = np.ones_like(height)
+    maps = {"ao": one, "ambientocclusion": one, "displacement": height, "roughness": 0.7 * one}
+    maps |= {"arm": np.stack([one, 0.7 * one, 0 * one], -1)}
+    maps |= dict.fromkeys(("albedo", "color", "col"), np.stack([blocks, 0.8 * blocks, 0.5 * blocks], -1))
+    maps |= dict.fromkeys(("normal", "normalgl", "nor"), normal)
+    pictures = {}
+    for name in STYLES[style]:
+        role = next(word for word in reversed(name.lower().split("_")) if word in maps)
+        pictures[name] = np.concatenate([maps[role]] * 2, 1) if style == "ambientcg" else maps[role]
+    return save(folder, **pictures)
+
+
+REAL = ("bark", "bricks", "fabric_pattern", "rock", "rosewood", "rustymetal")
+
+
+@pytest.mark.parametrize("name", [*STYLES, *REAL])
+def test_scanned_materials_bake_upright(tmp_path, name):
+    if name in STYLES:
+        folder = make_scan(tmp_path / name, name)
+    elif "NEUBTF_DATA" not in os.environ:
+        pytest.skip("NEUBTF_DATA names no folder of real materials")
+    else:
+        folder = Path(os.environ["NEUBTF_DATA"]) / "svbrdf" / name
+        if not folder.is_dir():
+            pytest.skip(f"{folder} is not there")
     surface = read_surface(recognise(folder), 16)
-    assert surface.shape == ((8, 16) if name == "bricks" else (16, 16))
+    assert surface.shape == ((8, 16) if name in ("bricks", "ambientcg") else (16, 16))
     assert not any("DX" in text or "dark is high" in text for text in surface.notes.values())
     up = np.array([[0.0, 0.0, 1.0]])
     albedo = box_filter(surface.maps.base_colour, SUB_POINTS)

@@ -1,8 +1,10 @@
+import io
 import re
 import zipfile
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from bench.data.readers import open_btf
 from bench.data.readers.pictures import XYZ_TO_REC709, srgb_table
@@ -10,8 +12,23 @@ from bench.errors import InputError
 from bench.hemisphere import to_degrees, ubo2003
 
 
-def test_ubo2003_pictures_are_flat_codes_of_their_angles(data):
-    btf = open_btf(data / "tiny_formats" / "tiny_ubo2003.zip")
+def make_ubo2003(path):
+    """A zip of 3 views of 81 lights; each picture is flat, of the codes (2 tl, pl // 2, 2 tv)."""
+    directions = np.round(np.stack(to_degrees(ubo2003()), -1)).astype(int)
+    with zipfile.ZipFile(path, "w") as archive:
+        for tv, pv in directions[[0, 5, 40]]:
+            for index, (tl, pl) in enumerate(directions):
+                jpeg = io.BytesIO()
+                Image.new("RGB", (8, 8), (2 * tl, pl // 2, 2 * tv)).save(jpeg, "JPEG", quality=95)
+                name = f"{index:05d} tl{tl:03d} pl{pl:03d} tv{tv:03d} pv{pv:03d}.jpg"
+                archive.writestr(f"MADE8/tv{tv:03d}_pv{pv:03d}/{name}", jpeg.getvalue())
+    return path
+
+
+@pytest.mark.parametrize("made", [True, False], ids=["made", "real"])
+def test_ubo2003_pictures_are_flat_codes_of_their_angles(request, tmp_path, made):
+    given = make_ubo2003(tmp_path / "a.zip") if made else None
+    btf = open_btf(given or request.getfixturevalue("data") / "tiny_formats" / "tiny_ubo2003.zip")
     assert (len(btf), btf.shape) == (3 * 81, (8, 8))
     assert btf.layout.grid is not None
     np.testing.assert_allclose(np.sort(btf.layout.lights, 0), np.sort(ubo2003(), 0), atol=1e-6)

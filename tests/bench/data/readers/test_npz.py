@@ -7,6 +7,7 @@ import pytest
 from bench.data.readers import open_btf
 from bench.data.readers.npz import write_npz
 from bench.errors import InputError
+from bench.hemisphere import to_degrees, ubo2014
 
 UP = np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32)
 
@@ -84,8 +85,18 @@ def test_a_header_that_claims_more_than_the_file_holds_does_not_allocate(tmp_pat
         open_btf(tmp_path / "a.npz")
 
 
-def test_mean_abrdf_of_real_data_is_a_btf_of_one_texel(data):
-    path = data / "ubo2014_mean_abrdf" / "carpet07_mean_abrdf_151x151.npz"
+def make_mean_abrdf(path):
+    """A mean ABRDF of the UBO2014's 151 directions with random values."""
+    theta, phi = (angle.astype(np.float32) for angle in to_degrees(ubo2014()))
+    values = np.random.default_rng(0).gamma(1.0, 1.0, (151, 151, 3)).astype(np.float32)
+    np.savez(path, rgb_geomean=values, theta_deg=theta, phi_deg=phi, axis=np.array(["view", "light", "rgb"]))
+    return path
+
+
+@pytest.mark.parametrize("made", [True, False], ids=["made", "real"])
+def test_a_mean_abrdf_is_a_btf_of_one_texel(request, tmp_path, made):
+    given = make_mean_abrdf(tmp_path / "a.npz") if made else None
+    path = given or request.getfixturevalue("data") / "ubo2014_mean_abrdf" / "carpet07_mean_abrdf_151x151.npz"
     btf = open_btf(path)
     with np.load(path, allow_pickle=False) as stored:
         assert np.array_equal(btf.texels([0], [0])[0], stored["rgb_geomean"].reshape(-1, 3))

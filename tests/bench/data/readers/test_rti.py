@@ -6,6 +6,7 @@ from scipy.ndimage import gaussian_filter
 from bench.data.readers import open_btf
 from bench.data.readers.pictures import srgb_table
 from bench.errors import InputError
+from bench.hemisphere import from_angles
 
 
 def make(folder, lines, images=3):
@@ -54,9 +55,30 @@ def test_several_lists_ask_for_one(tmp_path):
         open_btf(tmp_path)
 
 
-@pytest.mark.parametrize(("name", "lights", "shape"), [("gold_icon", 72, (395, 402)), ("painted_door", 60, (439, 487))])
-def test_the_normals_of_real_sets_are_those_of_a_surface(data, name, lights, shape):
-    btf = open_btf(data / "rti" / name)
+def make_bumps(folder, lights, shape):
+    """Photographs of matt bumps under a ring of lights on each of three heights."""
+    rows, cols = np.mgrid[: shape[0], : shape[1]]
+    x, y = cols / 5, -rows / 7  # y points up
+    p, q = np.cos(x) * np.sin(y) / 2, np.sin(x) * np.cos(y) * 5 / 14  # the slopes of 2.5 sin x sin y
+    normals = np.stack([-p, -q, np.ones(shape)], -1) / np.sqrt(1 + p**2 + q**2)[..., None]
+    azimuth = 2 * np.pi * np.arange(lights) / lights
+    theta = np.radians(np.array([15, 30, 45])[np.arange(lights) % 3])
+    wi = from_angles(theta, azimuth)
+    for i, light in enumerate(wi):
+        codes = np.searchsorted(srgb_table(256), 0.9 * np.maximum(normals @ light, 0)).clip(0, 255)
+        Image.fromarray(codes.astype(np.uint8)).convert("RGB").save(folder / f"{i}.png")
+    lines = [f"{i}.png {x:.6f} {y:.6f} {z:.6f}" for i, (x, y, z) in enumerate(wi)]
+    (folder / "dirs.lp").write_text("\n".join([str(lights), *lines]) + "\n")
+    return folder
+
+
+SETS = [("made", 30, (60, 80)), ("gold_icon", 72, (395, 402)), ("painted_door", 60, (439, 487))]
+
+
+@pytest.mark.parametrize(("name", "lights", "shape"), SETS)
+def test_the_normals_of_a_set_are_those_of_a_surface(request, tmp_path, name, lights, shape):
+    given = make_bumps(tmp_path, lights, shape) if name == "made" else None
+    btf = open_btf(given or request.getfixturevalue("data") / "rti" / name)
     assert (len(btf), btf.shape) == (lights, shape)
     btf = btf.subset(range(0, lights, 3))
     values = np.stack([s.mean(-1).reshape(-1) for s in btf])

@@ -14,24 +14,6 @@ LIGHTS = np.radians([[11.0, 15.0], [30.0, 120.0]])
 SHAPE = (4, 5)
 
 
-@pytest.mark.parametrize("name", ["tiny_rgb", "tiny_yuvlog", "tiny_fmf"])
-def test_tiny_files_decode_as_expected(data, name):
-    btf = open_btf(data / "tiny_formats" / f"{name}.btf")
-    with np.load(data / "tiny_formats" / "expected.npz", allow_pickle=False) as stored:
-        expected, views, lights = (stored[name + part] for part in ("", "_views", "_lights"))
-    shape = expected.shape
-    flat = expected.reshape(-1, *shape[2:])
-    assert np.abs(np.stack([*btf]) - flat).max() <= 1e-6
-    rows, cols = np.mgrid[: shape[2], : shape[3]].reshape(2, -1)
-    assert np.abs(btf.texels(rows, cols) - flat.transpose(1, 2, 0, 3).reshape(len(rows), -1, 3)).max() <= 1e-6
-    pair = np.arange(len(rows)) % len(btf)
-    assert np.abs(btf.gather(pair, rows, cols) - flat[pair, rows, cols]).max() <= 1e-6
-    np.testing.assert_array_equal(btf.wo[:: shape[1]], from_angles(*views.T))
-    np.testing.assert_array_equal(btf.wi[: shape[1]], from_angles(*lights.T))
-    if name != "tiny_rgb":
-        assert max(s.max() for s in btf) > 3  # highlights survive
-
-
 def factors(rng, fmf=False, rank=3):
     rows = 3 * 6 if fmf else 6
     return [
@@ -50,6 +32,43 @@ def decoded(model, given, fmf, dtype):
         u, v = c[1] * y + 1e-5, c[2] * y + 1e-5
         c = np.stack([y + 1.13983 * v, y - 0.39465 * u - 0.58060 * v, y + 2.03211 * u])
     return np.moveaxis(c, 0, -1).reshape(6, *SHAPE, 3)[:, ::-1]
+
+
+MADE = {"tiny_rgb": (0, False), "tiny_yuvlog": (11, False), "tiny_fmf": (12, True)}  # colour model, whether an FMF
+
+
+def make_tiny(path, name):
+    """A file like the one of that name, what it decodes to [view, light, row, column, rgb], its views and lights."""
+    model, fmf = MADE[name]
+    given = [(2 * u, sv) for u, sv in factors(np.random.default_rng(1), fmf)]
+    views, lights = VIEWS.astype(np.float32), LIGHTS.astype(np.float32)
+    write_ubo2014(path, views, lights, SHAPE, given, colour_model=model, scalar=4)
+    return decoded(model, given, fmf, np.float32).reshape(len(views), len(lights), *SHAPE, 3), views, lights
+
+
+@pytest.mark.parametrize("made", [True, False], ids=["made", "real"])
+@pytest.mark.parametrize("name", MADE)
+def test_tiny_files_decode_as_expected(request, tmp_path, name, made):
+    if made:
+        path = tmp_path / "a.btf"
+        expected, views, lights = make_tiny(path, name)
+    else:
+        folder = request.getfixturevalue("data") / "tiny_formats"
+        path = folder / f"{name}.btf"
+        with np.load(folder / "expected.npz", allow_pickle=False) as stored:
+            expected, views, lights = (stored[name + part] for part in ("", "_views", "_lights"))
+    btf = open_btf(path)
+    shape = expected.shape
+    flat = expected.reshape(-1, *shape[2:])
+    assert np.abs(np.stack([*btf]) - flat).max() <= 1e-6
+    rows, cols = np.mgrid[: shape[2], : shape[3]].reshape(2, -1)
+    assert np.abs(btf.texels(rows, cols) - flat.transpose(1, 2, 0, 3).reshape(len(rows), -1, 3)).max() <= 1e-6
+    pair = np.arange(len(rows)) % len(btf)
+    assert np.abs(btf.gather(pair, rows, cols) - flat[pair, rows, cols]).max() <= 1e-6
+    np.testing.assert_array_equal(btf.wo[:: shape[1]], from_angles(*views.T))
+    np.testing.assert_array_equal(btf.wi[: shape[1]], from_angles(*lights.T))
+    if name != "tiny_rgb":
+        assert max(s.max() for s in btf) > 3  # highlights survive
 
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
