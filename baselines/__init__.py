@@ -1,1 +1,1 @@
-"""The rivals and reference rows, one file a codec."""
+"""The baseline codecs and reference codecs, one file each."""

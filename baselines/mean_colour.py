@@ -1,4 +1,4 @@
-"""The floor: one colour a texel, whatever the directions."""
+"""The lower bound: one colour per texel, for all directions."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,10 @@ from bench.quantise import pack, unpack
 
 
 class MeanColour(Codec):
-    """Each texel's mean over all pairs: what every codec must beat, and the floor of time."""
+    """Each texel's mean over all pairs: the lower bound of quality, and of time."""
 
     name, version = "mean-colour", 1
-    interpolates = True  # it answers the same whatever the pair
+    interpolates = True  # the answer is the same for every pair
 
     @dataclass(frozen=True)
     class Settings:

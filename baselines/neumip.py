@@ -36,11 +36,11 @@ from bench.training import (
 
 WIDTHS = (25, 25, 25)
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
-LOWEST_COSINE = 0.6  # of the view in the offset: nearer to the horizon it grows no further
-COARSE_SHARE = 4  # one sample in so many is of a coarser level
+LOWEST_COSINE = 0.6  # least z of the view in the offset, which stops growing below it
+COARSE_SHARE = 4  # one sample in this many is of a coarser level
 # Gaussian blur, σ in texels: of the latents at first, its fading over the fit, its end; the least of the offset.
 FIRST_BLUR, FADING, LAST_BLUR, OFFSET_BLUR = 8.0, 3 * math.log(8), 0.1, 1.0
-SHUT = 0.1  # what a mask of 0 leaves of a colour
+SHUT = 0.1  # share of the colour that a mask of 0 leaves
 HALF_OPEN = SHUT + 0.5
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
 # Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
@@ -82,7 +82,7 @@ class NeuMIP(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
         count = level_count(btf.shape)
-        if fit.density:  # what the scene never sees from so far is left out
+        if fit.density:  # levels that the scene never sees are left out
             count = min(count, fit.density.levels(max(btf.shape)))
         levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(count)]
         objective = Fitting(levels, self.settings, fit.generator())
@@ -114,12 +114,12 @@ class NeuMIP(Codec):
 
 
 def level_count(size: tuple[int, int]) -> int:
-    """Levels of the pyramid of a picture (H, W): the authors' ⌊log2 of the longer side⌋, and no side below a texel."""
+    """The number of levels of a picture (H, W): the authors' ⌊log2 of the longer side⌋, sides of at least one texel."""
     return max(1, min(int(math.log2(max(size))), int(math.log2(min(size))) + 1))
 
 
 class Pyramid(nn.Module):
-    """Where the texels of each level are: level i is (H // 2ⁱ, W // 2ⁱ), all in one table, the finest first."""
+    """The layout of the levels in one table, the finest first: level i is (H // 2ⁱ, W // 2ⁱ)."""
 
     def __init__(self, size: tuple[int, int], levels: int | None = None):
         super().__init__()
@@ -194,14 +194,14 @@ class Networks(nn.Module):
     to_rgb: Tensor
 
     def start_at(self, level: Tensor) -> None:
-        """Answer one log radiance (3,) whatever the latents, the mask being open half way."""
+        """Set the networks to answer one log radiance (3,) for any latents, with the mask half open."""
         outputs = torch.zeros(self.decoder.architecture.outputs)
         rgb = (level.cpu().expm1() / (HALF_OPEN if len(outputs) > 3 else 1)).log1p()
         outputs[:3] = torch.linalg.solve(self.to_rgb.T, rgb)
         self.decoder.start_at(outputs)
 
     def move(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
-        """uv (n, 2) moved along the view wo (n, 3) by what the offset network makes of latents (n, 7)."""
+        """uv (n, 2) shifted along the view wo (n, 3) by the offset network's output for latents (n, 7)."""
         assert self.offset is not None
         xy = wo[:, :2]
         depth = OFFSET_SCALE * self.offset(torch.cat([latents, xy], 1))

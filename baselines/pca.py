@@ -18,7 +18,7 @@ from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
 from bench.training import Factors, truncated_svd
 
-BLOCK_BYTES = 16 << 20  # slices read together: many enough for fast products, few enough for the cache
+BLOCK_BYTES = 16 << 20  # slices read together: enough for fast products, few enough for the cache
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 
 
@@ -31,7 +31,7 @@ class PCA(Codec):
     @dataclass(frozen=True)
     class Settings:
         components: Count = 16  # eigen-ABRDFs; fewer where the data have a lower rank
-        domain: Literal["log", "rgb"] = "log"  # what is decomposed: log1p(8 · exposure · x) or x itself
+        domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
         precision: Precision = "int8"  # of the stored coefficients
         weights: Precision = "int8"  # of the stored eigen-ABRDFs; their mean is half beside eight bits
         passes: Annotated[int, Range(2)] = 4  # over the data, one where they are small; flat spectra want more
@@ -90,10 +90,10 @@ class PCAMaterial(Material):
         return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
 
     def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
-        """Σ weight · table row · coefficients, (n, 3), without the rows (n, pairs, 3, k) ever standing in memory."""
+        """Σ weight · table row · coefficients, (n, 3), without allocating the rows (n, pairs, 3, k)."""
         rows = functional.embedding_bag(pair, self.table, per_sample_weights=weight.to(self.table.dtype), mode="sum")
         rows = saturated(rows)  # shares of halves may add up to a little more than 1
-        # Products of halves may be beyond halves, and of either sign: they are added in float32.
+        # Products of halves may overflow a half, with either sign: they are added in float32.
         dtype = at_least_float32(rows.dtype)
         return (rows.reshape(len(pair), 3, -1).to(dtype) * coefficients[:, None].to(dtype)).sum(-1)
 

@@ -1,8 +1,8 @@
-"""What Rainer's two codecs share: the encoder of ABRDFs, the decoder's inputs and output, the fit, the material.
+"""Common parts of Rainer's two codecs: the encoder of ABRDFs, the decoder's inputs and output, the fit, the material.
 
-A texel has latents, which an encoder makes of its ABRDF, and six further channels, taken as the mean and the deviation
-of its log radiance in each colour. The decoder answers for latents and two directions; its answer is scaled by the
-deviation and moved by the mean.
+An encoder maps a texel's ABRDF to latents. Six further channels hold the mean and the deviation of its log radiance in
+each colour. The decoder maps latents and two directions to a colour, which is scaled by the deviation and shifted by
+the mean.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ WIDTHS = (106, 106, 106, 106)
 CONVOLUTIONS = ((16, 7), (32, 5), (64, 5))  # channels and kernel of the encoder's layers
 STRIDE = 4
 STATISTICS = 6  # channels of mean and deviation
-LEAST_DEVIATION = 1e-3  # of log radiance: a constant ABRDF is not blown up
+LEAST_DEVIATION = 1e-3  # of log radiance: keeps the scaling of a constant ABRDF finite
 BLOCK = 256  # texels encoded at once
 
 Activation = Literal["leaky-relu", "relu"]
@@ -32,7 +32,7 @@ COUNTS = {"stereographic": 4, "xyzh": 9}  # numbers of two directions
 
 
 def architecture(latents: int, activation: Activation, directions: Directions = "stereographic") -> Architecture:
-    """The decoder of so many latents: with the numbers of two directions, to four layers, to a colour."""
+    """The decoder for a number of latents: latents and two directions → four layers → colour."""
     return Architecture(latents + COUNTS[directions], WIDTHS, activation=activation)
 
 
@@ -72,7 +72,7 @@ def encoded(encoder: nn.Module, abrdfs: Tensor, found: Tensor) -> Tensor:
 
 
 def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic") -> Tensor:
-    """What the decoder sees (n, k) of two unit directions: each in the stereographic plane, or all of both and half."""
+    """The decoder's inputs (n, k) of two unit directions: stereographic, or both directions and the half vector."""
     if directions == "stereographic":
         return torch.cat([stereographic(wi), stereographic(wo)], 1)
     return torch.cat(direction_inputs(wo, wi, directions), 1)
@@ -98,7 +98,7 @@ class FitSettings:
 
 
 class Fitted(Objective):
-    """A decoder and what makes its latents; each texel's statistics are taken from the data."""
+    """A decoder and the source of its latents; each texel's statistics are taken from the data."""
 
     statistics: Tensor  # (texels, 2, 3): mean and deviation of each texel's log ABRDF
 

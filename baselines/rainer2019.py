@@ -1,9 +1,9 @@
 """Rainer et al., "Neural BTF compression and interpolation" (Computer Graphics Forum 38(2), 2019).
 
 An encoder maps each texel's ABRDF to a few latents, a decoder maps latents and two directions to colour; both are
-fitted together, one pair of networks a material, and the decoder alone is stored: it has the published 35,725
-parameters. What no text that could be read confirms is a setting or a constant here and in `baselines.rainer`: the
-encoder's layers, the activation, the loss, the optimiser, and the six further channels.
+fitted together, one pair of networks per material. Only the decoder is stored; it has the published 35,725 parameters.
+Details that no available text confirms are settings or constants here and in `baselines.rainer`: the encoder's layers,
+the activation, the loss, the optimiser, and the six further channels.
 """
 
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ class Encoded(Autoencoder):
 
 
 class Free(Fitted):
-    """Latents without an encoder, which the file does not hold either, and the decoder."""
+    """The decoder and free latents, without an encoder; the file holds no encoder in either case."""
 
     settings: Rainer2019.Settings
 

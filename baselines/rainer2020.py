@@ -2,8 +2,8 @@
 
 One encoder and one decoder for all materials, trained once (`neubtf-bench pretrain rainer2020`) and kept in a file of
 their own; the decoder has the published 38,269 parameters. A new material is a forward pass: its ABRDFs are resampled
-to the canonical pairs that the shared file holds, so any set of directions will do, and encoded texel by texel. What
-no text that could be read confirms is a setting or a constant here and in `baselines.rainer`.
+to the canonical pairs of the shared file, so any set of directions can be used, and encoded texel by texel. Details
+that no available text confirms are settings or constants here and in `baselines.rainer`.
 """
 
 from collections.abc import Sequence
@@ -37,8 +37,8 @@ from bench.settings import Count, Natural
 from bench.training import Batch, Optimiser, Samples, gain_of, train
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
-ASKED = 128  # pairs of a material that the decoder's answers are held against, while it is encoded
-FIREFLY = 2.0  # times the brightest sample of an ABRDF: what the decoder answers beyond it is wrong
+ASKED = 128  # pairs of a material at which the decoder's answers are checked during encoding
+FIREFLY = 2.0  # × the brightest sample of an ABRDF: larger answers of the decoder are wrong
 TARGETS = 375  # pairs of each training material that the decoder is asked for
 
 
@@ -126,9 +126,9 @@ def decoder_of(network: TrainedNetwork) -> Decoder:
 class Coder(torch.nn.Module):
     """Log ABRDFs (n, N, 3) of one material → its texture's channels (n, D + 6): latents, means, deviations.
 
-    Where the decoder's answer at the material's own pairs is further from the truth than the mean of these is, the mean
-    is stored, with a deviation of 0: the network has not seen everything, and an ABRDF that does not vary seems to once
-    it is interpolated at the canonical pairs, as interpolation follows the cosine.
+    If the decoder's answer at the material's own pairs is worse than their mean, the mean is stored, with a deviation
+    of 0. The network may not have seen such a material. Also, interpolation follows the cosine, so a constant ABRDF
+    appears to vary at the canonical pairs.
     """
 
     def __init__(self, network: TrainedNetwork, samples: Samples):
@@ -154,7 +154,7 @@ class Coder(torch.nn.Module):
         return torch.cat([latents, found.where(told[:, None], plain).flatten(1)], 1)
 
     def answers(self, latents: Tensor, found: Tensor) -> Tensor:
-        """What the decoder says at the pairs that are asked, (n, P, 3)."""
+        """The decoder's answers at the queried pairs, (n, P, 3)."""
         count, where = len(self.where), self.where.repeat(len(latents), 1)
         latent, statistic = (x.repeat_interleave(count, 0) for x in (latents, found.flatten(1)))
         return radiance(self.decoder, latent, statistic, where).unflatten(0, (-1, count))

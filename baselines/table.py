@@ -1,4 +1,4 @@
-"""The table itself, at half precision, interpolated between its samples: the reference for quality."""
+"""The measured table at half precision, interpolated between its samples: the reference for quality."""
 
 import numpy as np
 import torch

@@ -1,8 +1,8 @@
 """Vector quantisation: every texel points into a codebook of ABRDFs.
 
-Clustering of ABRDFs is due to Tong et al. ("Synthesis of bidirectional texture functions on arbitrary surfaces", 2002),
-further stages that code what the earlier ones leave to Havran, Filip and Myszkowski ("Bidirectional texture function
-compression based on multi-level vector quantization", Computer Graphics Forum 29(1), 2010).
+Tong et al. introduced the clustering of ABRDFs ("Synthesis of bidirectional texture functions on arbitrary surfaces",
+2002). Stages that code the residual of earlier ones are due to Havran, Filip and Myszkowski ("Bidirectional texture
+function compression based on multi-level vector quantization", Computer Graphics Forum 29(1), 2010).
 """
 
 from collections.abc import Iterator
@@ -23,10 +23,10 @@ from bench.settings import Count, Range
 from bench.training import gain_of, truncated_svd
 
 BLOCK_BYTES = 64 << 20  # slices read together
-PASSES = 4  # readings of the data that find the principal components
+PASSES = 4  # passes over the data for the principal components
 CLUSTERING_BATCH = 4_096
 MOST_CODES = 65_536
-MOST_TEXELS = 1 << 28  # with a codebook of one entry no byte says how many there are
+MOST_TEXELS = 1 << 28  # limit for a codebook of one entry, which stores no index
 
 
 class VQ(Codec):
@@ -38,7 +38,7 @@ class VQ(Codec):
     @dataclass(frozen=True)
     class Settings:
         codes: Annotated[int, Range(1, MOST_CODES)] = 32  # entries of a stage's codebook, at most the distinct texels
-        stages: Count = 1  # each further one codes what those before leave
+        stages: Count = 1  # number of codebooks; each further one codes the residual
         components: Count = 16  # principal components that the clustering sees
         precision: Precision = "int8"  # of the stored codebook
 
@@ -140,7 +140,7 @@ def _reduced(btf: BTF, gain: float, components: int, fit: Fit) -> np.ndarray:
 def _cluster(points: np.ndarray, codes: int, seed: int) -> np.ndarray:
     """The cluster (n,) of each point (n, k); no number below the highest is left out.
 
-    Points that are no more than the codes have a cluster each; those nearer than halves can tell are one.
+    With at most as many points as codes, each has its own cluster; points that are equal as halves share one.
     """
     from sklearn.cluster import MiniBatchKMeans
 

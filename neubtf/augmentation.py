@@ -1,4 +1,4 @@
-"""What NeuBTF's training does to its pictures: a common rescale and crop, and what the input alone suffers.
+"""The augmentation of NeuBTF's training: a common rescale and crop, and disturbances of the input alone.
 
 Pictures are (B, C, H, W). Every random number comes from a generator on the CPU.
 """
@@ -51,7 +51,7 @@ class Window:
 
     @property
     def whole(self) -> tuple[bool, bool]:
-        """Of rows and columns, whether the window holds all of the picture's, so that they may be taken as a period."""
+        """For rows and columns, whether the window holds all of the picture's, so that they count as periodic."""
         return self.around[0] == 0, self.around[1] == 0
 
     @property
@@ -72,7 +72,7 @@ class Window:
         return (row[:, None] * shape[1] + col).flatten()
 
     def taps(self, texel: Tensor) -> tuple[Tensor, Tensor]:
-        """The weighted mean that some texels (n,) of the window are: texels (n, k) of its source, weights (n, k)."""
+        """The source texels (n, k) and weights (n, k) whose weighted mean gives some texels (n,) of the window."""
         axes = [
             _taps(side, cut, place)
             for side, cut, place in zip(
@@ -140,7 +140,7 @@ def _fitting(side: int) -> int:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What the input alone suffers: a turn of its hue anywhere on the wheel, Gaussian blur, Gaussian noise."""
+    """Disturbances of the input alone: random hue rotation, Gaussian blur, Gaussian noise."""
 
     hue: float = 1.0  # largest turn, in turns
     blur: float = 1.0  # largest σ in texels

@@ -35,11 +35,11 @@ WIDTHS = (24, 64, 96)  # channels at full, half and quarter resolution
 EXPANSIONS = (2, 4, 4)  # of the pointwise layers; full resolution is where the time goes
 REDUCTION = 8  # of the channels inside CBAM's perceptron
 SCALE = 1 / math.sqrt(2)  # keeps the variance of a sum of two
-FAINT = 0.05  # scale of the first texture: beside a strong one the renderer makes little of the directions
+FAINT = 0.05  # scale of the first texture: the renderer makes little use of the directions beside a strong one
 
 
 class Features(NamedTuple):
-    """What the encoder finds: the skips at full and half resolution, and the cells of the bottleneck (B, C, h, w)."""
+    """The encoder's output: the skips at full and half resolution, and the cells of the bottleneck (B, C, h, w)."""
 
     full: Tensor
     half: Tensor

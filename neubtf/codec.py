@@ -1,8 +1,8 @@
 """NeuBTF: an autoencoder makes the neural texture from a guidance image; by our recipe, or by the paper's.
 
-The file's texture is what the autoencoder, with its weights as they are stored, makes of one slice of the BTF. The
-paper fits autoencoder and renderer end to end; `neubtf.training` takes stages that come further in as many seconds. A
-file can be re-textured where it holds the autoencoder (`keep_encoder`).
+The autoencoder, with its weights as stored, makes the file's texture from one slice of the BTF. The paper fits
+autoencoder and renderer end to end; `neubtf.training` fits in stages, which reach a better quality in the same time. A
+file that holds the autoencoder (`keep_encoder`) can be re-textured.
 """
 
 import dataclasses
@@ -22,8 +22,8 @@ from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_enc
 from neubtf.renderer import load, store
 from neubtf.training import PAPER, FitSettings, Staged, slice_of
 
-TELLING = 0.1  # share of the best slice's contrast that the guidance needs
-TRIED = 64  # slices of which the best is taken
+TELLING = 0.1  # least contrast of the guidance, as a share of the best slice's
+TRIED = 64  # slices to search for the best
 
 log = logging.getLogger(__name__)
 
@@ -71,15 +71,15 @@ def texture_of(stored: dict[str, Tensor], channels: int, device: torch.device) -
 
 
 def most_frontal(btf: BTF) -> int:
-    """The pair whose view and light are nearest to the normal: what a photograph with a flash shows."""
+    """The pair whose view and light are nearest to the normal, as in a flash photograph."""
     return int((btf.wo[:, 2] + btf.wi[:, 2]).argmax())
 
 
 def guiding_pair(samples: Samples) -> int:
-    """The pair whose slice is the guidance: the most frontal one that tells texels apart.
+    """The pair whose slice is the guidance: the most frontal one with enough contrast.
 
-    That is the most frontal of all but where its slice shows next to nothing, `TELLING` times the contrast of the best
-    of others. A texture made of it would be the same everywhere.
+    The most frontal pair of all is taken unless its slice has less than `TELLING` times the contrast of the best of
+    others; a texture made from such a slice would be nearly constant.
     """
     some = range(0, samples.pairs, -(-samples.pairs // TRIED))
     least = TELLING * max(_contrast(samples, pair) for pair in some)

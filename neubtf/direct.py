@@ -1,6 +1,6 @@
 """NeuBTF's neural texture and renderer fitted to the data directly, without the autoencoder.
 
-The decoder is the paper's, and the file as well; what is lost is the guidance image, and with it every new texture.
+Decoder and file are the paper's. Without the guidance image no new textures can be made.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ from neubtf.renderer import RendererSettings, load, store
 
 
 class NeuBTFDirect(Codec):
-    """NeuBTF's texture and renderer, fitted without the autoencoder: sooner done, cannot be re-textured."""
+    """NeuBTF's texture and renderer, fitted without the autoencoder: faster to fit, cannot be re-textured."""
 
     name, version = "neubtf-direct", 2
     sizes = ("latents", "width")

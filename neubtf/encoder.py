@@ -1,6 +1,6 @@
-"""What makes neural textures of one material: its autoencoder, and how guidance images are normalised for it.
+"""The encoder of one material's neural textures: its autoencoder, and the normalisation of guidance images.
 
-It is the part of a NeuBTF file that no renderer needs, and every new texture of the material does:
+It is a part of a NeuBTF file that new textures of the material need and renderers do not:
 
     encoder, picture = read_encoder(path)             # a file written with keep_encoder = true, and its own guidance
     texture = encoder(as_guidance(picture))           # (1, D, H, W)
@@ -20,7 +20,7 @@ from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE, encode_srgb
 from neubtf.autoencoder import Autoencoder
 
-LEAST_SPREAD = 1 / 255  # a guidance image of one colour has none
+LEAST_SPREAD = 1 / 255  # least deviation; that of a guidance image of one colour is 0
 
 
 class Encoder(nn.Module):
@@ -39,8 +39,8 @@ class Encoder(nn.Module):
     def of(cls, guidance: Tensor, autoencoder: Autoencoder, centred: bool = True) -> "Encoder":
         """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
 
-        The deviation of all slices would mix in how much they differ among themselves: next to it a slice of little
-        contrast is the same everywhere. If `centred`, the bias of the autoencoder's head changes, see `_centre`.
+        The deviation over all slices would include the differences between slices, and a slice of little contrast would
+        then be nearly constant. If `centred`, the bias of the autoencoder's head changes, see `_centre`.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
         encoder = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
@@ -56,7 +56,7 @@ class Encoder(nn.Module):
         bias.sub_(self(guidance).mean((0, 2, 3)))
 
     def prepared(self, guidance: Tensor) -> Tensor:
-        """What the autoencoder sees of a guidance image, in the same shape; each texel by itself."""
+        """The autoencoder's input for a guidance image, in the same shape; each texel is normalised by itself."""
         return (guidance - self.normal[0]) / self.normal[1]
 
     def forward(self, guidance: Tensor) -> Tensor:

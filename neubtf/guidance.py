@@ -1,4 +1,4 @@
-"""Guidance images from pictures: read, shrunk, made tileable, and brought to the brightness that the encoder knows.
+"""Makes guidance images from pictures: reads, shrinks, makes tileable, and matches the brightness of the training.
 
 Everything up to the last step is linear Rec. 709, float32 (H, W, 3), and taken as periodic. The encoder sees what the
 display transform makes of it: sRGB in [0, 1].
@@ -26,7 +26,7 @@ MATCH, RADIANCE = "match", "radiance"
 
 @dataclass(frozen=True)
 class Treatment:
-    """What is done to a picture before it guides.
+    """The preparation of a picture as guidance.
 
     `scale` shrinks it (below 1) by area averages or enlarges it linearly. `margin` is the share of each side that is
     blended away to make it tileable, 0 for a picture that is left as it is. `exposure` is a factor on linear values, or

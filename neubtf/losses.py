@@ -1,4 +1,4 @@
-"""The terms of NeuBTF's loss besides the pixels' own: whole slices are compared by their style and by their spectrum.
+"""NeuBTF's losses of whole slices, besides the pixel loss: style and spectrum.
 
 Both see linear radiance in the display's range [0, 1], since the paper compresses the pixel term only, and since one
 highlight would otherwise outweigh every Gram matrix and spectrum. Pictures (B, 3, H, W) are periodic.

@@ -1,7 +1,7 @@
-"""New neural textures of a material that was fitted once: any guidance image in, a codec file out.
+"""Makes new neural textures of a fitted material: any guidance image in, a codec file out.
 
-The texture is made in tiles, each with a halo, so that its size does not matter to memory beyond its own: one pass
-gathers what CBAM pools over the whole picture, the next makes the texture.
+The texture is made in tiles with halos, so that working memory does not grow with the picture: one pass gathers the
+statistics that CBAM pools over the whole picture, the next makes the texture.
 """
 
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ class Source:
     def read(cls, path: Path) -> "Source":
         """`InputError` for a file without autoencoder, `ContainerError` where it is damaged or of another version."""
         encoder, guidance = read_encoder(path)
-        header = loading.load(path).header  # what does not decode should not be made anew
+        header = loading.load(path).header  # refuse a file that does not decode
         return cls(header, container.read_parts(path)[1], encoder, guidance)
 
     @property
@@ -90,7 +90,7 @@ def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: 
     for (row, col), size in followed(show, windows, "making the texture", len(windows)):
         seen = encoder.prepared(surrounded(guidance, (row, col), size))
         made = network.decode(network.encode(seen), pooled)[0, :, HALO:-HALO, HALO:-HALO].movedim(0, -1)
-        # What is beyond the far border, where a side is no multiple of the stride, is cut off.
+        # Where a side is no multiple of the stride, texels beyond the far border are cut off.
         there = texture[row : row + size[0], col : col + size[1]]
         there.copy_(made[: there.shape[0], : there.shape[1]])
     return texture

@@ -19,7 +19,7 @@ from bench.settings import Count, Positive
 
 @dataclass(frozen=True)
 class RendererSettings:
-    """What shapes a NeuBTF file, common to every codec that writes one."""
+    """The settings of a NeuBTF file, common to every codec that writes one."""
 
     latents: Count = 14  # channels of the neural texture
     directions: Directions = "xyzh"  # inputs: x and y of both as in the paper, or all of both and of their half vector

@@ -1,4 +1,4 @@
-"""Textures that repeat without a seam: a guidance image that wraps around gives one, since the encoder wraps around."""
+"""Tileable textures: a periodic guidance image gives one, since the encoder is periodic, too."""
 
 from typing import NamedTuple
 
@@ -16,8 +16,8 @@ FRONTAL = np.array([[[0.0, 0, 1], [0, 0, 1]]])  # the pair of the normal alone
 def blended(picture: Array, margin: float) -> Array:
     """A linear picture (H, W, 3) whose far margins, that share of each side, are blended into its near ones.
 
-    It loses them, and up to three texels more, so that the autoencoder's cells fit into the period. What the blend's
-    contrast takes below 0 becomes 0.
+    The picture is cut by the margins, and by up to three texels more, so that the autoencoder's cells fit the period.
+    Values that the blend's contrast takes below 0 become 0.
     """
     overlap = (_overlap(picture.shape[0], margin), _overlap(picture.shape[1], margin))
     return np.maximum(make_periodic(picture, overlap), 0).astype(np.float32) if any(overlap) else picture

@@ -1,4 +1,4 @@
-"""What a step of NeuBTF's fit does, in three stages, of which the last is the paper's training.
+"""The training steps of NeuBTF, in three stages; the last stage is the paper's training.
 
 1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are ten times as fast as the others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
@@ -33,14 +33,14 @@ DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as
 
 @dataclass(frozen=True)
 class FitSettings(RendererSettings):
-    """What a NeuBTF file is, and how it is fitted."""
+    """The settings of a NeuBTF file and of its fit."""
 
     steps: Natural = 2_500  # of the fit, in three stages
     direct: Share = 0.6  # share of the steps that fit texture and renderer without the autoencoder
     taught: Share = 0.2  # share of the steps that teach the autoencoder this texture; the rest is guided
     explore: Share = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
     explore_weight: NotNegative = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
-    pixels: Literal["samples", "slices"] = "samples"  # what the pixels' loss compares: single samples, or whole slices
+    pixels: Literal["samples", "slices"] = "samples"  # the pixel loss compares single samples, or whole slices
     batch: Count = 4_096  # single samples whose pixels a step compares
     slices: Natural = 1  # whole slices that a step compares
     levelled: bool = True  # style and spectrum see each slice at its own brightness
@@ -113,7 +113,7 @@ class Staged(Objective):
         self.renderer = Decoder(settings.architecture, generator)
         if settings.init == "faint":
             self.renderer.start_at(samples.mean(generator))
-        with torch.no_grad():  # what the encoder makes of the guidance is near what it can be taught
+        with torch.no_grad():  # the encoder's output for the guidance is near textures that it can learn
             texture = by_texel(encoder(guidance)).contiguous()
         if settings.start == "components":
             texture = first_latents(samples, settings.latents, "components", generator)
@@ -224,7 +224,7 @@ class Staged(Objective):
             loss = settings.pixel * distance(rendered, level, settings.loss)
         ours, truth = (shown(pictures(each, look.window.inner_size)) for each in (rendered, level))
         if settings.levelled:
-            # The mirror's own direction would otherwise outweigh all others by orders of magnitude, and undo the fit.
+            # Otherwise mirror directions would outweigh all others by orders of magnitude, and ruin the fit.
             brightness = truth.mean((1, 2, 3), keepdim=True).clamp_min(DIM)
             ours, truth = ours / brightness, truth / brightness
         if settings.style:

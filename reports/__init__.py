@@ -1,7 +1,7 @@
-"""Records and stored artefacts → tables and figures. Computes nothing new.
+"""Draws tables and figures from records and stored artefacts; measures nothing.
 
-`write_report` writes everything that a run's folder should hold beside its records; `table_text` gives the tables in
-one format. Both read only what `bench.records` reads, and the arrays that a record names.
+`write_report` writes the whole report into a run's folder, beside its records; `table_text` returns the tables in one
+format. Both read only what `bench.records` reads, and the arrays that a record names.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,7 +35,7 @@ KINDS = tuple(WHY_EMPTY)
 
 @dataclass(frozen=True)
 class Written:
-    """What a report left behind: the tables for a terminal, and the files."""
+    """The result of a report: the tables for a terminal, and the files written."""
 
     text: str
     files: list[Path]

@@ -1,4 +1,4 @@
-"""One column of a table of codecs: where its number stands in a record, how one seed or several are written."""
+"""One column of a table of codecs: finds its number in a record, and writes one seed or several."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Value = float | tuple[float, ...] | str | None  # a number, numbers that stand t
 
 
 def elementwise(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
-    """The mean of each of the numbers that stand together, as a mean and a deviation over slices."""
+    """The mean of each element of several tuples, such as (mean, deviation over slices)."""
     return tuple(map(fmean, zip(*several, strict=True)))
 
 
@@ -38,10 +38,10 @@ class Column:
     native: Callable[[Record], str] | None = None
     sparse: bool = False
     pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise
-    deviation: bool = True  # whether the deviation over seeds stands beside their mean
+    deviation: bool = True  # whether to show the deviation over seeds beside their mean
 
     def cell(self, seeds: Sequence[Row]) -> str:
-        """What a table shows of one codec: the number where its seeds agree, else mean ± std over them."""
+        """The text of one codec's cell: the number where its seeds agree, else mean ± std over them."""
         values = [self.value(row) for row in seeds]
         texts = [self._written(value) for value in values]
         if len(set(texts)) < 2:

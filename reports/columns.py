@@ -123,18 +123,18 @@ TIME = (_FIT, _NS, _timed("95 % interval", "ns", "interval95_ns", _range), _FLOO
 
 
 def scored(material: Material) -> list[Column]:
-    """What is known of a file without its fit, for a terminal."""
+    """Columns for a file without a record of its fit, for a terminal."""
     train = replace(_TRAIN, name="train")
     return [_PARAMETERS, _CHANNELS, _TOTAL, _BITS, train, HELDOUT, *_others(material, _pooled)]
 
 
 def short(material: Material) -> list[Column]:
-    """What fits a terminal."""
+    """Columns that fit a terminal."""
     return means([*scored(material), _FIT, _NS, _FLOOR], HELDOUT)
 
 
 def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
-    """Columns without the deviation over seeds, which a terminal is too narrow for, but of some."""
+    """The same columns without the deviation over seeds, except for some, since a terminal is too narrow."""
     return [column if column in whole else replace(column, deviation=False) for column in chosen]
 
 
@@ -144,7 +144,7 @@ def quality(material: Material) -> list[Column]:
 
 
 def main(material: Material) -> list[Column]:
-    """All of a codec's cost, quality and time."""
+    """Columns of cost, quality and time of a codec."""
     return [*SIZE, *quality(material), *TIME]
 
 
@@ -154,7 +154,7 @@ def papers(material: Material) -> list[Column]:
 
 
 def summary(found: Sequence[Material]) -> list[Column]:
-    """What a summary over materials has besides PSNR: every other metric, size, time."""
+    """Columns of a summary over materials besides PSNR: every other metric, size, time."""
     said = {label_of(name): (name, each) for material in found for name, each in material.metrics.items()}
     quality = [
         _pooled(label, _scale(each), name.removesuffix(PERIODIC), unit=each["unit"])
@@ -205,7 +205,7 @@ def _bands(job: Record) -> list[tuple[str, str, int]]:
 
 
 def scene(job: Record) -> list[Column]:
-    """How a material does in the frames of a scene, over the pairs it looks between, and over those it does not."""
+    """Quality in the frames of a scene, over the pairs that the scene uses, and over the others."""
     if "scene" not in job:
         return []
     frames = [name for name in job["scene"]["metrics"] if described(job, name)["unit"] != "radiance"]

@@ -33,7 +33,7 @@ _UNLIKE = (
 
 
 def terminal(comparison: Comparison) -> str:
-    """The whole of it: what decides, everything else, what to look at, and the sum; without a trailing line break."""
+    """The whole comparison: deciding rows, all others, remarks, and the summary; without a trailing line break."""
     tables = []
     for material in dict.fromkeys(row.material for row in comparison.rows):
         rows = [row for row in comparison.rows if row.material == material]
@@ -50,7 +50,7 @@ def terminal(comparison: Comparison) -> str:
 
 
 def markdown(comparison: Comparison) -> str:
-    """The sum, what to look at, the table of verdicts, and everything else folded away."""
+    """The summary, remarks, the table of verdicts, and everything else folded away."""
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(_findings(comparison))]
     if comparison.rows:
         every = [*comparison.rows, *comparison.means]
@@ -87,7 +87,7 @@ def _findings(comparison: Comparison) -> Iterator[str]:
 
 
 def _deciding(material: str, rows: Sequence[Row]) -> Table:
-    """What the verdicts are made of: PSNR itself, of each metric its change and margin."""
+    """The table of the deciding metrics: PSNR itself, and the change and margin of each metric."""
     quantities = _quantities(rows, _decide)
     headers = [("codec", "")]
     for quantity in quantities:
@@ -114,7 +114,7 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
 
 
 def _others(material: str, rows: Sequence[Row]) -> list[Table]:
-    """What is only shown: changes, new − base, of what changed, and times; no table where there is nothing of it."""
+    """The table of values that do not decide: changes, new − base, and times; None where there are none."""
     rows = [row for row in rows if row.shown]
     quantities = [q for q in _quantities(rows, _show) if any(_changed(row, q) for row in rows)]
     if not quantities and not any(row.timing for row in rows):

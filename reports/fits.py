@@ -1,4 +1,4 @@
-"""How soon a fit is good: the curves that fits left in their records."""
+"""The convergence of fits, from the curves in their records."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ class Fit:
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
 
     def reached(self, goal: float) -> tuple[int, float] | None:
-        """Step and seconds of the first point that is so good; None where none is."""
+        """Step and seconds of the first point that reaches this PSNR; None where none does."""
         return next(((step, seconds) for step, seconds, psnr in self.points if psnr >= goal), None)
 
 
 def fits(run: Run) -> dict[str, list[Fit]]:
-    """The curves of each material whose jobs left some."""
+    """The curves of each material whose jobs recorded any."""
     found = {}
     for material in materials(run):
         curves = [

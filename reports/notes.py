@@ -1,4 +1,4 @@
-"""Footnotes of tables: what the numbers are, what was left out, under which conditions time was taken."""
+"""Footnotes of tables: the meaning of the numbers, omissions, and the conditions of timings."""
 
 from collections.abc import Iterator
 
@@ -12,20 +12,20 @@ def main_notes(material: Material) -> list[str]:
 
 
 def quality_notes(material: Material) -> list[str]:
-    """What the columns of quality are."""
+    """Footnotes that define the quality columns."""
     if material.first is None:
         return []
     return [_what(material.first), *_metrics(material), *common_notes(material)]
 
 
 def cost_notes(material: Material) -> list[str]:
-    """What the columns of size and time are."""
+    """Footnotes that define the columns of size and time."""
     bytes_note = "Bytes are those of the whole file; “other” includes its header."
     return [bytes_note, *_shared(material), *_timing(material), *_not_comparable(material)] if material.first else []
 
 
 def _shared(material: Material) -> Iterator[str]:
-    """Codecs whose file needs that of a network besides, which serves every material."""
+    """Footnotes for codecs whose file also needs the file of a shared network."""
     for size, rows in _by_shared_bytes(material).items():
         labels = ", ".join(dict.fromkeys(row.label for row in rows))
         yield f"{labels}: its decoder needs the shared network too: {size:,} bytes for all materials, not in the total."
@@ -40,12 +40,12 @@ def _by_shared_bytes(material: Material) -> dict[int, list[Row]]:
 
 
 def common_notes(material: Material) -> list[str]:
-    """What holds for every table of a material: exact slices and rows that are not comparable."""
+    """Footnotes common to all tables of a material: exact slices and rows that are not comparable."""
     return [*_exact(material), *_not_comparable(material)]
 
 
 def run_notes(run: Run) -> list[str]:
-    """Where the numbers come from, and what of the records could not be read."""
+    """Footnotes on the origin of the numbers, and on unreadable records."""
     notes = [_provenance(run.starts[-1]), *_older(run)] if run.starts else []
     if run.unreadable:
         lines = ", ".join(map(str, run.unreadable[:10])) + (", …" if len(run.unreadable) > 10 else "")

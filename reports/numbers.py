@@ -1,4 +1,4 @@
-"""How numbers are written in tables. None is never a number: it is exact, not applicable, or not there."""
+"""Formats numbers for tables. None is never a number: it means exact, not applicable, or missing."""
 
 from typing import Any
 

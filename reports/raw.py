@@ -1,4 +1,4 @@
-"""Every number of every job as one CSV row, in full precision: for those who make their own tables."""
+"""Writes one CSV row per job with every number in full precision, for tables of one's own."""
 
 import csv
 import io

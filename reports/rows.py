@@ -1,4 +1,4 @@
-"""The jobs of a run as the rows of tables: by material, with what keeps a row from being compared with the others."""
+"""The jobs of a run as rows of tables, by material, with the reasons why a row cannot be compared with the others."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -140,10 +140,10 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
 
 
 def _difference(key: Record, wanted: Record) -> str:
-    """In words, what two scores do not share and would have to."""
+    """The conditions in which two scores differ and must not, in words."""
     reasons = [f"another {text}" for part, text in _SHARED.items() if key.get(part) != wanted.get(part)]
     mine, theirs = key.get("metrics", {}), wanted.get("metrics", {})
-    for name in sorted(mine.keys() & theirs.keys()):  # what only one was scored with is a gap, no obstacle
+    for name in sorted(mine.keys() & theirs.keys()):  # a metric that only one has is a gap, no obstacle
         if mine[name] != theirs[name]:
             reasons.append(f"{name} version {mine[name]} instead of version {theirs[name]}")
     return ", ".join(reasons)

@@ -1,4 +1,4 @@
-"""What a search for the smallest model of a scene found: the full model beside the scene's, gain and price."""
+"""The table of a search for the smallest model of a scene: the full model beside the scene's, gain and price."""
 
 from collections.abc import Sequence
 

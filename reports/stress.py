@@ -1,4 +1,4 @@
-"""What the stress test found: extremes × codecs, and metrics × extreme pictures."""
+"""The tables of the stress test: extremes × codecs, and metrics × extreme pictures."""
 
 import re
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""The tables of a run, as text in cells: which columns, which rows, which footnotes. How they look is elsewhere."""
+"""Builds the tables of a run as cells of text: columns, rows and footnotes. Other modules format them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
@@ -70,7 +70,7 @@ def footprint_table(material: Material) -> Table | None:
 
 
 def scene_table(material: Material) -> Table | None:
-    """How each codec does in the frames of a scene, where the run was judged by one."""
+    """The quality of each codec in the frames of a scene, if the run was given one."""
     if material.first is None or not (says := material.first.get("scene")):
         return None
     count, height, width = says["frames"]

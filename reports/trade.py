@@ -1,4 +1,4 @@
-"""What `neubtf-bench trade` found, `trade.json` of a run's folder, as tables. Computes nothing new."""
+"""Writes the results of `neubtf-bench trade`, `trade.json` of a run's folder, as tables."""
 
 import csv
 import io

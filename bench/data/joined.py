@@ -1,4 +1,4 @@
-"""Two tables of one surface as one BTF: the product that is trained on, and the pairs that are held out."""
+"""Joins two tables of one surface to one BTF: the product to train on, and the held-out pairs."""
 
 import hashlib
 from typing import Any
@@ -36,7 +36,7 @@ class Joined(Source):
         return out
 
     def _parts(self, pairs: Array) -> list[tuple[Array, Source, Array]]:
-        """For each part that some pairs are of: which of them, the part, and their numbers in it."""
+        """Group some pairs by part: for each part their positions, the part, and their indices in it."""
         first, second = self.parts
         late = pairs >= first.count
         halves = [(np.flatnonzero(~late), first, 0), (np.flatnonzero(late), second, first.count)]

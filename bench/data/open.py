@@ -11,11 +11,11 @@ from bench.errors import InputError, MissingDataError
 
 
 def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: int = 0) -> BTF:
-    """The BTF of a suite's material, without what `data.split` keeps from view.
+    """Open a suite's material as a BTF, without the pairs that `data.split` hides.
 
-    Its held-out pairs are validation pairs, or test pairs: of a rendered material those of a `draw`. Of a measured one
-    the test pairs are what the data declare, or else whole views and lights (`BTF.split`); where validation pairs are
-    asked for, the test pairs are left out, and `BTF.split` holds whole views and lights of the rest.
+    Its held-out pairs are validation or test pairs. A rendered material draws its test pairs by `draw`. The test pairs
+    of a measured material are those its data declare, or else whole views and lights (`BTF.split`); with
+    `split="validation"` the test pairs are left out, and `BTF.split` holds out whole views and lights of the rest.
     `MissingDataError` says where to get measured data that are not there.
     """
     if not spec.path:
@@ -42,7 +42,7 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
 
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
-    """Which draw of test pairs a repetition is scored at; 0 where it is the same for all."""
+    """The draw of test pairs for a repetition; 0 where all repetitions share one."""
     from bench.data.bake.naming import looks_like_maps
 
     path = spec.found() if spec.path else None
@@ -51,7 +51,7 @@ def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
 
 
 def without_test(btf: BTF) -> BTF:
-    """The pairs that tables do not report: what is held out of them are validation pairs."""
+    """The BTF without its test pairs; the pairs held out of the rest are validation pairs."""
     left = btf.subset(btf.split().train)
     left.heldout = None
     return left

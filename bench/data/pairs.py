@@ -1,7 +1,7 @@
-"""Which pairs a rendered material has: a product to train on, and held-out pairs off it, drawn for one of two ends.
+"""The pairs of a rendered material: a product to train on, and random held-out pairs for validation or test.
 
-`validation` pairs are one fixed draw: defaults, recipes and stopping are chosen on them. `test` pairs are for tables
-alone: another stream of random numbers, drawn anew for each repetition and each material.
+`validation` pairs are one fixed draw; defaults, recipes and stopping are chosen on them. `test` pairs are only for
+tables; they use another random stream and are drawn anew for each repetition and each material.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ class Sampling:
     lights: int = 25
     heldout: int = 150
     split: str = "validation"
-    draw: int = 0  # of test pairs: the repetition
+    draw: int = 0  # of the test pairs: the repetition
 
     def __post_init__(self) -> None:
         if self.heldout < 0:

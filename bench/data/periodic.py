@@ -1,4 +1,4 @@
-"""Pictures that wrap around: how large the seam at their borders is, and a blend that removes it."""
+"""Periodic pictures: measures the seam at the borders, and blends it away."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def seams(picture: Array) -> tuple[tuple[float, float, float], tuple[float, floa
     """The seam at the left–right, and at the top–bottom border of a picture (H, W, C): three gradients each.
 
     They are the mean |difference| across the border, the mean of those between neighbours inside, and the largest
-    inside between two whole columns (or rows). Of a side below 4 there is nothing to tell: (0, 1, 1).
+    inside between two whole columns (or rows). A side below 4 is too short to measure: (0, 1, 1).
     """
     return _seam(picture), _seam(picture.swapaxes(0, 1))
 

@@ -1,7 +1,7 @@
-"""A look at a BTF before it is used: what seems wrong with it, and its portrait as a PNG.
+"""Inspects a BTF before it is used: warns of likely faults, and draws an overview as a PNG.
 
-Everything comes from a few dozen slices, so that a table of 22 GB is looked at in seconds: the lights seen from the
-view nearest the normal, and a contact sheet of views × lights.
+It reads only a few dozen slices, so a table of 22 GB takes seconds: all lights at the view nearest the normal, and a
+contact sheet of views × lights.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from bench.metrics.display import exposure_of, to_display
 Array = np.ndarray
 LIGHTS = 24  # slices of the view nearest the normal
 SHEET = (4, 6)  # views × lights of the contact sheet
-STEEP = 0.45  # cos θ of the directions that the sheet prefers, about 63°: beyond, highlights outshine the rest
+STEEP = 0.45  # least cos θ of the sheet's directions where possible, about 63°: beyond, highlights outshine the rest
 TEXELS = 4096  # texels of a slice that are counted
 THUMB = 256  # longest side of a picture of the sheet
 FLAT = 0.35  # power of cos θ_i below which a cosine seems missing; Lambert has 1, measured fabrics about 0.7
@@ -30,10 +30,10 @@ CLIPPED = 1e-3  # share of values exactly at the maximum that no unclipped data 
 
 @dataclass(frozen=True)
 class Look:
-    """What a few slices of a BTF show.
+    """The findings from a few slices of a BTF.
 
     `values` (n, 3) are texels of all slices looked at; `power` is the exponent of cos θ_i with which the median of a
-    slice falls, None where the lights do not tell; `seams` are the gradients across the left–right and the top–bottom
+    slice falls, or None if undefined; `seams` are the gradients across the left–right and the top–bottom
     border, each over the mean and over the largest inside.
     """
 
@@ -58,12 +58,12 @@ class Look:
 
     @property
     def missing(self) -> int:
-        """How many pairs a product of views and lights lacks; 0 where most are missing, so that none was meant."""
+        """The number of pairs missing of a product of views and lights; 0 where most are missing: it is no product."""
         product = len(self.layout.views) * len(self.layout.lights)
         return product - len(self.layout.view) if len(self.layout.view) > product / 2 else 0
 
     def warnings(self) -> list[str]:
-        """What seems wrong, a sentence each, with what it may mean."""
+        """One sentence for each likely fault, with its probable cause."""
         found = []
         if self.power is not None and self.power < FLAT:
             found.append(
@@ -116,7 +116,7 @@ def _sheet(btf: BTF) -> list[int]:
 
 
 def _spread(side: Array, count: int) -> Array:
-    """Indices of at most `count` directions evenly spread, none that grazes as long as there are others."""
+    """Indices of at most `count` evenly spread directions, without grazing ones if there are others."""
     steep = np.flatnonzero(side[:, 2] > STEEP)
     steep = steep if len(steep) >= count else np.arange(len(side))
     return steep[thin(side[steep], min(count, len(steep)))]

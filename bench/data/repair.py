@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 class Repaired(Source):
     """Another source, its values that are not finite replaced by the mean of the finite ones of pair and channel.
 
-    Scattered reads go through the scratch file of `Source`, so that every value is mended once and alike.
+    Scattered reads use the scratch file of `Source`, so every value is repaired once, and in the same way.
     """
 
     def __init__(self, source: Source):
@@ -46,9 +46,9 @@ class Repaired(Source):
 
 
 def repaired(btf: BTF, show: Progress = silent) -> BTF:
-    """The BTF with what is not finite masked; a warning and `provenance["repaired"]` say how much, and in which pairs.
+    """Mask values that are not finite; a warning and `provenance["repaired"]` give their number and pairs.
 
-    Reads every slice once. A BTF that is finite comes back as it is. See `Repaired` for what replaces a value.
+    Reads every slice once. A finite BTF is returned unchanged. `Repaired` describes the replacement.
     """
     source = Repaired(btf.source)
     masked = {}

@@ -1,4 +1,4 @@
-"""What a suite or a command says of a material: which one, and how it is prepared."""
+"""The specification of a material in a suite or a command: which one, and how it is prepared."""
 
 import dataclasses
 import os
@@ -18,9 +18,9 @@ class Preparation:
     directions: str = "ubo2003"  # the published direction set that is thinned
     views: int = 25
     lights: int = 25
-    heldout: int = 150  # random pairs besides, drawn uniformly in solid angle up to 75°
-    split: str = "test"  # these are test pairs, drawn anew for each seed; or "validation" pairs, to choose by
-    pairs: int = 0  # of measured data about so many, spread evenly over views and lights; 0: all
+    heldout: int = 150  # further random pairs, uniform in solid angle up to 75°
+    split: str = "test"  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
+    pairs: int = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     repair: bool = False  # mask measured values that are not finite by the mean of their pair
 
     def sampling(self, draw: int = 0) -> Sampling:
@@ -34,7 +34,7 @@ class MaterialSpec:
 
     name: str
     path: str = ""
-    where: str = ""  # where to get the data, for who does not have them
+    where: str = ""  # where to get the data
 
     def found(self) -> Path | None:
         """The path of measured data on this machine, or None."""
@@ -45,14 +45,14 @@ class MaterialSpec:
 
 
 def named(material: str) -> MaterialSpec:
-    """The material that a bare string names: a path where it looks like one or leads somewhere, else built in."""
+    """The material of a bare string: a path where it looks like one or exists, else a built-in name."""
     spec = MaterialSpec(Path(material).name or material, material)
     is_path = os.sep in material or bool(Path(material).suffix) or spec.found()
     return spec if is_path else MaterialSpec(material)
 
 
 def changed(data: Preparation, changes: dict[str, str]) -> Preparation:
-    """A preparation with some of its keys changed, as `--set data.KEY=VALUE` does it."""
+    """Change some keys of a preparation, as `--set data.KEY=VALUE` does."""
     kinds = {field.name: field.type for field in dataclasses.fields(Preparation)}
     converted: dict[str, Any] = {}
     for key, value in changes.items():
@@ -70,6 +70,6 @@ def changed(data: Preparation, changes: dict[str, str]) -> Preparation:
 
 
 def check_split(key: str, value: str) -> None:
-    """`InputError` where a split is none; `key` is what the error calls it."""
+    """Raise an `InputError` for an unknown split; `key` names it in the error."""
     if value not in SPLITS:
         raise InputError(f"{key} must be {' or '.join(SPLITS)}, not {value!r}{did_you_mean(value, SPLITS)}")

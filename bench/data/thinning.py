@@ -1,4 +1,4 @@
-"""Fewer pairs of a BTF, evenly spread: for suites that need not read all of a measured material."""
+"""Thins the pairs of a BTF evenly, for suites that need only part of a measured material."""
 
 import math
 
@@ -29,7 +29,7 @@ def _even(btf: BTF, pairs: int) -> np.ndarray:
     if layout.grid is None:
         return _drawn(len(btf), pairs)
     views, lights = len(layout.views), len(layout.lights)
-    few = min(views, lights, math.isqrt(pairs))  # a side of few directions keeps them all
+    few = min(views, lights, math.isqrt(pairs))  # a side with few directions keeps all of them
     count = (few, min(lights, pairs // few)) if views <= lights else (min(views, pairs // few), few)
     chosen = (thin(side, n) for side, n in zip((layout.views, layout.lights), count, strict=True))
     return layout.grid[np.ix_(*chosen)].reshape(-1)

@@ -1,6 +1,6 @@
-"""The registry of metrics: one line each, and no metric is imported before it is used.
+"""The registry of metrics: one line per metric; a metric is imported on first use.
 
-A metric's name says everything that shapes its number. Two parts of a name are variables:
+A metric's name fixes everything that its number depends on. Two parts of a name are variables:
 
 - `{ppd}ppd`, the pixels per degree at which FLIP looks: `flip_ldr_67ppd`, `flip_ldr_20ppd`. 67 stands for the
   published default viewing condition, 67.0206; every other number is meant exactly.
@@ -8,7 +8,7 @@ A metric's name says everything that shapes its number. Two parts of a name are 
   material that repeats and wrong for any other picture.
 
 To add a metric, write one file with a class derived from `bench.metrics.base.SliceMetric` and add one line below. A
-suite or `--metric` chooses it by name; `default=True` has every codec scored with it. Tables call it by its `label`.
+suite or `--metric` chooses it by name; with `default=True` every codec is scored with it. Tables show its `label`.
 """
 
 import importlib
@@ -27,11 +27,11 @@ PERIODIC = "_periodic"
 
 @dataclass(frozen=True)
 class Metric:
-    """What can be said of a metric without importing it.
+    """The description of a metric, available without importing it.
 
     `direction` is "higher" or "lower", whichever is better; `space` is what the numbers are compared in. A change
     of `version` makes older records not comparable. `target` is "module:Class"; `options` go to its constructor.
-    `label` is what tables call it.
+    `label` is its name in tables.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Metric:
     version: int
     target: str
     label: str = ""
-    default: bool = False  # whether codecs are scored with it where a suite chooses nothing else
+    default: bool = False  # whether it is measured where a suite chooses no metrics
     periodic: bool = False  # whether `name` + "_periodic" exists; in a variant, whether it is that variant
     options: dict[str, Any] = field(default_factory=dict, hash=False)
 
@@ -84,7 +84,7 @@ _REGISTERED = (
 )
 
 
-# What codecs are scored with where a suite chooses nothing else, as a suite names it: without the periodic ending.
+# The default metrics, as a suite names them: without the periodic ending.
 DEFAULTS = tuple(metric.name.replace("{ppd}", "67") for metric in _REGISTERED if metric.default)
 
 
@@ -104,7 +104,7 @@ def get(name: str) -> Metric:
 
 
 def _found(name: str) -> Metric:
-    """The registered metric that a name is of."""
+    """Find the registered metric of a name."""
     for metric in _REGISTERED:
         if re.fullmatch(_pattern(metric), name):
             return metric
@@ -114,8 +114,7 @@ def _found(name: str) -> Metric:
 def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
     """The metrics of a material among those that a suite names: the periodic variants where the material repeats.
 
-    The metric that everything is judged by, `psnr_display`, comes first, named or not. `InputError` for an unknown
-    name.
+    `psnr_display`, the main metric, comes first, named or not. `InputError` for an unknown name.
     """
     plain = [_REGISTERED[0].name, *(name.removesuffix(PERIODIC) for name in names)]
     ending = {name: PERIODIC if _found(name).periodic and periodic else "" for name in plain}
@@ -123,12 +122,12 @@ def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
 
 
 def default_names(periodic: bool) -> tuple[str, ...]:
-    """What codecs are scored with where nothing else is chosen, on a material that repeats or does not."""
+    """The names of the default metrics, for a material that repeats or one that does not."""
     return chosen_names(DEFAULTS, periodic)
 
 
 def label_of(name: str) -> str:
-    """What tables call a metric; a name that the registry does not know, as of an older record, stands for itself."""
+    """The name of a metric in tables; an unknown name, as in an older record, is returned unchanged."""
     try:
         ppd = get(name).options.get("ppd")
         label = _found(name).label

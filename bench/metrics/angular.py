@@ -1,4 +1,4 @@
-"""Where over the hemispheres an error lies: bins of view × light, grazing bands, polar maps. Numbers, no drawing.
+"""Errors by direction: bins of view × light, grazing bands, polar maps. Numbers only, no drawing.
 
 Angles are of the local frame of `bench.btf`; degrees, because these are tables.
 """
@@ -33,10 +33,9 @@ def grazing(directions: Array) -> Array:
 
 
 def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None]]:
-    """One number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None where no pair falls.
+    """Pool one number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None for an empty bin.
 
-    `wo`, `wi` are (N, 3), `raw` is (N,), and `pool` makes one number of the raw numbers of a bin. A bin holds its
-    lower edge.
+    `wo`, `wi` are (N, 3), `raw` is (N,), and `pool` combines the raw numbers of a bin. A bin includes its lower edge.
     """
     row, column = _ring(wo), _ring(wi)
     side = range(len(THETA_EDGES_DEG) - 1)

@@ -1,4 +1,4 @@
-"""What a metric of slices is: a reference side, computed once, and a map of the difference."""
+"""The base class of slice metrics: a reference side, computed once, and a map of the difference."""
 
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ Array = np.ndarray
 
 
 class Prepared(NamedTuple):
-    """A reference made ready for one metric: what `SliceMetric.prepare` gives and `score` takes."""
+    """A reference prepared for one metric: `SliceMetric.prepare` returns it, `score` takes it."""
 
     shape: tuple[int, ...]  # (..., H, W)
     exposure: float
@@ -19,8 +19,8 @@ class Prepared(NamedTuple):
 
 
 class SliceMetric:
-    """A number for each slice. A metric writes `reference_side` and `compare`, and, where its number is pooled
-    otherwise than by a mean, `values` and `pool`.
+    """A number for each slice. A metric implements `reference_side` and `compare`, and, where pooling is not a mean,
+    `values` and `pool`.
 
     The *raw* number of a slice is the mean of its map; it is stored as it is, so that pooling later is exact.
     """
@@ -30,12 +30,12 @@ class SliceMetric:
     per_material = False  # whether `for_material` has anything to fix
 
     def for_material(self, sample: Array) -> "SliceMetric":
-        """The metric with what it fixes once per material, given a sample (n, 3) of its linear radiance."""
+        """The metric with its per-material constants fixed, from a sample (n, 3) of the material's linear radiance."""
         del sample
         return self
 
     def fixed(self) -> dict[str, float]:
-        """What was fixed for the material, by name, to be recorded beside the numbers."""
+        """The constants fixed for the material, by name, for the record."""
         return {}
 
     def reference_side(self, reference: Picture) -> Any:
@@ -55,7 +55,7 @@ class SliceMetric:
         return float(self.values(np.mean(raw)))
 
     def prepare(self, reference: Array, exposure: float) -> Prepared:
-        """Do the reference's part once. `reference` is linear radiance (H, W, 3), or a stack (..., H, W, 3).
+        """Compute the reference's part once. `reference` is linear radiance (H, W, 3), or a stack (..., H, W, 3).
 
         Raises `InputError` where the reference is no finite float picture, or smaller than the metric's window, or
         the exposure is not positive.

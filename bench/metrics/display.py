@@ -1,4 +1,4 @@
-"""From radiance to what a viewer sees: the exposure of a material, the display transform, the log curve."""
+"""The exposure of a material, the display transform, and the log curve."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ Array = np.ndarray
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709, as the primaries of every BTF here
 LOG_SCALE = 8.0  # of log1p(8 · exposure · x), the curve that learned codecs predict
 
-SAMPLE_VALUES = 1_000_000  # about so many make an exposure
+SAMPLE_VALUES = 1_000_000  # number of values that the exposure is computed from
 
 
 def exposure_of(values: Array) -> float:

@@ -45,7 +45,7 @@ _FEATURE_POWER = 0.5  # q_f
 
 
 class Seen(NamedTuple):
-    """What the eye makes of one picture: CIELab after contrast sensitivity and the Hunt effect; edges; points."""
+    """The perceived features of one picture: CIELab after contrast sensitivity and the Hunt effect; edges; points."""
 
     lab: Array  # (3, ..., H, W)
     edge: Array  # (..., H, W)
@@ -70,7 +70,7 @@ class LDR(SliceMetric):
 
 
 def check_ppd(ppd: float) -> float:
-    """The pixels per degree, once they are a positive number; else `InputError`."""
+    """Return the pixels per degree, or raise an `InputError` where they are not a positive number."""
     if not (math.isfinite(ppd) and ppd > 0):
         raise InputError(f"ppd must be a positive number, not {ppd}")
     return float(ppd)

@@ -99,7 +99,7 @@ class HDR(SliceMetric):
         return np.where(x > 1e-150, mapped, 0)
 
     def _radiance_of(self, value: float) -> float:
-        """What the curve maps to a value: the larger root of a quadratic, or the root of a line."""
+        """The radiance that the curve maps to a value: the larger root of a quadratic, or the root of a line."""
         k = self.curve
         coefficients = [k[0] - value * k[3], k[1] - value * k[4], k[2] - value * k[5]]
         return float(np.roots(coefficients).real.max())

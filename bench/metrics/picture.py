@@ -1,4 +1,4 @@
-"""A slice, or a stack of slices, as the metrics take it: checked once, each space computed once and shared."""
+"""A slice, or a stack of slices, for the metrics: checked once; each space is computed once and shared."""
 
 from functools import cached_property
 
@@ -14,7 +14,7 @@ class Picture:
     """Linear radiance (..., H, W, 3) of any float type, seen at an exposure.
 
     Every space is planar, (3, ..., H, W) float64, so that each channel is contiguous; leading axes stack slices.
-    Negative radiance counts as 0. `name` is what an error calls the argument.
+    Negative radiance counts as 0. `name` names the argument in errors.
 
     Raises `InputError` where the values are no floats, not finite, or shaped otherwise.
     """
@@ -28,12 +28,12 @@ class Picture:
 
     @cached_property
     def exposed(self) -> Array:
-        """exposure × radiance clipped to [0, 1]: what the display emits."""
+        """exposure × radiance clipped to [0, 1]: the light that the display emits."""
         return np.minimum(self.linear * self.exposure, 1)
 
     @cached_property
     def display(self) -> Array:
-        """What the display is sent: sRGB of `exposed`."""
+        """The display signal: sRGB of `exposed`."""
         return encode_srgb(self.exposed)
 
     @cached_property
@@ -49,7 +49,7 @@ class Picture:
 
 
 def check_radiance(values: Array, name: str) -> Array:
-    """The values, once they are finite floats of shape (..., H, W, 3); else `InputError` naming the argument."""
+    """Return finite floats of shape (..., H, W, 3); otherwise raise an `InputError` that names the argument."""
     values = np.asarray(values)
     if not np.issubdtype(values.dtype, np.floating):
         raise InputError(f"{name} must hold floating-point radiance, not {values.dtype}")

@@ -2,8 +2,8 @@
 
     RMSE = √(mean over texels and channels of (reference − test)²)   lower is better
 
-Exposure plays no part. The raw number is the squared error, so pooling is exact. Divided by the mean radiance of
-a band of slices it becomes the relative error that dark slices cannot flatter.
+Exposure is not used. The raw number is the squared error, so pooling is exact. Divided by the mean radiance of a
+band of slices it gives the relative error, which is not lower merely because slices are dark.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Scores a decoded material against its BTF, slice by slice: a few slices in memory, every core at work.
+"""Scores a decoded material against its BTF, slice by slice, with few slices in memory and on every core.
 
 The reference's part of each metric is kept up to a byte limit, so that many codecs compared with one BTF share it.
 Decoded slices arrive as NumPy arrays; the decoder runs in the calling thread, the metrics in others.
@@ -25,13 +25,13 @@ from bench.metrics.psnr import DisplayPSNR, LogPSNR
 Array = np.ndarray
 Decode = Callable[[int], Array]
 
-FOOTPRINTS_VERSION = 2  # of `score_footprints` and of where a decoder is asked for it
-_BLOCK_TEXELS = 1 << 16  # slices are scored in stacks of about this size, or small ones would wait for Python
+FOOTPRINTS_VERSION = 2  # of `score_footprints` and of the query positions in a box
+_BLOCK_TEXELS = 1 << 16  # slices are scored in stacks of about this size, since Python's overhead dominates small ones
 
 
 @dataclass(frozen=True)
 class Scores:
-    """What was measured, one number a slice, before any mean.
+    """The measured numbers, one per slice, before any mean.
 
     `raw[name][k]` is the metric's raw number of pair `pairs[k]`: the squared error for PSNR and RMSE; NaN where the
     metric does not apply. `radiance` is the mean linear radiance of each reference slice. `abrdf` is the error of
@@ -142,7 +142,7 @@ class Scorer:
         return picture
 
     def _compare(self, block: tuple[int, ...], truth: Array | None, test: Array) -> tuple[Any, ...]:
-        """In a worker: the raw numbers of a stack, and the reference where it was not at hand."""
+        """In a worker: compute the raw numbers of a stack, and the reference where it is not cached."""
         name = f"reference slices of pairs {block[0]} to {block[-1]}"
         reference = self._kept[block] if truth is None else self._prepare(Picture(truth, self.exposure, name))
         picture = Picture(test, self.exposure, "test")
@@ -175,7 +175,7 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
       in units of radiance: pooled over the group's `radiance`;
     - `bins`: by name, pooled numbers of θ_o × θ_i bins (`bench.metrics.angular.bins`).
 
-    None stands for what has no finite value: no slice to measure or, where `exact` equals `slices`, no error at all.
+    None stands for a value that is not finite: no slice to measure or, where `exact` equals `slices`, no error at all.
     """
     loaded = {name: (registry.get(name).unit, registry.get(name).load()) for name in scores.raw}
     return {
@@ -270,7 +270,7 @@ def footprint_errors(
 
 
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
-    """What a record says of `footprint_errors`; see `score_footprints`."""
+    """The summary of `footprint_errors` for a record; see `score_footprints`."""
     found: dict[str, dict[str, float | int | None]] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)

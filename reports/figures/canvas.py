@@ -1,4 +1,4 @@
-"""What all figures share: a file name, a style, axes, bytes of PNG and SVG."""
+"""Common parts of all figures: file name, style, axes, PNG and SVG output."""
 
 import hashlib
 import io

@@ -1,4 +1,4 @@
-"""Which colour, marker and line stand for a codec: the same ones in every figure, of every run for those known here."""
+"""The colour, marker and line of each codec, the same in every figure; codecs known here keep theirs in every run."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Operations on each number by itself, and the register of all operations of a program by PyTorch's names (ATen).
+"""Elementwise operations, and the registry of all operations of a program by PyTorch's names (ATen).
 
 Each writer takes the shader's writer, the shape and kind of the result, and the arguments; it gives the scalars.
 """

@@ -1,4 +1,4 @@
-"""What differs between the shading languages that the generator writes."""
+"""The differences between the shading languages that the generator writes."""
 
 from dataclasses import dataclass, field
 

@@ -1,7 +1,7 @@
 """Writes the shader of a program: straight-line code in packs of four floats.
 
-Each tensor of one query is an array of scalar expressions, on which NumPy does what only moves numbers (view, cat,
-slice, transpose, broadcast). What computes is written out, four floats a statement. Constants that are looked up by
+Each tensor of one query is an array of scalar expressions. NumPy performs the operations that only move numbers (view,
+cat, slice, transpose, broadcast); arithmetic is written out, four floats a statement. Constants that are looked up by
 number become rows of a texture. Matrices become literals, which compile and run fastest; beyond `LITERALS` weights
 in all they are read from the texture.
 """

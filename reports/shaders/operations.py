@@ -14,7 +14,7 @@ Array = np.ndarray
 INFINITE = 9_223_372_036_854_775_807  # what a slice without an end has as its end
 
 
-# What only moves numbers: NumPy does it.
+# Operations that only move numbers: NumPy performs them.
 
 
 def moves(*names: str) -> Callable[[Callable[..., Array]], Callable[..., Array]]:
@@ -75,7 +75,7 @@ def _pad(shape: Shape, items: Array, pads: list[int], value: float = 0.0) -> Arr
     return np.pad(np.asarray(items, object), sides, constant_values=value)
 
 
-# What brings several numbers together.
+# Operations that combine several numbers.
 
 
 @operation("mm", "addmm")
@@ -193,7 +193,7 @@ def _place(sign: str) -> Operation:
 OPERATIONS.update(amin=_extreme("min"), amax=_extreme("max"), argmax=_place(">"), argmin=_place("<"))
 
 
-# What looks numbers up.
+# Look-ups.
 
 
 def _looked_up(writer: Writer, rows: Array, index: Any, kind: str) -> list[Any]:

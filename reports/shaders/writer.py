@@ -11,7 +11,7 @@ from reports.shaders.tables import Tables
 
 Array = np.ndarray
 
-TOO_LONG = 60_000  # statements: no compiler takes more in bearable time
+TOO_LONG = 60_000  # statements: compilers take too long beyond
 SWIZZLE = "xyzw"
 
 
@@ -51,11 +51,11 @@ class Writer:
     def vector(self, four: list[Any]) -> str:
         """Up to four floats as one vector: a name where they stand together already."""
         head = str(four[0]).split(".")[0]
-        # Of a vector that is used in part, the rest may be no number.
+        # The unused part of a vector may be NaN.
         if head.isidentifier() and four == [f"{head}.{c}" for c in SWIZZLE]:
             return head
         texts = [self.scalar(x, "float") for x in four]
-        texts += texts[-1:] * (4 - len(texts))  # never 0, by which something might be divided
+        texts += texts[-1:] * (4 - len(texts))  # not 0, since it may be a divisor
         if len(set(texts)) == 1 and self.dialect.name != "hlsl":
             texts = texts[:1]
         return f"{self.dialect.types['vec4']}({', '.join(texts)})"

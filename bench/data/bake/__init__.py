@@ -1,4 +1,4 @@
-"""A folder of PBR maps becomes a BTF: recognised by name, turned the right way, rendered by
+"""Bakes a folder of PBR maps to a BTF: recognises them by name, orients them, renders them by
 `bench.data.materials.renderer`, or path-traced with inter-reflections by Mitsuba 3.
 
 `neubtf-bench bake` writes it where it is told; a suite or `run --material FOLDER` bakes into the cache.
@@ -31,14 +31,14 @@ from bench.errors import InputError
 
 __all__ = ["RENDERERS", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
 RENDERERS = ("builtin", "mitsuba")
-BAKE_VERSION = 1  # raised whenever a map is read otherwise; part of the key of every cached bake
+BAKE_VERSION = 1  # increment when maps are read differently; part of the key of every cached bake
 log = logging.getLogger(__name__)
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Which pairs are baked, (N, 3) each, and a mask (N,) of those that are held out."""
+    """The pairs to bake, (N, 3) each, and a mask (N,) of the held-out ones."""
 
     wo: Array
     wi: Array
@@ -128,7 +128,7 @@ def _path_traced(
 
 
 def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -> str:
-    """All that shapes the values of a surface at the pairs `wo`, `wi`, as one hash."""
+    """A hash of everything that determines the values of a surface at the pairs `wo`, `wi`."""
     hashed = hashlib.sha256(json.dumps(described, sort_keys=True, default=str).encode())
     maps = (getattr(surface.maps, f.name) for f in fields(surface.maps))
     for array in (wo, wi, *(m for m in maps if m is not None)):
@@ -139,7 +139,7 @@ def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -
 def open_svbrdf(folder: Path, data: Preparation, show: Progress, draw: int = 0) -> BTF:
     """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` is of its test pairs.
 
-    The training pairs and the held-out ones are a file each, so that another draw bakes no product again.
+    Training pairs and held-out pairs are separate files, so another draw does not bake the product again.
     Raises `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
     sampling = data.sampling(draw)
@@ -166,13 +166,13 @@ def _cached(folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], show
 
 
 def table(surface: Surface) -> str:
-    """What was recognised, a line a map or picture."""
+    """List the recognised maps, one line per map or picture."""
     width = max(map(len, surface.notes))
     return "\n".join(f"  {role:<{width}}  {text}" for role, text in surface.notes.items())
 
 
 def _key(found: MapFiles, size: int, sampled: dict[str, Any]) -> str:
-    """Everything that shapes the values of a bake with its defaults."""
+    """A hash of everything that determines the values of a bake with default options."""
     content = [FolderFiles(found.folder).digest(found.files.values()), sorted(found.files.items())]
     described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, size, sampled, content])
     return hashlib.sha256(described.encode()).hexdigest()

@@ -1,8 +1,8 @@
-"""Whether a normal map and a displacement map tell of the same relief, and which of the two is upside down.
+"""Compares a normal map with a displacement map, and finds which of the two is inverted.
 
-Normals that lean against the slopes, n ∝ (−∂h/∂x, −∂h/∂y, 1), agree. Both mistakes that occur turn signs: dark for high
-turns both axes, a normal map with green downwards (DirectX) turns y alone. So x tells of the displacement, and
-y, once that is known, of the normal map.
+Normals that lean against the slopes, n ∝ (−∂h/∂x, −∂h/∂y, 1), agree. Both possible mistakes change signs: an inverted
+displacement (dark is high) flips both axes, a normal map with green downwards (DirectX) flips y alone. So the sign
+along x decides about the displacement, and then the sign along y about the normal map.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 Array = np.ndarray
-CLEAR = 0.2  # correlation from which on the maps decide rather than their names; maps of one asset reach 0.6 to 0.9
+CLEAR = 0.2  # from this correlation on the maps decide, not their names; maps of one asset reach 0.6 to 0.9
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Agreement:
         return named_depth, named_down
 
     def told(self, normal_role: str) -> str:
-        """Who said so."""
+        """The evidence for the verdict, in words."""
         if min(abs(self.x), abs(self.y)) >= CLEAR:
             return f"told by the displacement (r = {self.x:+.2f}, {self.y:+.2f})"
         return "assumed" if normal_role == "normal" else "by its name"
@@ -52,7 +52,7 @@ def agreement(normal: Array, height: Array) -> Agreement:
     x, y = _correlation(lean[..., 0], slope_x), _correlation(lean[..., 1], slope_y)
     if max(abs(x), abs(y)) < CLEAR:
         return Agreement(x, y)
-    # Least squares of lean = depth · slope over both axes, whichever way round each of them is.
+    # Least squares of lean = depth · slope over both axes, whatever their signs.
     fit = abs((lean[..., 0] * slope_x).mean()) + abs((lean[..., 1] * slope_y).mean())
     return Agreement(x, y, float(fit / (slope_x**2 + slope_y**2).mean()))
 

@@ -1,4 +1,4 @@
-"""Which file of a folder is which map, by the names that ambientCG, Poly Haven, glTF exporters and Substance give.
+"""Assigns the files of a folder to maps, by the names of ambientCG, Poly Haven, glTF exporters and Substance.
 
 A file's name is cut into words at separators and capitals, the words that all pictures begin with (the asset's name)
 are left out, and the last phrase that the vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map.
@@ -29,7 +29,7 @@ _PHRASES = {
 }
 _ROLES = {phrase: role for role, phrases in _PHRASES.items() for phrase in phrases.split(", ")}
 _LONGEST = max(len(phrase.split()) for phrase in _ROLES)
-# Where several tell the same, the first is taken.
+# Of several files for the same map, the first role is taken.
 _CHOICES = (("normal_gl", "normal_dx", "normal"), ("displacement", "depth"))
 
 
@@ -99,7 +99,7 @@ def _words(stem: str) -> list[str]:
 
 
 def _role(words: list[str]) -> str:
-    """The role of the phrase that ends last, and of those the longest."""
+    """The role of the phrase that ends last; of several, the longest."""
     for end in range(len(words), 0, -1):
         for start in range(max(0, end - _LONGEST), end):
             if role := _ROLES.get(" ".join(words[start:end])):

@@ -1,4 +1,4 @@
-"""Values that take long to compute, kept on disk while they grow, so that a killed bake goes on where it was."""
+"""Keeps finished slices of a long bake on disk, so that a killed bake resumes from them."""
 
 import hashlib
 import shutil
@@ -15,7 +15,7 @@ COUNT = "finished"
 class Partial:
     """Slices (N, H, W, 3) float32 in a hidden folder beside `out`; `done` of them are finished, the first ones.
 
-    `key` is made from all that shapes the values: what was left under another one is not taken up.
+    `key` is made from everything that determines the values; slices under another key are not used.
     """
 
     def __init__(self, out: Path, key: str, shape: tuple[int, int, int, int]):
@@ -43,7 +43,7 @@ class Partial:
         atomic.write(self.folder / COUNT, str(self.done).encode())
 
     def remove(self) -> None:
-        """Remove it, and what other settings left for the same place."""
+        """Remove the folder, and those of other settings for the same `out`."""
         for folder in self.out.parent.iterdir():
             if folder.name.startswith(f".{self.out.name}.") and folder.suffix == ".baking":
                 shutil.rmtree(folder, ignore_errors=True)

@@ -1,9 +1,9 @@
-"""A surface path-traced by Mitsuba 3: what `bench.data.materials.renderer` renders, and its inter-reflections.
+"""Path-traces a surface by Mitsuba 3: the values of `bench.data.materials.renderer`, plus inter-reflections.
 
 Heights become a triangle mesh, repeated around the reference tile as far as rays reach. A path starts where the view
 ray through a fixed sub-point of the reference plane meets the surface, as in the built-in renderer. Each of its points
-receives the distant light, and a direction drawn from the reflectance leads to the next. What is drawn depends on the
-seed and the sub-point alone, not on the pair, so that the noise there is belongs to the texel and a codec can store it.
+receives the distant light, and a direction drawn from the reflectance leads to the next. The random numbers depend on
+the seed and the sub-point, not on the pair, so the noise is fixed for each texel and a codec can store it.
 """
 
 import logging
@@ -23,13 +23,13 @@ from bench.errors import InputError
 
 Array = np.ndarray
 Values = Any  # Dr.Jit arrays over paths, or numbers in a scalar variant
-PATH_VERSION = 1  # raised whenever a value changes
+PATH_VERSION = 1  # increment when a value changes
 MAX_DEPTH = 16  # edges of a path, the light's included, as Mitsuba counts: 2 is direct light alone
 WAVEFRONT = 1 << 21  # paths in one launch
 REACH = 20.0  # depths of relief that a path may go on beyond the shadows: (1 / REACH)² of what it gathers is lost
 MAX_CELLS = 30_000_000  # of the mesh; 3 GB with its search tree
 LIFT = 1e-5  # of rays that leave the surface, in widths of the picture
-NUDGE = (0.0017, 0.0031)  # of a sub-point, in sub-points: rays that run exactly along edges of triangles slip through
+NUDGE = (0.0017, 0.0031)  # shift of a sub-point, in sub-points: rays exactly along edges of triangles miss the mesh
 STEPS = (0.8191725134, 0.6710436067, 0.5497004779)  # Roberts' additive recurrence in three dimensions
 log = logging.getLogger(__name__)
 
@@ -43,7 +43,7 @@ def fastest_variant() -> str:
 
 
 def described() -> dict[str, Any]:
-    """What a BTF's provenance says of this renderer."""
+    """The description of this renderer in a BTF's provenance."""
     return {
         "renderer": f"Mitsuba {mi.__version__}, {fastest_variant()}",
         "path_version": PATH_VERSION,
@@ -54,7 +54,7 @@ def described() -> dict[str, Any]:
 
 @contextmanager
 def using(variant: str) -> Iterator[None]:
-    """Sets a variant of Mitsuba for a while; the one before is put back."""
+    """Set a variant of Mitsuba, and restore the previous one at the end."""
     before = mi.variant()
     mi.set_variant(variant)
     try:
@@ -93,7 +93,7 @@ def launches(
     depth: int = MAX_DEPTH,
     start: int = 0,
 ) -> Iterator[Array]:
-    """The same, as many slices at a time as are traced together; the pairs before `start` are left out."""
+    """The same, one launch of slices at a time, from pair `start` on."""
     if wo.shape != wi.shape or not (np.minimum(wo[:, 2], wi[:, 2]) > 0).all():
         raise InputError("wo and wi must be as many directions, all above the horizon (z > 0)")
     with using(fastest_variant()):
@@ -112,7 +112,7 @@ class PathTracer:
         self.size, self.sub_points, self.seed = size, sub_points, seed & 0xFFFFFFFF
         built_in = Renderer(maps, size, sub_points)
         self.field, self.aspect = built_in.field, built_in.aspect
-        # The very table that the built-in renderer looks up, so that both have one surface.
+        # The lookup table of the built-in renderer, so that both render the same surface.
         table = built_in._table.reshape(*self.field.shape, -1)
         self.table = mi.Texture2f(mi.TensorXf(table), wrap_mode=dr.WrapMode.Repeat)
         self.scene = mi.load_dict({"type": "scene", "surface": self._mesh(view_z, light_z)})

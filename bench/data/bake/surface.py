@@ -1,4 +1,4 @@
-"""The maps of a folder as a surface to render: decoded, turned the right way, at the size that the bake needs.
+"""Reads the maps of a folder as a surface to render: decoded, oriented, at the size of the bake.
 
 Albedo is decoded from sRGB, every other map is read as its plain codes. Pictures are shrunk by area averages of those
 values, normals as vectors and renormalised.
@@ -72,7 +72,7 @@ class _Reader:
         self.albedo = self._albedo()
         self.full = self.albedo.shape[:2]
         self.shape = _fitted(self.full, size)
-        self.grid = self.limited(SUB_POINTS * size)  # a map texel a sub-point: nothing between them is skipped
+        self.grid = self.limited(SUB_POINTS * size)  # one map texel per sub-point: no detail is skipped
 
     def limited(self, longest: int) -> tuple[int, int]:
         """The maps' own size, shrunk where its longer side exceeds `longest`."""
@@ -153,7 +153,7 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
 
 
 def _roughened(roughness: Array | float, length: Array) -> Array:
-    """Roughness widened by what shrinking took from the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005)."""
+    """Increase roughness by the normal variance lost in shrinking: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005)."""
     length = np.clip(length, 0.1, 1)
     return np.minimum((roughness**4 + (1 - length) / length) ** 0.25, 1)
 

@@ -1,4 +1,4 @@
-"""Reliefs from photographs that scikit-image carries: grey and not periodic, so coloured and blended into a period."""
+"""Reliefs from photographs in scikit-image, which are grey and not periodic: they are coloured and made periodic."""
 
 from dataclasses import dataclass
 

@@ -1,8 +1,8 @@
 """Maps and directions → slices of a BTF: primary visibility with parallax, one distant light, self-shadowing.
 
 A value is the mean of f_r · (n·ω_i)⁺ · V over the fixed sub-points of a texel: the radiance leaving toward ω_o per unit
-irradiance on a plane that faces the light. Texel (row, col) is looked at through its place on the reference plane,
-the mean height, as rectified measurements are. Light is counted once: there is no inter-reflection.
+irradiance on a plane that faces the light. Texel (row, col) is viewed through its place on the reference plane, the
+mean height, as in rectified measurements. Only direct light counts: there is no inter-reflection.
 """
 
 import math
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from bench.codec import Progress
 
 Array = np.ndarray
-RENDERER_VERSION = 3  # raised whenever a value changes; part of the key of every cached rendering
+RENDERER_VERSION = 3  # increment when a value changes; part of the key of every cached rendering
 SUB_POINTS = 2  # along each side of a texel; see docs/materials.md for what it costs and what 3 would change
 
 
 @dataclass(frozen=True)
 class View:
-    """What one view direction sees: a point for each sub-point s of each texel, in the order (s, H · W)."""
+    """The visible points of one view: a point for each sub-point s of each texel, in the order (s, H · W)."""
 
     wo: Array
     points: brdf.Points
@@ -38,7 +38,7 @@ class View:
 
 
 class Renderer:
-    """A surface made ready to render pictures of `size` (H, W), each texel the mean of sub_points² fixed sub-points.
+    """A surface prepared to render pictures of `size` (H, W), each texel the mean of sub_points² fixed sub-points.
 
     The maps are resized to a working grid that is a whole multiple of the sub-points; maps much finer than the
     sub-points should be shrunk before (`Maps.resized`), else their detail is aliased.
@@ -57,7 +57,7 @@ class Renderer:
         self._table = self._pack(maps)
 
     def _pack(self, maps: Maps) -> Array:
-        """All that a hit looks up, (H' · W', 12), so that one read brings a whole point."""
+        """All values of a surface point in one table, (H' · W', 12), so that one read fetches a whole point."""
         normal = self.field.normals() if maps.normal is None else np.moveaxis(maps.normal, -1, 0)
         base = np.moveaxis(maps.base_colour, -1, 0)
         rest = [maps.roughness, maps.metalness, maps.specular, maps.anisotropy]
@@ -91,7 +91,7 @@ class Renderer:
         return picture.reshape(H, s, W, s).transpose(1, 3, 0, 2).reshape(s * s, H * W)
 
     def light(self, wi: Array) -> Array:
-        """What each grid cell receives from `wi`, flat uint8; 255 is all of it."""
+        """The share of light from `wi` at each grid cell, flat uint8; 255 is all of it."""
         return self.field.visibility(wi).reshape(-1)
 
     def slice(self, view: View, wi: Array, light: Array) -> Array:

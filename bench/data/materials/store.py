@@ -1,7 +1,7 @@
 """Renderings on disk: rendered once, then memory-mapped. A rendering exists when its description (.json) does.
 
 The description is written last and both files are renamed into place, so that an interrupted rendering leaves nothing
-that could be read. Values are float16 (half the bytes, 5e-4 relative), float32 where a highlight would overflow.
+that a reader would accept. Values are float16 (half the bytes, 5e-4 relative), float32 where a highlight overflows.
 """
 
 import hashlib
@@ -43,7 +43,7 @@ def load_or_render(
 ) -> BTF:
     """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`.
 
-    The training pairs and the held-out ones are a rendering each, so that another draw renders no product again.
+    Training pairs and held-out pairs are separate renderings, so another draw does not render the product again.
     """
     if size < 1:
         raise InputError(f"size must be at least 1, not {size}")
@@ -83,7 +83,7 @@ def _rendered(
 
 
 def _describe(name: str, recipe: Recipe, size: int, seed: int) -> dict[str, Any]:
-    """Everything but the pairs that shapes the values: the cache key is its hash, and `BTF.provenance` holds it."""
+    """Everything but the pairs that determines the values; its hash is the cache key, and `BTF.provenance` holds it."""
     return {
         "source": "rendered by bench.materials",
         "renderer_version": RENDERER_VERSION,

@@ -1,4 +1,4 @@
-"""Surfaces that no suite holds, to train on what is then tried on the built-in materials: any number of them.
+"""Any number of training surfaces for shared networks, which are then measured on the built-in materials.
 
 Half are the built-in recipes that are procedural (satin, brushed metal, leather, cable-knit) with every parameter drawn
 anew; the photographs (brick, gravel, grass) are left out, since another colour would be the same relief. Half are

@@ -24,7 +24,7 @@ READERS = {
 
 
 def open_btf(path: str | Path) -> BTF:
-    """The BTF of a file or folder, lazily: what can be checked cheaply is checked now, values are read when asked.
+    """Open a file or folder as a BTF, lazily: cheap checks are made now, values are read on demand.
 
     Raises `InputError` that names the file, what was seen and what to do.
     """

@@ -1,4 +1,4 @@
-"""What every reader checks before it gives a BTF away: directions, duplicates, foreign exceptions."""
+"""Checks that every reader makes before it returns a BTF: directions, duplicates, foreign exceptions."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,12 +13,12 @@ HORIZON = 1e-6
 
 @contextmanager
 def readable(label: str, remedy: str = "the file is damaged; get it again") -> Iterator[None]:
-    """Turn whatever a decoder raises on bytes it cannot read into an `InputError` that names `label`."""
+    """Turn any exception of a decoder into an `InputError` that names `label`."""
     try:
         yield
     except (InputError, MemoryError):
         raise
-    # Decoders of hostile bytes raise anything, from struct.error to tokenize.TokenError: no list of types is complete.
+    # On hostile bytes decoders raise many types, from struct.error to tokenize.TokenError; no list is complete.
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{label}: cannot be read ({reason[:200]}): {remedy}") from error

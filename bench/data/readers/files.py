@@ -1,4 +1,4 @@
-"""Named files in a folder or in a zip archive, read without state, so that threads and forks may share them."""
+"""Named files in a folder or a zip archive, read without state, so that threads and forks can share them."""
 
 import hashlib
 import zipfile
@@ -119,7 +119,7 @@ class ZipFiles:
             raise InputError(f"{label}: encrypted: extract it with its password first")
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it anew with deflate")
-        # Deflate cannot exceed 1032 : 1, so a larger claim is a lie, and one near it a bomb. What is stored as it is
+        # Deflate cannot exceed 1032 : 1, so a larger claim is false, and one near it a bomb. What is stored as it is
         # can be no bomb, and is mapped, not read.
         packed = entry.compress_type != zipfile.ZIP_STORED
         limit = min(MAX_FILE, 1032 * entry.compress_size + 64) if packed else entry.compress_size

@@ -1,7 +1,7 @@
-"""A folder of pictures with `pairs.csv`: the plain way in for everybody, and the way out.
+"""Reads and writes a folder of pictures with `pairs.csv`, the simplest exchange format.
 
 `pairs.csv` has the columns `file, theta_o_deg, phi_o_deg, theta_i_deg, phi_i_deg`, in any order, and optionally
-`split` (`train` or `heldout`). `btf.json`, which `write_folder` adds, keeps what pictures cannot say.
+`split` (`train` or `heldout`). `btf.json`, which `write_folder` adds, keeps name, period and provenance.
 """
 
 import csv
@@ -128,7 +128,7 @@ def _heldout(path: Path, rows: list[tuple[int, dict[str, str]]]) -> Array | None
 
 
 def _notes(path: Path) -> dict[str, Any]:
-    """What `btf.json` says, {} where there is none."""
+    """The contents of `btf.json`, {} where there is none."""
     if not path.is_file():
         return {}
     with readable(str(path), "mend the file or remove it"):
@@ -172,6 +172,6 @@ def write_exr(path: Path, picture: Array) -> None:
     channels = {name: np.ascontiguousarray(picture[..., i], np.float32) for i, name in enumerate("RGB")}
     try:
         OpenEXR.File(header, channels).write(str(path))
-    except RuntimeError as error:  # the library keeps the words of the system's error alone
+    except RuntimeError as error:  # the library passes on only the text of the system's error
         number = next((n for n in NO_PLACE if os.strerror(n) in str(error)), errno.EIO)
         raise OSError(number, os.strerror(number), str(path)) from error

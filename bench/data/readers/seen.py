@@ -1,4 +1,4 @@
-"""What a file or folder shows before a reader opens it: enough to recognise a format by."""
+"""The first bytes and names of a file or folder, by which readers recognise their format."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +16,7 @@ class Seen:
 
     @classmethod
     def of(cls, path: Path) -> "Seen":
-        """What a path shows; `OSError` where it cannot be read."""
+        """Look at a path; `OSError` where it cannot be read."""
         if path.is_dir():
             return cls(path, b"")
         with open(path, "rb") as stream:
@@ -52,7 +52,7 @@ class Seen:
 
     @property
     def described(self) -> str:
-        """In words, why it is no BTF that is known, and what there is to do besides giving another."""
+        """The reason why it is no known BTF, and a remedy, in words."""
         if self.is_folder:
             held = ", ".join(sorted(p.name for p in self.path.iterdir())[:3]) or "nothing"
             return f"no BTF folder (it holds {held}): add pairs.csv, or"

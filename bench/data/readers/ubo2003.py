@@ -16,7 +16,7 @@ def open_ubo2003(path: Path) -> BTF:
     """The BTF of a UBO2003 or ATRIUM zip (nothing is extracted) or of its extracted folder.
 
     JPEG codes are decoded as sRGB, `.hdr` is taken as stored: linear Rec. 709, radiance as photographed. The pairs
-    are those that are there, by view, then light. Errors as in `named.open_pictures`.
+    are those of the files present, by view, then light. Errors as in `named.open_pictures`.
     """
     provenance = {
         "format": "UBO2003",
