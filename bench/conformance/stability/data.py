@@ -169,7 +169,9 @@ def quality(encoded: Encoded, ours: Array) -> dict[str, float]:
 
 
 def sound(encoded: Encoded) -> None:
-    """The decoded slices are finite and not negative."""
+    """The decoded slices have the size of the material, and are finite and not negative."""
+    ours, wanted = (" × ".join(map(str, slices.shape[1:3])) for slices in (encoded.decoded, encoded.truth))
+    require(ours == wanted, ours, f"decoded slices are {ours} texels, those of the material {wanted}")
     bad = ~(np.isfinite(encoded.decoded) & (encoded.decoded >= 0))
     require(not bad.any(), f"{bad.sum()} bad", f"{bad.sum()} decoded values are negative or not finite")
 
