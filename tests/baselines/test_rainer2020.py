@@ -131,7 +131,7 @@ def test_what_is_asked_in_training_are_the_pairs_declared_held_out() -> None:
     pool = Pool([btf, base], canonical_pairs(), 10, Fit())
     assert (pool.texels, pool.pairs) == (20, 375)
     assert len(pool.where[0].unique(dim=0)) == 3
-    assert len(pool.coordinates[1].unique(dim=0)) == 81
+    assert len(pool.where[1].unique(dim=0)) == 81
     assert pool.seen.shape == (20, 625, 3)
 
 
@@ -168,5 +168,5 @@ def test_a_killed_pretraining_gives_the_same_file(tmp_path: Path, monkeypatch: p
 
 @pytest.mark.parametrize("setting", ["texels", "pairs", "kept", "latents"])
 def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match="at least 1"):
+    with pytest.raises(InputError, match="≥ 1"):
         network(**{setting: 0})

@@ -16,7 +16,7 @@ class Shown(NeuBTFMaterial):
 
     def __init__(self, picture: np.ndarray):
         texture = torch.from_numpy(picture).float()[..., None]
-        super().__init__(Decoder(ONE.architecture), texture, 8.0)  # an exposure of 1
+        super().__init__(Decoder(ONE.architecture), texture, 8.0, ONE.directions)  # an exposure of 1
 
     def evaluate(self, uv, wo, wi, footprint):
         from bench.material import sample_texture

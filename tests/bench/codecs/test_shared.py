@@ -52,9 +52,8 @@ class Tinted(Codec):
 def places(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_SHARED", str(tmp_path / "shared"))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    for module in ("codecs.registry", "runs.evaluation"):
-        monkeypatch.setattr(f"bench.{module}.load_codec", lambda name, wanted_by="": Tinted)
-    for module in ("runs.job", "runs.runner"):
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": Tinted)
+    for module in ("codecs.registry", "runs.job", "runs.runner"):
         monkeypatch.setattr(f"bench.{module}.make_codec", lambda name, settings: Tinted(**settings))
 
 

@@ -9,7 +9,7 @@ import pytest
 from bench import metrics
 from bench.btf import BTF, ArraySource, box_filter
 from bench.errors import InputError
-from bench.metrics import scoring
+from bench.metrics import display, scoring
 from bench.metrics.scoring import Scorer, polar_maps, score_footprints, summarise
 
 
@@ -181,17 +181,17 @@ def test_a_known_exposure_needs_no_sample():
 
 def test_exposure_follows_the_rule_on_all_values_of_a_small_material():
     btf, _ = make()
-    assert scoring.exposure(btf) == pytest.approx(0.8 / np.percentile(btf.source.values, 99))
-    assert Scorer(btf).exposure == scoring.exposure(btf)
+    assert display.exposure(btf) == pytest.approx(0.8 / np.percentile(btf.source.values, 99))
+    assert Scorer(btf).exposure == display.exposure(btf)
 
 
 def test_exposure_of_a_large_material_is_a_seeded_sample(monkeypatch):
     btf, _ = make(40, (32, 32))
-    monkeypatch.setattr(scoring, "SAMPLE_VALUES", 60_000)
-    assert scoring.sample(btf).shape == (20_000, 3)
-    assert scoring.exposure(btf, seed=1) == scoring.exposure(btf, seed=1) != scoring.exposure(btf, seed=2)
+    monkeypatch.setattr(display, "SAMPLE_VALUES", 60_000)
+    assert display.sample(btf).shape == (20_000, 3)
+    assert display.exposure(btf, seed=1) == display.exposure(btf, seed=1) != display.exposure(btf, seed=2)
     # 60,000 values of a smooth density put the 99th percentile within a percent or so.
-    assert scoring.exposure(btf) == pytest.approx(0.8 / np.percentile(btf.source.values, 99), rel=0.02)
+    assert display.exposure(btf) == pytest.approx(0.8 / np.percentile(btf.source.values, 99), rel=0.02)
 
 
 def summary(decoded_of=None):
