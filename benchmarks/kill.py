@@ -50,7 +50,15 @@ codecs = [
 ]
 """  # 24 jobs
 QUICK = SUITE.replace("[0, 1, 2]", "[0]").replace(', "leather"', "")  # 4 jobs
-OWN = ("run", "fit_seconds", "history", "fit_cached", "machine")  # of a record: what two runs need not share
+OWN = (
+    "run",
+    "fit_seconds",
+    "history",
+    "fit_cached",
+    "machine",
+    "fitted",
+    "scored",
+)  # of a record: what two runs need not share
 
 Place = Callable[[], AbstractContextManager[Workers]]
 

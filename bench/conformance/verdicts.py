@@ -86,11 +86,12 @@ def _extremes(bench: Bench) -> Iterator[Result]:
 def count(name: str) -> Record:
     """What a codec's decoder holds, counted in a file of the small material: `label`, `parameters`, `cost` of a record.
 
-    A codec that is fitted in `steps` takes one, which changes no count.
+    A codec with recipes is counted as published. One that is fitted in `steps` takes one, which changes no count.
     """
     found = load_codec(name)
     fitted = "steps" in {field.name for field in dataclasses.fields(found.Settings)}
-    codec = found(steps=1) if fitted else found()
+    settings = ({"steps": 1} if fitted else {}) | ({"recipe": "paper"} if "paper" in found.recipes else {})
+    codec = found(**settings)
     with tempfile.TemporaryDirectory() as folder:
         material = Bench(codec, Path(folder), codec.network().brief() if codec.network else None).material
     return {
