@@ -1,8 +1,8 @@
 """A decoded material as a program of plain operations on NumPy constants, for renderers without PyTorch.
 
 `program_of` records the operations of `Material.evaluate` for one query by `torch.export`. So one generator writes the
-shaders of every codec, external ones included; no codec writes a shader. Operations on constants alone are computed
-here and become constants. `Program.run` is the reference interpreter.
+shaders of all codecs whose operations it knows, external ones included; no codec writes a shader. Operations on
+constants alone are computed here and become constants.
 """
 
 import io
