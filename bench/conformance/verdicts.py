@@ -90,7 +90,9 @@ def count(name: str) -> Record:
     """
     found = load_codec(name)
     fitted = "steps" in {field.name for field in dataclasses.fields(found.Settings)}
-    settings = ({"steps": 1} if fitted else {}) | ({"recipe": "paper"} if "paper" in found.recipes else {})
+    settings: dict[str, Any] = {"steps": 1} if fitted else {}
+    if "paper" in found.recipes:
+        settings["recipe"] = "paper"
     codec = found(**settings)
     with tempfile.TemporaryDirectory() as folder:
         material = Bench(codec, Path(folder), codec.network().brief() if codec.network else None).material
