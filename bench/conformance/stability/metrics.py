@@ -7,12 +7,14 @@ from typing import get_args
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from bench import metrics
 from bench.codecs.training import Loss, distance
 from bench.conformance.check import CheckError
 from bench.conformance.stability.case import Verdict, require
 from bench.errors import InputError
+from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
 
 Array = np.ndarray
@@ -76,8 +78,9 @@ def metric_names() -> list[str]:
     return plain + variants
 
 
-def scored(name: str, case: PictureCase) -> None:
-    pictures, metric = case.make(), metrics.get(name).load()
+def scored(metric: SliceMetric, case: PictureCase) -> None:
+    """Score the pictures of a case. `CheckError` says what does not hold."""
+    pictures = case.make()
     metric = metric.for_material(pictures.reference.reshape(-1, 3))
     raw = metric.score(metric.prepare(pictures.reference, 1.0), pictures.test)
     require(np.isfinite(raw), f"{raw}", f"the raw number is {raw}")
@@ -88,13 +91,14 @@ def scored(name: str, case: PictureCase) -> None:
         require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}, a perfect one {metric.perfect}")
 
 
-def weighed(loss: Loss, case: PictureCase) -> None:
+def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None:
+    """Compute a loss of log radiances, ours and the target, and its gradient. `CheckError` says what does not hold."""
     pictures = case.make()
     target, ours = (
         torch.from_numpy(np.maximum(x, 0)).mul(LOG_SCALE).log1p() for x in (pictures.reference, pictures.test)
     )
     ours.requires_grad_()
-    value = distance(ours, target, loss)
+    value = loss(ours, target)
     value.backward()
     assert ours.grad is not None
     require(value.isfinite() and ours.grad.isfinite().all(), "not finite", "the loss or its gradient is not finite")
@@ -105,8 +109,10 @@ def weighed(loss: Loss, case: PictureCase) -> None:
 
 def subjects() -> dict[str, Callable[[PictureCase], None]]:
     """Every metric and loss by name."""
-    found: dict[str, Callable[[PictureCase], None]] = {name: partial(scored, name) for name in metric_names()}
-    return found | {f"loss {loss}": partial(weighed, loss) for loss in get_args(Loss)}
+    found: dict[str, Callable[[PictureCase], None]] = {
+        name: partial(scored, metrics.get(name).load()) for name in metric_names()
+    }
+    return found | {f"loss {loss}": partial(weighed, partial(distance, loss=loss)) for loss in get_args(Loss)}
 
 
 def judge(test: Callable[[PictureCase], None], case: PictureCase) -> Verdict:

@@ -6,7 +6,6 @@ That each row fails a codec that breaks in its way is shown by `test_broken_code
 import re
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
 
 from baselines.mean_colour import MeanColour, MeanColourMaterial
@@ -182,16 +181,6 @@ def test_metrics_and_losses_survive_extreme_pictures():
     assert {cell: verdict for cell, verdict in found.items() if verdict.verdict == "fail"} == {}
     refused = {cell for cell, verdict in found.items() if verdict.verdict == "n/a"}
     assert refused == {("ssim", "one texel")}, refused
-
-
-def test_a_broken_metric_or_loss_is_caught(monkeypatch):
-    black = next(case for case in metrics.CASES if case.name == "both black")
-    monkeypatch.setattr("bench.metrics.ssim.C1", 0.0)
-    monkeypatch.setattr("bench.metrics.ssim.C2", 0.0)
-    with np.errstate(invalid="ignore"):
-        assert metrics.judge(metrics.subjects()["ssim"], black).figure == "nan"
-    monkeypatch.setattr(metrics, "distance", lambda ours, target, loss: (ours - target).square().mean().sqrt())
-    assert metrics.judge(metrics.subjects()["loss l1"], black).figure == "not finite"
 
 
 def test_the_command_records_prints_and_says_no(tmp_path, monkeypatch, capsys):
