@@ -12,6 +12,7 @@ import torch
 
 from baselines.mean_colour import MeanColour
 from bench.codecs import container, loading
+from bench.compare import compare
 from bench.conformance.check import tiny_btf
 from bench.data.open import open_material
 from bench.data.spec import MaterialSpec, Preparation
@@ -122,6 +123,19 @@ class Failing(MeanColour):
         if Failing.broken:
             raise RuntimeError("no such luck")
         return super().encode(btf, fit)
+
+
+def test_equal_settings_are_one_row_however_they_are_spelled(tmp_path):
+    """`vq components=16` is `vq`: one job in a run, nothing to fit in the next, the same row in a comparison."""
+    spelled = CodecSpec("vq"), CodecSpec("vq", {"components": 16}), CodecSpec("vq", {"codes": 32, "components": "16"})
+    (first,) = outcomes(tmp_path / "a", replace(SUITE, codecs=spelled[1:]))
+    assert first.record["label"] == "vq"
+    (again,) = outcomes(tmp_path / "a", replace(SUITE, codecs=spelled[:1]))
+    assert again.record == first.record
+    assert len(list((tmp_path / "a/files").glob("*.nbtf"))) == 1
+    outcomes(tmp_path / "b", replace(SUITE, codecs=spelled))
+    (row,) = compare(load_run(tmp_path / "a"), load_run(tmp_path / "b")).rows
+    assert (row.label, row.verdict) == ("vq", "same")
 
 
 def test_a_failure_is_a_record_and_is_retried_only_when_asked(tmp_path, monkeypatch):
