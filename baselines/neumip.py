@@ -20,7 +20,7 @@ from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.settings import Count, Natural, Positive
+from bench.settings import BatchSize, Natural, Positive, Width
 from bench.training import (
     RANDOM_SPREAD,
     Batch,
@@ -59,7 +59,7 @@ class NeuMIP(Codec):
     @dataclass(frozen=True)
     class Settings:
         steps: Natural = 10_000  # of the fit
-        batch: Count = 4_096  # samples a step
+        batch: BatchSize = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
         start: Start = "components"  # of the finest latents: principal components of the log ABRDFs, or random
@@ -67,7 +67,7 @@ class NeuMIP(Codec):
         hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         rate: Positive = 1e-2  # highest learning rate
         directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
-        channels: Count = 7  # of the pyramid, and of the offset texture
+        channels: Width = 7  # of the pyramid, and of the offset texture
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = False  # blur the textures at first, less and less, as the authors do

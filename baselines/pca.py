@@ -34,7 +34,7 @@ class PCA(Codec):
         domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
         precision: Precision = "int8"  # of the stored coefficients
         weights: Precision = "int8"  # of the stored eigen-ABRDFs; their mean is half beside eight bits
-        passes: Annotated[int, Range(2)] = 4  # over the data, one where they are small; flat spectra want more
+        passes: Annotated[int, Range(2, 1000)] = 4  # over the data, one where they are small; flat spectra want more
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = LOG_GAIN * exposure(btf, fit.seed) if self.settings.domain == "log" else 1.0

@@ -16,7 +16,7 @@ from bench.codec import Fit
 from bench.decoder import LEAK, Architecture, Decoder, direction_inputs
 from bench.directions import stereographic
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.settings import Count, Natural, Positive
+from bench.settings import BatchSize, Natural, Positive
 from bench.training import Batch, Loss, Objective, Optimiser, Samples, distance, groups_of
 
 WIDTHS = (106, 106, 106, 106)
@@ -89,8 +89,8 @@ class FitSettings:
     """How networks of Rainer's are fitted."""
 
     steps: Natural = 10_000  # of the fit
-    texels: Count = 64  # ABRDFs encoded in a step
-    pairs: Count = 32  # pairs decoded of each of them
+    texels: BatchSize = 64  # ABRDFs encoded in a step
+    pairs: BatchSize = 32  # pairs decoded of each of them
     optimiser: Optimiser = "muon"  # of the decoder's hidden matrices; all else is Adam's
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 3e-3  # highest learning rate

@@ -28,7 +28,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.material import Material
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.settings import Count, Natural, Positive
+from bench.settings import Natural, Positive, Width
 from bench.training import Batch, Samples, distance, first_latents, gain_of, groups_of, train
 
 
@@ -48,7 +48,7 @@ class Rainer2019(Codec):
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
         directions: Directions = "xyzh"  # inputs: each stereographic as published, or all of both and of their half
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
-        latents: Count = 8  # channels that the encoder makes
+        latents: Width = 8  # channels that the encoder makes
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
         activation: Activation = "leaky-relu"  # of the decoder's hidden layers
         precision: Precision = "int8"  # of the stored latents, means and deviations

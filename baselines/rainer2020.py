@@ -33,7 +33,7 @@ from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.hemisphere import thin, ubo2003
 from bench.material import Material
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.settings import Count, Natural
+from bench.settings import Count, Natural, Width
 from bench.training import Batch, Optimiser, Samples, gain_of, train
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
@@ -52,7 +52,7 @@ class Rainer2020Network(SharedNetwork):
         steps: Natural = 40_000  # of the training
         optimiser: Optimiser = "adam"  # of all; with "muon" the decoder's hidden matrices are stepped by Muon
         kept: Count = 512  # ABRDFs of each material that are trained on
-        latents: Count = 32  # channels that the encoder makes
+        latents: Width = 32  # channels that the encoder makes
         activation: Activation = "leaky-relu"  # of the decoder's hidden layers
         weights: WeightPrecision = "half"  # of the stored networks
 

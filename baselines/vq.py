@@ -38,7 +38,7 @@ class VQ(Codec):
     @dataclass(frozen=True)
     class Settings:
         codes: Annotated[int, Range(1, MOST_CODES)] = 32  # entries of a stage's codebook, at most the distinct texels
-        stages: Count = 1  # number of codebooks; each further one codes the residual
+        stages: Annotated[int, Range(1, 64)] = 1  # number of codebooks; each further one codes the residual
         components: Count = 16  # principal components that the clustering sees
         precision: Precision = "int8"  # of the stored codebook
 

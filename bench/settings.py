@@ -1,16 +1,25 @@
-"""The settings of a codec: converts them from strings, checks their ranges, and describes them.
+"""Values that a user gives: converts them, checks their types and ranges, and describes them.
 
-`Settings` is a frozen dataclass of int, float, bool, str and `Literal` fields. A field may say its range:
+The settings of a codec are a frozen dataclass of int, float, bool, str and `Literal` fields; those of a suite or a
+scene may also be tuples and further dataclasses. A field may say its range:
 
     components: Count = 16  # eigen-ABRDFs
     kept: Annotated[float, Range(0.1, 1)] = 0.5
+
+`parse` takes the settings of a codec, as values or strings; `table` takes a table of a TOML file, where a number is a
+number, read by `read_toml`.
 """
 
 import dataclasses
 import inspect
 import math
 import re
+import tomllib
+from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from bench.errors import InputError, did_you_mean
@@ -31,7 +40,7 @@ class Range:
         if self.high == math.inf:
             return f"{'>' if self.above else '≥'} {self.low:g}"
         first = f"above {self.low:g} and up" if self.above else f"from {self.low:g}"
-        return f"{first} to {self.high:g}"
+        return f"{first} to {self.high:,.10g}"
 
 
 Count = Annotated[int, Range(1)]
@@ -39,6 +48,14 @@ Natural = Annotated[int, Range(0)]
 Positive = Annotated[float, Range(0, above=True)]
 NotNegative = Annotated[float, Range(0)]
 Share = Annotated[float, Range(0, 1)]
+Threads = Annotated[int, Range(1, 1024)]
+# What a network can have; more is no size of a decoder, but a way to fill the memory.
+Layers = Annotated[int, Range(1, 64)]
+Width = Annotated[int, Range(1, 4096)]
+BatchSize = Annotated[int, Range(1, 1 << 22)]
+
+WORD, TOML = 1 << 12, 1 << 20  # characters of a word and bytes of a file of settings, at most
+WHOLE = 1 << 53  # whole numbers beyond are not exact as floats
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -66,35 +83,125 @@ def parse(owner: str, settings: type, values: dict[str, Any]) -> Any:
 
 
 def convert(owner: str, name: str, kind: Any, value: Any) -> Any:
-    """Convert the value of a setting. An `InputError` says which values are allowed."""
+    """Convert the value of a setting of the codec `owner`. An `InputError` says which values are allowed."""
+    return _checked(f"setting {name} of codec {owner}", kind, value, words=True)
+
+
+def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
+    """Convert a value, which errors call `what`; with `words`, strings stand for numbers too, as on a command line."""
+    return _checked(what, kind, value, words)
+
+
+def table(where: str, kind: type, says: Any) -> Any:
+    """Make the dataclass `kind` from a table of a file. An `InputError` names `where` and the field."""
+    values = fields(where, kind, says)
+    for field in dataclasses.fields(kind):
+        has_default = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
+        if field.name not in values and not has_default:
+            raise InputError(f"{where}: {field.name} is missing")
     try:
-        found = _converted(kind, value)
+        return kind(**values)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def fields(where: str, kind: type, says: Any, without: Collection[str] = ()) -> dict[str, Any]:
+    """The converted values of a table by field of the dataclass `kind`, `without` some; see `table`."""
+    if not isinstance(says, dict):
+        raise InputError(f"{where} must be a table, not {shown(says)}")
+    kinds = {name: each for name, each in _kinds(kind).items() if name not in without}
+    for name in says:
+        if name not in kinds:
+            raise InputError(f"{where}: no key {shown(name)}{did_you_mean(name, kinds)}")
+    return {name: _checked(f"{where}: {name}", kinds[name], value, words=False) for name, value in says.items()}
+
+
+def read_toml(path: Path) -> str:
+    """The text of a file of settings. `InputError` where it cannot be read or is too large to be one."""
+    try:
+        if path.stat().st_size > TOML:
+            raise InputError(f"{path}: larger than {TOML >> 20} MiB: no file of settings")
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from error
+
+
+def parse_toml(where: str, text: str) -> dict[str, Any]:
+    """The table of a TOML text. `InputError` where it is none, or nested deeper than any file of settings."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise InputError(f"{where}: nested too deeply") from error
+    except ValueError as error:  # of TOML, or of a number with thousands of digits
+        raise InputError(f"{where}: not TOML: {error}") from error
+
+
+def shown(value: Any) -> str:
+    """A value that is not trusted, as a message shows it: on one line, cut to 60 characters."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # a number of thousands of digits, a list in a list in a list …
+        return f"a {type(value).__name__} of absurd size"
+    return text if len(text) <= 60 else f"{text[:60]} …"
+
+
+@cache
+def _kinds(kind: type) -> dict[str, Any]:
+    """The type of each field of a dataclass."""
+    kinds = get_type_hints(kind, include_extras=True)
+    return {field.name: kinds[field.name] for field in dataclasses.fields(kind)}
+
+
+def _checked(what: str, kind: Any, value: Any, words: bool) -> Any:
+    """The converted value; with `words`, strings are converted too. An `InputError` says which values are allowed."""
+    try:
+        found = _converted(what, kind, value, words)
+    except InputError:
+        raise
     except (KeyError, ValueError, TypeError, OverflowError):
         found = None
     if found is None:
-        raise InputError(f"setting {name} of codec {owner} must be {_wanted(kind)}, not {value!r}")
+        raise InputError(f"{what} must be {_wanted(kind)}, not {shown(value)}")
     return found
 
 
-def _converted(kind: Any, value: Any) -> Any:
+def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     """The converted value, or None where it is out of range; raises where it is of another type."""
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
-        return value if value in get_args(plain) else None
-    if isinstance(value, str) and plain is bool:
+        return value if isinstance(value, str | int) and value in get_args(plain) else None
+    if get_origin(plain) is tuple:
+        return _several(what, get_args(plain), value, words)
+    if dataclasses.is_dataclass(plain):
+        return table(what, plain, value)  # type: ignore[arg-type]
+    if isinstance(value, str) and plain is bool and words:
         return _WORDS[value.lower()]
     if isinstance(value, bool) != (plain is bool):
+        return None
+    if isinstance(value, str) != (plain is str) and not (words and isinstance(value, str)):
         return None
     if plain is int and int(value) != float(value):
         return None
     found = plain(value)
+    if plain is str and len(found) > WORD:
+        return None
     if plain in (int, float) and not (math.isfinite(found) and found in limits):
         return None
-    return found
+    return None if plain is int and abs(found) > WHOLE else found
+
+
+def _several(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tuple[Any, ...] | None:
+    """The tuple of a list, of one type repeated or of one each."""
+    if not isinstance(value, list) or (kinds[-1] is not ... and len(value) != len(kinds)):
+        return None
+    each = [kinds[0]] * len(value) if kinds[-1] is ... else kinds
+    return tuple(_checked(what, kind, item, words) for kind, item in zip(each, value, strict=True))
 
 
 def _parts(kind: Any) -> tuple[Any, Range]:
-    """The type of a field, and its range."""
+    """The type of a field, without the None that it may be, and its range."""
+    if get_origin(kind) is UnionType:
+        kind = next(each for each in get_args(kind) if each is not NoneType)
     if get_origin(kind) is not Annotated:
         return kind, Range()
     plain, *extras = get_args(kind)
@@ -106,8 +213,12 @@ def _wanted(kind: Any) -> str:
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
         return " or ".join(map(repr, get_args(plain)))
+    if get_origin(plain) is tuple:
+        first, *others = get_args(plain)
+        count = "" if others == [...] else f"{1 + len(others)} "
+        return f"a list of {count}values, each {_wanted(first)}"
     words = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
-    return words.get(plain, plain.__name__) + (f" {limits}" if limits != Range() else "")
+    return words.get(plain, "a table") + (f" {limits}" if limits != Range() else "")
 
 
 def described(settings: type) -> list[Setting]:

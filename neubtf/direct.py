@@ -13,7 +13,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.decoder import Decoder, direction_inputs
 from bench.material import Material
-from bench.settings import Count, Natural, Positive
+from bench.settings import BatchSize, Natural, Positive
 from bench.training import (
     Batch,
     Loss,
@@ -41,7 +41,7 @@ class NeuBTFDirect(Codec):
     class Settings(RendererSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, random latents, Adam alone
         steps: Natural = 2_500  # of the fit
-        batch: Count = 4_096  # samples a step
+        batch: BatchSize = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         start: Start = "components"  # of the neural texture: principal components of the log ABRDFs, or random
         optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; all else is Adam's

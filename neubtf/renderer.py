@@ -14,17 +14,17 @@ from bench.codec import Parts
 from bench.decoder import COUNTS, Architecture, Decoder, Directions, direction_inputs, load_vector, to_vector
 from bench.material import DecoderCost, Material, to_radiance
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.settings import Count, Positive
+from bench.settings import Layers, Positive, Width
 
 
 @dataclass(frozen=True)
 class RendererSettings:
     """The settings of a NeuBTF file, common to every codec that writes one."""
 
-    latents: Count = 14  # channels of the neural texture
+    latents: Width = 14  # channels of the neural texture
     directions: Directions = "xyzh"  # inputs: x and y of both as in the paper, or all of both and of their half vector
-    layers: Count = 3  # hidden layers of the renderer
-    width: Count = 32  # channels of each hidden layer
+    layers: Layers = 3  # hidden layers of the renderer
+    width: Width = 32  # channels of each hidden layer
     activation: Literal["sine", "relu"] = "sine"  # of the hidden layers
     omega: Positive = 2.0  # frequency of the sine; without the layer norm SIREN's is 30
     norm: bool = True  # layer norm before each activation

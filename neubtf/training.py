@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from bench.decoder import Decoder
 from bench.errors import InputError
-from bench.settings import Count, Natural, NotNegative, Positive, Range, Share
+from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
 from neubtf.augmentation import Disturbance, Window, draw_scale
 from neubtf.autoencoder import STRIDE
@@ -41,10 +41,10 @@ class FitSettings(RendererSettings):
     explore: Share = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
     explore_weight: NotNegative = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
     pixels: Literal["samples", "slices"] = "samples"  # the pixel loss compares single samples, or whole slices
-    batch: Count = 4_096  # single samples whose pixels a step compares
-    slices: Natural = 1  # whole slices that a step compares
+    batch: BatchSize = 4_096  # single samples whose pixels a step compares
+    slices: Annotated[int, Range(0, 1024)] = 1  # whole slices that a step compares
     levelled: bool = True  # style and spectrum see each slice at its own brightness
-    crop: Annotated[int, Range(STRIDE)] = 64  # texels a side that a step compares of a larger picture
+    crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step compares of a larger picture
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # scale of an input, at which it can be guided later, too
     keep_scale: Share = 0.5  # share of the inputs that keep their scale
     init: Literal["faint", "published"] = "faint"  # first texture and answer: faint and the mean, or as drawn

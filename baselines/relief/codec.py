@@ -23,7 +23,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.decoder import load_vector, to_vector
 from bench.material import Material
 from bench.quantise import WeightPrecision, pack, unpack
-from bench.settings import Count, Natural, Positive, Range
+from bench.settings import BatchSize, Layers, Natural, Positive, Range, Width
 from bench.training import Loss, Optimiser, Samples, Start, gain_of, train
 
 HEIGHT_BITS = 8
@@ -39,11 +39,11 @@ class Relief(Codec):
     @dataclass(frozen=True)
     class Settings:
         steps: Natural = 2_600  # of the fit
-        batch: Count = 4_096  # samples a step
-        latents: Count = 14  # channels of the neural texture
+        batch: BatchSize = 4_096  # samples a step
+        latents: Width = 14  # channels of the neural texture
         bits: Annotated[int, Range(2, 8)] = 5  # of each stored latent
-        layers: Count = 3  # hidden layers of the network
-        width: Count = 32  # channels of each hidden layer
+        layers: Layers = 3  # hidden layers of the network
+        width: Width = 32  # channels of each hidden layer
         omega: Positive = 2.0  # frequency of the sine
         relief: bool = True  # look for a height; it is written only where the slices show one
         frames: bool = True  # turn the directions into two learned shading frames

@@ -4,12 +4,14 @@ A command's module has a docstring, whose first line stands in lists, `arguments
 prints and returns an exit code of `bench.errors`. It imports what it needs when it runs, so that the others start fast.
 """
 
+import argparse
 import importlib
 import pkgutil
 from importlib.metadata import entry_points
 from types import ModuleType
 
 from bench.errors import InputError
+from bench.settings import Threads, converted
 
 GROUP = "neubtf_bench.commands"
 
@@ -36,6 +38,15 @@ def assignments(words: list[str]) -> dict[str, str]:
         if "=" not in word:
             raise InputError(f"--set {word}: write KEY=VALUE")
     return dict(word.split("=", 1) for word in words)
+
+
+def threads(word: str) -> int:
+    """The type of an option that counts CPU threads."""
+    try:
+        count: int = converted("the count", Threads, word, words=True)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return count
 
 
 def usable_device(name: str) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.commands import assignments, usable_device
+from bench.commands import assignments, threads, usable_device
 from bench.errors import FINE, NO, InputError
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--target-flip", type=float, metavar="FLIP", help="… or this FLIP (default: as the full model)")
     parser.add_argument("--uniform", type=float, help="the share of such a fit that is spread evenly (default: 0.1)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--threads", type=threads, default=1)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the codec file to write")
 

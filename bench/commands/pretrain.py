@@ -12,7 +12,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.commands import assignments, usable_device
+from bench.commands import assignments, threads, usable_device
 from bench.errors import FINE, InputError
 
 
@@ -26,7 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--add", action="append", default=[], metavar="BTF", help="train on this BTF or folder of maps too; repeatable"
     )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--threads", type=threads, default=1)
     parser.add_argument("--device", default="cpu")
 
 

@@ -11,7 +11,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.commands import assignments, usable_device
+from bench.commands import assignments, threads, usable_device
 from bench.errors import FINE, InputError
 
 
@@ -20,7 +20,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("btf", metavar="BTF", help="what it was encoded from: a built-in material or a path")
     parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how the BTF is prepared")
     parser.add_argument("--demand", type=Path, help="judge by a scene too, an .npz of `neubtf-bench demand`")
-    parser.add_argument("--threads", type=int, default=1, help="CPU threads of the decoder (default: 1)")
+    parser.add_argument("--threads", type=threads, default=1, help="CPU threads of the decoder (default: 1)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every number as JSON")
 

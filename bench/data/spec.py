@@ -4,24 +4,38 @@ import dataclasses
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, get_type_hints
 
-from bench.data.pairs import SPLITS, Sampling
+from bench.data.pairs import Sampling
 from bench.errors import InputError, did_you_mean
+from bench.settings import Natural, Range, converted
+
+MOST = 1 << 38  # bytes of the radiance of a rendered material, as float32
+Directions = Annotated[int, Range(1, 10_000)]
 
 
 @dataclass(frozen=True)
 class Preparation:
     """How built-in materials and folders of maps are rendered, and how much of measured ones is used."""
 
-    size: int = 64  # texels a side
+    size: Annotated[int, Range(1, 8192)] = 64  # texels a side
     directions: str = "ubo2003"  # the published direction set that is thinned
-    views: int = 25
-    lights: int = 25
-    heldout: int = 150  # further random pairs, uniform in solid angle up to 75°
-    split: str = "test"  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
-    pairs: int = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
+    views: Directions = 25
+    lights: Directions = 25
+    heldout: Annotated[int, Range(0, 100_000)] = 150  # further random pairs, uniform in solid angle up to 75°
+    split: Literal["test", "validation"] = (
+        "test"  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
+    )
+    pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     repair: bool = False  # mask measured values that are not finite by the mean of their pair
+
+    def __post_init__(self) -> None:
+        needed = 12 * self.size**2 * max(self.views * self.lights, self.heldout)
+        if needed > MOST:
+            raise InputError(
+                f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {self.heldout} pairs are "
+                f"{needed / 2**30:,.0f} GiB, and {MOST >> 30} are the limit: lower size, views, lights or heldout"
+            )
 
     def sampling(self, draw: int = 0) -> Sampling:
         """The pairs of a rendered material; `draw` is of its test pairs."""
@@ -53,23 +67,11 @@ def named(material: str) -> MaterialSpec:
 
 def changed(data: Preparation, changes: dict[str, str]) -> Preparation:
     """Change some keys of a preparation, as `--set data.KEY=VALUE` does."""
-    kinds = {field.name: field.type for field in dataclasses.fields(Preparation)}
-    converted: dict[str, Any] = {}
+    kinds = get_type_hints(Preparation, include_extras=True)
+    values: dict[str, Any] = {}
     for key, value in changes.items():
         name = key.removeprefix("data.")
         if name not in kinds:
             raise InputError(f"--set {key}: no such key{did_you_mean(name, kinds)}")
-        if kinds[name] is int and not value.isdecimal():
-            raise InputError(f"--set {key}: must be a whole number, not {value!r}")
-        if kinds[name] is bool and value not in ("true", "false"):
-            raise InputError(f"--set {key}: must be true or false, not {value!r}")
-        if name == "split":
-            check_split(f"--set {key}", value)
-        converted[name] = int(value) if kinds[name] is int else value == "true" if kinds[name] is bool else value
-    return dataclasses.replace(data, **converted)
-
-
-def check_split(key: str, value: str) -> None:
-    """Raise an `InputError` for an unknown split; `key` names it in the error."""
-    if value not in SPLITS:
-        raise InputError(f"{key} must be {' or '.join(SPLITS)}, not {value!r}{did_you_mean(value, SPLITS)}")
+        values[name] = converted(f"--set {key}:", kinds[name], value, words=True)
+    return dataclasses.replace(data, **values)

@@ -29,18 +29,24 @@ kind = "environment"             # radiance = [r, g, b] from all around, and lam
 samples = 8                      # of an environment, at each point
 """
 
-import tomllib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from bench.demand.demand import unit
 from bench.errors import InputError, did_you_mean
+from bench.settings import Range, fields, parse_toml, read_toml, table
 
-Vector = tuple[float, float, float]
+MOST = 100_000  # samples of lights over all frames
+Length = Annotated[float, Range(1e-6, 1e6)]  # in scene units; beyond, rounding hides what the camera sees
+Place = Annotated[float, Range(-1e6, 1e6)]
+Vector = tuple[Place, Place, Place]
+Power = Annotated[float, Range(0, 1e9)]
+Colour = tuple[Power, Power, Power]
+Pixels = Annotated[int, Range(1, 65_536)]
 
 
 @dataclass(frozen=True)
@@ -50,16 +56,13 @@ class Camera:
     position: Vector
     target: Vector
     up: Vector = (0.0, 0.0, 1.0)
-    fov_deg: float = 45.0
-    width: int = 1280
-    height: int = 720
+    fov_deg: Annotated[float, Range(0.01, 179)] = 45.0
+    width: Pixels = 1280
+    height: Pixels = 720
 
     def __post_init__(self) -> None:
-        across = np.cross(np.subtract(self.target, self.position), self.up)
-        if not np.linalg.norm(across) > 1e-9:
-            raise InputError("camera: target - position and up must not be parallel, nor either of them 0")
-        if not (0 < self.fov_deg < 180 and min(self.width, self.height) >= 1):
-            raise InputError("camera: fov_deg must lie between 0 and 180, width and height be at least 1")
+        if not _spread(np.subtract(self.target, self.position), self.up):
+            raise InputError("target - position and up must not be parallel, nor either of them 0")
 
     def ahead(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Unit directions (n, 3) through points of the picture, in pixels from its top left corner."""
@@ -71,25 +74,38 @@ class Camera:
         return unit(forward + x[:, None] * right + y[:, None] * down)
 
 
+def _spread(one: Any, other: Any) -> bool:
+    """Whether two vectors span a plane."""
+    return bool(np.linalg.norm(np.cross(one, other)) > 1e-9 * np.linalg.norm(one) * np.linalg.norm(other))
+
+
 @dataclass(frozen=True)
 class Surface:
     """A plane or a sphere with a texture that repeats."""
 
-    shape: str = "plane"
+    shape: Literal["plane", "sphere"] = "plane"
     centre: Vector = (0.0, 0.0, 0.0)
     normal: Vector = (0.0, 0.0, 1.0)
     up: Vector = (0.0, 1.0, 0.0)
-    size: tuple[float, float] = (1.0, 1.0)
-    radius: float = 0.5
-    repeat: tuple[float, float] = (1.0, 1.0)
+    size: tuple[Length, Length] = (1.0, 1.0)
+    radius: Length = 0.5
+    repeat: tuple[Length, Length] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
-        if self.shape not in ("plane", "sphere"):
-            raise InputError(f"surface: shape {self.shape!r} is neither 'plane' nor 'sphere'")
-        if not np.linalg.norm(np.cross(self.normal, self.up)) > 1e-9:
-            raise InputError("surface: normal and up must not be parallel, nor either of them 0")
-        if not min(*self.size, self.radius, *self.repeat) > 0:
-            raise InputError("surface: size, radius and repeat must be above 0")
+        if not _spread(self.normal, self.up):
+            raise InputError("normal and up must not be parallel, nor either of them 0")
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A disc of an environment, of a half angle."""
+
+    toward: Vector
+    cone_deg: Annotated[float, Range(0.01, 180)]
+    radiance: Colour
+
+    def __post_init__(self) -> None:
+        _check_toward(self.toward)
 
 
 @dataclass(frozen=True)
@@ -98,25 +114,30 @@ class LightSource:
 
     kind: str
     toward: Vector | None = None
-    irradiance: Vector | None = None
+    irradiance: Colour | None = None
     position: Vector | None = None
-    intensity: Vector | None = None
-    radiance: Vector | None = None
-    lamps: list[dict[str, Any]] = field(default_factory=list)
-    samples: int = 8
+    intensity: Colour | None = None
+    radiance: Colour | None = None
+    lamps: tuple[Lamp, ...] = ()
+    samples: Annotated[int, Range(1, MOST)] = 8
 
     def __post_init__(self) -> None:
         needs = {"directional": ("toward", "irradiance"), "point": ("position", "intensity"), "environment": ()}
         if self.kind not in needs:
-            raise InputError(f"lights: no kind {self.kind!r}{did_you_mean(self.kind, needs)}")
+            raise InputError(f"no kind {self.kind!r}{did_you_mean(self.kind, needs)}")
         for name in needs[self.kind]:
             if getattr(self, name) is None:
-                raise InputError(f"lights: a {self.kind} light needs {name}")
-        if self.kind == "environment" and not (self.lamps or self.radiance):
-            raise InputError("lights: an environment needs radiance, lamps, or both")
-        for lamp in self.lamps:
-            if set(lamp) != {"toward", "cone_deg", "radiance"}:
-                raise InputError("lights: a lamp of an environment has toward, cone_deg and radiance, and no more")
+                raise InputError(f"a {self.kind} light needs {name}")
+        if self.toward:
+            _check_toward(self.toward)
+        lit = any(self.radiance or ()) or any(any(lamp.radiance) for lamp in self.lamps)
+        if self.kind == "environment" and not lit:
+            raise InputError("an environment needs radiance, lamps, or both, that are not all 0")
+
+
+def _check_toward(toward: Vector) -> None:
+    if not any(toward):
+        raise InputError("toward must not be 0")
 
 
 @dataclass(frozen=True)
@@ -125,9 +146,17 @@ class Scene:
 
     name: str
     cameras: tuple[Camera, ...]
-    surface: Surface
     lights: tuple[LightSource, ...]
+    surface: Surface = Surface()
     description: str = ""
+
+    def __post_init__(self) -> None:
+        # A lamp costs time at each sample of its environment.
+        samples = sum(light.samples * (1 + len(light.lamps)) for light in self.lights)
+        if samples * len(self.cameras) > MOST:
+            raise InputError(
+                f"{len(self.cameras):,} frames of {samples:,} samples of lights: {MOST:,} in all are the limit"
+            )
 
 
 def shipped() -> dict[str, str]:
@@ -148,74 +177,29 @@ def named_scene(name: str) -> Scene:
 
 def read_scene(path: Path) -> Scene:
     """The scene of a TOML file. `InputError` names the file and the key that is wrong."""
+    text = read_toml(path)
     try:
-        return parse_scene(path.stem, path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
+        return parse_scene(path.stem, text)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
 def parse_scene(name: str, text: str) -> Scene:
     """The scene of a TOML text."""
-    try:
-        says = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not TOML ({error})") from error
-    _known("scene", says, {"description", "camera", "surface", "lights"})
+    says = parse_toml("scene", text)
     for key in ("camera", "lights"):
         if not says.get(key):
             raise InputError(f"{key} is missing")
-    return Scene(
-        name,
-        _cameras(dict(says["camera"])),
-        _made("surface", Surface, says.get("surface", {})),
-        tuple(_made("lights", LightSource, light) for light in says["lights"]),
-        str(says.get("description", "")),
-    )
+    cameras = tuple(table("camera", Camera, frame) for frame in _frames(says.pop("camera")))
+    return Scene(name, cameras, **fields("scene", Scene, says, without=("name", "cameras")))
 
 
-def _cameras(says: dict[str, Any]) -> tuple[Camera, ...]:
-    path = says.pop("path", None)
-    if path is None:
-        return (_made("camera", Camera, says),)
-    if not path:
-        raise InputError("camera: path names no frame")
-    return tuple(_made("camera", Camera, says | frame) for frame in path)
-
-
-def _made(where: str, kind: Any, says: dict[str, Any]) -> Any:
-    """An object of a dataclass, from a TOML table: vectors become tuples of finite numbers."""
-    if not isinstance(says, dict):
-        raise InputError(f"{where} must be a table")
-    _known(where, says, {f.name for f in fields(kind)})
-    default = {f.name: f.default for f in fields(kind)}
-    values = {name: _value(where, name, value, default[name]) for name, value in says.items()}
-    try:
-        return kind(**values)
-    except TypeError as error:
-        raise InputError(f"{where}: {str(error).split('()')[-1].strip()}") from error
-
-
-def _value(where: str, name: str, value: Any, default: Any) -> Any:
-    if name in ("lamps",):
-        return [{k: _value(where, f"lamps.{k}", v, None) for k, v in lamp.items()} for lamp in value]
-    if isinstance(value, list):
-        length = 2 if name in ("size", "repeat") else 3
-        numbers = all(isinstance(v, int | float) and np.isfinite(v) for v in value)
-        if len(value) != length or not numbers:
-            raise InputError(f"{where}: {name} must be {length} numbers, not {value!r}")
-        return tuple(float(v) for v in value)
-    if isinstance(default, str) or name == "kind":
-        if not isinstance(value, str):
-            raise InputError(f"{where}: {name} must be a word, not {value!r}")
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(f"{where}: {name} must be a number, not {value!r}")
-    return value
-
-
-def _known(where: str, says: dict[str, Any], known: set[str]) -> None:
-    for key in says:
-        if key not in known:
-            raise InputError(f"{where}: no key {key!r}{did_you_mean(key, known)}")
+def _frames(camera: Any) -> list[Any]:
+    """The tables of the cameras: one, or one for each entry of its path."""
+    if not isinstance(camera, dict) or "path" not in camera:
+        return [camera]
+    shared = {key: value for key, value in camera.items() if key != "path"}
+    path = camera["path"]
+    if not isinstance(path, list) or not path:
+        raise InputError("camera: path names no frame: it must be a list of tables")
+    return [shared | frame if isinstance(frame, dict) else frame for frame in path]

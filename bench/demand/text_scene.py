@@ -91,7 +91,7 @@ def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> 
             return [Light(ones * unit(np.asarray(source.toward)), ones * np.asarray(source.irradiance))]
         case "point":
             offset = np.asarray(source.position) - points.position
-            square = (offset**2).sum(1, keepdims=True)
+            square = np.maximum((offset**2).sum(1, keepdims=True), 1e-12)
             return [Light(offset / np.sqrt(square), np.asarray(source.intensity) / square)]
         case _:
             return [_environment_sample(source, points, rng) for _ in range(source.samples)]
@@ -100,20 +100,22 @@ def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> 
 def _environment_sample(source: LightSource, points: Points, rng: np.random.Generator) -> Light:
     """One sample of an environment at each point: the sphere, or one of the lamps, in proportion to their power."""
     toward, irradiance = np.zeros((2, len(points), 3))
-    solid = [2 * np.pi * (1 - np.cos(np.radians(lamp["cone_deg"]))) for lamp in source.lamps]
-    radiance = [np.asarray(lamp["radiance"]) for lamp in source.lamps]
+    solid = [2 * np.pi * (1 - np.cos(np.radians(lamp.cone_deg))) for lamp in source.lamps]
+    radiance = [np.asarray(lamp.radiance) for lamp in source.lamps]
     around = np.asarray(source.radiance or (0.0, 0.0, 0.0))
     power = np.array([4 * np.pi * around.mean(), *(s * r.mean() for s, r in zip(solid, radiance, strict=True))])
     chosen = rng.choice(len(power), len(points), p=power / power.sum())
     for index, share in enumerate(power / power.sum()):
         here = np.flatnonzero(chosen == index)
+        if not len(here):
+            continue
         if index:
             lamp = source.lamps[index - 1]
-            toward[here] = _in_cone(unit(np.asarray(lamp["toward"])), np.radians(lamp["cone_deg"]), len(here), rng)
+            toward[here] = _in_cone(unit(np.asarray(lamp.toward)), np.radians(lamp.cone_deg), len(here), rng)
             irradiance[here] = radiance[index - 1] * solid[index - 1] / share
         else:
             toward[here] = _in_cone(np.array([0.0, 0.0, 1.0]), np.pi, len(here), rng)
-            irradiance[here] = around * 4 * np.pi / max(share, 1e-300)
+            irradiance[here] = around * 4 * np.pi / share
     return Light(toward, irradiance / source.samples)
 
 

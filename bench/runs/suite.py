@@ -28,16 +28,21 @@ The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a
 
 import dataclasses
 import itertools
-import tomllib
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from bench.data.spec import MaterialSpec, Preparation, changed, check_split, named
+from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
 from bench.errors import CodecError, InputError, did_you_mean
 from bench.metrics import DEFAULTS, chosen_names
+from bench.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, shown, table
+
+MOST_JOBS = 100_000
+Words = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -72,16 +77,16 @@ class Suite:
     name: str
     text: str  # the TOML it was read from
     description: str = ""
-    threads: int = 1
-    seeds: tuple[int, ...] = (0,)
+    threads: Threads = 1
+    seeds: tuple[Annotated[int, Range(0, 2**31 - 1)], ...] = (0,)
     data: Preparation = field(default_factory=Preparation)
     materials: tuple[MaterialSpec, ...] = ()
     codecs: tuple[CodecSpec, ...] = ()
-    pretrain: tuple[str, ...] = ()
-    variants: tuple[str, ...] = ()
+    pretrain: Words = ()
+    variants: Words = ()
     demand: str = ""  # path of a demand file
-    uniform: float = UNIFORM
-    metrics: tuple[str, ...] = DEFAULTS
+    uniform: Share = UNIFORM
+    metrics: Words = DEFAULTS
 
     @property
     def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:
@@ -104,51 +109,45 @@ def load_suite(name: str) -> Suite:
     path = Path(name)
     if path.suffix != ".toml":
         raise InputError(f"no suite named {name!r}{did_you_mean(name, builtin)} (a file's name ends in .toml)")
-    try:
-        return parse_suite(path.stem, path.read_text(encoding="utf-8"), name)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{name}: cannot be read ({error})") from error
+    return parse_suite(path.stem, read_toml(path), name)
 
 
 def parse_suite(name: str, text: str, file: str = "") -> Suite:
-    """Parse a suite from TOML text; errors name it `file`."""
+    """Parse a suite from TOML text; errors name it `file`. All is checked before anything is opened."""
     file = file or f"suite {name}"
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{file}: not TOML: {error}") from error
-    known = {"description", "pretrain", "variants", "threads", "seeds", "data", "materials", "codecs"}
-    known |= {"demand", "uniform", "metrics"}
-    _only(file, "", table, known)
-    data = Preparation(**_typed(file, "data.", table.get("data", {}), Preparation))
-    check_split(f"{file}: data.split", data.split)
-    seeds, pretrain = _list(file, "seeds", table, int, [0]), _list(file, "pretrain", table, str, [])
-    materials = [_material(file, entry) for entry in _value(file, "materials", table.get("materials", []), list)]
-    codecs = [spec for entry in _value(file, "codecs", table.get("codecs", []), list) for spec in _sweep(file, entry)]
-    if twice := _repeated([spec.label for spec in codecs]) or _repeated([spec.name for spec in materials]):
-        raise InputError(f"{file}: {twice!r} appears twice")
-    if foreign := {name for spec in codecs for name in spec.materials} - {spec.name for spec in materials}:
-        raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
-    uniform = float(_value(file, "uniform", table.get("uniform", UNIFORM), float))
-    if not 0 <= uniform <= 1:
-        raise InputError(f"{file}: uniform = {uniform}: must be between 0 and 1")
-    if absent := set(pretrain) - {spec.codec for spec in codecs}:
-        raise InputError(f"{file}: pretrain names {min(absent)!r}, which is not a codec of this suite")
-    return Suite(
+    says = parse_toml(file, text)
+    materials, codecs = (_entries(f"{file}: {key}", says.pop(key, [])) for key in ("materials", "codecs"))
+    suite = Suite(
         name,
         text,
-        _value(file, "description", table.get("description", ""), str),
-        _value(file, "threads", table.get("threads", 1), int),
-        tuple(seeds),
-        data,
-        tuple(materials),
-        tuple(codecs),
-        tuple(pretrain),
-        tuple(_list(file, "variants", table, str, [])),
-        _value(file, "demand", table.get("demand", ""), str),
-        uniform,
-        _metrics(f"{file}: metrics", _list(file, "metrics", table, str, list(DEFAULTS))),
+        materials=tuple(_material(f"{file}: materials", entry) for entry in materials),
+        codecs=tuple(_swept(f"{file}: codecs", codecs)),
+        **fields(file, Suite, says, without=("name", "text")),
     )
+    _check(file, suite)
+    return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
+
+
+def _entries(what: str, value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise InputError(f"{what} must be a list, not {shown(value)}")
+    return value
+
+
+def _check(file: str, suite: Suite) -> None:
+    """Check the names in a suite against each other, and the number of its jobs."""
+    if twice := _repeated([spec.label for spec in suite.codecs]) or _repeated([m.name for m in suite.materials]):
+        raise InputError(f"{file}: {twice!r} appears twice")
+    if foreign := {name for spec in suite.codecs for name in spec.materials} - {spec.name for spec in suite.materials}:
+        raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
+    if absent := set(suite.pretrain) - {spec.codec for spec in suite.codecs}:
+        raise InputError(f"{file}: pretrain names {min(absent)!r}, which is not a codec of this suite")
+    _check_jobs(file, len(suite.materials) * len(suite.codecs) * len(suite.seeds))
+
+
+def _check_jobs(file: str, jobs: int) -> None:
+    if jobs > MOST_JOBS:
+        raise InputError(f"{file}: asks for {jobs:,} jobs, and {MOST_JOBS:,} are the limit: split it")
 
 
 def with_metrics(suite: Suite, names: list[str]) -> Suite:
@@ -156,10 +155,10 @@ def with_metrics(suite: Suite, names: list[str]) -> Suite:
     return dataclasses.replace(suite, metrics=_metrics("--metric", [*suite.metrics, *names]))
 
 
-def _metrics(key: str, names: list[str]) -> tuple[str, ...]:
+def _metrics(key: str, names: Iterable[str]) -> tuple[str, ...]:
     """The names without duplicates. `InputError` if one is not the name of a metric."""
     try:
-        return chosen_names(names, periodic=False)
+        return chosen_names(list(names), periodic=False)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
 
@@ -253,45 +252,37 @@ def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
     return dataclasses.replace(spec, settings=spec.settings | {setting: converted})
 
 
-def _material(file: str, entry: Any) -> MaterialSpec:
+def _material(where: str, entry: Any) -> MaterialSpec:
     if isinstance(entry, str):
-        return named(entry)
-    return MaterialSpec(**_typed(file, "materials.", _value(file, "materials", entry, dict), MaterialSpec))
+        return named(converted(where, str, entry))
+    found: MaterialSpec = table(where, MaterialSpec, entry)
+    return found
 
 
-def _sweep(file: str, entry: Any) -> list[CodecSpec]:
-    """The codecs of one table: one for each combination of the values in its lists."""
-    entry = dict(_value(file, "codecs", entry, dict))
-    codec = _value(file, "codecs.codec", entry.pop("codec", None), str)
-    key = "codecs.materials"
-    materials = tuple(_list(file, key, {key: entry.pop("materials", [])}, str, []))
-    lists = [value if isinstance(value, list) else [value] for value in entry.values()]
-    swept = tuple(key for key, value in entry.items() if isinstance(value, list))
-    settings = (dict(zip(entry, values, strict=True)) for values in itertools.product(*lists))
-    return [CodecSpec(codec, each, swept, materials) for each in settings]
+def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
+    """The codecs of all tables: one for each combination of the values in the lists of one."""
+    jobs = 0
+    for entry in entries:
+        if not isinstance(entry, dict):
+            raise InputError(f"{where} must be tables, not {shown(entry)}")
+        settings = dict(entry)
+        codec = converted(f"{where}.codec", str, settings.pop("codec", None))
+        materials = converted(f"{where}.materials", Words, settings.pop("materials", []))
+        lists = [_values(f"{where}.{key}", value) for key, value in settings.items()]
+        _check_jobs(where, jobs := jobs + math.prod(map(len, lists)))
+        swept = tuple(key for key, value in settings.items() if isinstance(value, list))
+        for values in itertools.product(*lists):
+            yield CodecSpec(codec, dict(zip(settings, values, strict=True)), swept, materials)
 
 
-def _typed(file: str, prefix: str, table: Any, kind: type) -> dict[str, Any]:
-    kinds = {f.name: f.type for f in dataclasses.fields(kind)}
-    _only(file, prefix, _value(file, prefix.rstrip("."), table, dict), set(kinds))
-    return {key: _value(file, prefix + key, value, kinds[key]) for key, value in table.items()}
-
-
-def _only(file: str, prefix: str, table: dict[str, Any], known: set[str]) -> None:
-    for key in table:
-        if key not in known:
-            raise InputError(f"{file}: unknown key {prefix + key!r}{did_you_mean(key, known)}")
-
-
-def _value(file: str, key: str, value: Any, kind: Any) -> Any:
-    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        raise InputError(f"{file}: {key} must be of type {kind.__name__}, not {value!r}")
-    return value
-
-
-def _list(file: str, key: str, table: dict[str, Any], kind: Any, default: list[Any]) -> list[Any]:
-    return [_value(file, key, entry, kind) for entry in _value(file, key, table.get(key, default), list)]
+def _values(what: str, value: Any) -> list[Any]:
+    """The values of a setting, a list or a single one; what each may be is the codec's to say."""
+    values = value if isinstance(value, list) else [value]
+    for each in values:
+        converted(what, str if isinstance(each, str) else bool if isinstance(each, bool) else float, each)
+    return values
 
 
 def _repeated(names: list[str]) -> str | None:
-    return next((name for i, name in enumerate(names) if name in names[:i]), None)
+    seen: set[str] = set()
+    return next((name for name in names if name in seen or seen.add(name)), None)  # type: ignore[func-returns-value]

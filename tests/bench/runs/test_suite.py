@@ -1,5 +1,6 @@
 import pytest
 
+from bench import cli
 from bench.data.spec import named
 from bench.errors import InputError
 from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite, with_changes, with_metrics
@@ -67,11 +68,11 @@ def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("threads = 1", "thraeds = 1"), "unknown key 'thraeds'; did you mean 'threads'?"),
-        (("threads = 1", 'threads = "two"'), "threads must be of type int, not 'two'"),
-        (("size = 16", "sise = 16"), "unknown key 'data.sise'; did you mean 'size'?"),
-        (("seeds = [0, 1]", "seeds = [true]"), "seeds must be of type int, not True"),
-        (('codec = "mean-colour"', "half = true"), "codecs.codec must be of type str, not None"),
+        (("threads = 1", "thraeds = 1"), "no key 'thraeds'; did you mean 'threads'?"),
+        (("threads = 1", 'threads = "two"'), "threads must be a whole number from 1 to 1,024, not 'two'"),
+        (("size = 16", "sise = 16"), "data: no key 'sise'; did you mean 'size'?"),
+        (("seeds = [0, 1]", "seeds = [true]"), "seeds must be a whole number from 0 to 2,147,483,647, not True"),
+        (('codec = "mean-colour"', "half = true"), "codecs.codec must be a word, not None"),
         (('"satin", ', '"satin", "satin", '), "'satin' appears twice"),
         (("threads = 1", "threads ="), "not TOML"),
         (("threads = 1", 'pretrain = ["pco"]'), "pretrain names 'pco', which is not a codec of this suite"),
@@ -79,8 +80,8 @@ def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
             ('"mean-colour"', '"mean-colour"\nmaterials = ["silk"]'),
             "codecs.materials names 'silk', which is not a material",
         ),
-        (('"mean-colour"', '"mean-colour"\nmaterials = [1]'), "codecs.materials must be of type str, not 1"),
-        (("threads = 1", "pretrain = [1]"), "pretrain must be of type str, not 1"),
+        (('"mean-colour"', '"mean-colour"\nmaterials = [1]'), "codecs.materials must be a word, not 1"),
+        (("threads = 1", "pretrain = [1]"), "pretrain must be a word, not 1"),
     ],
 )
 def test_a_bad_suite_is_explained_by_file_and_key(tmp_path, change, message):
@@ -101,7 +102,7 @@ def test_a_suite_is_scored_at_test_pairs_but_where_it_says_validation():
         lambda: parse_suite("test", TEXT.replace("size = 16", 'split = "tests"')),
         lambda: with_changes(suite, [], [], {"data.split": "tests"}, None),
     ):
-        with pytest.raises(InputError, match=r"data\.split must be test or validation, not 'tests'; did"):
+        with pytest.raises(InputError, match=r"split:? must be 'test' or 'validation', not 'tests'"):
             wrong()
 
 
@@ -148,7 +149,7 @@ def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
     ("changes", "message"),
     [
         ({"data.sise": "8"}, "no such key; did you mean 'size'?"),
-        ({"data.size": "big"}, "must be a whole number, not 'big'"),
+        ({"data.size": "big"}, "size: must be a whole number from 1 to 8,192, not 'big'"),
         ({"flavour": "8"}, "no codec of this run has a setting 'flavour'"),
         ({"table.components": "8"}, "no codec of this run has a setting 'components'"),
         ({"components": "x"}, "setting components of codec pca must be a whole number"),
@@ -177,7 +178,7 @@ def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it
     assert (suite.demand, suite.uniform) == ("wall.npz", 0.25)
     assert [spec.settings["scene"] for spec in suite.codecs] == [False, True]
     assert len({spec.curve for spec in suite.codecs}) == 2  # no ladder of rates mixes the two
-    with pytest.raises(InputError, match="must be between 0 and 1"):
+    with pytest.raises(InputError, match="uniform must be a finite number from 0 to 1, not 1"):
         parse_suite("a", text.replace("0.25", "1.5"))
     changed = with_changes(suite, [], [], {"scene": "true"}, None)
     assert [spec.settings["scene"] for spec in changed.codecs] == [True]
@@ -192,3 +193,57 @@ def test_a_suite_chooses_its_metrics_and_the_command_line_adds_some():
         parse_suite("test", 'metrics = ["flipp"]\n' + TEXT)
     with pytest.raises(InputError, match=r"--metric: no metric is named 'ssm'"):
         with_metrics(suite, ["ssm"])
+
+
+ATTACKS = [
+    ("size = 16", "heldout = 1_000_000_000", "data: heldout must be a whole number from 0 to 100,000, not 1000000000"),
+    ("size = 16", "size = 8192\nheldout = 100_000", "data: 8192 × 8192 texels at 25 × 25 + 100000 pairs are"),
+    ("size = 16", "size = 1e400", "data: size must be a whole number from 1 to 8,192, not inf"),
+    ("size = 16", "size = -1", "data: size must be a whole number from 1 to 8,192, not -1"),
+    ("size = 16", "size = nan", "data: size must be a whole number from 1 to 8,192, not nan"),
+    ("size = 16", 'size = "16"', "data: size must be a whole number from 1 to 8,192, not '16'"),
+    ("size = 16", "repair = 1", "data: repair must be true or false, not 1"),
+    ("[data]\nsize = 16", "data = [1]", "data must be a table, not [1]"),
+    ("threads = 1", "threads = 100000", "threads must be a whole number from 1 to 1,024, not 100000"),
+    ("threads = 1", "threads = 0x" + "f" * 9000, "threads must be a whole number from 1 to 1,024, not a int of absurd"),
+    ("threads = 1", "threads = " + "9" * 9000, "not TOML"),
+    ("threads = 1", "uniform = inf", "uniform must be a finite number from 0 to 1, not inf"),
+    ("threads = 1", "uniform = -0.1", "uniform must be a finite number from 0 to 1, not -0.1"),
+    ("seeds = [0, 1]", "seeds = [-1]", "seeds must be a whole number from 0"),
+    ("seeds = [0, 1]", "seeds = 0", "seeds must be a list of values, each a whole number from 0"),
+    ("threads = 1", f"variants = {'[' * 5000}{']' * 5000}", "nested too deeply"),
+    ("threads = 1", "demand = [[[[1]]]]", "demand must be a word, not [[[[1]]]]"),
+    ("components = [2, 4]", "components = [[2], 4]", "codecs.components must be a finite number, not [2]"),
+    ("components = [2, 4]", "components = inf", "codecs.components must be a finite number, not inf"),
+    ("components = [2, 4]", "components = {a = 1}", "codecs.components must be a finite number, not {'a': 1}"),
+    ("components = [2, 4]", "passes = 1_000_000_000", "setting passes of codec pca must be a whole number from 2"),
+    ('"mean-colour"', '"neubtf-direct"\nlayers = 100_000_000', "setting layers of codec neubtf-direct must be"),
+    ('"mean-colour"', '"vq"\nstages = 1e400', "codecs.stages must be a finite number, not inf"),
+    ('"mean-colour"', '"neumip"\nchannels = -1', "setting channels of codec neumip must be a whole number"),
+    ("materials = [", "materials = [7, ", "materials must be a table, not 7"),
+    ("threads = 1", "pretrain = " + "'" + "x" * (1 << 20) + "'", "larger than 1 MiB"),
+    (
+        "components = [2, 4]",
+        "\n".join(f"{name} = {list(range(100))}" for name in "abcde"),
+        "codecs: asks for 20,000,000,001 jobs, and 100,000 are the limit",
+    ),
+    ("seeds = [0, 1]", f"seeds = {list(range(50_000))}", "asks for 500,000 jobs"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), ATTACKS, ids=[f"{a[1]:.24}" for a in ATTACKS])
+def test_an_absurd_suite_is_refused_before_anything_is_done(old, new, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.toml").write_text(TEXT.replace(old, new, 1))
+    assert cli.main(["run", "bad.toml"]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert len(error) < 400
+    assert list(tmp_path.iterdir()) == [tmp_path / "bad.toml"]
+
+
+def test_threads_of_the_command_line_have_a_limit_too(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["encode", "satin", "--codec", "pca", "-o", "a.nbtf", "--threads", "100000"])
+    assert "must be a whole number from 1 to 1,024, not '100000'" in capsys.readouterr().err
