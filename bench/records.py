@@ -41,6 +41,7 @@ CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "te
 _HEAD = ("material", "label", "codec", "seed", "job", "status")
 _NO_NUMBERS = {"kind", "run", "fit_key", "score_key", "provenance", "traceback", "metrics", "settings", "shape"}
 _RAW_TIMING = {"kind", "job", "run", "samples_ns", "floor_ratios"}
+_ARTEFACTS = ("slices", "angular", "pictures", "file")  # files of a run's folder that a job names
 _LONGEST = 8  # longest list whose numbers become fields
 
 
@@ -156,6 +157,45 @@ def load_run(folder: str | Path) -> Run:
                 run.unreadable.append(number)
     run.jobs.arrange(name for start in run.starts for name in start.get("jobs", []))
     return run
+
+
+def load_together(sources: Sequence[str | Path]) -> Run:
+    """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
+
+    Of a job that two of them measured, the later one counts. `InputError` where it was measured on other data there.
+    """
+    runs = [load_run(path) for source in sources for path in _files_of(Path(source))]
+    if len(runs) == 1:
+        return runs[0]
+    found = Run(runs[-1].folder)
+    for run in runs:
+        found.starts.extend(run.starts)
+        for job in run.jobs:
+            _refuse_other_data(found.job(job["job"]), job, run.folder)
+            found.jobs.put(job["job"], _anywhere(job, run.folder))
+        for timing in run.timings:
+            found.timings.put(timing["job"], timing)
+        for rate in run.rates:
+            found.rates.put((rate.get("material"), rate.get("curve")), rate)
+    return found
+
+
+def _files_of(source: Path) -> list[Path]:
+    """The runs of a folder: its own, or the files of records in it."""
+    if source.suffix == ".jsonl" or (source / FILE).is_file():
+        return [source]
+    return sorted(source.glob("*.jsonl")) or [source]
+
+
+def _refuse_other_data(known: Record | None, job: Record, folder: Path) -> None:
+    mine, theirs = (each.get("score_key", {}).get("btf") if each else None for each in (job, known))
+    if mine and theirs and mine != theirs:
+        raise InputError(f"{folder}: {job['job']} was measured on other data than in the runs before: give fewer runs")
+
+
+def _anywhere(job: Record, folder: Path) -> Record:
+    """The job with artefacts that are found from any folder."""
+    return job | {name: str(folder.absolute() / job[name]) for name in _ARTEFACTS if isinstance(job.get(name), str)}
 
 
 def load_trade(folder: Path) -> Record | None:

@@ -41,14 +41,14 @@ class Written:
     files: list[Path]
 
 
-def table_text(run_folder: str | Path, format: str = "text", kind: str | None = None) -> str:
-    """The tables of a run as `text`, `markdown`, `latex` or `csv`.
+def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", kind: str | None = None) -> str:
+    """The tables of a run, or of several together, as `text`, `markdown`, `latex` or `csv`.
 
     `kind` picks one kind of table, of `KINDS`; by default all are given, the text of them in a shorter form.
     A CSV has one row a job and every number of its record, whatever the kind, but of `trade`: one row a choice.
     Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
     """
-    from bench.records import load_run
+    from bench.records import load_together
     from reports import text, trade
     from reports.latex import latex
     from reports.raw import csv_text
@@ -58,7 +58,7 @@ def table_text(run_folder: str | Path, format: str = "text", kind: str | None = 
     writers: dict[str, Callable[..., str]] = {"markdown": text.markdown, "latex": latex, "text": text.plain}
     if format not in (*writers, "csv") or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
-    run = load_run(run_folder)
+    run = load_together([runs] if isinstance(runs, str | Path) else runs)
     if format == "csv":
         return trade.csv_text(run.folder) if kind == "trade" else csv_text(run)
     if format == "text" and kind is None:

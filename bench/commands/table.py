@@ -1,4 +1,4 @@
-"""print a run's tables
+"""print the tables of a run, or of several together
 
 `table parameters` sets decoder parameters and texture channels beside those of the NeuBTF paper. Codecs that the run
 did not measure are counted in a small file that is made for it, so that it needs no run.
@@ -7,6 +7,7 @@ examples:
   neubtf-bench table
   neubtf-bench table rate runs/rd
   neubtf-bench table main runs/quick --format latex
+  neubtf-bench table summary docs/results/quick.jsonl runs/mine
 """
 
 import argparse
@@ -24,7 +25,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         metavar="KIND|RUN",
         help=f"one kind of table ({', '.join(KINDS)}; default: "
-        "all) and the folder of a run (default: the newest under runs/)",
+        "all) and folders of runs or files of records (default: the newest run under runs/)",
     )
     parser.add_argument("--format", default="text", choices=["text", "markdown", "latex", "csv"])
 
@@ -34,29 +35,29 @@ def run(options: argparse.Namespace) -> int:
 
     kinds = [word for word in options.what if word in KINDS]
     folders = [Path(word) for word in options.what if word not in KINDS]
-    if len(kinds) > 1 or len(folders) > 1:
-        raise InputError("table: give one kind of table and one folder of a run at most")
+    if len(kinds) > 1:
+        raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
     if kinds == ["parameters"]:
-        print(_parameters(folders[0] if folders else None, options.format))
+        print(_parameters(folders or _runs()[-1:], options.format))
         return FINE
-    folder = folders[0] if folders else _newest_run(kinds)
-    text = table_text(folder, options.format, kinds[0] if kinds else None)
+    folders = folders or [_newest_run(kinds)]
+    text = table_text(folders, options.format, kinds[0] if kinds else None)
     if not text.strip():
-        print(f"neubtf-bench: {folder}: no such table: {WHY_EMPTY[kinds[0] if kinds else 'main']}", file=sys.stderr)
+        names = ", ".join(map(str, folders))
+        print(f"neubtf-bench: {names}: no such table: {WHY_EMPTY[kinds[0] if kinds else 'main']}", file=sys.stderr)
         return FINE if kinds == ["unfinished"] else NOTHING
     print(text)
     return FINE
 
 
-def _parameters(folder: Path | None, format: str) -> str:
-    """The table of parameters, from the records of a run as far as it goes."""
+def _parameters(folders: list[Path], format: str) -> str:
+    """The table of parameters, from the records of runs as far as they go."""
     from bench.codecs.registry import codec_entries
-    from bench.records import load_run
+    from bench.records import load_together
     from reports import parameters_text
     from reports.parameters import PUBLISHED
 
-    folders = [folder] if folder else _runs()[-1:]
-    jobs = [job for folder in folders for job in load_run(folder).jobs if job["status"] == "ok"]
+    jobs = [job for job in load_together(folders).jobs if job["status"] == "ok"] if folders else []
     wanted = [name for name in PUBLISHED if name in codec_entries() and name not in {job["codec"] for job in jobs}]
     if wanted:
         from bench.conformance.verdicts import count

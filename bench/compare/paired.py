@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.compare.slices import decibels
-from bench.records import Record, Run
+from bench.records import Record, Run, shown_label
 
 Array = np.ndarray
 DRAWS = 2000
@@ -45,11 +45,11 @@ class Interval:
 
 
 def codecs(run: Run, first: str, second: str, materials: Sequence[str] = ()) -> Interval | None:
-    """The mean difference in dB per slice between the codecs of labels `second` and `first` of a run.
+    """The mean difference in dB per slice between the codecs of a run that tables call `second` and `first`.
 
     Covers all materials and seeds that have both, or only `materials`; None if there is nothing to compare.
     """
-    jobs = {(job["material"], job["seed"], job["label"]): job for job in run.jobs if job["status"] == "ok"}
+    jobs = {(job["material"], job["seed"], shown_label(job)): job for job in run.jobs if job["status"] == "ok"}
     found = []
     for material, seed, label in jobs:
         other = jobs.get((material, seed, second))

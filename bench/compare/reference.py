@@ -78,7 +78,7 @@ def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
     timed = {timing["job"]: timing for timing in run.timings}
     kept = ("kind", "job", "ns_per_sample", "interval95_ns", *CONDITIONS)
     for timing in [timed[job["job"]] for job in jobs if job["job"] in timed]:
-        line = _rounded({key: timing[key] for key in kept if key in timing})
+        line = rounded({key: timing[key] for key in kept if key in timing})
         yield line | {"run": starts.get(timing["run"], timing["run"])}
 
 
@@ -124,7 +124,7 @@ def _job(job: Record, folder: Path, whole: bool) -> Record:
     }
     if whole and (slices := decibels(folder, job)) is not None:
         line["slices"] = {PSNR: packed(slices)}
-    return _rounded(line)
+    return rounded(line)
 
 
 def _shorter(metrics: Record, names: list[str]) -> Record:
@@ -139,10 +139,10 @@ def _short(stats: Record, *numbers: str) -> Record:
     return known if None not in known.values() else known | {key: stats[key] for key in ("exact", "slices")}
 
 
-def _rounded(value: Any) -> Any:
+def rounded(value: Any) -> Any:
     """Numbers rounded to seven digits, more than any tolerance needs."""
     if isinstance(value, float):
         return float(f"{value:.{_DIGITS}g}")
     if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    return [_rounded(item) for item in value] if isinstance(value, list) else value
+        return {key: rounded(item) for key, item in value.items()}
+    return [rounded(item) for item in value] if isinstance(value, list) else value

@@ -163,6 +163,8 @@ class _Session:
         suite = self.suite
         says: Record = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
         says |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
+        says |= {"data": dataclasses.asdict(suite.data)}
+        says |= {"materials": [dataclasses.asdict(material) for material in suite.materials]}
         self.record(says | {"jobs": [task.name for task in self.tasks]} | provenance())
 
     def jobs(self, workers: Workers) -> Iterator[Outcome]:

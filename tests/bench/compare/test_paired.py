@@ -63,6 +63,8 @@ def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_p
     assert found.slices == 80  # those without any error are left out
     assert codecs(run, "pca", "table") is None
     assert codecs(run, "pca", "vq", ["brick"]) is None
+    ours = make.run("ours", *(job | {"settings": {"recipe": "ours"}} if job["label"] == "vq" else job for job in jobs))
+    assert codecs(ours, "pca", "vq (our recipe)") == found  # as tables call it
 
 
 def test_a_reference_holds_slices_to_a_hundredth_of_a_decibel_and_exact_ones_as_such(make, tmp_path):

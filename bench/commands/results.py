@@ -1,0 +1,94 @@
+"""keep records beside a document, and write the document's tables from them
+
+`results add RUN FILE` puts the records of a run (or of what `verify` scored) into FILE.jsonl, small enough to commit.
+`results write DOC` writes the tables of a Markdown file anew. Each stands between two comments, the first of which is
+the command that makes it:
+
+    <!-- neubtf-bench table summary docs/results/quick.jsonl -->
+    …
+    <!-- end -->
+
+`results check DOC` changes nothing, and fails where a table is not what its command makes.
+
+examples:
+  neubtf-bench results add runs/quick docs/results/quick.jsonl
+  neubtf-bench results write docs/results.md README.md
+"""
+
+import argparse
+import re
+import shlex
+from pathlib import Path
+
+from bench.errors import FINE, NO, InputError
+
+_BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
+    add = actions.add_parser("add", help="put the records of a run into a file to commit")
+    add.add_argument("run", type=Path, help="the folder of a run")
+    add.add_argument("file", type=Path, metavar="FILE", help="a .jsonl file; what it holds already stays")
+    for action, about in (("write", "write the tables of documents anew"), ("check", "fail where a table is not so")):
+        each = actions.add_parser(action, help=about)
+        each.add_argument("documents", type=Path, nargs="+", metavar="DOC", help="a Markdown file")
+
+
+def run(options: argparse.Namespace) -> int:
+    if options.action == "add":
+        return _add(options.run, options.file)
+    stale = [path for path in options.documents if _written(path, options.action == "write")]
+    if options.action == "check" and stale:
+        names = " ".join(map(str, stale))
+        print(f"not what the records say: {names}: `neubtf-bench results write {names}` mends it")
+        return NO
+    return FINE
+
+
+def _add(run: Path, file: Path) -> int:
+    from bench.atomic import write
+    from bench.compare.results import kept
+    from bench.records import load_together
+
+    if file.suffix != ".jsonl":
+        raise InputError(f"{file}: the name of a file of records ends in .jsonl")
+    whole = load_together([*([file] if file.exists() else []), run])
+    text = kept(whole)
+    try:
+        write(file, text.encode())
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error.strerror}): choose another FILE") from error
+    print(f"wrote {file}: {len(whole.jobs)} jobs, {len(text.encode()):,} bytes")
+    return FINE
+
+
+def _written(path: Path, writes: bool) -> bool:
+    """Make the tables of a document anew; returns whether it changed, and stores it if `writes`."""
+    from bench.atomic import write
+
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from error
+    if not _BLOCK.search(text):
+        raise InputError(f"{path}: no table of a command is in it: see `neubtf-bench results --help`")
+    new = _BLOCK.sub(lambda found: found["start"] + _table(path, found["words"]) + found["end"], text)
+    if writes and new != text:
+        write(path, new.encode())
+        print(f"wrote {path}")
+    return new != text
+
+
+def _table(path: Path, words: str) -> str:
+    """What a command prints, as Markdown: plain text in a fence, or a Markdown table as it is."""
+    from reports import KINDS, table_text
+
+    command, *rest = shlex.split(words)
+    markdown = rest[-2:] == ["--format", "markdown"]
+    rest = rest[:-2] if markdown else rest
+    kinds, sources = [word for word in rest if word in KINDS], [word for word in rest if word not in KINDS]
+    if command != "table" or len(kinds) > 1 or not sources or any(word.startswith("-") for word in sources):
+        raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
+    text = table_text(sources, "markdown" if markdown else "text", kinds[0] if kinds else None)
+    return f"{text}\n" if markdown else f"```\n{text}\n```\n"

@@ -1,0 +1,32 @@
+"""pack the results of a run, records and codec files, into one archive that others can verify
+
+Whoever has the archive scores every file anew with `neubtf-bench verify ARCHIVE`, so nobody's word is needed.
+
+examples:
+  neubtf-bench submit runs/mine -o mine.zip
+  neubtf-bench submit runs/standard --codec mine -o mine.zip
+"""
+
+import argparse
+from pathlib import Path
+
+from bench.errors import FINE, InputError
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", type=Path, help="the folder of a run")
+    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="the .zip to write")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.compare.results import kept
+    from bench.records import load_run
+    from bench.runs.archive import chosen, pack
+
+    if options.out.suffix != ".zip":
+        raise InputError(f"--out {options.out}: the name of an archive ends in .zip")
+    run = chosen(load_run(options.run), options.codec)
+    pack(run, kept(run), options.out)
+    print(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
+    return FINE

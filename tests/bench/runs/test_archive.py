@@ -1,0 +1,183 @@
+"""An archive of results: what is packed, what is found out about it, what is refused."""
+
+import json
+import zipfile
+
+import pytest
+
+from bench import cli
+from bench.errors import InputError
+from bench.records import FILE, load_run, load_together
+from bench.runs.archive import unpack
+
+SUITE = """
+materials = ["satin"]
+seeds = [0, 1]
+[data]
+size = 12
+views = 5
+lights = 5
+heldout = 8
+[[codecs]]
+codec = "mean-colour"
+[[codecs]]
+codec = "pca"
+components = 4
+"""
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory):
+    """The folder of a small run, with its archive beside it."""
+    place = tmp_path_factory.mktemp("archive")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.timing.SAMPLES", 3)
+        (place / "small.toml").write_text(SUITE)
+        assert cli.main(["run", str(place / "small.toml"), "--out", str(place / "run")]) == 0
+    assert cli.main(["submit", str(place / "run"), "-o", str(place / "mine.zip")]) == 0
+    return place
+
+
+def altered(packed, path, change=lambda line: line, files=None):
+    """A copy of the archive with changed records, or with other contents of some files."""
+    with zipfile.ZipFile(packed / "mine.zip") as before, zipfile.ZipFile(path, "w") as after:
+        for name in before.namelist():
+            content = before.read(name)
+            if name == FILE:
+                lines = [change(json.loads(line)) for line in content.splitlines()]
+                content = "".join(json.dumps(line) + "\n" for line in lines).encode()
+            after.writestr(name, (files or {}).get(name, content))
+    return path
+
+
+def verified(archive, tmp_path, capsys):
+    code = cli.main(["verify", str(archive), "--out", str(tmp_path / "verified")])
+    return code, capsys.readouterr().out
+
+
+def of_pca(change):
+    def changed(line):
+        return change(line) if line["kind"] == "job" and line["codec"] == "pca" and line["seed"] == 1 else line
+
+    return changed
+
+
+def test_an_honest_archive_agrees_and_makes_a_run_that_tables_read(packed, tmp_path, capsys):
+    code, text = verified(packed / "mine.zip", tmp_path, capsys)
+    assert (code, text.count(" agrees\n"), "differs" in text) == (0, 4, False)
+    ours, theirs = load_run(tmp_path / "verified"), load_run(packed / "run")
+    for job in theirs.jobs:
+        here = ours.job(job["job"])
+        assert (here["scores"], here["bytes"]) == (job["scores"], job["bytes"])
+        assert (tmp_path / "verified" / here["file"]).read_bytes() == (packed / "run" / job["file"]).read_bytes()
+    assert cli.main(["compare", str(packed / "run"), str(tmp_path / "verified")]) == 0
+
+
+def test_a_flattered_number_is_found(packed, tmp_path, capsys):
+    def flatter(line):
+        line["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"] += 0.05
+        line["bytes"]["total"] -= 1
+        return line
+
+    code, text = verified(altered(packed, tmp_path / "a.zip", of_pca(flatter)), tmp_path, capsys)
+    assert code == 1
+    (line,) = [line for line in text.splitlines() if "differs " in line]
+    assert "satin/pca" in line
+    assert "psnr_display is" in line
+    assert "total has" in line
+
+
+def test_another_codecs_file_is_found(packed, tmp_path, capsys):
+    names = {job["codec"]: job["file"] for job in load_run(packed / "run").jobs}
+    swapped = {names["pca"]: (packed / "run" / names["mean-colour"]).read_bytes()}
+    code, text = verified(altered(packed, tmp_path / "a.zip", files=swapped), tmp_path, capsys)
+    assert code == 1
+    assert "the file is of codec mean-colour" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda line: line | {"codec": "theirs"}, "codec theirs version 2, code"),
+        (lambda line: line | {"score_key": line["score_key"] | {"btf": "0" * 64}}, "others than those submitted"),
+        (lambda line: {key: value for key, value in line.items() if key != "bytes"}, "not whole"),
+        (lambda line: line | {"file": "files/none.nbtf"}, "none.nbtf"),
+    ],
+)
+def test_what_cannot_be_verified_is_named_and_the_rest_goes_on(packed, tmp_path, capsys, change, why):
+    code, text = verified(altered(packed, tmp_path / "a.zip", of_pca(change)), tmp_path, capsys)
+    (line,) = [line for line in text.splitlines() if " not verified " in line]
+    assert why in line
+    assert text.count(" agrees\n") == 3
+    assert code == 0
+
+
+@pytest.mark.parametrize("name", ["../evil.nbtf", "files/../../evil", "/evil", "files/a/b", "other.txt"])
+def test_a_foreign_name_is_refused_before_anything_is_unpacked(tmp_path, name):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr(FILE, "{}")
+        archive.writestr(name, "x")
+    with pytest.raises(InputError, match="does not belong into an archive"):
+        unpack(tmp_path / "a.zip", tmp_path / "inside")
+    assert not (tmp_path / "inside").exists()
+
+
+def test_what_is_no_archive_is_refused(tmp_path, capsys):
+    (tmp_path / "a.zip").write_bytes(b"PK no")
+    assert cli.main(["verify", str(tmp_path / "a.zip"), "--out", str(tmp_path / "out")]) == 2
+    assert "not an archive that `neubtf-bench submit` wrote" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_kept_records_make_the_tables_of_the_run(packed, tmp_path, capsys):
+    assert cli.main(["results", "add", str(packed / "run"), str(tmp_path / "kept.jsonl")]) == 0
+    for kind in ("main", "slices", "angular", "footprints"):
+        capsys.readouterr()
+        tables = []
+        for source in (packed / "run", tmp_path / "kept.jsonl"):
+            assert cli.main(["table", kind, str(source), "--format", "markdown"]) == 0
+            tables.append(capsys.readouterr().out)
+        assert tables[0] == tables[1]
+    assert str(packed) not in (tmp_path / "kept.jsonl").read_text()
+
+
+def test_adding_keeps_what_is_there(packed, tmp_path):
+    file = tmp_path / "kept.jsonl"
+    assert cli.main(["results", "add", str(packed / "run"), str(file)]) == 0
+    once = file.read_text()
+    assert cli.main(["results", "add", str(packed / "run"), str(file)]) == 0
+    assert file.read_text() == once
+
+
+def test_runs_on_other_data_are_not_put_together(packed, tmp_path):
+    def other(line):
+        return line | {"score_key": line["score_key"] | {"btf": "0" * 64}} if line["kind"] == "job" else line
+
+    with zipfile.ZipFile(altered(packed, tmp_path / "a.zip", other)) as archive:
+        (tmp_path / "other.jsonl").write_bytes(archive.read(FILE))
+    with pytest.raises(InputError, match="measured on other data"):
+        load_together([packed / "run", tmp_path / "other.jsonl"])
+
+
+def test_tables_of_a_document_come_from_records(packed, tmp_path, capsys):
+    kept, page = tmp_path / "kept.jsonl", tmp_path / "page.md"
+    assert cli.main(["results", "add", str(packed / "run"), str(kept)]) == 0
+    page.write_text(f"# Page\n\n<!-- neubtf-bench table summary {kept} -->\nold\n<!-- end -->\n\nWords.\n")
+    assert cli.main(["results", "check", str(page)]) == 1
+    assert cli.main(["results", "write", str(page)]) == 0
+    text = page.read_text()
+    assert "mean-colour" in text
+    assert text.startswith("# Page\n")
+    assert text.endswith("<!-- end -->\n\nWords.\n")
+    assert cli.main(["results", "check", str(page)]) == 0
+    page.write_text(text.replace("mean-colour", "mean-color"))
+    assert cli.main(["results", "check", str(page)]) == 1
+
+
+@pytest.mark.parametrize(
+    "words", ["run quick", "table summary", "table --format latex x.jsonl", "table main rate x.jsonl"]
+)
+def test_only_tables_of_records_are_written(tmp_path, capsys, words):
+    (tmp_path / "page.md").write_text(f"<!-- neubtf-bench {words} -->\n<!-- end -->\n")
+    assert cli.main(["results", "write", str(tmp_path / "page.md")]) == 2
+    assert "write table [KIND] FILE" in capsys.readouterr().err
