@@ -5,11 +5,14 @@ from typing import Any
 from bench.records import Run, shown_label
 
 # Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The
-# marker changes together with the colour, so that no two of 14 are alike even in grey.
+# marker changes together with the colour, so that no two of 14 are alike even in grey; a further 14 are hollow.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#56B4E9", "#E69F00")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 LINES = ("-", "--", ":", "-.")
-KNOWN = ("pca", "neubtf", "neubtf-direct", "neumip", "table", "rainer2019", "vq", "rainer2020", "mean-colour", "relief")
+KNOWN = (
+    *("pca", "neubtf", "neubtf-direct", "neumip", "table", "rainer2019", "vq", "rainer2020", "mean-colour", "relief"),
+    "hsh",
+)
 
 
 class Looks:

@@ -17,10 +17,12 @@ from bench.conformance.verdicts import check, of
 from bench.material import DecoderCost, Material
 from bench.records import FILE, append
 
-NINE = ["mean-colour", "table", "pca", "vq", "rainer2019", "rainer2020", "neumip", "neubtf", "neubtf-direct"]
+OURS = [
+    "mean-colour", "table", "pca", "vq", "hsh", "rainer2019", "rainer2020", "neumip", "neubtf", "neubtf-direct",
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", NINE)
+@pytest.mark.parametrize("name", OURS)
 def test_our_codecs_keep_every_promise(name, monkeypatch):
     # The extremes are tried on every codec by the stress test, where they have a table of their own.
     learned = name not in ("mean-colour", "table", "pca")

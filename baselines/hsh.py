@@ -1,0 +1,137 @@
+"""Hemispherical harmonics a texel, fitted by least squares: the graphics default for one view and many lights.
+
+The basis is Gautron et al.'s ("A novel hemispherical basis for accurate and efficient rendering", EGSR 2004): spherical
+harmonics of the hemisphere stretched over the sphere. Reflectance transformation imaging (RTI) gives each texel and
+colour nine or sixteen of the light's. Where there are several views, each texel has the products of the light's
+harmonics and the view's, as Gunawardane et al. ("Optimized image sampling for view and light interpolation", 2009).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+import torch
+from torch import Tensor
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.material import DecoderCost, Material, sample_texture, to_radiance
+from bench.quantise import Precision, pack, unpack
+from bench.settings import NotNegative, Range
+from bench.training import gain_of
+
+BLOCK_BYTES = 16 << 20  # slices read together
+LEAST_COSINE = 0.02  # of a light: keeps radiance / cosine finite at the horizon
+RIDGE = 1e-9  # of every harmonic: decides between equal fits where there are more harmonics than pairs
+MOST_BANDS = 6
+
+Bands = Annotated[int, Range(1, MOST_BANDS)]
+
+
+class HSH(Codec):
+    """Hemispherical harmonics of the light, times those of the view, a texel: least squares, no network."""
+
+    name, version = "hsh", 1
+    interpolates, sizes = True, ("lights", "views")
+    recipes: ClassVar = {"paper": {"domain": "rgb", "cosine": False, "smoothness": 0.0}}
+
+    @dataclass(frozen=True)
+    class Settings:
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": plain least squares of the radiance, as RTI has it
+        lights: Bands = 3  # bands of the light, n² harmonics; fewer where there are less lights
+        views: Bands = 2  # bands of the view; one, a constant, where there is one view
+        domain: Literal["log", "rgb"] = "log"  # fitted quantity: log1p(8 · exposure · x) or x itself
+        cosine: bool = True  # fit radiance over the cosine of the light, and multiply by it at decoding
+        smoothness: NotNegative = 3e-5  # weight of (l (l + 1))² on a harmonic of band l: what lies between the samples
+        precision: Precision = "int8"  # of the stored coefficients
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain, settings = gain_of(btf, fit), self.settings
+        counts = len(btf.layout.lights), len(btf.layout.views)
+        bands = [min(n, math.isqrt(count)) for n, count in zip((settings.lights, settings.views), counts, strict=True)]
+        cosine = _cosine(torch.from_numpy(btf.wi), settings.cosine)
+        solve = self._solution(btf, bands, cosine, fit).to(fit.device)
+        texels = btf.shape[0] * btf.shape[1]
+        found = torch.zeros(len(solve), texels * 3, device=fit.device)
+        step, pictures = max(1, BLOCK_BYTES // (texels * 12)), fit.progress(btf, total=len(btf))
+        for rows in torch.arange(len(btf)).split(step):
+            block = torch.stack(
+                [torch.from_numpy(picture).flatten() for _, picture in zip(rows, pictures, strict=False)]
+            )
+            values = block.clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)
+            found += solve[:, rows] @ ((gain * values).log1p() if settings.domain == "log" else values)
+        texture = found.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)
+        other = {"gain": torch.tensor([gain]), "bands": torch.tensor(bands, dtype=torch.uint8)}
+        return Parts(texture=pack("coefficients", texture, settings.precision), other=other)
+
+    def _solution(self, btf: BTF, bands: list[int], cosine: Tensor, fit: Fit) -> Tensor:
+        """The matrix (K, N) from the values of the pairs to the coefficients: weighted, regularised least squares."""
+        terms = basis(torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double(), bands)
+        # An error of radiance is one of radiance / cosine times the cosine.
+        weight = cosine.double().square() * (1 if fit.density is None else fit.density.weights.double()[:, None])
+        light, view = (
+            torch.tensor([band * (band + 1.0) for band in range(n) for _ in range(2 * band + 1)]) for n in bands
+        )
+        rough = (light[:, None] + view).flatten().double().square()
+        normal = terms.T @ (weight * terms) + len(btf) * torch.diag(self.settings.smoothness * rough + RIDGE)
+        return torch.linalg.solve(normal, (weight * terms).T).float()
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        texture, bands = unpack("coefficients", parts.texture), parts.other["bands"].tolist()
+        if texture.shape[2] != 3 * math.prod(n * n for n in bands) or max(bands) > MOST_BANDS:
+            raise ValueError(f"{texture.shape[2]} coefficients a texel for {bands} bands")
+        gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
+        return HSHMaterial(texture, bands, gain, self.settings.cosine).to(device)
+
+
+def _cosine(wi: Tensor, used: bool) -> Tensor:
+    """The cosine (n, 1) that radiance is divided by, or 1."""
+    return wi[:, 2:].clamp_min(LEAST_COSINE) if used else torch.ones_like(wi[:, 2:])
+
+
+def basis(wo: Tensor, wi: Tensor, bands: list[int]) -> Tensor:
+    """The products (n, L² · V²) of L bands of harmonics of the light and V bands of the view."""
+    light, view = harmonics(wi, bands[0]), harmonics(wo, bands[1])
+    return (light[:, :, None] * view[:, None]).flatten(1)
+
+
+def harmonics(directions: Tensor, bands: int) -> Tensor:
+    """Hemispherical harmonics (n, bands²) of unit directions (n, 3), orthonormal over the hemisphere.
+
+    H_l^m = √((2l + 1) (l − |m|)! / (2π (l + |m|)!)) P_l^|m|(2 cos θ − 1), times √2 cos mφ or √2 sin |m|φ.
+    """
+    x, y, z = directions.unbind(1)
+    z = z.clamp_min(0)
+    around = 2 * (z / (1 + z)).sqrt()  # P_l^m has (1 − t²)^(m/2), t = 2z − 1; with cos mφ that is Re (a + ib)^m
+    a, b, t = around * x, around * y, 2 * z - 1
+    real, imaginary = torch.ones_like(t), torch.zeros_like(t)
+    found: dict[tuple[int, int], Tensor] = {}
+    for m in range(bands):
+        before, legendre = torch.zeros_like(t), torch.full_like(t, math.prod(range(1, 2 * m, 2)))
+        for band in range(m, bands):
+            if band > m:
+                before, legendre = legendre, (t * (2 * band - 1) * legendre - (band + m - 1) * before) / (band - m)
+            norm = math.sqrt((2 * band + 1) * math.factorial(band - m) / (2 * math.pi * math.factorial(band + m)))
+            scaled = legendre * (norm * (math.sqrt(2) if m else 1))
+            found[band, m] = scaled * real
+            if m:
+                found[band, -m] = scaled * imaginary
+        real, imaginary = a * real - b * imaginary, a * imaginary + b * real
+    return torch.stack([found[band, m] for band in range(bands) for m in range(-band, band + 1)], 1)
+
+
+class HSHMaterial(Material):
+    """Coefficients (H, W, 3 · K) bilinear over texels, times the harmonics of the query's directions."""
+
+    def __init__(self, texture: Tensor, bands: list[int], gain: float | None, cosine: bool):
+        height, width, channels = texture.shape
+        # Multiply and add each coefficient; a harmonic takes about six operations.
+        flops = 2 * channels + channels // 3 + 6 * sum(n * n for n in bands)
+        super().__init__((height, width), DecoderCost.of_texture(texture, flops=flops))
+        self.texture, self.bands, self.gain, self.cosine = texture, bands, gain, cosine
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (3, -1))
+        level = torch.einsum("nck,nk->nc", coefficients, basis(wo, wi, self.bands))
+        value = level if self.gain is None else to_radiance(level, self.gain)
+        return value * _cosine(wi, self.cosine)
