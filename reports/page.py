@@ -12,7 +12,6 @@ from reports.marks import legend
 from reports.notes import run_notes
 from reports.rows import materials
 from reports.table import BOLD, UNDERLINED, Table
-from reports.tables import all_tables
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 92rem; padding: 0 1rem; color: #1a1a1a;
@@ -37,12 +36,11 @@ tr { background: #fff }
 """
 
 
-def page(run: Run, figures: Sequence[Figure]) -> str:
+def page(run: Run, tables: Sequence[Table], figures: Sequence[Figure]) -> str:
     """The page of a run. Nothing in it points outside it."""
     suite = run.starts[-1].get("suite", "") if run.starts else ""
     title = f"neubtf-bench {suite}".strip()
     body = [f"<h1>{escape(title)}</h1>", *(_note(note) for note in run_notes(run))]
-    tables = all_tables(run, narrow=True)
     if not any(table.kind == "main" for table in tables):
         body.append("<p><strong>Nothing was measured in this run.</strong></p>")
     body += [_table(table) for table in tables if table.kind == "summary"]

@@ -16,12 +16,21 @@ def csv_text(run: Run) -> str:
     `metric_version/NAME` and `timing/…` stand beside them; `not_comparable` says why a row must not be compared.
     Nothing is rounded. An empty field has no finite value, or none at all: `…/exact` counts slices without error.
     """
-    rows = [dict(_fields(row)) for material in materials(run) for row in material.rows]
-    columns = list(dict.fromkeys(name for row in rows for name in row)) or ["job"]
+    places: dict[str, int] = {}  # of columns, in the order in which they appear
+    rows = []
+    for row in (row for material in materials(run) for row in material.rows):
+        found: list[Any] = [None] * len(places)
+        for name, value in _fields(row):
+            place = places.setdefault(name, len(places))
+            if place < len(found):
+                found[place] = value
+            else:
+                found.append(value)
+        rows.append(found)
     out = io.StringIO()
-    writer = csv.DictWriter(out, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(list(places) or ["job"])
+    writer.writerows(found + [None] * (len(places) - len(found)) for found in rows)
     return out.getvalue()
 
 

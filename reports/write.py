@@ -1,5 +1,6 @@
 """Writes the report of a run: tables, figures, and one page that holds both."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from bench.atomic import replacing
@@ -8,6 +9,7 @@ from reports import KINDS, Written, figures, trade
 from reports.latex import latex
 from reports.page import page
 from reports.raw import csv_text
+from reports.table import Table
 from reports.tables import all_tables
 from reports.terminal import terminal
 from reports.text import markdown
@@ -17,24 +19,26 @@ def write(folder: Path) -> Written:
     """See `reports.write_report`."""
     run = load_run(folder)
     drawn = [figure for draw in figures.ALL for figure in draw(run)]
-    files = _write_tables(run, folder / "tables")
+    tables = all_tables(run)
+    narrow = [*(table for table in tables if table.kind != "main"), *all_tables(run, narrow=True, kind="main")]
+    files = _write_tables(run, folder / "tables", tables, narrow)
     for figure in drawn:
         path = folder / "figures" / figure.name
         files.append(put(path, figure.png))
         if figure.svg:
             files.append(put(path.with_suffix(".svg"), figure.svg))
-    files.append(put(folder / "report.html", page(run, drawn).encode()))
+    files.append(put(folder / "report.html", page(run, narrow, drawn).encode()))
     return Written(terminal(run), files)
 
 
-def _write_tables(run: Run, folder: Path) -> list[Path]:
+def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Sequence[Table]) -> list[Path]:
     files = [put(folder / "results.csv", csv_text(run).encode())]
     if choices := trade.csv_text(run.folder):
         files.append(put(folder / "trade.csv", choices.encode()))
-    writers = {".md": (markdown, all_tables(run)), ".tex": (latex, all_tables(run, narrow=True))}
+    writers = {".md": (markdown, tables), ".tex": (latex, narrow)}
     for kind in KINDS:
-        for suffix, (text, tables) in writers.items():
-            chosen = [table for table in tables if table.kind == kind]
+        for suffix, (text, found) in writers.items():
+            chosen = [table for table in found if table.kind == kind]
             if chosen:
                 files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
             else:  # of an earlier report, and no longer true

@@ -7,7 +7,7 @@ from matplotlib.colors import LogNorm
 
 from bench.records import Run
 from reports.artefacts import arrays
-from reports.figures.canvas import Figure, grid_of, log_ticks, new, png, short, style
+from reports.figures.canvas import Figure, Sheet, coloured, enlarged, grid_of, log_ticks, short, style
 from reports.rows import Material, materials
 
 
@@ -23,19 +23,24 @@ def abrdf_maps(run: Run) -> Iterator[Figure]:
 def _figure(material: Material, maps: list[tuple[str, np.ndarray]]) -> Figure:
     title = f"{material.name}: error of each texel's ABRDF"
     rows, columns = grid_of(len(maps), 5)
+    height, width = (max(error.shape[axis] for _, error in maps) for axis in (0, 1))
+    factor = max(1, -(-CELL // max(height, width)))
+    cell, scale = (width * factor + 14, height * factor + 26), _scale(maps)
     with style():
-        drawing = new(1.9 * columns + 1.2, 2.2 * rows + 0.6, layout="constrained")
-        panels = drawing.subplots(rows, columns, squeeze=False)
-        for axes in panels.flat:
-            axes.set_axis_off()
-        for axes, (label, error) in zip(panels.flat, maps, strict=False):
-            image = axes.imshow(error, cmap="cividis", norm=_scale(maps), interpolation="nearest")
-            axes.set_title(short(label, 24), fontsize=8)
-        bar = drawing.colorbar(image, ax=panels, shrink=0.8, pad=0.02)
+        sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _TOP + rows * cell[1])
+        sheet.text(_EDGE, 16, f"{title} ({material.split})", fontsize=9)
+        for number, (label, error) in enumerate(maps):
+            left, top = _EDGE + number % columns * cell[0], _TOP + number // columns * cell[1]
+            sheet.text(left, top - 10, short(label, 24))
+            sheet.picture(left, top, enlarged(coloured(error, "cividis", scale), factor))
+        bar = sheet.scale(sheet.width - _BAR, _TOP, (14, min(rows * cell[1] - 40, 300)), "cividis", norm=scale)
         log_ticks(bar.ax.yaxis)
-        bar.set_label("mean squared error of log1p, all pairs")
-        drawing.suptitle(f"{title} ({material.split})", fontsize=9)
-        return Figure(material.name, "abrdf", title, png(drawing))
+        bar.set_label("mean squared error of log1p, all pairs", fontsize=8)
+        return Figure(material.name, "abrdf", title, sheet.png())
+
+
+_EDGE, _BAR, _TOP = 14, 100, 54
+CELL = 176  # the least side of a map in pixels
 
 
 def _scale(maps: list[tuple[str, np.ndarray]]) -> LogNorm:

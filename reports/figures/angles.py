@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.records import PSNR, Run
 from reports.artefacts import Arrays, arrays
-from reports.figures.canvas import Figure, legend, new, png, style
+from reports.figures.canvas import Figure, legend, plots, png, style
 from reports.figures.looks import Looks
 from reports.rows import Row, materials
 
@@ -23,8 +23,7 @@ def angle_curves(run: Run) -> Iterator[Figure]:
             continue
         title = f"{material.name}: quality by angle"
         with style():
-            drawing = new(10, max(4.0, 1.6 + 0.2 * len(curves)), layout="constrained")
-            panels = drawing.subplots(1, 2, sharey=True)
+            drawing, panels = plots(10, max(4.0, 1.6 + 0.2 * len(curves)), 2)
             for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θₒ", "light, θᵢ"), strict=True):
                 handles = [
                     axes.plot(*_rings(row, scores, side), **looks.of(row.label), markersize=5, linewidth=1.2)[0]

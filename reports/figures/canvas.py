@@ -10,9 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
+from PIL import Image
 
 DPI = 110
 
@@ -64,10 +67,63 @@ def new(width: float, height: float, **options: Any) -> Drawing:
     return drawing
 
 
+class Sheet:
+    """A figure addressed in pixels from its top left corner: pictures keep their pixels, and cost no axes.
+
+    What is put on it is drawn when `png` is called.
+    """
+
+    def __init__(self, width: int, height: int):
+        self.width, self.height = width, height
+        self.drawing = new(width / DPI, height / DPI)
+        self.pixels = np.full((height, width, 3), 255, np.uint8)
+
+    def picture(self, left: int, top: int, picture: np.ndarray) -> None:
+        """Put a picture (H, W, 3), or (H, W, 4) over what is there, uint8; what lies outside is cut off."""
+        place = self.pixels[top : top + picture.shape[0], left : left + picture.shape[1]]
+        picture = picture[: place.shape[0], : place.shape[1]]
+        alpha = picture[..., 3:] / 255 if picture.shape[-1] == 4 else 1
+        place[:] = np.round(picture[..., :3] * alpha + place * (1 - alpha)).astype(np.uint8)
+
+    def text(self, x: float, y: float, text: str, **look: Any) -> None:
+        """Write a text; `y` is its middle unless `look` says otherwise."""
+        look: dict[str, Any] = {"fontsize": 8, "va": "center"} | look
+        self.drawing.text(x / self.width, 1 - y / self.height, text, **look)
+
+    def scale(self, left: int, top: int, size: tuple[int, int], colours: str, **look: Any) -> Any:
+        """Draw the colours of a scale as upright axes of that width and height; returns its colour bar."""
+        box = (left / self.width, 1 - (top + size[1]) / self.height, size[0] / self.width, size[1] / self.height)
+        return self.drawing.colorbar(ScalarMappable(cmap=colours, **look), cax=self.drawing.add_axes(box))
+
+    def png(self) -> bytes:
+        """The sheet as PNG; the same sheet gives the same bytes."""
+        self.drawing.patch.set_alpha(0)
+        self.drawing.canvas.draw()
+        drawn = np.asarray(self.drawing.canvas.buffer_rgba())  # type: ignore[attr-defined]
+        used = drawn[..., 3] > 0
+        alpha = drawn[used][:, 3:] / 255
+        self.pixels[used] = np.round(drawn[used][:, :3] * alpha + self.pixels[used] * (1 - alpha)).astype(np.uint8)
+        out = io.BytesIO()
+        Image.fromarray(self.pixels).save(out, "png", compress_level=4)
+        return out.getvalue()
+
+
+def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:
+    """Values as a picture (H, W, 4), uint8; what is not finite is transparent."""
+    masked = np.ma.masked_invalid(values)
+    found: np.ndarray = matplotlib.colormaps[colours](norm(masked), bytes=True)
+    return found
+
+
+def enlarged(picture: np.ndarray, factor: int) -> np.ndarray:
+    """A picture with every pixel as a square of so many a side."""
+    return picture.repeat(factor, 0).repeat(factor, 1)
+
+
 def png(drawing: Drawing) -> bytes:
     """The figure as PNG; the same drawing gives the same bytes."""
     out = io.BytesIO()
-    drawing.savefig(out, format="png", metadata={"Software": None})
+    drawing.savefig(out, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
     return out.getvalue()
 
 
@@ -99,5 +155,19 @@ def log_ticks(axis: Any, unit: str = "") -> None:
 
 
 def legend(axes: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """A legend beside the axes, where it covers no data."""
-    axes.legend(handles, list(map(short, labels)), loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0)
+    """A legend beside the last axes of `plots`, which make room for it."""
+    made = axes.legend(handles, list(map(short, labels)), loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0)
+    drawing = axes.figure
+    wide = made.get_window_extent(drawing.canvas.get_renderer()).width / drawing.dpi + 0.3
+    drawing.subplots_adjust(right=max(0.4, 1 - wide / drawing.get_figwidth()))
+
+
+def plots(width: float, height: float, count: int = 1) -> tuple[Drawing, list[Any]]:
+    """A figure of that size in inches, and `count` axes side by side that share their y axis.
+
+    The margins are fixed: to measure all texts, as Matplotlib's layouts do, takes longer than to draw them.
+    """
+    drawing = new(width, height)
+    axes = drawing.subplots(1, count, sharey=True, squeeze=False)[0]
+    drawing.subplots_adjust(left=0.7 / width, top=1 - 0.5 / height, bottom=0.65 / height, wspace=0.1)
+    return drawing, list(axes)

@@ -2,13 +2,13 @@
 
 import textwrap
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
+from matplotlib.colors import Normalize
 
 from bench.records import FLIP, Run
 from reports.artefacts import Arrays, arrays
-from reports.figures.canvas import DPI, Figure, new, png, style
+from reports.figures.canvas import Figure, Sheet, coloured, enlarged, style
 from reports.rows import Material, Row, materials
 
 CELL = 128  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
@@ -30,28 +30,28 @@ def _sheet(material: Material, rows: list[tuple[Row, Arrays]], run: Run) -> Figu
     factor = max(1, -(-CELL // max(height, width)))
     cell = (width * factor, height * factor)
     pair = 2 * cell[0] + 2 * _GAP
-    size = (_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell[1] + _GAP) + _BOTTOM)
     title = f"{material.name}: slices as decoded, and FLIP maps"
     with style():
-        drawing = new(size[0] / DPI, size[1] / DPI)
-        sheet = _Sheet(drawing, size, cell)
+        sheet = _Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell[1] + _GAP) + _BOTTOM)
         sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
         for k in range(count):
             left = _LEFT + k * pair
             sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
             sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
-            sheet.picture(left, 0, first["truth"][k])
-        sheet.label(0, "truth")
+            sheet.picture(left, _TOP, enlarged(first["truth"][k], factor))
+        sheet.label("truth", _TOP + cell[1] / 2)
         for number, (row, pictures) in enumerate(rows, 1):
-            sheet.label(number, row.label)
+            top = _TOP + number * (cell[1] + _GAP)
+            sheet.label(row.label, top + cell[1] / 2)
             means = _flip_means(run, row, pictures)
             for k in range(count):
                 left = _LEFT + k * pair
-                sheet.picture(left, number, pictures["decoded"][k])
+                sheet.picture(left, top, enlarged(pictures["decoded"][k], factor))
                 if "flip" in pictures:
-                    sheet.picture(left + cell[0] + 2, number, pictures["flip"][k], means[k])
-        sheet.scale(_LEFT + cell[0] + 2)
-        return Figure(material.name, "contact", title, png(drawing))
+                    sheet.picture(left + cell[0] + 2, top, enlarged(pictures["flip"][k], factor))
+                    sheet.number(left + 2 * cell[0], top + cell[1], means[k])
+        sheet.magma(_LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
+        return Figure(material.name, "contact", title, sheet.png())
 
 
 def _angles(side: str, degrees: np.ndarray) -> str:
@@ -67,45 +67,29 @@ def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
     return [f"{by_pair[pair]:.3f}" for pair in pictures["pairs"].tolist()]
 
 
-class _Sheet:
-    """A figure addressed in pixels from its top left corner, so that pictures keep theirs."""
+class _Sheet(Sheet):
+    """A sheet with the texts of a contact sheet."""
 
-    def __init__(self, drawing: Any, size: tuple[int, int], cell: tuple[int, int]):
-        self.drawing, self.size, self.cell = drawing, size, cell
-
-    def text(self, x: float, y: float, text: str, **look: Any) -> None:
-        look = {"fontsize": 8, "va": "center"} | look
-        self.drawing.text(x / self.size[0], 1 - y / self.size[1], text, **look)
-
-    def label(self, row: int, text: str) -> None:
+    def label(self, text: str, middle: float) -> None:
         """The name of a row, folded into the margin."""
-        lines = _fold(text, 18)
-        self.text(_LEFT - 8, self._top(row) + self.cell[1] / 2, "\n".join(lines), ha="right")
+        self.text(_LEFT - 8, middle, "\n".join(_fold(text, 18)), ha="right")
 
-    def picture(self, left: float, row: int, picture: np.ndarray, caption: str = "") -> None:
-        top, (width, height) = self._top(row), self.cell
-        box = (left / self.size[0], 1 - (top + height) / self.size[1], width / self.size[0], height / self.size[1])
-        axes = self.drawing.add_axes(box)
-        axes.imshow(picture, interpolation="nearest", aspect="auto")
-        axes.set_axis_off()
-        if caption:
-            axes.text(0.97, 0.04, caption, transform=axes.transAxes, color="white", fontsize=7.5, ha="right",
-                      bbox={"facecolor": "black", "alpha": 0.55, "pad": 1.5, "linewidth": 0})  # fmt: skip
+    def number(self, right: float, bottom: float, text: str) -> None:
+        """A number in the lower right corner of a picture."""
+        if text:
+            self.picture(round(right) - 34, round(bottom) - 17, _SHADE)
+            self.text(right - 4, bottom - 9, text, color="white", fontsize=7.5, ha="right")
 
-    def scale(self, left: float) -> None:
-        """Magma from 0 to 1, in the place where the truth has no FLIP map."""
-        middle = self._top(0) + self.cell[1] / 2
-        width, height = self.cell[0], 12
-        box = (left / self.size[0], 1 - (middle + height) / self.size[1], width / self.size[0], height / self.size[1])
-        axes = self.drawing.add_axes(box)
-        axes.imshow(np.linspace(0, 1, 256)[None], cmap="magma", aspect="auto")
-        axes.set_axis_off()
+    def magma(self, left: int, middle: int, width: int) -> None:
+        """The colours of a FLIP map from 0 to 1, in the place where the truth has none."""
+        ramp = np.broadcast_to(np.linspace(0, 1, width), (12, width))
+        self.picture(left, middle, coloured(ramp, "magma", Normalize(0, 1)))
         self.text(left + width / 2, middle - 12, "FLIP (lower is better)", ha="center", fontsize=7.5)
-        self.text(left, middle + height + 8, "0", ha="left", fontsize=7.5)
-        self.text(left + width, middle + height + 8, "1", ha="right", fontsize=7.5)
+        self.text(left, middle + 20, "0", ha="left", fontsize=7.5)
+        self.text(left + width, middle + 20, "1", ha="right", fontsize=7.5)
 
-    def _top(self, row: int) -> int:
-        return _TOP + row * (self.cell[1] + _GAP)
+
+_SHADE = np.array([[[0, 0, 0, 140]]], np.uint8).repeat(16, 0).repeat(34, 1)
 
 
 def _fold(text: str, width: int) -> list[str]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from bench.records import Run
-from reports.figures.canvas import Figure, legend, log_ticks, new, png, style, svg
+from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style, svg
 from reports.figures.looks import Looks
 from reports.fits import GOALS_DB, Fit, fits
 
@@ -19,8 +19,7 @@ def fit_curves(run: Run) -> Iterator[Figure]:
 
 
 def _drawn(title: str, curves: list[Fit], looks: Looks) -> Any:
-    drawing = new(8.2, max(4.4, 1.6 + 0.2 * len(curves)), layout="constrained")
-    axes = drawing.add_subplot()
+    drawing, (axes,) = plots(8.2, max(4.4, 1.6 + 0.2 * len(curves)))
     handles = []
     for fit in curves:
         _, seconds, psnr = zip(*fit.points, strict=True)

@@ -5,7 +5,7 @@ from statistics import fmean
 from typing import Any
 
 from bench.records import PSNR, Run
-from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
+from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.figures.looks import Looks
 from reports.rows import Material, Row, materials
 
@@ -54,8 +54,7 @@ def _scatter(
         return
     title = f"{material.name}: {about}"
     with style():
-        drawing = new(8.2, max(4.2, 1.6 + 0.2 * len(curves)), layout="constrained")
-        axes = drawing.add_subplot()
+        drawing, (axes,) = plots(8.2, max(4.2, 1.6 + 0.2 * len(curves)))
         handles = [_draw(axes, looks.of(name), points) for name, points in curves.items()]
         axes.set_xscale("log")
         log_ticks(axes.xaxis, "B" if kind == "rate" else "")

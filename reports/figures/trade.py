@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bench.records import Run, load_trade
-from reports.figures.canvas import Figure, legend, log_ticks, new, png, style, svg
+from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style, svg
 from reports.figures.looks import Looks
 
 Choice = dict[str, Any]
@@ -25,8 +25,7 @@ def _fronts(material: str, rows: Sequence[Choice], looks: Looks) -> Any:
     groups: dict[str, list[Choice]] = {}
     for row in rows:
         groups.setdefault(row["codec"] + ("" if _plain(row) else f" [{_how(row)}]"), []).append(row)
-    drawing = new(11.5, max(5.0, 1.4 + 0.2 * len(groups)), layout="constrained")
-    speed, rate = drawing.subplots(1, 2, sharey=True)
+    drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
     handles = [_marks(speed, _look(looks, name), group, "ns_per_sample") for name, group in groups.items()]
     for name, group in groups.items():
         _marks(rate, _look(looks, name), list(filter(_plain, group)), "bytes")  # executions change no byte
