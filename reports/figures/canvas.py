@@ -87,8 +87,8 @@ class Sheet:
 
     def text(self, x: float, y: float, text: str, **look: Any) -> None:
         """Write a text; `y` is its middle unless `look` says otherwise."""
-        look: dict[str, Any] = {"fontsize": 8, "va": "center"} | look
-        self.drawing.text(x / self.width, 1 - y / self.height, text, **look)
+        merged: dict[str, Any] = {"fontsize": 8, "va": "center"} | look
+        self.drawing.text(x / self.width, 1 - y / self.height, text, **merged)
 
     def scale(self, left: int, top: int, size: tuple[int, int], colours: str, **look: Any) -> Any:
         """Draw the colours of a scale as upright axes of that width and height; returns its colour bar."""
