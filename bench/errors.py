@@ -2,7 +2,8 @@
 
 import difflib
 import errno
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 FINE = 0  # exit codes
 NO = 1  # negative verdict: a regression, a failed check
@@ -47,3 +48,16 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     known = sorted(known)
     near = difflib.get_close_matches(name, known, 1)
     return f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
+
+
+@contextmanager
+def readable(label: str, remedy: str = "the file is damaged; get it again") -> Iterator[None]:
+    """Turn any exception of a decoder into an `InputError` that names `label`."""
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    # On hostile bytes decoders raise many types, from struct.error to tokenize.TokenError; no list is complete.
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{label}: cannot be read ({reason[:200]}): {remedy}") from error

@@ -1,13 +1,13 @@
 """The arrays and maps that a run stores beside its records."""
 
 import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bench.archive import MAX_FILE, read_arrays
 from bench.records import Record
 
 Arrays = Mapping[str, np.ndarray]
@@ -16,9 +16,8 @@ Arrays = Mapping[str, np.ndarray]
 def arrays(folder: Path, job: Record, name: str) -> Arrays | None:
     """The arrays of a job's artefact (`slices`, `pictures`); None where the file is gone or unreadable."""
     try:
-        with np.load(folder / job[name], allow_pickle=False) as file:
-            return {key: file[key] for key in file.files}
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        return read_arrays(folder / job[name], MAX_FILE)
+    except (OSError, KeyError, ValueError, TypeError):
         return None  # a run's records are worth reading without its bulky parts
 
 
@@ -26,6 +25,6 @@ def angular(folder: Path, job: Record) -> dict[str, Any] | None:
     """A job's bins and polar maps; None where the file is gone or unreadable."""
     try:
         found: dict[str, Any] = json.loads((folder / job["angular"]).read_text(encoding="utf-8"))
-    except (OSError, KeyError, ValueError):
+    except (OSError, KeyError, ValueError, TypeError, RecursionError):
         return None
     return found

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.archive import MAX_FILE, read_arrays
 from bench.errors import InputError
 from bench.records import PSNR, Record, gate
 
@@ -27,8 +28,10 @@ def decibels(folder: Path, job: Record) -> Array | None:
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            raw, heldout = arrays[PSNR], arrays["heldout"]
+        arrays = read_arrays(path, MAX_FILE)
+        raw, heldout = arrays[PSNR], arrays["heldout"]
+        if raw.ndim != 1 or raw.shape != heldout.shape or (raw.dtype.kind, heldout.dtype.kind) != ("f", "b"):
+            raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): run it again") from error
     raw = raw[heldout] if gate(job["scores"]) == "heldout" else raw

@@ -7,12 +7,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from bench.codec import Progress, silent
-from bench.demand.demand import Demand
+from bench.demand.demand import CELLS, MOST, Demand
 from bench.demand.points import Light, Points, asked
 from bench.errors import InputError
 
 PREVIEW = 96  # cells along the longer side of the picture, for a first look at how much of it shows the material
-MOST = 1_000_000  # queries of a demand
+FRAME = 1 << 21  # cells of one frame: its rays are cast at once
 SPARE = 0.97  # of the limit, as the first look is coarse
 
 
@@ -79,7 +79,8 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
             "hidden: move the camera or the material"
         )
     wanted = sum(shown) / (preview[0] * preview[1]) * height * width * scene.samples
-    scale = min(1.0, math.sqrt(SPARE * limit / wanted))
+    most = min(FRAME, CELLS // scene.frames) / (height * width)
+    scale = min(1.0, math.sqrt(SPARE * limit / wanted), math.sqrt(most))
     return max(1, int(height * scale)), max(1, int(width * scale))
 
 

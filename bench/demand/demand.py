@@ -2,19 +2,34 @@
 
 import hashlib
 import json
-import zipfile
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bench.archive import read_arrays
 from bench.atomic import replacing
-from bench.errors import InputError
+from bench.errors import InputError, readable
 from bench.metrics.display import LUMA
+from bench.settings import Count, converted, shown
 
 FORMAT = 1
+MOST = 1_000_000  # queries of a demand
+CELLS = 1 << 24  # of all frames together
+MOST_BYTES = 64 << 20  # of a file, inflated: as many queries with what they are about
+FARTHEST = 64.0  # texture units that a footprint is cut at: a pixel at the horizon sees no finite piece
+BRIGHTEST = 1e30  # largest weight: sums of a million stay finite in float32
 SNORM = 32767  # directions are stored as signed 16-bit numbers; 1.5e-5 off at most
+COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
+    "pixel": (np.int32, ()),
+    "uv": (np.float32, (2,)),
+    "footprint": (np.float32, ()),
+    "wo": (np.int16, (3,)),
+    "wi": (np.int16, (3,)),
+    "weight": (np.float32, (3,)),
+}
 
 
 @dataclass(frozen=True)
@@ -79,23 +94,63 @@ class Demand:
 
 
 def load(path: Path) -> Demand:
-    """Read a file of `Demand.save`. `InputError` if it is not a demand, or is empty."""
+    """Read a file of `Demand.save`. `InputError` if it is not a demand, holds what no scene asks, or is empty."""
+    if not path.is_file():
+        raise InputError(f"{path}: cannot be read (no such file)")
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            about = json.loads(arrays["about"].tobytes())
-            named = {name: arrays[name] for name in ("uv", "footprint", "wo", "wi", "weight", "pixel")}
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a demand: make one with `neubtf-bench demand` ({error})") from error
-    if about["format"] > FORMAT:
-        raise InputError(f"{path}: format {about['format']} is newer than this version reads ({FORMAT}): upgrade")
-    if not len(named["pixel"]):
-        raise InputError(f"{path}: asks for nothing: make it again with `neubtf-bench demand`")
-    fingerprint = _digest(about["frames"], named)
+        found = read_arrays(path, MOST_BYTES)
+        frames, provenance = _about(found.pop("about", None))
+        _check(found, frames)
+    except InputError as error:
+        reason = str(error).removeprefix(f"{path}: ")
+        raise InputError(f"{path}: not a demand: {reason}: make one with `neubtf-bench demand`") from error
+    fingerprint = _digest(list(frames), found)
     for name in ("wo", "wi"):
-        named[name] = unit(named[name].astype(np.float32))
-    return Demand(**named, frames=tuple(about["frames"]), provenance=about["provenance"], fingerprint=fingerprint)
+        found[name] = unit(found[name].astype(np.float32))
+    return Demand(**found, frames=frames, provenance=provenance, fingerprint=fingerprint)
+
+
+def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, Any]]:
+    """Frames and provenance of a file. `InputError` where they are not what `save` writes."""
+    with readable("about", "the file is damaged"):
+        says = json.loads(np.asarray(stored, np.uint8).tobytes())
+    if not isinstance(says, dict) or not isinstance(says.get("format"), int):
+        raise InputError("about says no format")
+    if says["format"] > FORMAT:
+        raise InputError(f"format {shown(says['format'])} is newer than this version reads ({FORMAT}): upgrade")
+    frames = converted("frames", tuple[Count, Count, Count], says.get("frames"))
+    if math.prod(frames) > CELLS:
+        raise InputError(f"frames of {shown(frames)} cells are more than {CELLS:,}")
+    provenance = says.get("provenance")
+    if not isinstance(provenance, dict):
+        raise InputError(f"provenance must be a table, not {shown(provenance)}")
+    return frames, provenance | {"scene": converted("provenance: scene", str, provenance.get("scene", "scene"))}
+
+
+def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
+    """Check that there is each column of a demand, of its type and shape, with values that a scene can ask."""
+    for name, (kind, width) in COLUMNS.items():
+        if name not in arrays:
+            raise InputError(f"no array {name!r}")
+        column, count = arrays[name], len(arrays["pixel"]) if arrays["pixel"].ndim else 0
+        if column.dtype != kind or column.shape != (count, *width):
+            raise InputError(f"{name} is {column.shape} {column.dtype}, not {(count, *width)} {np.dtype(kind)}")
+    if extra := arrays.keys() - COLUMNS.keys():
+        raise InputError(f"an array {min(extra)!r} that no demand has")
+    if not count or count > MOST:
+        raise InputError(f"{count:,} queries: it must be 1 to {MOST:,}")
+    length = [np.linalg.norm(arrays[name].astype(np.float64), axis=1) / SNORM for name in ("wo", "wi")]
+    upward = all((arrays[name][:, 2] >= 0).all() for name in ("wo", "wi"))
+    good = {
+        "uv": ((arrays["uv"] >= 0) & (arrays["uv"] <= 1)).all(),
+        "footprint": ((arrays["footprint"] > 0) & (arrays["footprint"] <= FARTHEST)).all(),
+        "wo or wi": upward and (np.abs(np.concatenate(length) - 1) < 0.01).all(),
+        "weight": ((arrays["weight"] >= 0) & (arrays["weight"] <= BRIGHTEST)).all()
+        and ((arrays["weight"].astype(np.float64) @ LUMA) @ arrays["wi"][:, 2].astype(np.float64)) > 0,
+        "pixel": ((arrays["pixel"] >= 0) & (arrays["pixel"] < math.prod(frames))).all(),
+    }
+    if wrong := next((name for name, fine in good.items() if not fine), ""):
+        raise InputError(f"{wrong} holds values out of range")
 
 
 def _digest(frames: list[int], arrays: dict[str, np.ndarray]) -> str:

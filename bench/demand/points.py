@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.demand.demand import unit
-
-FARTHEST = 64.0  # texture units that a footprint is cut at: a pixel at the horizon sees no finite piece
+from bench.demand.demand import FARTHEST, unit
 
 Array = np.ndarray
 

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from bench import atomic, timing
+from bench.archive import MAX_FILE, read_arrays
 from bench.codec import Progress, silent
 from bench.data.spec import MaterialSpec
 from bench.errors import InputError
@@ -216,8 +217,8 @@ def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
 
 def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, float | None]:
     """PSNR, FLIP and worst-slice PSNR of the held-out pairs, from a job's record."""
-    with np.load(run.folder / job["slices"], allow_pickle=False) as slices:
-        raw = slices[PSNR][slices["heldout"]] if gate(job["scores"]) == "heldout" else slices[PSNR]
+    slices = read_arrays(run.folder / job["slices"], MAX_FILE)
+    raw = slices[PSNR][slices["heldout"]] if gate(job["scores"]) == "heldout" else slices[PSNR]
     return _figures(metrics_of(job), raw)
 
 

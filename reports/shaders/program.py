@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.archive import MAX_FILE, read_arrays
 from bench.errors import InputError
 
 
@@ -23,8 +24,7 @@ class Program:
 def read(path: Path) -> Program:
     """The program in a `.npz`. `InputError` where the file is none."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_arrays(path, MAX_FILE)
         says = json.loads(arrays.pop("program").tobytes())
         height, width = says["size"]
         return Program(says["steps"], arrays, says["result"], (height, width))

@@ -29,7 +29,7 @@ def test_only_commands_import_reports(folder):
 
 
 def test_reports_import_neither_codecs_nor_what_computes():
-    allowed = {"bench.atomic", "bench.compare", "bench.errors", "bench.metrics", "bench.records"}
+    allowed = {"bench.archive", "bench.atomic", "bench.compare", "bench.errors", "bench.metrics", "bench.records"}
     for path in files("reports"):
         for name in imported(path):
             assert name.split(".")[0] not in HEAVY, path

@@ -1,7 +1,6 @@
-"""Checks that every reader makes before it returns a BTF: directions, duplicates, foreign exceptions."""
+"""Checks that every reader makes before it returns a BTF: directions and duplicates."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import numpy as np
 
@@ -9,19 +8,6 @@ from bench.errors import InputError
 
 Array = np.ndarray
 HORIZON = 1e-6
-
-
-@contextmanager
-def readable(label: str, remedy: str = "the file is damaged; get it again") -> Iterator[None]:
-    """Turn any exception of a decoder into an `InputError` that names `label`."""
-    try:
-        yield
-    except (InputError, MemoryError):
-        raise
-    # On hostile bytes decoders raise many types, from struct.error to tokenize.TokenError; no list is complete.
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{label}: cannot be read ({reason[:200]}): {remedy}") from error
 
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:

@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from bench.archive import inside
 from bench.btf import BTF
-from bench.data.readers.checks import angles_in_range, no_duplicates, readable, view_major
-from bench.data.readers.files import FolderFiles, inside
+from bench.data.readers.checks import angles_in_range, no_duplicates, view_major
+from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.data.readers.seen import Seen
-from bench.errors import NO_PLACE, InputError
+from bench.errors import NO_PLACE, InputError, readable
 from bench.hemisphere import from_degrees, to_degrees
 
 Array = np.ndarray

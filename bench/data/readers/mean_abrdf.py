@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.archive import ZipFiles, stored
 from bench.btf import BTF, finite
 from bench.data.readers.checks import angles_in_range, no_duplicates
-from bench.data.readers.files import ZipFiles
-from bench.data.readers.npz import NpzSource, read_array
+from bench.data.readers.npz import NpzSource
 from bench.data.readers.seen import Seen
 from bench.errors import InputError
 from bench.hemisphere import from_angles
@@ -26,16 +26,17 @@ def open_mean_abrdf(path: Path) -> BTF:
     `theta_deg` and `phi_deg` (V,) give the directions of both sides. Raises `InputError` naming file and array.
     """
     files = ZipFiles(path)
-    values, theta, phi = (read_array(files, key) for key in (KEY, "theta_deg", "phi_deg"))
-    count = len(values) if values.ndim else 0
-    if values.shape != (count, count, 3) or count == 0 or values.dtype.kind != "f":
-        raise InputError(f"{path}: {KEY} is {values.shape} {values.dtype}: it must be (V, V, 3) floats")
-    if any(angles.shape != (count,) or angles.dtype.kind not in "fiu" for angles in (theta, phi)):
+    table, *sides = (stored(files, key) for key in (KEY, "theta_deg", "phi_deg"))
+    count = table.shape[0] if table.shape else 0
+    if table.shape != (count, count, 3) or count == 0 or table.dtype.kind != "f":
+        raise InputError(f"{path}: {KEY} is {table.shape} {table.dtype}: it must be (V, V, 3) floats")
+    if any(angles.shape != (count,) or angles.dtype.kind not in "fiu" for angles in sides):
         raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
-    theta, phi = (np.radians(np.asarray(angles, np.float64)) for angles in (theta, phi))
+    theta, phi = (np.radians(np.asarray(angles.values(), np.float64)) for angles in sides)
     angles_in_range(theta, phi, lambda row: f"{path}: direction {row}", "_deg")
     directions = from_angles(theta, phi)
     no_duplicates(directions, directions, lambda row: f"{path}: direction {row}")
+    values = table.values()
     finite(values, f"{path}: {KEY}")
     view, light = np.divmod(np.arange(count * count), count)
     return BTF(

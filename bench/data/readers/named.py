@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from bench.archive import ZipFiles
 from bench.btf import BTF
 from bench.data.readers.checks import angles_in_range, no_duplicates, view_major
-from bench.data.readers.files import Files, FolderFiles, ZipFiles
+from bench.data.readers.files import Files, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.errors import InputError
 from bench.hemisphere import from_degrees

@@ -1,8 +1,6 @@
 """A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,) and `periodic`."""
 
-import io
 import json
-import math
 import zipfile
 from functools import cached_property
 from pathlib import Path
@@ -10,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from bench.archive import ZipFiles, stored
 from bench.btf import BTF, ArraySource, finite
-from bench.data.readers.checks import no_duplicates, readable, unit_directions
-from bench.data.readers.files import ZipFiles, file_digest
+from bench.data.readers.checks import no_duplicates, unit_directions
+from bench.data.readers.files import file_digest
 from bench.data.readers.seen import Seen
-from bench.errors import InputError
+from bench.errors import InputError, readable
 
 Array = np.ndarray
+NOTES = 16 << 20  # bytes of a provenance, at most, four to a character
 
 
 class NpzSource(ArraySource):
@@ -49,32 +49,6 @@ class NpzSource(ArraySource):
         return self._digest
 
 
-def read_array(files: ZipFiles, key: str) -> Array:
-    """One array of an `.npz`: memory-mapped where it is stored uncompressed, else inflated; never unpickled."""
-    name = f"{key}.npy"
-    label = files.label(name)
-    if not files.has(name):
-        raise InputError(f"{files.path}: no array {key!r}: add it")
-    with readable(label, "save it with numpy.savez"):
-        head = io.BytesIO(files.head(name, 16384))
-        version = np.lib.format.read_magic(head)
-        if version not in ((1, 0), (2, 0)):
-            raise InputError(f"{label}: .npy version {version} is not read: save it with numpy.savez")
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = read(head)
-    begin, count = head.tell(), math.prod(shape)
-    if dtype.hasobject or dtype.kind not in "fiubU":
-        raise InputError(f"{label}: type {dtype} is not read: save plain numbers")
-    if begin + count * dtype.itemsize != files.size(name):
-        raise InputError(f"{label}: {shape} of {dtype} is not what its {files.size(name)} bytes hold: save it anew")
-    order: Any = "F" if fortran else "C"
-    offset = files.offset(name)
-    if offset is not None and count:
-        return np.memmap(files.path, dtype, "r", offset + begin, shape, order)
-    with readable(label, "save it with numpy.savez, uncompressed"):
-        return np.frombuffer(files.read(name), dtype, count, begin).reshape(shape, order=order)
-
-
 def opened(seen: Seen) -> BTF | None:
     """The BTF of an archive with `radiance.npy`, or None."""
     return open_npz(seen.path) if seen.is_zip and "radiance.npy" in seen.names else None
@@ -87,19 +61,19 @@ def open_npz(path: Path) -> BTF:
     file, the array and the row.
     """
     files = ZipFiles(path)
-    radiance = read_array(files, "radiance")
-    if radiance.ndim != 4 or radiance.shape[-1] != 3 or 0 in radiance.shape or radiance.dtype.kind != "f":
+    radiance = stored(files, "radiance")
+    if len(radiance.shape) != 4 or radiance.shape[-1] != 3 or 0 in radiance.shape or radiance.dtype.kind != "f":
         raise InputError(f"{path}: radiance is {radiance.shape} {radiance.dtype}: it must be (N, H, W, 3) floats")
-    count = len(radiance)
+    count = radiance.shape[0]
     wo, wi = (_directions(files, key, count) for key in ("wo", "wi"))
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
     return BTF(
         path.stem,
         wo,
         wi,
-        NpzSource(radiance, path),
+        NpzSource(radiance.values(), path),
         heldout=_heldout(files, count),
-        periodic=files.has("periodic.npy") and bool(np.all(read_array(files, "periodic"))),
+        periodic=_periodic(files),
         provenance={
             "format": "npz",
             "colour": "taken as linear Rec. 709",
@@ -111,27 +85,43 @@ def open_npz(path: Path) -> BTF:
 
 
 def _directions(files: ZipFiles, key: str, count: int) -> Array:
-    vectors = read_array(files, key)
+    vectors = stored(files, key)
     if vectors.shape != (count, 3) or vectors.dtype.kind not in "fiu":
         raise InputError(f"{files.path}: {key} is {vectors.shape}: it must be ({count}, 3), a direction a pair")
-    return unit_directions(vectors, lambda row: f"{files.path}: {key}[{row}]")
+    return unit_directions(vectors.values(), lambda row: f"{files.path}: {key}[{row}]")
 
 
 def _heldout(files: ZipFiles, count: int) -> Array | None:
     if not files.has("heldout.npy"):
         return None
-    mask = read_array(files, "heldout")
-    if mask.shape != (count,) or mask.dtype.kind != "b" or mask.all():
+    found = stored(files, "heldout")
+    mask = found.values() if found.shape == (count,) and found.dtype.kind == "b" else np.ones(1, bool)
+    if mask.all():
         raise InputError(f"{files.path}: heldout must be a mask ({count},) of booleans that leaves pairs to train on")
     return np.array(mask) if mask.any() else None
+
+
+def _periodic(files: ZipFiles) -> bool:
+    if not files.has("periodic.npy"):
+        return False
+    found = stored(files, "periodic")
+    if found.shape != () or found.dtype.kind != "b":
+        raise InputError(f"{files.path}: periodic is {found.shape} {found.dtype}: it must be one boolean")
+    return bool(found.values())
 
 
 def _provenance(files: ZipFiles) -> dict[str, Any]:
     if not files.has("provenance.npy"):
         return {}
-    with readable(files.label("provenance.npy"), "leave the array out"):
-        notes = json.loads(str(read_array(files, "provenance")))
-        return dict(notes)
+    label = files.label("provenance.npy")
+    found = stored(files, "provenance")
+    if found.shape != () or found.dtype.kind != "U" or found.dtype.itemsize > NOTES:
+        raise InputError(f"{label}: {found.shape} {found.dtype} is no text of {NOTES >> 22} M: leave the array out")
+    with readable(label, "leave the array out"):
+        notes = json.loads(str(found.values()))
+        if not isinstance(notes, dict):
+            raise InputError(f"{label}: must hold an object: leave the array out")
+        return notes
 
 
 def write_npz(btf: BTF, path: str | Path) -> None:

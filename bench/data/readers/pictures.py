@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from bench.btf import Source, finite
-from bench.data.readers.checks import readable
 from bench.data.readers.files import Files, FolderFiles
-from bench.errors import InputError
+from bench.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
 Array = np.ndarray

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from bench.btf import BTF
-from bench.data.readers.checks import no_duplicates, readable, unit_directions, view_major
+from bench.data.readers.checks import no_duplicates, unit_directions, view_major
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.data.readers.seen import Seen
-from bench.errors import InputError
+from bench.errors import InputError, readable
 
 MAX_LIST = 16 << 20
 

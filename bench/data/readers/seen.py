@@ -36,7 +36,7 @@ class Seen:
 
         Raises `InputError` for a damaged archive.
         """
-        from bench.data.readers.files import ZipFiles
+        from bench.archive import ZipFiles
         from bench.data.readers.named import list_folder
 
         if self.is_folder:

@@ -1,4 +1,5 @@
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -129,6 +130,73 @@ def test_a_demand_is_read_as_it_was_written(tmp_path):
         demands.load(tmp_path / "b.npz")
     with pytest.raises(InputError, match="cannot be read"):
         demands.load(tmp_path / "none.npz")
+
+
+def about(**changes):
+    says = {"format": 1, "frames": [1, 20, 40], "provenance": {"scene": "test"}} | changes
+    return np.frombuffer(json.dumps(says).encode(), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"about": None}, "about: cannot be read"),
+        ({"about": np.array([{}], object)}, r"about\.npy.*type object is not read|about\.npy: .* bytes hold"),
+        ({"about": np.frombuffer(b"[" * 99_999, np.uint8)}, "about: cannot be read"),
+        ({"about": about(format="1")}, "about says no format"),
+        ({"about": about(provenance=None)}, "provenance must be a table, not None"),
+        ({"about": about(provenance={"scene": [1]})}, r"provenance: scene must be a word, not \[1\]"),
+        ({"about": about(frames=None)}, "frames must be a list of 3 values"),
+        ({"about": about(frames=[1, 20, -40])}, "frames must be a whole number ≥ 1, not -40"),
+        ({"about": about(frames=[10**6] * 3)}, "are more than 16,777,216"),
+        ({"about": about(frames=[1, 2, 2])}, "pixel holds values out of range"),
+        ({"pixel": None}, "no array 'pixel'"),
+        ({"pixel": np.zeros(800, np.float64)}, r"pixel is \(800,\) float64, not \(800,\) int32"),
+        ({"pixel": np.int32(3)}, r"pixel is \(\) int32"),
+        ({"pixel": np.zeros(2_000_000, np.int32)}, r"is \(800, 2\) float32, not \(2000000, 2\) float32"),
+        ({"uv": np.full((800, 2), np.nan, np.float32)}, "uv holds values out of range"),
+        ({"weight": np.zeros((800, 3), np.float32)}, "weight holds values out of range"),
+        ({"weight": np.full((800, 3), np.inf, np.float32)}, "weight holds values out of range"),
+        ({"footprint": np.zeros(800, np.float32)}, "footprint holds values out of range"),
+        ({"wo": np.zeros((800, 3), np.int16)}, "wo or wi holds values out of range"),
+        ({"more": np.zeros(3)}, "an array 'more' that no demand has"),
+    ],
+)
+def test_a_demand_of_wrong_types_or_absurd_sizes_is_refused_by_name(tmp_path, changes, message):
+    of(ABOVE + SUN).save(tmp_path / "a.npz")
+    arrays = dict(np.load(tmp_path / "a.npz")) | changes
+    np.savez(tmp_path / "a.npz", **{name: values for name, values in arrays.items() if values is not None})
+    with pytest.raises(InputError, match=rf"a\.npz: not a demand: .*{message}"):
+        demands.load(tmp_path / "a.npz")
+
+
+def test_a_demand_without_queries_and_one_that_inflates_to_gigabytes_are_refused(tmp_path):
+    of(ABOVE + SUN).save(tmp_path / "a.npz")
+    arrays = dict(np.load(tmp_path / "a.npz"))
+    np.savez(tmp_path / "b.npz", **{name: v if name == "about" else v[:0] for name, v in arrays.items()})
+    with pytest.raises(InputError, match=r"b\.npz: not a demand: 0 queries"):
+        demands.load(tmp_path / "b.npz")
+    with zipfile.ZipFile(tmp_path / "c.npz", "w", zipfile.ZIP_DEFLATED) as bomb, bomb.open("uv.npy", "w") as file:
+        for _ in range(65):
+            file.write(bytes(1 << 20))
+    with pytest.raises(
+        InputError, match=r"c\.npz: not a demand: claims 68,157,440 bytes, and 67,108,864 are the limit"
+    ):
+        demands.load(tmp_path / "c.npz")
+
+
+def test_a_bad_demand_stops_a_run_before_anything_is_written(tmp_path, capsys):
+    (tmp_path / "a.npz").write_bytes(b"PK")
+    assert cli.main(["run", "quick", "--demand", str(tmp_path / "a.npz"), "--out", str(tmp_path / "run")]) == 2
+    assert "not a demand" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_huge_picture_asks_for_frames_that_fit_in_memory(monkeypatch):
+    monkeypatch.setattr("bench.demand.collect.FRAME", 1 << 14)
+    text = ABOVE.replace("width = 40", "width = 65_536").replace("height = 20", "height = 65_536")
+    demand = of(text.replace("position = [0, 0, 2]", "position = [0, 0, 100]") + SUN, limit=1000)
+    assert demand.frames == (1, 128, 128)
 
 
 def test_a_newer_demand_is_refused(tmp_path):

@@ -85,6 +85,60 @@ def test_a_header_that_claims_more_than_the_file_holds_does_not_allocate(tmp_pat
         open_btf(tmp_path / "a.npz")
 
 
+def entry(shape, descr="<f4", fill=b""):
+    """The bytes of an array with a header of our making."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": descr, "fortran_order": False, "shape": shape})
+    return header.getvalue() + fill
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("radiance", entry((-2, -3, 4, 3), fill=b"\0" * 288), r"radiance\.npy: a shape of \(-2, -3, 4, 3\) is absurd"),
+        ("radiance", entry((2**50, 0, 4, 3)), r"radiance\.npy: a shape of .* is absurd"),
+        ("radiance", entry((2**40, 0, 4, 3)), "radiance is .* it must be"),
+        ("wo", entry((2**47, 2**47, 0)), "wo is .* it must be"),
+        ("wo", entry((1,) * 99, fill=b"\0" * 4), "wo is .* it must be"),
+        ("provenance", entry((2**40,), "<U0"), r"provenance\.npy: type <U0 is not read"),
+        ("provenance", entry((2**40,), "|S0"), r"provenance\.npy: type .* is not read"),
+        ("provenance", entry((9,), "<U9", b"\0" * 324), r"provenance\.npy: \(9,\) <U9 is no text"),
+        ("provenance", entry((), "<U4000000", bytes(16_000_000)), r"provenance\.npy: cannot be read"),
+        ("provenance", entry((), "<U5000000", bytes(20_000_000)), r"provenance\.npy: .* is no text of 4 M"),
+        ("provenance", np.lib.format.magic(1, 0) + b"\xff\xff" + b"[" * 65535, r"provenance\.npy: cannot be read"),
+        ("provenance", None, "must hold an object"),
+        ("periodic", entry((2**40,), "|b1"), r"periodic\.npy: .* bytes hold"),
+        ("periodic", entry((0,), "|b1"), "it must be one boolean"),
+        ("heldout", entry((2,), "<f8", b"\0" * 16), "must be a mask"),
+    ],
+)
+def test_absurd_headers_are_refused_by_name(tmp_path, name, content, message):
+    plain = arrays() | {"provenance": np.array("[1]")}
+    np.savez(tmp_path / "good.npz", **plain)
+    with zipfile.ZipFile(tmp_path / "good.npz") as good, zipfile.ZipFile(tmp_path / "a.npz", "w") as bad:
+        for old in good.namelist():
+            if old != f"{name}.npy" or content is None:
+                bad.writestr(old, good.read(old))
+        if content is not None:
+            bad.writestr(f"{name}.npy", content, zipfile.ZIP_DEFLATED)
+    with pytest.raises(InputError, match=message):
+        open_btf(tmp_path / "a.npz")
+
+
+def test_an_archive_that_inflates_beyond_all_proportion_is_refused_before_it_is_inflated(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as bomb:
+        for name in ("wo", "wi"):
+            with bomb.open(f"{name}.npy", "w") as file:
+                np.lib.format.write_array(file, UP)
+        with bomb.open("radiance.npy", "w") as file:
+            file.write(entry((2, 4096, 4096, 3)))
+            for _ in range(384):
+                file.write(bytes(1 << 20))
+    assert (tmp_path / "a.npz").stat().st_size < 1 << 20
+    with pytest.raises(InputError, match=r"radiance\.npy: claims 402653\d* bytes from \d+"):
+        open_btf(tmp_path / "a.npz")
+
+
 def make_mean_abrdf(path):
     """A mean ABRDF of the UBO2014's 151 directions with random values."""
     theta, phi = (angle.astype(np.float32) for angle in to_degrees(ubo2014()))

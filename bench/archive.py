@@ -1,0 +1,185 @@
+"""Reads zip archives, and the arrays of an `.npz`, within bounds; nothing is extracted, and nothing is unpickled."""
+
+import hashlib
+import io
+import math
+import zipfile
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from bench.errors import InputError, readable
+
+Array = np.ndarray
+MAX_FILE = 1 << 29
+LEAST, RATIO = 1 << 26, 64  # what is inflated of an entry: this many bytes, or times as many as it has
+STEP = 1 << 16
+
+
+def inside(name: str, label: str) -> str:
+    """The name with forward slashes, or an `InputError` where it leaves its folder."""
+    tidy = name.replace("\\", "/")
+    if not tidy or "\0" in tidy or PurePosixPath(tidy).is_absolute() or ".." in tidy.split("/") or tidy[1:2] == ":":
+        raise InputError(f"{label}: the name {name!r} leads out of the folder: use a plain name inside it")
+    return tidy
+
+
+class ZipFiles:
+    """The entries of a zip archive. Nothing is extracted, and an entry is inflated no further than it declares."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        with (
+            readable(str(path), "the archive is damaged or incomplete; get it again"),
+            zipfile.ZipFile(path) as archive,
+        ):
+            self.entries = {e.filename: e for e in archive.infolist() if not e.is_dir()}
+        self.length = path.stat().st_size
+        for name in self.entries:
+            inside(name, str(path))
+
+    def label(self, name: str) -> str:
+        """The name that messages give the entry."""
+        return f"{self.path}: {name}"
+
+    def has(self, name: str) -> bool:
+        """True where the archive has this entry."""
+        return name in self.entries
+
+    def size(self, name: str) -> int:
+        """Bytes of the entry once inflated, as declared."""
+        return self.entries[name].file_size
+
+    def _stored(self, name: str) -> tuple[zipfile.ZipInfo, int]:
+        """The entry and the offset of its bytes in the archive, checked against the archive's length."""
+        entry, label = self.entries[name], self.label(name)
+        if entry.flag_bits & 1:
+            raise InputError(f"{label}: encrypted: extract it with its password first")
+        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it anew with deflate")
+        # Deflate cannot exceed 1032 : 1, so a larger claim is false, and a large one near it a bomb. What is stored as
+        # it is can be no bomb, and is mapped, not read.
+        packed = entry.compress_type != zipfile.ZIP_STORED
+        most = min(MAX_FILE, max(LEAST, RATIO * entry.compress_size), 1032 * entry.compress_size + 64)
+        limit = most if packed else entry.compress_size
+        if entry.file_size > limit:
+            raise InputError(f"{label}: claims {entry.file_size} bytes from {entry.compress_size}: not a picture set")
+        with readable(label), open(self.path, "rb") as stream:
+            stream.seek(entry.header_offset)
+            local = stream.read(30)
+            if len(local) < 30 or local[:4] != b"PK\x03\x04":
+                raise InputError(f"{label}: no entry at offset {entry.header_offset}: the archive is damaged")
+            extra = int.from_bytes(local[26:28], "little") + int.from_bytes(local[28:30], "little")
+        start = entry.header_offset + 30 + extra
+        if start + entry.compress_size > self.length:
+            raise InputError(f"{label}: ends behind the archive: it is truncated; get it again")
+        return entry, start
+
+    def offset(self, name: str) -> int | None:
+        """Where the bytes of an uncompressed entry begin in the archive, None where it is compressed."""
+        entry, start = self._stored(name)
+        return start if entry.compress_type == zipfile.ZIP_STORED else None
+
+    def _inflate(self, name: str, count: int, packed_count: int) -> bytes:
+        entry, start = self._stored(name)
+        packed = _pread(self.path, start, min(entry.compress_size, packed_count))
+        if entry.compress_type == zipfile.ZIP_STORED:
+            return packed[:count]
+        with readable(self.label(name)):
+            return _expanded(packed, count)
+
+    def head(self, name: str, count: int) -> bytes:
+        """The first `count` bytes of the entry."""
+        return self._inflate(name, count, count + 1024)
+
+    def read(self, name: str) -> bytes:
+        """All bytes of the entry, checked against its declared size and checksum."""
+        entry = self.entries[name]
+        if entry.file_size > MAX_FILE:
+            raise InputError(f"{self.label(name)}: {entry.file_size} bytes: too large to be read whole")
+        data = self._inflate(name, entry.file_size + 1, entry.compress_size)
+        if len(data) != entry.file_size or zlib.crc32(data) != entry.CRC:
+            raise InputError(f"{self.label(name)}: size or checksum is wrong: the archive is damaged; get it again")
+        return data
+
+    def digest(self, names: Iterable[str]) -> str:
+        """Hex digest of entries: their names, sizes and checksums, which the archive's directory holds."""
+        known = [(name, self.entries[name].file_size, self.entries[name].CRC) for name in names]
+        return hashlib.sha256(repr(known).encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def _expanded(packed: bytes, count: int) -> bytes:
+    """At most `count` bytes of a deflated stream; the memory is that of the answer, not twice as much."""
+    found, inflater = io.BytesIO(), zlib.decompressobj(-15)
+    for start in range(0, len(packed), STEP):
+        piece = packed[start : start + STEP]
+        while piece and found.tell() < count:
+            found.write(inflater.decompress(piece, min(16 * STEP, count - found.tell())))
+            piece = inflater.unconsumed_tail
+    return found.getvalue()
+
+
+def _pread(path: Path, start: int, count: int) -> bytes:
+    with open(path, "rb") as stream:
+        stream.seek(start)
+        return stream.read(count)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An array of an `.npz`, of which only the header was read."""
+
+    files: ZipFiles
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    begin: int  # offset of its values
+    fortran: bool
+
+    def values(self) -> Array:
+        """The array: memory-mapped where it is stored uncompressed, else inflated."""
+        order: Any = "F" if self.fortran else "C"
+        offset, count = self.files.offset(self.name), math.prod(self.shape)
+        with readable(self.files.label(self.name), "save it with numpy.savez, uncompressed"):
+            if offset is not None and count:
+                return np.memmap(self.files.path, self.dtype, "r", offset + self.begin, self.shape, order)
+            flat = np.frombuffer(self.files.read(self.name), self.dtype, count, self.begin)
+            return flat.reshape(self.shape, order=order)
+
+
+def stored(files: ZipFiles, key: str) -> Stored:
+    """An array of an `.npz`, whose header agrees with its bytes. `InputError` for all but plain numbers and text."""
+    name = f"{key}.npy"
+    label = files.label(name)
+    if not files.has(name):
+        raise InputError(f"{files.path}: no array {key!r}: add it")
+    with readable(label, "save it with numpy.savez"):
+        head = io.BytesIO(files.head(name, 16384))
+        version = np.lib.format.read_magic(head)
+        if version not in ((1, 0), (2, 0)):
+            raise InputError(f"{label}: .npy version {version} is not read: save it with numpy.savez")
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = read(head)
+    if dtype.hasobject or dtype.kind not in "fiubU" or not dtype.itemsize or dtype.subdtype:
+        raise InputError(f"{label}: type {dtype} is not read: save plain numbers")
+    # A negative or absurd shape is no size of an array, though its product may be one.
+    if not all(0 <= side < 1 << 48 for side in shape):
+        raise InputError(f"{label}: a shape of {shape} is absurd: save it anew")
+    begin = head.tell()
+    if begin + math.prod(shape) * dtype.itemsize != files.size(name):
+        raise InputError(f"{label}: {shape} of {dtype} is not what its {files.size(name)} bytes hold: save it anew")
+    return Stored(files, name, shape, dtype, begin, fortran)
+
+
+def read_arrays(path: Path, most: int) -> dict[str, Array]:
+    """Every array of an `.npz` by name, inflated to `most` bytes together. `InputError` says what is wrong."""
+    files = ZipFiles(path)
+    total = sum(map(files.size, files.entries))
+    if total > most:
+        raise InputError(f"{path}: claims {total:,} bytes, and {most:,} are the limit: make it anew")
+    keys = [name.removesuffix(".npy") for name in files.entries if name.endswith(".npy")]
+    return {key: stored(files, key).values() for key in keys}
