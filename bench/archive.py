@@ -182,4 +182,4 @@ def read_arrays(path: Path, most: int) -> dict[str, Array]:
     if total > most:
         raise InputError(f"{path}: claims {total:,} bytes, and {most:,} are the limit: make it anew")
     keys = [name.removesuffix(".npy") for name in files.entries if name.endswith(".npy")]
-    return {key: stored(files, key).values() for key in keys}
+    return {key: np.array(stored(files, key).values()) for key in keys}  # in memory, and writable
