@@ -31,7 +31,7 @@ from bench.errors import InputError
 
 __all__ = ["RENDERERS", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
 RENDERERS = ("builtin", "mitsuba")
-BAKE_VERSION = 1  # increment when maps are read differently; part of the key of every cached bake
+BAKE_VERSION = 2  # increment when maps are read differently; part of the key of every cached bake
 log = logging.getLogger(__name__)
 Array = np.ndarray
 

@@ -4,6 +4,7 @@ The kind is told from the first bytes, never from the name. Sizes come from head
 pictures are checked in a second and an absurd size is refused before anything is allocated.
 """
 
+import hashlib
 import io
 import struct
 import warnings
@@ -17,6 +18,7 @@ import numpy as np
 
 from bench.btf import Source, finite
 from bench.data.readers.files import Files, FolderFiles
+from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
 from bench.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
@@ -50,29 +52,39 @@ def kind_of(head: bytes) -> str | None:
 
 
 def picture_size(files: Files, name: str) -> tuple[int, int]:
-    """(H, W) of a picture from its header; raises `InputError` for what `read_picture` would not read."""
+    """(H, W) of a picture, upright, from its header; raises `InputError` for what `read_picture` would not read."""
+    return _seen(files, name)[0]
+
+
+def _seen(files: Files, name: str) -> tuple[tuple[int, int], int]:
+    """(H, W) of a picture, upright, and the orientation in which it is stored, from its header."""
     label, total = files.label(name), files.size(name)
     data = files.head(name, 4096)
     kind = kind_of(data)
     if kind is None:
         raise InputError(f"{label}: begins with {data[:8]!r}, no picture known here: {SUPPORTED}")
     with readable(label, "the picture is damaged; get it again"):
-        size = _SIZES[kind](data, label) or (len(data) < total and _SIZES[kind](files.read(name), label))
+        size = _SIZES[kind](data, label)
+        if not size and len(data) < total:
+            data = files.read(name)
+            size = _SIZES[kind](data, label)
     if not size:
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
     height, width = size
     if min(size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * total):
         raise InputError(f"{label}: a header of {width} x {height} pixels on {total} bytes is absurd: get it again")
-    return height, width
+    noted = orientation(data, kind)
+    return upright_size(size, noted), noted
 
 
 def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False) -> Array:
     """A picture (H, W, 3) float32 in linear Rec. 709, not clamped; grey is repeated, alpha is left out.
 
     8- and 16-bit codes are decoded as sRGB to [0, 1]. EXR channels X, Y, Z (and R, G, B with `rgb_is_xyz`) are taken
-    as CIE XYZ under D65. Raises `InputError` for unreadable, CMYK or incomplete pictures and values not finite.
+    as CIE XYZ under D65. A JPEG or PNG is turned as its EXIF notes say. Raises `InputError` for unreadable, CMYK or
+    incomplete pictures and values not finite.
     """
-    height, width = picture_size(files, name)
+    (height, width), noted = _seen(files, name)
     label = files.label(name)
     with readable(label, "the picture is damaged; get it again"):
         kind = kind_of(files.head(name, 8))
@@ -81,7 +93,8 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False) -> Array:
         elif kind == "hdr":
             picture = _read_hdr(files.read(name))
         else:
-            picture = _read_codes(files.read(name), kind, (height, width), label)
+            codes = _read_codes(files.read(name), kind, upright_size((height, width), noted), label)
+            picture = upright(codes, noted)
     if picture.shape != (height, width, 3):
         raise InputError(f"{label}: holds {picture.shape}, but its header says {(height, width, 3)}: get it again")
     return finite(picture, label)
@@ -94,11 +107,13 @@ class PictureSource(Source):
         """Checks that every picture is there and of the same size, by headers. `labels` name the entries in errors."""
         self.files, self.names, self.options = files, list(names), options
         self.count = len(self.names)
+        self.turned: dict[str, int] = {}
         labels = [files.label(name) for name in self.names] if labels is None else labels
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
-            size = picture_size(files, name)
+            size, noted = _seen(files, name)
+            self.turned |= {name: noted} if noted > 1 else {}
             if index == 0:
                 self.shape = size
             if size != self.shape:
@@ -114,7 +129,8 @@ class PictureSource(Source):
         return picture
 
     def fingerprint(self) -> str:
-        return self.files.digest(self.names)
+        digest = self.files.digest(self.names)
+        return hashlib.sha256(f"{digest} {self.turned}".encode()).hexdigest() if self.turned else digest
 
 
 def _on_disk(files: Files, name: str) -> Path:
@@ -149,7 +165,8 @@ def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
     if data[12:16] != b"IHDR":
         raise InputError(f"{label}: a PNG without its header: the picture is damaged; get it again")
     width, height = struct.unpack_from(">II", data, 16)
-    return height, width
+    notes_are_seen = any(name == b"IDAT" for name, _ in png_chunks(data))
+    return (height, width) if notes_are_seen else None
 
 
 def _exr_size(data: bytes, label: str) -> tuple[int, int] | None:

@@ -6,12 +6,12 @@ import numpy as np
 import OpenEXR
 import png
 import pytest
-from PIL import Image
+from PIL import Image, ImageOps
 from skimage.color import xyz2rgb
 
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.folder import write_exr
-from bench.data.readers.pictures import XYZ_TO_REC709, picture_size, read_picture, srgb_table
+from bench.data.readers.pictures import XYZ_TO_REC709, PictureSource, picture_size, read_picture, srgb_table
 from bench.errors import InputError
 
 RNG = np.random.default_rng(0)
@@ -73,6 +73,56 @@ def test_cmyk_jpeg_is_refused(tmp_path):
     Image.new("CMYK", (9, 7)).save(tmp_path / "a.jpg")
     with pytest.raises(InputError, match=r"a\.jpg: a JPEG of 4 channels \(CMYK\?\): save it as RGB"):
         read(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("noted", range(1, 9))
+@pytest.mark.parametrize("name", ["a.jpg", "a.png"])
+def test_a_picture_is_turned_as_its_exif_notes_say(tmp_path, name, noted):
+    exif = Image.Exif()
+    exif[0x0112] = noted
+    Image.fromarray(CODES).save(tmp_path / name, exif=exif)
+    with Image.open(tmp_path / name) as stored:
+        shown = np.asarray(ImageOps.exif_transpose(stored))  # another implementation
+    assert shown.shape == ((9, 7, 3) if noted > 4 else (7, 9, 3))
+    np.testing.assert_allclose(read(tmp_path / name), decode(shown, 255), atol=1e-6)
+
+
+def with_notes(content, payload):
+    """A PNG with an EXIF chunk before its pixels."""
+    at = content.index(b"IDAT") - 4
+    chunk = struct.pack(">I", len(payload)) + b"eXIf" + payload
+    return content[:at] + chunk + struct.pack(">I", zlib.crc32(chunk[4:])) + content[at:]
+
+
+def test_a_16_bit_png_is_turned_too_and_notes_far_from_the_start_or_damaged_are_met(tmp_path):
+    codes = RNG.integers(0, 65536, (7, 9, 3)).astype(np.uint16)
+    with open(tmp_path / "a.png", "wb") as stream:
+        png.Writer(9, 7, bitdepth=16, greyscale=False).write(stream, codes.reshape(7, -1))
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    plain, notes = (tmp_path / "a.png").read_bytes(), exif.tobytes().removeprefix(b"Exif\0\0")
+    (tmp_path / "a.png").write_bytes(with_notes(plain, notes))
+    np.testing.assert_allclose(read(tmp_path / "a.png"), decode(np.rot90(codes, -1), 65535), atol=1e-6)
+    text = struct.pack(">I", 9999) + b"tEXt" + b"x" * 9999
+    far = plain[:33] + text + struct.pack(">I", zlib.crc32(text[4:])) + plain[33:]
+    (tmp_path / "b.png").write_bytes(with_notes(far, notes))
+    assert read(tmp_path / "b.png").shape == (9, 7, 3)
+    for damaged in (notes[:9], b"\xff" * 99, notes.replace(b"\x06", b"\x63")):
+        (tmp_path / "c.png").write_bytes(with_notes(plain, damaged))
+        np.testing.assert_allclose(read(tmp_path / "c.png"), decode(codes, 65535), atol=1e-6)
+
+
+def test_turned_pictures_have_a_fingerprint_of_their_own_and_one_size(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(CODES).save(tmp_path / "a.png", exif=exif)
+    Image.fromarray(np.rot90(CODES, -1)).save(tmp_path / "b.png")
+    files = FolderFiles(tmp_path)
+    source = PictureSource(files, ["a.png", "b.png"])
+    assert source.shape == (9, 7)
+    assert np.array_equal(source.slice(0), source.slice(1))
+    assert source.fingerprint() != files.digest(["a.png", "b.png"])
+    assert PictureSource(files, ["b.png"]).fingerprint() == files.digest(["b.png"])
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32])
@@ -158,7 +208,7 @@ def damaged(kind):
     chunk = b"IHDR" + struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
     huge_png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
     return {
-        "huge png": huge_png,
+        "huge png": huge_png + b"\0\0\0\0IDAT",
         "huge hdr": b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1000000000 +X 1000000000\n\0\0\0\0",
         "xyze": b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n\0\0\0\0",
         "short jpeg": b"\xff\xd8\xff\xe0\0\x10JFIF",

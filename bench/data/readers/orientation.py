@@ -1,0 +1,78 @@
+"""The orientation that a camera noted in a picture (EXIF): a picture is read as it is shown, not as it is stored."""
+
+import struct
+import warnings
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+Array = np.ndarray
+TAG = 0x0112  # CIPA DC-008, 4.6.4 A: from 1, upright, to 8
+MARK = b"Exif\0\0"
+PNG_START = 8
+
+# From the stored picture (H, W, …) to the upright one.
+_TURNS: dict[int, Callable[[Array], Array]] = {
+    2: lambda p: p[:, ::-1],
+    3: lambda p: p[::-1, ::-1],
+    4: lambda p: p[::-1],
+    5: lambda p: p.swapaxes(0, 1),
+    6: lambda p: p[::-1].swapaxes(0, 1),
+    7: lambda p: p[::-1, ::-1].swapaxes(0, 1),
+    8: lambda p: p[:, ::-1].swapaxes(0, 1),
+}
+
+
+def orientation(data: bytes, kind: str | None) -> int:
+    """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 where none is noted, or none that is one."""
+    payload = next(_jpeg_notes(data), b"") if kind == "jpeg" else next(_png_notes(data), b"") if kind == "png" else b""
+    if not payload:
+        return 1
+    from PIL import Image
+
+    notes = Image.Exif()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            notes.load(payload)
+            found = notes.get(TAG)
+        except Exception:  # damaged notes raise many types; the picture is then as it is stored
+            return 1
+    return found if isinstance(found, int) and found in _TURNS else 1
+
+
+def upright(picture: Array, noted: int) -> Array:
+    """The upright picture of a stored one, (H, W, …), which 5 to 8 turn on its side."""
+    return np.ascontiguousarray(_TURNS[noted](picture)) if noted in _TURNS else picture
+
+
+def upright_size(size: tuple[int, int], noted: int) -> tuple[int, int]:
+    """(H, W) of the upright picture of a stored one."""
+    return size[::-1] if noted >= 5 else size
+
+
+def _jpeg_notes(data: bytes) -> Iterator[bytes]:
+    """The EXIF segments before the frame of a JPEG (ITU T.81, B.1.1)."""
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] not in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
+        size = struct.unpack_from(">H", data, at + 2)[0]
+        if data[at + 1] == 0xE1 and data[at + 4 : at + 10] == MARK:
+            yield data[at + 4 : at + 2 + size]
+        at += 2 + max(2, size)
+
+
+def _png_notes(data: bytes) -> Iterator[bytes]:
+    """The EXIF chunks before the pixels of a PNG."""
+    return (content for name, content in png_chunks(data) if name == b"eXIf")
+
+
+def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Name and content of the chunks of a PNG before its pixels; ends with `IDAT`, where the data reach that far."""
+    at = PNG_START
+    while at + 8 <= len(data):
+        size, name = struct.unpack_from(">I4s", data, at)
+        if name == b"IDAT":
+            yield name, b""
+            return
+        yield name, data[at + 8 : at + 8 + size]
+        at += 12 + size
