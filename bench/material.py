@@ -6,7 +6,7 @@ Frame, units and colour space: see `bench.btf`.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, overload
+from typing import Any, ClassVar, overload
 
 import numpy as np
 import torch
@@ -46,6 +46,8 @@ class Material:
     `size` is (H, W), the resolution that `slice` answers at. Tensors and networks that `evaluate` uses are
     attributes, so that `to` and `modules` find them.
     """
+
+    opaque: ClassVar[bool] = False  # whether another program answers, whose parameters and time cannot be measured
 
     def __init__(self, size: tuple[int, int], cost: DecoderCost):
         self.size, self.cost = size, cost

@@ -47,6 +47,8 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         _try(material)
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
+    except ContainerError as error:
+        raise ContainerError(f"{path}: {error}") from error
     except Exception as error:  # tensors that no encoder made may raise any error in a decoder
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from bench.codec import Codec
 
 GROUP = "neubtf_bench.codecs"
+COMMAND = "command"  # the codec of other programs: no list shows it, since it is nothing without them
+_OF_COMMANDS = EntryPoint(COMMAND, "bench.runs.programs:Programs", GROUP)
 
 
 def codec_entries() -> dict[str, EntryPoint]:
@@ -51,6 +53,8 @@ def _tried(name: str, settings: dict[str, Any] | None) -> object:
 
 def _entry(name: str, wanted_by: str = "") -> EntryPoint:
     entries = codec_entries()
+    if name == COMMAND:
+        return _OF_COMMANDS
     if name not in entries:
         prefix = f"{wanted_by}: " if wanted_by else ""
         raise InputError(f"{prefix}no codec named {name!r} is installed{did_you_mean(name, entries)}")

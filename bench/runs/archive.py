@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 from bench import atomic, records
 from bench.codec import Progress, silent
 from bench.codecs import loading, shared
-from bench.codecs.registry import codec_entries
+from bench.codecs.registry import COMMAND, codec_entries
 from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import ContainerError, InputError, MissingDataError
 from bench.records import FILE, Record, Run, gate, metrics_of
@@ -116,7 +116,7 @@ def _verified(job: Record, start: Record, folder: Path, out: Path, show: Progres
     name = job["job"]
     if job["status"] != "ok":
         return Verdict(name, NOT_VERIFIED, f"no result was submitted: {job.get('error', '')}")
-    if job["codec"] not in codec_entries():
+    if job["codec"] not in (*codec_entries(), COMMAND):
         libraries = ", ".join(f"{each} {version}" for each, version in job["fit_key"].get("libraries", {}).items())
         says = f"codec {job['codec']} version {job['fit_key']['version']}, code {job['fit_key']['code'][:12]}"
         return Verdict(name, NOT_VERIFIED, f"{says} is not installed here ({libraries})")

@@ -77,7 +77,7 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
         "provenance": bench.btf.provenance,
         "settings": header.settings,
         "bytes": _bytes(file),
-        "parameters": parameters(material),
+        "parameters": None if material.opaque else parameters(material),
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: _described(name) for name in bench.scorer.names},
         "scores": summary,

@@ -38,6 +38,7 @@ from bench.records import Record
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.identity import identity
 from bench.runs.place import Place
+from bench.runs.programs import Programs
 from bench.runs.provenance import processor, revision
 from bench.runs.suite import CodecSpec
 from bench.runs.undisturbed import undisturbed
@@ -184,6 +185,8 @@ class Job:
             "torch": torch.__version__,
             **identity(self.codec),
         } | ({"shared": self.network.sha256} if self.network else {})
+        if isinstance(self.codec, Programs):
+            key |= {"programs": self.codec.digest}
         if self.codec.scene:
             key |= {"demand": self._demand.fingerprint, "uniform": self.task.uniform}
         return key

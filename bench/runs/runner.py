@@ -30,6 +30,7 @@ from bench.runs.executors import Workers, in_process, one_process
 from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, Task, WantsFiles, blamed, failed, work
 from bench.runs.lock import locked
 from bench.runs.pretraining import ready
+from bench.runs.programs import Programs, permit
 from bench.runs.provenance import provenance
 from bench.runs.rates import rate_records
 from bench.runs.suite import Suite, canonical
@@ -87,9 +88,13 @@ def _made(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
     codecs, faults = [], {}
     for spec in suite.codecs:
         try:
-            codecs.append(make_codec(spec.codec, spec.settings))
+            codec = make_codec(spec.codec, spec.settings)
         except CodecError as error:
             faults[spec.label] = str(error)
+            continue
+        if isinstance(codec, Programs):
+            permit(codec.settings.decode)
+        codecs.append(codec)
     return codecs, faults
 
 

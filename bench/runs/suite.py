@@ -23,6 +23,12 @@
     components = [8, 16]             # a list is a sweep: one job for each value
     materials = ["satin"]            # run it only on these of the suite's materials (default: all)
 
+    [[codecs]]
+    codec = "command"                # anyone's programs: see docs/sharing.md
+    called = "mine"
+    encode = "my-encode {btf} {files}"
+    decode = "my-decode {files}"
+
 The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a demand only as written.
 """
 
@@ -35,6 +41,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
+from bench.codecs.registry import COMMAND
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
 from bench.errors import CodecError, InputError, did_you_mean
@@ -66,6 +73,9 @@ class CodecSpec:
 
 
 def _label(codec: str, settings: dict[str, Any]) -> str:
+    if codec == COMMAND:  # its programs' command lines would be no name
+        codec = settings.get("called", codec)
+        settings = {key: value for key, value in settings.items() if key not in ("called", "encode", "decode")}
     plain = {k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in settings.items()}
     return " ".join([codec, *(f"{k}={v}" for k, v in sorted(plain.items()))])
 

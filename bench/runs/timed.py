@@ -30,7 +30,10 @@ def timings(folder: Path, jobs: list[Record], device: str, threads: int) -> list
 
 def measured(folder: Path, jobs: list[Record], device: str, threads: int) -> list[Record]:
     """The timing of each job's decoder, measured in this process."""
-    decoded = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
+    found = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
+    decoded = {name: material for name, material in found.items() if not material.opaque}
+    if not decoded:
+        return []
     conditions = timing.conditions(threads, device)
     return [
         {"kind": "timing", "job": name}

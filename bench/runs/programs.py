@@ -1,0 +1,198 @@
+"""The codec `command`: anyone's programs behind the interface, for codecs that cannot become a Python package.
+
+A suite names two programs. `encode` reads the training pairs from `{btf}`, an uncompressed `.npz` (docs/datasets.md),
+and writes any files into the folder `{files}`; these bytes are stored in the codec file and counted. `decode` is
+started once with a folder `{files}` of the same content. It reads lines from its input, each of which names two files
+with a tab between: queries, a float32 `.npy` (n, 9) of u, v, ω_o, ω_i and footprint (see `bench.btf`), and answers. It
+writes the answers there, a float32 `.npy` (n, 3) of linear RGB, and prints a line. It ends when its input does.
+
+A file of this codec names a program. It is started only where the user allows it: by the suite that names it, or by the
+environment variable `NEUBTF_PERMIT`.
+"""
+
+import hashlib
+import json
+import os
+import select
+import shlex
+import shutil
+import subprocess
+import tempfile
+import weakref
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.data.readers.npz import write_npz
+from bench.errors import CodecError, ContainerError, InputError
+from bench.material import DecoderCost, Material
+from bench.settings import Positive
+
+PERMIT = "NEUBTF_PERMIT"  # decode programs that may be started, one a line
+NAMES, SIZE = "names", "size"
+BATCH = 1 << 16  # queries a line
+TOLD = 400  # characters of what a program says in an error
+
+
+class Programs(Codec):
+    """Two programs of any kind: one that encodes, one that answers queries."""
+
+    name, version = "command", 1
+
+    @dataclass(frozen=True)
+    class Settings:
+        called: str = "command"  # the name of its rows
+        encode: str = ""  # the program that encodes, with {btf} and {files}, and {seed} and {threads} if it likes
+        decode: str = ""  # the program that answers, with {files}
+        seconds: Positive = 3600.0  # the longest that it may take to encode, or for an answer
+
+    @property
+    def digest(self) -> str:
+        """A hash of the programs and of every file that their command lines name: their files depend on these."""
+        found = hashlib.sha256()
+        for word in shlex.split(f"{self.settings.encode} {self.settings.decode}"):
+            place = Path(shutil.which(word) or word)
+            found.update(word.encode() + b"\0" + (place.read_bytes() if place.is_file() else b""))
+        return found.hexdigest()
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Run the program that encodes. `CodecError` says how it failed."""
+        self._check()
+        with tempfile.TemporaryDirectory(prefix="neubtf-command-") as scratch:
+            btf_file, files = Path(scratch) / "training.npz", Path(scratch) / "files"
+            files.mkdir()
+            write_npz(btf, btf_file)
+            given = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
+            self._run(_words(self.settings.encode, given))
+            return _stored(files, btf.shape, self.settings.encode)
+
+    def _check(self) -> None:
+        for setting, needed in (("encode", ("{btf}", "{files}")), ("decode", ("{files}",))):
+            command = getattr(self.settings, setting)
+            if absent := [word for word in needed if word not in command]:
+                raise InputError(
+                    f"setting {setting} of codec command must be a program's command line with {' and '.join(needed)}; "
+                    f"{command!r} has no {absent[0]}"
+                )
+
+    def _run(self, words: list[str]) -> None:
+        try:
+            subprocess.run(words, check=True, capture_output=True, timeout=self.settings.seconds)
+        except subprocess.CalledProcessError as error:
+            says = error.stderr.decode(errors="replace").strip()[-TOLD:]
+            raise CodecError(f"{words[0]}: ended with code {error.returncode}: {says or 'no word'}") from error
+        except subprocess.TimeoutExpired as error:
+            raise CodecError(f"{words[0]}: took longer than seconds = {self.settings.seconds:g}") from error
+        except OSError as error:
+            raise CodecError(f"{words[0]}: cannot be started ({error.strerror})") from error
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        """A material that asks the program. `ContainerError` where the user has not allowed it to be started."""
+        if self.settings.decode not in permitted():
+            raise ContainerError(
+                f"to decode this file, the program `{self.settings.decode}` would be started: if you trust it, set "
+                f"{PERMIT} to that command line"
+            )
+        names = json.loads(parts.other[NAMES].numpy().tobytes())
+        if any(Path(name).name != name for name in names):
+            raise ContainerError("it holds files whose names are paths")
+        height, width = map(int, parts.other[SIZE])
+        contents = {name: parts.texture[f"{i:04d}"].numpy().tobytes() for i, name in enumerate(names)}
+        return ProgramMaterial((height, width), contents, self.settings.decode, self.settings.seconds)
+
+
+def permit(command: str) -> None:
+    """Allow this process, and those that it starts, to start a decode program."""
+    os.environ[PERMIT] = "\n".join(dict.fromkeys([*permitted(), command]))
+
+
+def permitted() -> list[str]:
+    """The decode programs that may be started."""
+    return [line for line in os.environ.get(PERMIT, "").split("\n") if line]
+
+
+def _words(command: str, given: dict[str, object]) -> list[str]:
+    words = shlex.split(command)
+    for name, value in given.items():
+        words = [word.replace(f"{{{name}}}", str(value)) for word in words]
+    return words
+
+
+def _stored(folder: Path, size: tuple[int, int], command: str) -> Parts:
+    files = sorted(folder.iterdir())
+    if not files:
+        raise CodecError(f"{command}: wrote no file into {{files}}")
+    if odd := next((file for file in files if file.is_symlink() or not file.is_file()), None):
+        raise CodecError(f"{command}: {odd.name} in {{files}} is no plain file")
+    texture = {f"{i:04d}": torch.from_numpy(np.fromfile(file, np.uint8)) for i, file in enumerate(files)}
+    names = json.dumps([file.name for file in files]).encode()
+    other = {NAMES: torch.frombuffer(bytearray(names), dtype=torch.uint8), SIZE: torch.tensor(size)}
+    return Parts(texture=texture, other=other)
+
+
+class ProgramMaterial(Material):
+    """Asks a running program. Neither its parameters nor its time can be measured from outside."""
+
+    opaque = True
+
+    def __init__(self, size: tuple[int, int], contents: dict[str, bytes], command: str, seconds: float):
+        super().__init__(size, DecoderCost())
+        self.chunk, self.command, self.seconds, self.asked = BATCH, command, seconds, 0
+        scratch = tempfile.TemporaryDirectory(prefix="neubtf-command-")
+        self.folder = Path(scratch.name)
+        (self.folder / "files").mkdir()
+        for name, content in contents.items():
+            (self.folder / "files" / name).write_bytes(content)
+        words = _words(command, {"files": self.folder / "files"})
+        with open(self.folder / "log", "wb") as log:
+            try:
+                self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log)
+            except OSError as error:
+                raise CodecError(f"{words[0]}: cannot be started ({error.strerror})") from error
+        assert self.process.stdin
+        assert self.process.stdout
+        self.asks, self.answers = self.process.stdin, self.process.stdout
+        weakref.finalize(self, _end, self.process, scratch)
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Write the queries, ask for the answers, read them."""
+        self.asked += 1
+        queries, answers = (self.folder / f"{what}-{self.asked}.npy" for what in ("queries", "answers"))
+        rows = torch.cat([uv, wo, wi, footprint[:, None]], 1).float().cpu().numpy()
+        np.save(queries, rows)
+        self._ask(queries, answers)
+        try:
+            found = np.load(answers, allow_pickle=False)
+        except (OSError, ValueError, EOFError) as error:
+            raise CodecError(f"{self.command}: its answers cannot be read ({error})") from error
+        if found.shape != (len(rows), 3) or not np.isfinite(found).all():
+            raise CodecError(f"{self.command}: answered {found.shape} instead of ({len(rows)}, 3) finite numbers")
+        queries.unlink()
+        answers.unlink()
+        return torch.from_numpy(found.astype(np.float32)).to(uv.device)
+
+    def _ask(self, queries: Path, answers: Path) -> None:
+        """Send one line, and wait for one."""
+        line = b""
+        with suppress(BrokenPipeError):
+            self.asks.write(f"{queries}\t{answers}\n".encode())
+            self.asks.flush()
+            if not select.select([self.answers], [], [], self.seconds)[0]:
+                raise CodecError(f"{self.command}: no answer within seconds = {self.seconds:g}")
+            line = self.answers.readline()
+        if not line:
+            says = (self.folder / "log").read_text(errors="replace").strip()[-TOLD:]
+            raise CodecError(f"{self.command}: ended without an answer: {says or 'no word'}")
+
+
+def _end(process: "subprocess.Popen[bytes]", scratch: "tempfile.TemporaryDirectory[str]") -> None:
+    process.kill()
+    with suppress(BrokenPipeError), process:
+        pass  # closes its pipes, and waits for its end
+    scratch.cleanup()

@@ -1,0 +1,151 @@
+"""Anyone's programs as a codec: what they are given, what is counted, what may go wrong, and what never starts."""
+
+import json
+import sys
+import textwrap
+
+import pytest
+
+from bench import cli
+from bench.codecs import container, loading
+from bench.errors import CodecError, ContainerError
+from bench.records import load_run
+from bench.runs.programs import ProgramMaterial
+
+ENCODE = """
+    import sys, numpy as np
+    btf, files = np.load(sys.argv[1]), sys.argv[2]
+    btf["radiance"].mean(0).astype("<f2").tofile(files + "/mean.bin")
+    open(files + "/size", "w").write("%d %d" % btf["radiance"].shape[1:3])
+"""
+DECODE = """
+    import sys, numpy as np
+    height, width = map(int, open(sys.argv[1] + "/size").read().split())
+    mean = np.fromfile(sys.argv[1] + "/mean.bin", "<f2").reshape(height, width, 3).astype("<f4")
+    for line in sys.stdin:
+        queries, answers = line.rstrip("\\n").split("\\t")
+        uv = np.load(queries)[:, :2]
+        rows, columns = ((1 - uv[:, 1]) * height).astype(int) % height, (uv[:, 0] * width).astype(int) % width
+        np.save(answers, mean[rows, columns])
+        print("ok", flush=True)
+"""
+
+
+def suite(place, encode=ENCODE, decode=DECODE):
+    """A suite of two small programs and of the codec that they imitate."""
+    for name, text in (("encode", encode), ("decode", decode)):
+        (place / f"{name}.py").write_text(textwrap.dedent(text))
+    run = f"{sys.executable} {place}"
+    (place / "suite.toml").write_text(
+        textwrap.dedent(f"""
+        materials = ["satin"]
+        [data]
+        size = 12
+        views = 5
+        lights = 5
+        heldout = 8
+        [[codecs]]
+        codec = "command"
+        called = "mine"
+        encode = "{run}/encode.py {{btf}} {{files}}"
+        decode = "{run}/decode.py {{files}}"
+        [[codecs]]
+        codec = "mean-colour"
+        """)
+    )
+    return str(place / "suite.toml")
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.delenv("NEUBTF_PERMIT", raising=False)
+
+
+def test_programs_are_scored_as_a_codec_is(tmp_path, capsys):
+    assert cli.main(["run", suite(tmp_path), "--out", str(tmp_path / "run")]) == 0
+    run = load_run(tmp_path / "run")
+    mine, known = run.job("satin/mine/0"), run.job("satin/mean-colour/0")
+    assert mine["status"] == "ok"
+    assert mine["bytes"]["texture"] == 12 * 12 * 3 * 2 + len("12 12")  # the files, to the byte
+    assert mine["bytes"]["total"] == (tmp_path / "run" / mine["file"]).stat().st_size
+    ours, theirs = (job["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"] for job in (mine, known))
+    assert ours == pytest.approx(theirs, abs=1e-6)
+    assert mine["parameters"] is None
+    assert run.timing(mine) is None
+    assert run.timing(known)["ns_per_sample"] > 0
+    capsys.readouterr()
+    assert cli.main(["table", "main", str(tmp_path / "run")]) == 0
+    assert "mine" in capsys.readouterr().out
+
+
+def test_a_changed_program_is_not_answered_from_earlier_files(tmp_path):
+    assert cli.main(["run", suite(tmp_path), "--out", str(tmp_path / "run")]) == 0
+    before = load_run(tmp_path / "run").job("satin/mine/0")
+    assert cli.main(["run", suite(tmp_path, ENCODE.replace("mean(0)", "max(0)")), "--out", str(tmp_path / "run")]) == 0
+    after = load_run(tmp_path / "run").job("satin/mine/0")
+    assert after["score_key"]["sha256"] != before["score_key"]["sha256"]
+
+
+@pytest.mark.parametrize(
+    ("programs", "why"),
+    [
+        ({"encode": "import sys; sys.exit('no licence')"}, "ended with code 1: no licence"),
+        ({"encode": "pass"}, "wrote no file into {files}"),
+        ({"encode": "import os, sys; os.mkdir(sys.argv[2] + '/inner')"}, "inner in {files} is no plain file"),
+        ({"decode": "raise SystemExit('no licence')"}, "ended without an answer: no licence"),
+        ({"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns, :2]")}, "instead of"),
+        ({"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns] / 0.0")}, "finite"),
+        (
+            {"decode": DECODE.replace("np.save(answers", "open(answers, 'w').write('text'), (lambda *_: 0)(answers")},
+            "read",
+        ),
+    ],
+)
+def test_a_program_that_fails_is_a_failed_job_that_says_why(tmp_path, programs, why):
+    assert cli.main(["run", suite(tmp_path, **programs), "--out", str(tmp_path / "run")]) == 3
+    run = load_run(tmp_path / "run")
+    assert why in run.job("satin/mine/0")["error"]
+    assert run.job("satin/mean-colour/0")["status"] == "ok"
+
+
+def test_a_program_that_does_not_answer_is_ended():
+    command = f"{sys.executable} -c 'import time; time.sleep(3600)' {{files}}"
+    material = ProgramMaterial((4, 4), {}, command, 0.2)
+    with pytest.raises(CodecError, match=r"no answer within seconds = 0\.2"):
+        material.slice([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
+    process, folder = material.process, material.folder
+    del material
+    assert process.poll() is not None
+    assert not folder.exists()
+
+
+def test_programs_must_name_their_files(tmp_path, capsys):
+    path = suite(tmp_path)
+    text = (tmp_path / "suite.toml").read_text().replace(" {btf}", "")
+    (tmp_path / "suite.toml").write_text(text)
+    assert cli.main(["run", path, "--out", str(tmp_path / "run")]) == 3
+    assert "has no {btf}" in load_run(tmp_path / "run").job("satin/mine/0")["error"]
+
+
+def test_a_file_starts_nothing_that_the_user_did_not_allow(tmp_path, monkeypatch):
+    spy = DECODE + f"\n    open({str(tmp_path / 'started')!r}, 'w')\n"
+    assert cli.main(["run", suite(tmp_path, decode=spy), "--out", str(tmp_path / "run")]) == 0
+    file = tmp_path / "run" / load_run(tmp_path / "run").job("satin/mine/0")["file"]
+    monkeypatch.delenv("NEUBTF_PERMIT")
+    (tmp_path / "started").unlink(missing_ok=True)
+    with pytest.raises(ContainerError, match="set NEUBTF_PERMIT to that command line"):
+        loading.load(file)
+    assert not (tmp_path / "started").exists()
+    monkeypatch.setenv("NEUBTF_PERMIT", container.read_header(file).settings["decode"])
+    assert loading.load(file).material.slice([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]).shape == (12, 12, 3)
+
+
+def test_verifying_an_archive_starts_nothing(tmp_path, capsys, monkeypatch):
+    assert cli.main(["run", suite(tmp_path), "--out", str(tmp_path / "run")]) == 0
+    assert cli.main(["submit", str(tmp_path / "run"), "--codec", "command", "-o", str(tmp_path / "a.zip")]) == 0
+    monkeypatch.delenv("NEUBTF_PERMIT")
+    capsys.readouterr()
+    assert cli.main(["verify", str(tmp_path / "a.zip"), "--out", str(tmp_path / "verified")]) == 4
+    assert "set NEUBTF_PERMIT" in capsys.readouterr().out
+    assert "kind" in json.loads((tmp_path / "verified" / "records.jsonl").read_text().splitlines()[0])
