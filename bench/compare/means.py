@@ -63,9 +63,16 @@ def _weights(changes: list[Change], least: float) -> list[float]:
 
 
 def _together(changes: list[Change], weights: list[float]) -> Chance | None:
-    """The scatter of a weighted mean of differences, by Welch and Satterthwaite; None if no difference scatters."""
-    parts = [((w * c.chance.error) ** 2, c.chance.freedom) for w, c in zip(weights, changes, strict=True) if c.chance]
-    total = math.fsum(square for square, _ in parts)
+    """The scatter of a weighted mean of differences, by Welch and Satterthwaite; None if no difference scatters.
+
+    A row that by chance scatters little in its seeds weighs more. So the plain sum of variances is too small; it is
+    corrected after Meier, "Variance of a weighted mean", Biometrics 9(1), 1953.
+    """
+    parts = [(w, c.chance.error, c.chance.freedom) for w, c in zip(weights, changes, strict=True) if c.chance]
+    squares = [(weight * error) ** 2 for weight, error, _ in parts]
+    total = math.fsum(squares)
     if not total:
         return None
-    return Chance(math.sqrt(total), total**2 / math.fsum(square**2 / freedom for square, freedom in parts))
+    freedom = total**2 / math.fsum(square**2 / free for square, (*_, free) in zip(squares, parts, strict=True))
+    chosen = 1 + 4 * math.fsum(weight * (1 - weight) / free for weight, _, free in parts)
+    return Chance(math.sqrt(total * chosen), freedom)
