@@ -53,6 +53,9 @@ class Relief(nn.Module):
         (rows, cols), (above, left) = self.fine, self.margin
         col = (u * cols + left).int()
         row = ((1 - v) * rows + above).int()
+        if torch.compiler.is_exporting():  # a shader wraps around: with the margin its texture is several times larger
+            inner = self.padded[above : above + rows, left : left + cols].flatten()
+            return inner.take(((row - above).remainder(rows) * cols + (col - left).remainder(cols)).long())
         return self.padded.view(-1).take(row.mul_(self.padded.shape[1]).add_(col).long())
 
     def meet(self, uv: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:

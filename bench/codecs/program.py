@@ -125,7 +125,8 @@ class _Recorder:
             return
         arguments = [self._argument(value) for value in node.args]
         if operation in SAME:
-            self.values[node.name] = arguments[0]
+            value = arguments[0]  # a view that follows a copy may need its order in memory
+            self.values[node.name] = value.contiguous() if isinstance(value, Tensor) else value
         elif operation == "getitem":
             source, number = arguments
             self.values[node.name] = source[number] if isinstance(source, (list, tuple)) else f"{source}.{number}"

@@ -40,6 +40,11 @@ for (int j = 0; j < {outputs}; j++) {{
 uniform highp sampler2D halfTable;  // RGBA16F
 vec4 exactRow(int i) {{ return texelFetch(exactTable, ivec2(i % {width}, i / {width}), 0); }}
 vec4 halfRow(int i) {{ return texelFetch(halfTable, ivec2(i % {width}, i / {width}), 0); }}
+float exactOne(int i) {{
+  vec4 row = exactRow(i / 4);
+  int k = i % 4;
+  return k < 2 ? (k == 0 ? row.x : row.y) : (k == 2 ? row.z : row.w);
+}}
 """,
     "vec3 material(vec2 uv, vec3 wo, vec3 wi, float footprint)",
 )
@@ -63,6 +68,11 @@ for (int j = 0; j < {outputs}; j++) {{
 Texture2D<float4> halfTable : register(t1);  // R16G16B16A16_FLOAT
 float4 exactRow(int i) {{ return exactTable.Load(int3(i % {width}, i / {width}, 0)); }}
 float4 halfRow(int i) {{ return halfTable.Load(int3(i % {width}, i / {width}, 0)); }}
+float exactOne(int i) {{
+  float4 row = exactRow(i / 4);
+  int k = i % 4;
+  return k < 2 ? (k == 0 ? row.x : row.y) : (k == 2 ? row.z : row.w);
+}}
 """,
     "float3 material(float2 uv, float3 wo, float3 wi, float footprint)",
     {"inversesqrt": "rsqrt", "fract": "frac"},
@@ -87,6 +97,11 @@ for (var j: i32 = 0; j < {outputs}; j++) {{
 @group(0) @binding(1) var halfTable: texture_2d<f32>;  // rgba16float
 fn exactRow(i: i32) -> vec4<f32> {{ return textureLoad(exactTable, vec2<i32>(i % {width}, i / {width}), 0); }}
 fn halfRow(i: i32) -> vec4<f32> {{ return textureLoad(halfTable, vec2<i32>(i % {width}, i / {width}), 0); }}
+fn exactOne(i: i32) -> f32 {{
+  let row = exactRow(i / 4);
+  let k = i % 4;
+  return select(select(row.w, row.z, k == 2), select(row.y, row.x, k == 0), k < 2);
+}}
 """,
     "fn material(uv: vec2<f32>, wo: vec3<f32>, wi: vec3<f32>, footprint: f32) -> vec3<f32>",
     {"inversesqrt": "inverseSqrt"},

@@ -173,6 +173,16 @@ def _extreme(function: str) -> Operation:
     return write
 
 
+def _joined(sign: str) -> Operation:
+    def write(writer: Writer, shape: Shape, kind: str, arguments: list[Any]) -> list[str]:
+        source, axes = arguments[0], (*arguments, None)[1]
+        if source.kind != "bool":
+            raise InputError("no shader can ask whether any or all of some numbers are other than 0 yet")
+        return [writer.name("bool", sign.join(writer.scalar(x, "bool") for x in row)) for row in _groups(source, axes)]
+
+    return write
+
+
 def _place(sign: str) -> Operation:
     def write(writer: Writer, shape: Shape, kind: str, arguments: list[Any]) -> list[str]:
         source, axis = arguments[0], (*arguments, None)[1]
@@ -190,7 +200,8 @@ def _place(sign: str) -> Operation:
     return write
 
 
-OPERATIONS.update(amin=_extreme("min"), amax=_extreme("max"), argmax=_place(">"), argmin=_place("<"))
+OPERATIONS.update(amin=_extreme("min"), amax=_extreme("max"), argmax=_place(">"), argmin=_place("<"),
+                  any=_joined(" || "), all=_joined(" && "))  # fmt: skip
 
 
 # Look-ups.
@@ -215,12 +226,12 @@ def _looked_up(writer: Writer, rows: Array, index: Any, kind: str) -> list[Any]:
 
 
 @operation("index_select")
-def _index_select(writer: Writer, shape: Shape, kind: str, arguments: list[Any]) -> list[Any]:
+def _index_select(writer: Writer, shape: Shape, kind: str, arguments: list[Any]) -> Array:
     table, axis, index = arguments
-    if axis != 0:
-        raise InputError("no shader can select along another axis than the first yet")
-    rows = table.items.reshape(len(table.items), -1)
-    return [x for i in index.items.reshape(-1) for x in _looked_up(writer, rows, i, kind)]
+    items = np.moveaxis(table.items, axis, 0)
+    rows = items.reshape(len(items), -1)
+    found = [_looked_up(writer, rows, i, kind) for i in index.items.reshape(-1)]
+    return np.moveaxis(np.array(found, object).reshape(-1, *items.shape[1:]), 0, axis)
 
 
 @operation("index")
@@ -246,7 +257,7 @@ def _index(writer: Writer, shape: Shape, kind: str, arguments: list[Any]) -> lis
 
 
 @operation("embedding")
-def _embedding(writer: Writer, shape: Shape, kind: str, arguments: list[Any]) -> list[Any]:
+def _embedding(writer: Writer, shape: Shape, kind: str, arguments: list[Any]) -> Array:
     return _index_select(writer, shape, kind, [arguments[0], 0, arguments[1]])
 
 
@@ -267,7 +278,7 @@ def _bag(writer: Writer, shape: Shape, kind: str, arguments: list[Any]) -> list[
             for share, first in zip(shares, firsts, strict=True)
         ]
         texts.append(" + ".join(terms))
-    return writer.floats(texts)[:channels]
+    return [writer.name("float", texts[0])] if channels == 1 else writer.floats(texts)[:channels]
 
 
 @operation("gather")

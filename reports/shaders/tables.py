@@ -21,18 +21,23 @@ class Tables:
     _placed: dict[tuple[bytes, tuple[int, ...], bool], tuple[str, int]] = field(default_factory=dict)
 
     def place(self, table: Array, exact: bool = False) -> tuple[str, int, int]:
-        """Where a table (rows, channels) starts: the function that reads it, its first number, numbers a row."""
+        """Where a table (rows, channels) starts: the function that reads it, its first number, numbers a row.
+
+        `exactRow` and `halfRow` read four floats. Of a table of one channel `exactOne` reads one: four rows stand
+        together, and such tables are places, heights among them, which halves would move.
+        """
         rows, channels = table.shape
-        stride = -(-channels // 4)
-        small = exact or table.dtype.kind != "f" or table.size < HALF_FROM or np.abs(table).max() > HALF_MOST
+        single, stride = channels == 1, -(-channels // 4)
+        small = exact or single or table.dtype.kind != "f" or table.size < HALF_FROM or np.abs(table).max() > HALF_MOST
         key = (hashlib.sha256(table.tobytes()).digest(), table.shape, small)
         blocks = self.exact if small else self.half
         if key not in self._placed:
             start = sum(map(len, blocks))
-            padded = np.zeros((rows, 4 * stride), np.float32)
-            padded[:, :channels] = table
+            padded = np.zeros((-(-rows // 4), 4) if single else (rows, 4 * stride), np.float32)
+            padded.reshape(-1, 1 if single else 4 * stride)[:rows, :channels] = table
             blocks.append(padded.reshape(-1, 4))
-            self._placed[key] = ("exactRow" if small else "halfRow", start)
+            reader = "exactOne" if single else "exactRow" if small else "halfRow"
+            self._placed[key] = (reader, 4 * start if single else start)
         return (*self._placed[key], stride)
 
     def texture(self, half: bool) -> Array:

@@ -71,7 +71,7 @@ class Writer:
         channels = table.shape[1]
         first = self.name("int", f"{index} * {stride} + {start}" if stride > 1 else f"{index} + {start}")
         packs = [f"{reader}({first} + {k})" if k else f"{reader}({first})" for k in range(stride)]
-        return self.floats(packs)[:channels]
+        return [self.name("float", packs[0])] if channels == 1 else self.floats(packs)[:channels]
 
     def product(self, weights: Array, inputs: list[Any], bias: list[Any] | None) -> list[str]:
         """weights (outputs, inputs) @ inputs + bias, as scalars; the weights are constants."""

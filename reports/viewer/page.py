@@ -4,6 +4,7 @@ import base64
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from importlib.resources import files
 
 from reports.shaders.dialects import GLSL
@@ -11,6 +12,7 @@ from reports.shaders.generator import shader
 from reports.shaders.program import Program
 from reports.shaders.tables import WIDTH
 
+SCRIPTS = ("shapes.js", "passes.js", "controls.js", "viewer.js")
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{title}</title>
@@ -45,21 +47,37 @@ def model_data(model: Model) -> dict[str, object]:
     return {"label": model.label, "note": model.note, "shader": made.text, "exposure": model.exposure, **encoded}
 
 
+@dataclass(frozen=True)
+class Fragment:
+    """The viewer as parts of a page: styles and script once, markup and data for each viewer.
+
+    The script defines `mountViewer(element, data)`, where `element` is the section that `html` makes and `data` what
+    `data` holds, parsed. It returns the viewer, or null where the browser cannot draw.
+    """
+
+    css: str
+    html: str
+    script: str
+    data: str  # JSON that can stand inside a script element
+
+
+def fragment(models: Sequence[Model]) -> Fragment:
+    """The viewer of some models, for any page. `InputError` where no shader can do a program."""
+    folder = files("reports.viewer")
+    css, html = ((folder / f"viewer.{name}").read_text("utf-8") for name in ("css", "html"))
+    scripts = [(folder / name).read_text("utf-8") for name in SCRIPTS]
+    data = {"width": WIDTH, "models": [model_data(model) for model in models]}
+    # Of all their names a page sees one.
+    script = f"const mountViewer = (() => {{\n{''.join(scripts)}\nreturn mountViewer;\n}})();\n"
+    return Fragment(css, html, script, as_json(data))
+
+
 def page(title: str, models: Sequence[Model]) -> str:
     """The whole page. `InputError` where no shader can do a program."""
-    data = {"width": WIDTH, "models": [model_data(model) for model in models]}
-    parts = {name: (files("reports.viewer") / f"viewer.{name}").read_text("utf-8") for name in ("css", "html", "js")}
-    return PAGE.format(
-        title=_escaped(title), css=parts["css"], html=parts["html"], code=parts["js"], data=as_json(data)
-    )
+    parts = fragment(models)
+    return PAGE.format(title=escape(title), css=parts.css, html=parts.html, code=parts.script, data=parts.data)
 
 
 def as_json(data: object) -> str:
     """JSON that stands inside a script element: no text of the data can end the element."""
     return json.dumps(data).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
-
-
-def _escaped(text: str) -> str:
-    from html import escape
-
-    return escape(text)

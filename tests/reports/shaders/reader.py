@@ -80,7 +80,9 @@ def _least(function: Callable[..., Any], first: Any, second: Any) -> Any:
 
 def answer(shader: Shader, uv: Array, wo: Array, wi: Array, footprint: float) -> Array:
     """RGB (3,) of one query, by running the shader's text."""
-    words: dict[str, Any] = {name: _each(getattr(np, name)) for name in ("exp", "log", "log2", "sin", "cos", "floor")}
+    words: dict[str, Any] = {
+        name: _each(getattr(np, name)) for name in ("exp", "log", "log2", "sin", "cos", "floor", "tanh")
+    }
     words |= {"sqrt": _each(np.sqrt), "abs": _each(np.abs), "inversesqrt": _each(lambda x: 1 / np.sqrt(x))}
     words |= {"min": lambda a, b: _least(np.minimum, a, b), "max": lambda a, b: _least(np.maximum, a, b)}
     words |= {"vec4": _vec4, "mat4": Matrix, "vec3": lambda *parts: np.array(parts), "pow": _each(np.power)}
@@ -88,6 +90,7 @@ def answer(shader: Shader, uv: Array, wo: Array, wi: Array, footprint: float) ->
     for name, table in (("exactRow", shader.exact), ("halfRow", shader.half)):
         rows = table.reshape(-1, 4)
         words[name] = lambda i, rows=rows: Vector(*rows[int(i)])
+    words["exactOne"] = lambda i: shader.exact.reshape(-1)[int(i)]
     words |= {"uv": Vector(*uv), "wo": Vector(*wo), "wi": Vector(*wi), "footprint": np.float32(footprint)}
     body = shader.text[shader.text.index("vec3 material(") :].splitlines()[1:-1]
     for line in body:

@@ -21,6 +21,8 @@ from reports.shaders.dialects import DIALECTS, GLSL
 from reports.shaders.export import export
 from reports.shaders.generator import shader
 from reports.shaders.program import Program, read
+from tests.baselines.surfaces import bumps
+from tests.reports.browser import chromium
 from tests.reports.shaders.reader import answer
 
 CODECS = {
@@ -30,12 +32,16 @@ CODECS = {
     "table": {},
     "neubtf-direct": {"steps": 5},
     "neumip": {"steps": 5},
+    "relief": {"steps": 5, "batch": 64},
 }
 
 
 def decoded(codec: str, settings: dict[str, Any]) -> Material:
     made = load_codec(codec)(**settings)
-    return made.decode(made.encode(tiny_btf(), Fit()), torch.device("cpu"))
+    btf = bumps()[0] if codec == "relief" else tiny_btf()
+    material = made.decode(made.encode(btf, Fit()), torch.device("cpu"))
+    assert codec != "relief" or vars(material)["relief"] is not None  # there is a height to march
+    return material
 
 
 def stored(material: Material, folder: Path) -> Program:
@@ -116,7 +122,7 @@ def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path
     assert text.count("(") == text.count(")")
 
 
-@pytest.mark.parametrize("codec", ["neubtf-direct", "pca"])
+@pytest.mark.parametrize("codec", ["neubtf-direct", "pca", "relief"])
 def test_glsl_and_hlsl_compile(codec: str, tmp_path: Path) -> None:
     validator = shutil.which("glslangValidator")
     if not validator:
@@ -133,3 +139,23 @@ def test_glsl_and_hlsl_compile(codec: str, tmp_path: Path) -> None:
     for flags, name in (([], "a.frag"), (hlsl_flags, "a.hlsl")):
         done = subprocess.run([validator, *flags, str(tmp_path / name)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout
+
+
+SAYS = """async (code) => {
+  const adapter = await navigator.gpu.requestAdapter();
+  const made = (await adapter.requestDevice()).createShaderModule({ code });
+  return (await made.getCompilationInfo()).messages.map((message) => `${message.lineNum}: ${message.message}`);
+}"""
+
+
+@pytest.mark.timeout(300)
+def test_wgsl_compiles(tmp_path: Path) -> None:
+    """In the browser, where its validator is."""
+    (tmp_path / "empty.html").write_text("<!doctype html><title>compile</title>")
+    with chromium() as browser:
+        tab = browser.new_page()
+        tab.goto((tmp_path / "empty.html").as_uri())
+        for codec in ("neubtf-direct", "pca", "relief"):
+            text = shader(stored(decoded(codec, CODECS[codec]), tmp_path), DIALECTS["wgsl"]).text
+            assert tab.evaluate(SAYS, text) == []
+        assert "unresolved" in tab.evaluate(SAYS, text.replace("exactOne(", "missing(", 1))[0]

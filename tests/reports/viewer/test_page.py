@@ -1,6 +1,5 @@
 """The page of live materials, in a real browser: it draws what `Material.query` answers, the right way round."""
 
-import shutil
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,15 +16,17 @@ from bench.metrics.display import to_display
 from bench.runs.drawing import drawable
 from reports.shaders.program import read
 from reports.viewer.page import Model, as_json, page
+from tests.baselines.surfaces import bumps
+from tests.reports.browser import chromium
 
 CODECS: dict[str, dict[str, Any]] = {
     "mean-colour": {},
     "neubtf-direct": {"steps": 20},
     "neumip": {"steps": 20},
     "pca": {},
+    "relief": {"steps": 20, "batch": 256},
 }
 WO, WI = (from_degrees(*angles).astype(np.float32).ravel() for angles in ((35, 20), (50, 140)))
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 def test_no_text_of_the_data_ends_the_script() -> None:
@@ -34,22 +35,18 @@ def test_no_text_of_the_data_ends_the_script() -> None:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs the extra neubtf-bench[browser]")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if not found:
-        pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
-    flags = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-    with playwright.sync_playwright() as driver:
-        launched = driver.chromium.launch(executable_path=found, args=flags)
+    with chromium() as launched:
         yield launched
-        launched.close()
 
 
 @pytest.fixture(scope="module")
 def materials() -> dict[str, Material]:
     made = {name: load_codec(name)(**settings) for name, settings in CODECS.items()}
     device = torch.device("cpu")
-    return {name: codec.decode(codec.encode(tiny_btf(), Fit()), device) for name, codec in made.items()}
+    shown = {name: bumps()[0] if name == "relief" else tiny_btf() for name in made}
+    found = {name: codec.decode(codec.encode(shown[name], Fit()), device) for name, codec in made.items()}
+    assert vars(found["relief"])["relief"] is not None  # there is a height to march
+    return found
 
 
 @pytest.fixture(scope="module")
