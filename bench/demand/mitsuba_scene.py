@@ -14,8 +14,8 @@ import numpy as np
 
 from bench.demand.points import Array, Light, Points
 from bench.errors import InputError, did_you_mean
+from bench.llvm import unusable
 
-VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
 SAMPLES = 8  # of an emitter that is no point and no direction, at each visible point
 
 Values = Any  # Dr.Jit arrays
@@ -77,12 +77,13 @@ class MitsubaScene:
 
 def _set_variant() -> None:
     """The fastest variant that can cast many rays at once."""
-    backends = {"cuda_ad_rgb": dr.JitBackend.CUDA, "llvm_ad_rgb": dr.JitBackend.LLVM}
-    for variant in VARIANTS:
-        if variant in mi.variants() and dr.has_backend(backends[variant]):
-            mi.set_variant(variant)
-            return
-    raise InputError("Mitsuba finds neither LLVM nor a CUDA device: install libLLVM, or describe the scene in TOML")
+    if "cuda_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.CUDA):
+        mi.set_variant("cuda_ad_rgb")
+        return
+    reason = unusable(plugins=True)
+    if reason:
+        raise InputError(f"Mitsuba finds no CUDA device, and {reason}; or describe the scene in TOML")
+    mi.set_variant("llvm_ad_rgb")
 
 
 def _is_delta(emitter: Values) -> bool:

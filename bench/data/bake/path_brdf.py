@@ -69,7 +69,7 @@ def sample(at: Lobes, choice: Values, place: Values) -> tuple[Values, Values]:
 
 
 def at_least(low: float, x: Values) -> Values:
-    """max(low, x), without Dr.Jit's maximum: LLVM 15 and older cannot compile it and end the process."""
+    """max(low, x), without Dr.Jit's maximum: LLVM 16 and older cannot compile it and end the process."""
     return dr.select(x > low, x, low)
 
 

@@ -20,6 +20,7 @@ from bench.data.bake.path_brdf import Lobes, at_least, lobes, reflect, sample
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import Renderer
 from bench.errors import InputError
+from bench.llvm import unusable
 
 Array = np.ndarray
 Values = Any  # Dr.Jit arrays over paths, or numbers in a scalar variant
@@ -36,9 +37,10 @@ log = logging.getLogger(__name__)
 
 def fastest_variant() -> str:
     """The fastest of Mitsuba's variants that works here: `llvm_ad_rgb`, else `scalar_rgb`."""
-    if "llvm_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.LLVM):
+    reason = unusable() if "llvm_ad_rgb" in mi.variants() else "this Mitsuba is built without llvm_ad_rgb"
+    if not reason:
         return "llvm_ad_rgb"
-    log.warning("LLVM is not found: tracing with Mitsuba's scalar_rgb, some thousand times slower (install libLLVM)")
+    log.warning(f"tracing with Mitsuba's scalar_rgb, some thousand times slower: {reason}")
     return "scalar_rgb"
 
 

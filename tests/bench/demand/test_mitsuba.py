@@ -3,13 +3,14 @@ import importlib.util
 import numpy as np
 import pytest
 
-from bench import cli
+from bench import cli, llvm
 from bench.demand.collect import collect
 from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
 from bench.errors import InputError
 from bench.metrics import get
 
+pytestmark = pytest.mark.short
 with_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None,
     reason='Mitsuba 3 is optional and not installed: pip install "neubtf-bench[mitsuba]"',
@@ -63,6 +64,8 @@ def written(folder, *parts):
 def of(path, bsdf="cloth"):
     from bench.demand.mitsuba_scene import MitsubaScene
 
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
     return collect(MitsubaScene(path, bsdf), 10**6)
 
 
@@ -131,6 +134,21 @@ def test_a_mesh_without_texture_coordinates_is_refused(tmp_path):
     # Some versions of LLVM cannot load a mesh that has no uv; the check is the same in every variant.
     with using("scalar_rgb"), pytest.raises(InputError, match="no texture coordinates: give its mesh uv"):
         _chosen(mi.load_file(str(path)), path, "cloth")
+
+
+@with_mitsuba
+def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch):
+    import drjit as dr
+
+    if dr.has_backend(dr.JitBackend.CUDA):
+        pytest.skip("this machine has a CUDA device, which needs no LLVM")
+    monkeypatch.setattr(llvm, "_tried", lambda choice: ("LLVM 15.0.6", ("kernels",), "Cannot select: fmaximum"))
+    path = written(tmp_path, CAMERA, CLOTH, PLANE, LAMP)
+    assert cli.main(["demand", str(path), "--bsdf", "cloth", "-o", str(tmp_path / "a.npz")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "LLVM 15.0.6, which ended a trial process (Cannot select: fmaximum)" in said
+    assert "apt-get install libllvm19" in said
+    assert "DRJIT_LIBLLVM_PATH" in said
 
 
 def test_the_command_says_what_it_lacks(tmp_path, capsys, monkeypatch):

@@ -1,0 +1,90 @@
+"""Says whether Dr.Jit can be trusted with the LLVM of this machine, by a trial in a process of its own.
+
+Dr.Jit ends its process at an operation that LLVM cannot compile: on x86, LLVM 16 and older know no maximum, minimum or
+arctangent of it. The suite's own kernels use none of these; the plug-ins of Mitsuba, which a scene names, do.
+"""
+
+import os
+import subprocess
+import sys
+from functools import cache
+from tempfile import TemporaryDirectory
+from types import ModuleType
+
+from bench.errors import InputError
+
+CHOICE = "DRJIT_LIBLLVM_PATH"
+REMEDY = (
+    f"install LLVM 19 (Debian: apt-get install libllvm19), or name the library of another LLVM in {CHOICE} "
+    "(/usr/lib/x86_64-linux-gnu/libLLVM-19.so)"
+)
+LIMIT = 120.0  # seconds of a trial that takes one
+_TRIAL = """
+import drjit as dr
+if not dr.has_backend(dr.JitBackend.LLVM):
+    raise SystemExit("absent")
+from drjit.llvm import ArrayXf, Float, UInt32
+print("LLVM", ".".join(map(str, dr.detail.llvm_version())), flush=True)
+x = dr.linspace(Float, 0.5, 9.5, 10)
+row = dr.arange(UInt32, 10)
+one = lambda v: dr.fma(dr.floor(v), dr.round(v + 0.1), dr.select(v > 4, dr.rsqrt(v * v), dr.sqrt(v * v)))
+def kernel():
+    out, found = dr.empty(Float, 10), dr.gather(ArrayXf, x, row, shape=(1, 10))
+    dr.scatter(out, dr.switch(row >> 31, [one], found[0]), row)
+    return out
+trials = {
+    "kernels": kernel,
+    "maximum": lambda: dr.maximum(x, 4.0),
+    "minimum": lambda: dr.minimum(x, 4.0),
+    "arctangent": lambda: dr.atan2(x, 4.0),
+}
+for name, trial in trials.items():
+    found = trial()
+    dr.eval(found)
+    if name == "kernels":
+        off = [abs(a - int(b) * (int(b) + 1) - (1 / b if b > 4 else b)) for a, b in zip(list(found), list(x))]
+        assert max(off) < 1e-3, "wrong numbers"
+    print(name, flush=True)
+"""
+
+
+def drjit() -> ModuleType:
+    """Dr.Jit with an LLVM that compiles the suite's kernels. `InputError` says what to install."""
+    try:
+        import drjit as dr
+    except ImportError as error:
+        raise InputError(f"fused on the CPU needs Dr.Jit: pip install neubtf-bench[mitsuba] ({error})") from error
+    reason = unusable()
+    if reason:
+        raise InputError(reason)
+    return dr
+
+
+def unusable(plugins: bool = False) -> str:
+    """Why Dr.Jit cannot use this machine's LLVM for the suite's kernels or, with `plugins`, for Mitsuba's plug-ins too,
+    and the remedy; "" where it can. Dr.Jit must be installed. The trial takes about a second, once in a process.
+    """
+    version, passed, end = _tried(os.environ.get(CHOICE, ""))
+    if not version:
+        return f"Dr.Jit finds no usable LLVM ({end}): {REMEDY}"
+    last = "arctangent" if plugins else "kernels"
+    return "" if last in passed else f"Dr.Jit cannot use {version}, which ended a trial process ({end}): {REMEDY}"
+
+
+@cache
+def _tried(choice: str) -> tuple[str, tuple[str, ...], str]:
+    """The version of LLVM ("" without one), the names of the trials that it passed, and how the trial ended."""
+    command = [sys.executable, "-c", _TRIAL]
+    try:
+        # Dr.Jit keeps what it compiled, and would take what another LLVM compiled for the same processor.
+        with TemporaryDirectory() as empty:
+            done = subprocess.run(
+                command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LIMIT,
+                env=os.environ | {"DRJIT_CACHE_DIR": empty},
+            )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return f"LLVM ({choice or 'as found'})", (), f"no answer within {LIMIT:.0f} s"
+    version, *passed = done.stdout.split("\n") if done.stdout else ("",)
+    said = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()[-1:]
+    end = " ".join(said[0].split())[:200] if said else f"exit code {done.returncode}"
+    return version, tuple(passed), end
