@@ -1,6 +1,7 @@
 """The small network of every learned codec: part of the public interface, see `bench.codecs.decoder`."""
 
 from bench.codecs.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
+from bench.codecs.frames import Frames
 from bench.codecs.inputs import COUNTS, Directions, direction_inputs
 
 __all__ = [
@@ -10,6 +11,7 @@ __all__ = [
     "Architecture",
     "Decoder",
     "Directions",
+    "Frames",
     "Network",
     "direction_inputs",
     "load_vector",

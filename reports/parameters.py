@@ -1,6 +1,7 @@
-"""The parameters of decoders and the channels of textures, ours beside those of the NeuBTF paper's Table 2.
+"""The parameters of decoders and the channels of textures, ours beside those published.
 
-Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023).
+Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces:
+"NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers that their papers or authors' code state.
 """
 
 from collections.abc import Iterable
@@ -13,7 +14,7 @@ from reports.table import Table
 
 @dataclass(frozen=True)
 class Published:
-    """A row of the paper's table, and what our channels consist of."""
+    """What a paper states, and what our channels consist of."""
 
     method: str
     parameters: int
@@ -37,6 +38,7 @@ PUBLISHED = {
     "rainer2020": Published(
         "Rainer 2020", 38_269, 38, "32 latents, and the mean and the deviation of each colour of a texel's ABRDF (6)"
     ),
+    "zeltner2024": Published("Zeltner 2024", 1_923, 8, "8 latents"),
 }  # by codec
 
 
@@ -56,7 +58,7 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
     headers = [("method", ""), ("codec", "")]
     headers += [(what, whose) for what in ("param.", "channels") for whose in ("ours", "paper", "diff.")]
     rows = [_cells(label, *key) for label, key in zip(labels, keys, strict=True)]
-    title = "Decoder parameters and texture channels, beside Table 2 of NeuBTF (2023)"
+    title = "Decoder parameters and texture channels, beside those published"
     return Table("parameters", title, headers, rows, _notes(codecs), words=2)
 
 

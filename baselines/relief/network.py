@@ -11,8 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.decoder import Architecture, Decoder
-from bench.material import saturated
+from bench.decoder import Architecture, Decoder, Frames
 
 FRAMES = 2
 DEEPEST = 3.0  # level of detail, that of footprints of 8 texels, which the network sees as 1
@@ -30,11 +29,7 @@ class Network(nn.Module):
         outputs = 6 if self.shadow else 3
         architecture = Architecture(inputs, widths, outputs, "sine", settings.omega, norm=True, residual=True)
         self.decoder = Decoder(architecture, generator)
-        self.frames = nn.Linear(settings.latents, 6 * FRAMES) if settings.frames else None
-        if self.frames is not None:
-            with torch.no_grad():
-                self.frames.weight.normal_(0, 0.1, generator=generator)
-                self.frames.bias.copy_(torch.tensor([0.0, 0, 1, 1, 0, 0] * FRAMES))
+        self.frames = Frames(settings.latents, FRAMES, generator) if settings.frames else None
 
     @property
     def count(self) -> int:
@@ -44,11 +39,7 @@ class Network(nn.Module):
     @property
     def flops(self) -> int:
         """Operations of one sample, a fused multiply-add counted as two."""
-        frames = self.frames
-        if frames is None:
-            return self.decoder.architecture.flops
-        turned = FRAMES * (2 * 8 + 9 + 3 * 3 * 5)  # two lengths, a cross product, three directions on three axes
-        return self.decoder.architecture.flops + 2 * frames.in_features * frames.out_features + turned
+        return self.decoder.architecture.flops + (self.frames.flops(3) if self.frames is not None else 0)
 
     def start_at(self, level: Tensor) -> None:
         """Answer one log radiance (3,) whatever the inputs, the mask being open."""
@@ -62,10 +53,7 @@ class Network(nn.Module):
         directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)], 1)
         inputs = [latents, level.to(latents.dtype) / DEEPEST, directions.flatten(1).to(latents.dtype)]
         if self.frames is not None:
-            axes = saturated(self.frames(latents)).to(directions.dtype).unflatten(1, (FRAMES, 2, 3))
-            normal, tangent = functional.normalize(axes, dim=3).unbind(2)
-            axes = torch.stack([tangent, torch.linalg.cross(normal, tangent), normal], 2).flatten(1, 2)
-            inputs.append((directions @ axes.mT).flatten(1).to(latents.dtype))
+            inputs.append(self.frames.turned(latents, directions).to(latents.dtype))
         if excess is not None:
             inputs.append((excess * SHADOW).tanh().to(latents.dtype))
         out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)

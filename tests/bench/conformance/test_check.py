@@ -18,8 +18,9 @@ from bench.material import DecoderCost, Material
 from bench.records import FILE, append
 
 OURS = [
-    "mean-colour", "table", "pca", "vq", "hsh", "rainer2019", "rainer2020", "neumip", "neubtf", "neubtf-direct",
-]  # fmt: skip
+    *("mean-colour", "table", "pca", "vq", "hsh"),
+    *("rainer2019", "rainer2020", "neumip", "neubtf", "neubtf-direct", "zeltner2024"),
+]
 
 
 @pytest.mark.parametrize("name", OURS)

@@ -1,0 +1,50 @@
+"""Learned shading frames: directions turned into axes that are linear in a texel's latents.
+
+Zeltner et al., "Real-time neural appearance models", ACM Trans. Graph. 43(3), 2024: each frame has a normal and a
+tangent, each normalised but not made orthogonal to the other, and their cross product.
+"""
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.material import saturated
+
+CANONICAL = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # normal and tangent of the surface itself
+SPREAD = 0.1  # standard deviation of the first weights
+
+
+class Frames(nn.Linear):
+    """`count` frames from latents (n, latents); they start near the surface's own. 6 · count outputs a texel.
+
+    With `bias` each frame's mean axes are learned as well; without, the surface's own are added to the outputs.
+    """
+
+    canonical: Tensor
+
+    def __init__(self, latents: int, count: int, generator: torch.Generator | None = None, bias: bool = True):
+        super().__init__(latents, 6 * count, bias)
+        self.count = count
+        start = torch.tensor(CANONICAL * count)
+        self.register_buffer("canonical", torch.zeros_like(start) if bias else start, persistent=False)
+        with torch.no_grad():
+            self.weight.normal_(0, SPREAD, generator=generator)
+            if bias:
+                self.bias.copy_(start)
+
+    def turned(self, latents: Tensor, directions: Tensor) -> Tensor:
+        """Directions (n, D, 3) on the axes tangent, bitangent, normal of each frame in turn: (n, D · count · 3)."""
+        axes = saturated(self(latents)).to(directions.dtype).unflatten(1, (self.count, 2, 3))
+        normal, tangent = functional.normalize(axes, dim=3).unbind(2)
+        axes = torch.stack([tangent, torch.linalg.cross(normal, tangent), normal], 2).flatten(1, 2)
+        return (directions @ axes.mT).flatten(1)
+
+    def forward(self, latents: Tensor) -> Tensor:
+        """Normal and tangent of each frame (n, 6 · count), of no particular length."""
+        axes: Tensor = super().forward(latents)
+        return axes if self.bias is not None else axes + self.canonical
+
+    def flops(self, directions: int) -> int:
+        """Operations of a sample that turns some directions, a fused multiply-add counted as two."""
+        turned = self.count * (2 * 8 + 9 + directions * 3 * 5)  # two lengths, a cross product, the directions
+        return 2 * self.in_features * self.out_features + turned
