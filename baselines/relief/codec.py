@@ -17,6 +17,7 @@ from baselines.relief.fitting import Fitting
 from baselines.relief.geometry import Relief as Surface
 from baselines.relief.material import ReliefMaterial
 from baselines.relief.network import Network
+from baselines.relief.planes import REACH
 from baselines.relief.pyramid import level_count
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
@@ -84,7 +85,7 @@ class Relief(Codec):
         if "height" in parts.texture:
             codes = coding.expand(parts.texture["height"], (height, width, 1), HEIGHT_BITS)[..., 0]
             # Heights beyond those that are looked for were altered: a search through them must end all the same.
-            unit = parts.texture["height.unit"].clamp(max=2 * sweep.REACH / HEIGHT_MIDDLE)
+            unit = parts.texture["height.unit"].clamp(max=2 * REACH / HEIGHT_MIDDLE)
             surface = Surface((codes - HEIGHT_MIDDLE) * unit)
         network = Network(self.settings, surface is not None)
         load_vector(unpack("weights", parts.decoder), network)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from baselines.relief.geometry import Relief, slope
-from baselines.relief.sweep import shifted
+from baselines.relief.planes import shifted
 from bench.data.materials.heightfield import HeightField
 from bench.hemisphere import from_degrees, uniform
 from bench.material import texel_centres
