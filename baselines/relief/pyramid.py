@@ -45,12 +45,15 @@ class Pyramid(nn.Module):
         lower = level.int()
         share = (level - lower)[:, None]
         near, near_weight = self._corners(uv, lower)
+        if table.requires_grad and not share.any():
+            # A fit asks for whole levels. A bag's gradient, and a matrix product's, take longer than that of this sum.
+            corners = table.index_select(0, near.flatten()).unflatten(0, near.shape)
+            return (near_weight.to(table.dtype)[:, :, None] * corners).sum(1)
         far, far_weight = self._corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
         index = torch.cat([near, far], 1)
         weight = torch.cat([near_weight * (1 - share), far_weight * share], 1).to(table.dtype)
         if not table.requires_grad:
             return functional.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
-        # A bag's gradient takes longer than that of the sum written out.
         return torch.einsum("nk,nkc->nc", weight, table[index])
 
     def _corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
