@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bench.records import FLIP, PSNR, Record, gate, metric_of, metrics_of
 
@@ -19,6 +19,7 @@ class Tolerance:
     alone: float = 0.0  # if the base has one seed, so that the scatter is unknown
     common: float = 0.0  # in the mean over all codecs
     relative: bool = False
+    chance: float = 0.00025  # how often it may seem exceeded where nothing got worse, because seeds differ
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,8 @@ class Quantity:
 
 
 DECIBELS = Tolerance(certain=0.02, drawn=0.1, alone=0.25, common=0.05)
+# It scatters least and sees most, so it may alarm as often as the four other numbers of quality together.
+BY_SLICE = replace(DECIBELS, chance=0.001)
 DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, alone=0.005, common=0.0015)  # of FLIP
 
 
@@ -74,9 +77,9 @@ def deciding(job: Record) -> list[Quantity]:
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
         found.append(_metric(job, psnr, group, "PSNR", 2, DECIBELS))
-        found.append(_mean(SLICE, psnr, [group]))
+        found.append(_mean(SLICE, psnr, [group], BY_SLICE))
         grazing = [name for name in (f"{group}, grazing view", f"{group}, grazing light") if name in job["scores"]]
-        found += [_mean("grazing", psnr, grazing)] if grazing else []
+        found += [_mean("grazing", psnr, grazing, DECIBELS)] if grazing else []
     if any(side != "1" for side in job.get("footprints", {})):
         found.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS))
     if flip:
@@ -110,14 +113,14 @@ def _metric(
     return Quantity(name, unit, described["direction"], digits, value, tolerance, metric)
 
 
-def _mean(name: str, metric: str, groups: list[str]) -> Quantity:
+def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Quantity:
     """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
 
     def value(job: Record) -> float | None:
         stats = [found for group in groups if (found := metrics_of(job, group).get(metric)) and found.get("slices", 1)]
         return _average([_number(each, each.get("mean"), "dB") for each in stats])
 
-    return Quantity(name, "dB", "higher", 2, value, DECIBELS, metric)
+    return Quantity(name, "dB", "higher", 2, value, tolerance, metric)
 
 
 def _footprints(job: Record) -> float | None:

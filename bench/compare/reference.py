@@ -47,7 +47,7 @@ def reference(run: Run, before: Run | None = None) -> str:
     judged = _judged(run)
     reduced = [_job(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
     kept = _still_true(reduced, list(before.jobs) if before else [])
-    timings = _timings(run, jobs)
+    timings = _timings(run, [job for job in jobs if not judged or job["seed"] in judged])
     return "".join(_text(line) + "\n" for line in [*_start(run), *_in_order([*reduced, *kept]), *timings])
 
 

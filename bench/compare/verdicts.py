@@ -3,8 +3,8 @@
 A loss or a gain counts if it exceeds its *margin*. If the seeds of a codec agree, its margin is a small tolerance. If
 they differ, it is max(tolerance, t · s · √(1/n + 1/m)). Here s is the standard deviation over the seeds of the base, n
 and m are the numbers of seeds in the means of base and new, and t is the value that Student's t, with the degrees of
-freedom of s, exceeds by chance once in a thousand times. So a change counts only if it is both larger than chance and
-large enough to matter. The margin is the smallest loss that the seeds of this codec can reveal.
+freedom of s, exceeds by chance as often as the quantity's tolerance says. So a change counts only if it is both larger
+than chance and large enough to matter. The margin is the smallest loss that the seeds of this codec can reveal.
 
 If all seeds are scored at the same pairs, the base mean is over all its seeds; otherwise over the seeds that new has
 too. A row whose seeds give the numbers of the base again has not changed, whatever the other seeds give.
@@ -23,7 +23,6 @@ from bench.records import Record
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
 
-CHANCE = 0.001  # how often a number that did not get worse may seem worse
 AGREE = 0.1  # of the tolerance: seeds of a deterministic codec may differ by this much, from rounding
 FEW_SEEDS = 6  # with fewer, the seeds of new help to estimate the scatter of a codec
 SAME_EXPOSURE = 1e-4  # relative: 0.0004 dB of a gain; renderings may differ in a last bit from machine to machine
@@ -77,10 +76,9 @@ class Chance:
     error: float
     freedom: float
 
-    @property
-    def margin(self) -> float:
-        """The value that a difference exceeds by chance once in a thousand times."""
-        return quantile(self.freedom) * self.error
+    def margin(self, probability: float) -> float:
+        """The value that a difference exceeds by chance with this probability."""
+        return quantile(self.freedom, probability) * self.error
 
 
 def judge(
@@ -148,19 +146,19 @@ def margin(tolerance: Tolerance, known: Sequence[float], chance: Chance | None) 
     unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
     if len(known) == 1:
         return unit * tolerance.alone
-    return unit * tolerance.certain if chance is None else max(unit * tolerance.drawn, chance.margin)
+    return unit * tolerance.certain if chance is None else max(unit * tolerance.drawn, chance.margin(tolerance.chance))
 
 
-def quantile(freedom: float) -> float:
-    """The value that Student's t exceeds with probability `CHANCE`; exact for 1 and 2 degrees of freedom, else to 3 %.
+def quantile(freedom: float, probability: float) -> float:
+    """The value that Student's t exceeds with that probability; exact for 1 and 2 degrees of freedom, else to 6 %.
 
     From the normal quantile, by the expansion of Abramowitz and Stegun (1964), 26.7.5.
     """
     if freedom < 1.5:
-        return 1 / math.tan(math.pi * CHANCE)
+        return 1 / math.tan(math.pi * probability)
     if freedom < 2.5:
-        return (1 - 2 * CHANCE) / math.sqrt(2 * CHANCE * (1 - CHANCE))
-    z, f = -NormalDist().inv_cdf(CHANCE), freedom
+        return (1 - 2 * probability) / math.sqrt(2 * probability * (1 - probability))
+    z, f = -NormalDist().inv_cdf(probability), freedom
     return z + sum(
         (
             (z**3 + z) / (4 * f),

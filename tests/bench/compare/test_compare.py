@@ -3,6 +3,7 @@ import random
 import statistics
 
 import pytest
+from scipy import stats
 
 from bench.compare import compare
 from bench.compare.verdicts import quantile
@@ -62,7 +63,8 @@ def test_what_was_exact_must_stay_so(make):
 SPREAD = [30.0, 30.3, 29.8, 30.1, 29.7, 30.2, 29.9, 30.4, 29.6]
 
 
-STUDENT_8 = 4.5008  # exceeded once in a thousand times, with eight degrees of freedom
+STUDENT_8 = 5.6174  # exceeded once in 4,000 times, with eight degrees of freedom
+BY_SLICE_8 = 4.5008  # once in 1,000
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.98, "same"), (1.02, "WORSE"), (-0.98, "same"), (-1.02, "better")])
@@ -73,6 +75,7 @@ def test_the_margin_of_a_codec_that_draws_is_what_chance_hardly_exceeds(make, sh
     new = make.run("new", *make.seeds([mean - share * limit + wobble for wobble in (-0.01, 0, 0.01)]))
     found = change(compare(base, new), "PSNR")
     assert found.margin == pytest.approx(limit, rel=1e-3)
+    assert change(compare(base, new), "slice").margin == pytest.approx(limit * BY_SLICE_8 / STUDENT_8, rel=1e-3)
     assert found.verdict == verdict
     assert found.base == pytest.approx(mean)  # all nine are of the same pairs, so all of them count
 
@@ -101,7 +104,13 @@ def test_seeds_of_different_pairs_are_compared_seed_by_seed(make):
 
 @pytest.mark.parametrize(("freedom", "known"), [(1, 318.31), (2, 22.327), (4, 7.173), (8, 4.501), (20, 3.552)])
 def test_the_quantile_of_student_is_that_of_the_tables(freedom, known):
-    assert quantile(freedom) == pytest.approx(known, rel=0.01)
+    assert quantile(freedom, 0.001) == pytest.approx(known, rel=0.01)
+
+
+@pytest.mark.parametrize("freedom", range(1, 30))
+@pytest.mark.parametrize("probability", [0.001, 0.00025])
+def test_the_quantile_of_student_is_that_of_scipy(freedom, probability):
+    assert quantile(freedom, probability) == pytest.approx(stats.t.isf(probability, freedom), rel=0.06)
 
 
 def test_a_small_spread_does_not_make_a_trifle_a_regression(make):
