@@ -80,9 +80,11 @@ def test_junit_is_read_by_another_program_as_it_was_meant(mixed):
     suites = list(found)
     assert [suite.name for suite in suites] == ["satin", "a/material", "all materials"]
     cases = {case.name: case for suite in suites for case in suite}
-    assert (found.tests, found.failures, found.errors) == (len(cases), 11, 0)  # three of them in the mean of all codecs
-    assert sum(suite.failures for suite in suites) == 11
+    assert (found.tests, found.failures, found.errors) == (len(cases), 9, 0)  # one of them in the mean of all codecs
+    assert sum(suite.failures for suite in suites) == 9
     assert sum(suite.skipped for suite in suites) == 1
+    of_all = [case for case in cases.values() if case.classname.endswith("all codecs") and case.result]
+    assert [case.name for case in of_all] == ["all materials/all codecs/slice"]
     (failure,) = cases["satin/pca/PSNR"].result
     assert isinstance(failure, Failure)
     assert failure.type == "worse"
