@@ -12,7 +12,7 @@ up = [0.0, 0.0, 1.0]
 path = [{position = [...], target = [...]}, ...]   # one frame each, instead of `position` and `target`
 
 [surface]
-shape = "plane"                  # or "sphere"
+shape = "plane"                  # or "sphere", or "drape": a cloth over a ball, laid on the plane
 centre = [0.0, 0.0, 0.0]
 normal = [0.0, 0.0, 1.0]         # of a plane; of a sphere, its axis
 up = [0.0, 1.0, 0.0]             # where the top of the texture points, on a plane
@@ -81,9 +81,9 @@ def _spread(one: Any, other: Any) -> bool:
 
 @dataclass(frozen=True)
 class Surface:
-    """A plane or a sphere with a texture that repeats."""
+    """A plane, a sphere or a cloth over a ball, with a texture that repeats."""
 
-    shape: Literal["plane", "sphere"] = "plane"
+    shape: Literal["plane", "sphere", "drape"] = "plane"
     centre: Vector = (0.0, 0.0, 0.0)
     normal: Vector = (0.0, 0.0, 1.0)
     up: Vector = (0.0, 1.0, 0.0)

@@ -4,7 +4,8 @@ import numpy as np
 
 from bench.demand.demand import unit
 from bench.demand.points import Array, Light, Points
-from bench.demand.scene import LightSource, Scene, Surface
+from bench.demand.scene import LightSource, Scene
+from bench.demand.shapes import distance, texture
 
 
 class TextScene:
@@ -21,12 +22,10 @@ class TextScene:
         camera = self.scene.cameras[frame]
         ahead = camera.ahead(col, row)
         eye = np.asarray(camera.position, np.float64)
-        distance = _plane_distance(self.scene.surface, eye, ahead)
-        if self.scene.surface.shape == "sphere":
-            distance = _sphere_distance(self.scene.surface, eye, ahead)
-        hit = np.flatnonzero(np.isfinite(distance))
-        position = eye + ahead[hit] * distance[hit, None]
-        uv, normal, dp_du, dp_dv, inside = _texture(self.scene.surface, position)
+        far = distance(self.scene.surface, eye, ahead)
+        hit = np.flatnonzero(np.isfinite(far))
+        position = eye + ahead[hit] * far[hit, None]
+        uv, normal, dp_du, dp_dv, inside = texture(self.scene.surface, position)
         hit = hit[inside]
         kept = (value[inside] for value in (uv, position, normal, dp_du, dp_dv))
         uv, position, normal, dp_du, dp_dv = kept
@@ -36,52 +35,6 @@ class TextScene:
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
         """Every light that may reach the points; of an environment a few samples each."""
         return [light for source in self.scene.lights for light in _reaching(source, points, rng)]
-
-
-def _axes(surface: Surface) -> tuple[Array, Array, Array]:
-    """Unit vectors along +u, +v and the normal of a plane; of a sphere two across its axis, and the axis."""
-    normal = unit(np.asarray(surface.normal, np.float64))
-    x = unit(np.cross(surface.up, normal))
-    return x, np.cross(normal, x), normal
-
-
-def _plane_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
-    normal = _axes(surface)[2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = (np.asarray(surface.centre) - eye) @ normal / (ahead @ normal)
-    return np.where(distance > 0, distance, np.inf)
-
-
-def _sphere_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
-    """The nearer of the two crossings, for a camera outside."""
-    offset = eye - np.asarray(surface.centre)
-    half = ahead @ offset
-    with np.errstate(invalid="ignore"):
-        distance = -half - np.sqrt(half**2 - (offset @ offset - surface.radius**2))
-    return np.where(distance > 0, distance, np.inf)
-
-
-def _texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """uv (n, 2), normal, dp/du and dp/dv (n, 3) of points of a surface, and which of them lie on it (n,)."""
-    x, y, axis = _axes(surface)
-    local = (position - np.asarray(surface.centre)) @ np.stack([x, y, axis], 1)
-    repeat = np.asarray(surface.repeat)
-    if surface.shape == "plane":
-        size = np.asarray(surface.size)
-        uv = (local[:, :2] / size + 0.5) * repeat
-        ones = np.ones((len(position), 1))
-        step = size / repeat
-        return uv, ones * axis, ones * x * step[0], ones * y * step[1], (np.abs(local[:, :2]) <= size / 2).all(1)
-    east_angle, height = np.arctan2(local[:, 1], local[:, 0]), local[:, 2] / surface.radius
-    north_angle = np.arcsin(np.clip(height, -1, 1))
-    uv = np.stack([east_angle / (2 * np.pi) + 0.5, north_angle / np.pi + 0.5], 1) * repeat
-    east = -np.sin(east_angle)[:, None] * x + np.cos(east_angle)[:, None] * y
-    normal = unit(position - np.asarray(surface.centre))
-    north = np.cross(normal, east)
-    # The poles have no east; a ring of a thousandth of the radius around them is left out.
-    ring = np.hypot(local[:, 0], local[:, 1]) / surface.radius
-    per_u = 2 * np.pi * surface.radius * ring / repeat[0]
-    return uv, normal, east * per_u[:, None], north * np.pi * surface.radius / repeat[1], ring > 1e-3
 
 
 def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> list[Light]:

@@ -1,0 +1,78 @@
+"""render codec files in a scene, as still pictures
+
+The scene is `sphere`, `plane`, `drape` or another that ships with the suite, or a TOML file (see docs/scenes.md).
+Several files, and the BTF of --truth before them, stand side by side, at one exposure.
+
+examples:
+  neubtf-bench render satin.nbtf -o satin.png
+  neubtf-bench render satin.nbtf --truth satin --scene drape --lights environment -o satin.png
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.commands import assignments, usable_device
+from bench.errors import FINE, InputError
+
+if TYPE_CHECKING:
+    from bench.demand.scene import Scene
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
+    parser.add_argument("--truth", metavar="BTF", help="a built-in material or a path, at the left of them")
+    parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how --truth is prepared")
+    parser.add_argument("--scene", default="sphere", help="a scene of the suite or a TOML file (default: sphere)")
+    parser.add_argument("--frame", type=int, default=0, help="of a scene with a path of cameras (default: 0)")
+    parser.add_argument("--lights", choices=("sun", "environment"), help="instead of the scene's own")
+    parser.add_argument("--tiling", type=float, default=1.0, help="factor on the texture's periods (default: 1)")
+    parser.add_argument("--width", type=int, help="of one picture in pixels (default: the scene's)")
+    parser.add_argument("--rays", type=int, default=2, help="along each side of a pixel (default: 2)")
+    parser.add_argument("--exposure", type=float, help="factor on radiance (default: 0.8 over the 99th percentile)")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="the picture, .png or .exr (linear)")
+
+
+def run(options: argparse.Namespace) -> int:
+    import numpy as np
+
+    from bench.codecs.loading import load
+    from bench.console import Console
+    from bench.data.open import open_named
+    from bench.demand import still
+    from bench.demand.judge import table_of
+
+    still.check_ending(options.out)
+    scene = _scene(options)
+    if not (options.files or options.truth):
+        raise InputError("nothing to render: name a codec file, or a BTF with --truth")
+    device = usable_device(options.device)
+    with Console() as console:
+        sides = [still.of_material(load(file, device).material) for file in options.files]
+        if options.truth:
+            truth = open_named(options.truth, assignments(options.set), console.show)
+            sides.insert(0, still.of_btf(table_of(truth)))
+        pictures = still.render(scene, sides, options.frame, options.rays, show=console.show)
+        exposure = options.exposure or still.exposure_for(pictures[0])
+        still.write(options.out, np.concatenate(list(pictures), 1), exposure)
+        names = [*([options.truth] if options.truth else []), *(file.name for file in options.files)]
+        console.say(f"wrote {options.out}: {', '.join(names)}; exposure {exposure:.6g}")
+    return FINE
+
+
+def _scene(options: argparse.Namespace) -> "Scene":
+    from bench.demand import still
+    from bench.demand.scene import named_scene
+
+    limits = {"tiling": (1e-3, 1e3), "width": (1, 16_384), "rays": (1, 16), "exposure": (1e-12, 1e12)}
+    for name, (low, high) in limits.items():
+        value = getattr(options, name)
+        if value is not None and not low <= value <= high:
+            raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
+    if options.scene.endswith(".xml"):
+        raise InputError(f"--scene {options.scene}: only Mitsuba renders its scenes: describe it in TOML")
+    scene = still.changed(named_scene(options.scene), options.lights, options.tiling, options.width)
+    if not 0 <= options.frame < len(scene.cameras):
+        raise InputError(f"--frame {options.frame}: {scene.name} has frames 0 to {len(scene.cameras) - 1}")
+    return scene

@@ -1,0 +1,147 @@
+"""Renders still pictures of materials in a text scene, with the same rays and lights as its demand."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from bench.atomic import replacing
+from bench.btf import BTF
+from bench.codec import Progress, silent
+from bench.demand.demand import Demand
+from bench.demand.points import Array, asked
+from bench.demand.scene import LightSource, Scene, Vector
+from bench.demand.text_scene import TextScene
+from bench.demand.truth import truth
+from bench.errors import InputError
+from bench.hemisphere import from_degrees
+from bench.material import Material
+from bench.metrics.display import exposure_of, to_display
+
+RAYS = 65_536  # cast at once
+SUFFIXES = (".png", ".exr")
+
+Answers = Callable[[Demand], Array]  # the queries of a demand → linear radiance (n, 3)
+
+
+def lamps(kind: str) -> tuple[LightSource, ...]:
+    """Lights in place of a scene's own: `sun`, one direction, or `environment`, a sun and six weaker ones around."""
+    sun = from_degrees([40], [120])[0]
+    if kind == "sun":
+        return (LightSource("directional", toward=_vector(sun), irradiance=(1, 1, 1)),)
+    around = from_degrees([58] * 6, list(range(0, 360, 60)))
+    colours = [(0.28, 0.25, 0.2), (0.1, 0.12, 0.16)] * 3
+    rest = (LightSource("directional", toward=_vector(w), irradiance=c) for w, c in zip(around, colours, strict=True))
+    return (LightSource("directional", toward=_vector(sun), irradiance=(0.6, 0.58, 0.54)), *rest)
+
+
+def _vector(direction: Array) -> Vector:
+    x, y, z = (float(value) for value in direction)
+    return x, y, z
+
+
+def changed(scene: Scene, lights: str | None, tiling: float, width: int | None) -> Scene:
+    """A scene with other lights, its texture repeated `tiling` times as often, and pictures `width` pixels wide."""
+    u, v = scene.surface.repeat
+    surface = dataclasses.replace(scene.surface, repeat=(u * tiling, v * tiling))
+    cameras = scene.cameras
+    if width:
+        cameras = tuple(
+            dataclasses.replace(c, width=width, height=max(1, round(c.height * width / c.width))) for c in cameras
+        )
+    found = lamps(lights) if lights else scene.lights
+    return dataclasses.replace(scene, cameras=cameras, surface=surface, lights=found)
+
+
+def of_material(material: Material) -> Answers:
+    """The answers of a decoded material."""
+
+    def answers(demand: Demand) -> Array:
+        columns = (demand.uv, demand.wo, demand.wi, demand.footprint)
+        found = material.query(*(torch.from_numpy(column).to(material.device) for column in columns))
+        return found.cpu().numpy()
+
+    return answers
+
+
+def of_btf(btf: BTF) -> Answers:
+    """The answers of a BTF itself, interpolated between its pairs, texels and levels of detail."""
+    return lambda demand: truth(btf, demand)
+
+
+def render(
+    scene: Scene, sides: Sequence[Answers], frame: int = 0, rays: int = 2, seed: int = 0, show: Progress = silent
+) -> Array:
+    """The pictures (sides, H, W, 4) of one frame: linear RGB, and how much of the pixel shows the surface.
+
+    Each pixel is the mean of rays² rays through a regular grid in it; radiance counts 0 beside the surface. Surfaces
+    cast no shadow on themselves. `InputError` where no ray meets the surface.
+    """
+    caster, (height, width) = TextScene(scene), (scene.cameras[frame].height, scene.cameras[frame].width)
+    rng = np.random.default_rng(seed)
+    found = np.zeros((len(sides), height * width, 4))
+    band = max(1, RAYS // (width * rays * rays))
+    offsets = (np.arange(rays) + 0.5) / rays
+    for top in range(0, height, band):
+        show("rendering", top, height)
+        rows = np.arange(top, min(height, top + band))
+        row, col, down, right = np.meshgrid(rows, np.arange(width), offsets, offsets, indexing="ij")
+        points = caster.cast(frame, (col + right).ravel(), (row + down).ravel())
+        if not len(points):
+            continue
+        pixel = (row * width + col).ravel()
+        found[..., 3] += np.bincount(pixel[points.pixel], minlength=height * width) / rays**2
+        queries: dict[str, Any] = asked(points, caster.lights(points, rng))
+        queries["pixel"] = pixel[queries["pixel"]].astype(np.int32)
+        demand = Demand(**queries, frames=(1, height, width))
+        for side, answers in enumerate(sides):
+            if len(demand):
+                found[side, :, :3] += demand.pictures(answers(demand)).reshape(-1, 3) / rays**2
+    show("rendering", height, height)
+    if not found[..., 3].any():
+        raise InputError(f"{scene.name}: no ray of the camera meets the surface: move the camera or the surface")
+    return found.reshape(len(sides), height, width, 4)
+
+
+def exposure_for(picture: Array) -> float:
+    """The exposure of a picture (H, W, 4), by the pixels that show the surface alone."""
+    return exposure_of(picture[picture[..., 3] > 0.999][:, :3])
+
+
+def write(path: Path, picture: Array, exposure: float) -> None:
+    """Write a picture (H, W, 4): linear floats, not exposed, as `.exr`; display-transformed 8 bits as `.png`.
+
+    What does not show the surface is transparent. `InputError` where the file's ending is another, or it cannot be
+    written.
+    """
+    check_ending(path)
+    try:
+        with replacing(path) as partial:
+            (_write_exr if path.suffix == ".exr" else _write_png)(partial, picture, exposure)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}): choose another place") from error
+
+
+def check_ending(path: Path) -> None:
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path}: a picture ends in {' or '.join(SUFFIXES)}: choose another name")
+
+
+def _write_exr(path: Path, picture: Array, _: float) -> None:
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGBA": np.ascontiguousarray(picture, np.float32)}) as file:
+        file.write(str(path))
+
+
+def _write_png(path: Path, picture: Array, exposure: float) -> None:
+    from PIL import Image
+
+    alpha = picture[..., 3:]
+    shown = to_display(picture[..., :3] / np.maximum(alpha, 1e-9), exposure)
+    pixels = np.round(255 * np.concatenate([shown, alpha], -1)).astype(np.uint8)
+    Image.fromarray(pixels).save(path, format="png", optimize=True)

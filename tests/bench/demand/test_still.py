@@ -1,0 +1,160 @@
+"""Still pictures: analytic values, the right way round, and what the command writes."""
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+import torch
+from PIL import Image
+from torch import Tensor
+
+from bench import cli
+from bench.codec import Fit
+from bench.codecs import container
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+from bench.demand import still
+from bench.demand.scene import Scene, named_scene, parse_scene
+from bench.demand.text_scene import TextScene
+from bench.errors import InputError
+from bench.material import DecoderCost, Material
+from bench.metrics.display import to_display
+
+CAMERA = "[camera]\nwidth = 40\nheight = 40\nfov_deg = 40\nposition = [0, 0, 2]\ntarget = [0, 0, 0]\nup = [0, 1, 0]\n"
+SUN = '[[lights]]\nkind = "directional"\ntoward = [0.6, 0, 0.8]\nirradiance = [1, 2, 3]\n'
+PLANE = CAMERA + "[surface]\nsize = [4, 4]\n" + SUN
+BALL = CAMERA + '[surface]\nshape = "sphere"\nradius = 0.5\nup = [0, 1, 0]\n' + SUN
+
+
+class Lambert(Material):
+    """Albedo 0.5 red, u green and v blue, over π."""
+
+    def __init__(self) -> None:
+        super().__init__((8, 8), DecoderCost())
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return torch.stack([torch.full_like(uv[:, 0], 0.5), uv[:, 0], uv[:, 1]], 1) * wi[:, 2:] / torch.pi
+
+
+def picture(text: str, rays: int = 1) -> np.ndarray:
+    return still.render(parse_scene("test", text), [still.of_material(Lambert())], rays=rays)[0]
+
+
+def test_a_diffuse_plane_has_the_value_of_its_light() -> None:
+    """A plane of 4 × 4 fills the picture: uv runs over 1.456 / 4 of it, v upwards."""
+    ours = picture(PLANE)
+    place = (np.arange(40) - 19.5) * (4 * np.tan(np.radians(20)) / 40)  # scene units at distance 2
+    u, v = np.meshgrid(place / 4 + 0.5, -place / 4 + 0.5)
+    truth = np.stack([np.full((40, 40), 0.5), 2 * u, 3 * v], -1) * 0.8 / np.pi
+    np.testing.assert_allclose(ours[..., :3], truth, rtol=1e-4)
+    assert (ours[..., 3] == 1).all()
+    for wrong in (truth[::-1], truth[:, ::-1], truth.swapaxes(0, 1)):
+        assert np.abs(ours[..., :3] - wrong).max() > 0.01
+
+
+def test_a_diffuse_ball_follows_the_cosine_of_its_normal() -> None:
+    ours = picture(BALL)
+    col, row = np.meshgrid(np.arange(40) + 0.5, np.arange(40) + 0.5)
+    points = TextScene(parse_scene("test", BALL)).cast(0, col.ravel(), row.ravel())
+    assert 500 < len(points) < 1200
+    normal = points.position / 0.5
+    truth = 0.5 / np.pi * np.maximum(normal @ [0.6, 0, 0.8], 0)
+    np.testing.assert_allclose(ours.reshape(-1, 4)[points.pixel, 0], truth, atol=1e-5)
+    assert not ours[0, 0].any()
+
+
+def test_more_rays_smooth_the_rim_alone() -> None:
+    coarse, fine = picture(BALL), picture(BALL, rays=4)
+    assert set(np.unique(coarse[..., 3])) == {0, 1}
+    assert ((fine[..., 3] > 0) & (fine[..., 3] < 1)).sum() > 40
+    inner = fine[..., 3] == 1
+    assert np.abs(coarse - fine)[inner].max() < 0.06
+
+
+def drape() -> Scene:
+    return still.changed(named_scene("drape"), None, 1.0, 60)
+
+
+def test_a_ray_meets_the_drape_first_where_it_is_first_below_it() -> None:
+    from bench.demand.shapes import _height, _unit_of
+
+    scene = drape()
+    col, row = np.meshgrid(np.arange(60) + 0.5, np.arange(60) + 0.5)
+    points = TextScene(scene).cast(0, col.ravel(), row.ravel())
+    assert len(points) > 1000
+    scale = _unit_of(scene.surface)
+    local = points.position / scale
+    np.testing.assert_allclose(local[:, 2], _height(local[:, :2]), atol=1e-6)
+    for share in np.linspace(0.9, 0.985, 30):  # between the eye and the hit nothing is in the way
+        before = (points.eye + (points.position - points.eye) * share) / scale
+        inside = (np.abs(before[:, :2]) < 1.1).all(1)
+        assert (before[inside, 2] > _height(before[inside, :2]) - 0.01).mean() > 0.999
+    for along in (points.dp_du, points.dp_dv):
+        np.testing.assert_allclose((points.normal * along).sum(1), 0, atol=1e-6)
+    step = points.position + 1e-5 * points.dp_du  # dp/du is where the surface goes
+    moved = step / scale
+    np.testing.assert_allclose(moved[:, 2], _height(moved[:, :2]), atol=1e-6)
+
+
+def test_lights_and_tiling_replace_those_of_the_scene() -> None:
+    scene = still.changed(named_scene("plane"), "environment", 2.0, 100)
+    assert scene.surface.repeat == (6, 6)
+    assert (scene.cameras[0].width, scene.cameras[0].height) == (100, 100)
+    assert len(scene.lights) == 7
+    ours = still.render(scene, [still.of_material(Lambert())], rays=1)[0]
+    expected = sum(light.irradiance[0] * light.toward[2] for light in scene.lights) * 0.5 / np.pi
+    np.testing.assert_allclose(ours[ours[..., 3] == 1][:, 0], expected, rtol=1e-4)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    codec = load_codec("mean-colour")()
+    path = tmp_path / "checks.nbtf"
+    container.save(path, codec, codec.encode(tiny_btf(), Fit()))
+    return path
+
+
+def test_the_command_writes_linear_floats_or_the_display_s_bytes(file: Path, tmp_path: Path) -> None:
+    shown = ["render", str(file), str(file), "--width", "24", "--rays", "1", "--exposure", "2", "-o"]
+    assert cli.main([*shown, str(tmp_path / "a.exr")]) == 0
+    assert cli.main([*shown, str(tmp_path / "a.png")]) == 0
+    linear = OpenEXR.File(str(tmp_path / "a.exr")).channels()["RGBA"].pixels
+    assert linear.shape == (24, 48, 4)
+    np.testing.assert_array_equal(linear[:, :24], linear[:, 24:])
+    pixels = np.asarray(Image.open(tmp_path / "a.png"))
+    np.testing.assert_allclose(pixels[..., :3], 255 * to_display(linear[..., :3], 2.0), atol=0.51)
+    np.testing.assert_array_equal(pixels[..., 3], 255 * linear[..., 3])
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--scene", "spheer"], "did you mean 'sphere'?"),
+        (["--scene", "room.xml"], "only Mitsuba renders its scenes"),
+        (["-o", "a.jpg"], "a.jpg: a picture ends in .png or .exr"),
+        (["-o", "checks.nbtf/a.png"], "checks.nbtf/a.png: cannot be written"),
+        (["--frame", "3"], "--frame 3: sphere has frames 0 to 0"),
+        (["--tiling", "nan"], "--tiling nan: must be between"),
+        (["--width", "0"], "--width 0: must be between 1 and"),
+    ],
+)
+def test_wrong_words_are_named(
+    file: Path,
+    words: list[str],
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = [] if "-o" in words else ["-o", "a.png"]
+    width = [] if "--width" in words else ["--width", "8"]
+    assert cli.main(["render", str(file), *width, *words, *out]) == 2
+    assert says in capsys.readouterr().err
+    assert not list(tmp_path.glob("a.*"))
+
+
+def test_a_camera_that_sees_nothing_is_named() -> None:
+    with pytest.raises(InputError, match="no ray of the camera meets the surface"):
+        picture(PLANE.replace("target = [0, 0, 0]", "target = [0, 0, 4]"))
