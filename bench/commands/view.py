@@ -10,9 +10,15 @@ examples:
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.commands import assignments
 from bench.errors import FINE, InputError
+
+if TYPE_CHECKING:
+    from bench.codec import Progress
+    from bench.material import Material
+    from reports.shaders.program import Program
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +48,7 @@ def _page(options: argparse.Namespace, folder: Path) -> str:
     from bench.codecs.loading import load
     from bench.console import Console
     from bench.data.open import open_named
-    from bench.runs.drawing import drawable, drawable_truth
+    from bench.runs.drawing import drawable_truth
     from reports.shaders.program import read
     from reports.viewer.page import Model, page
 
@@ -56,7 +62,25 @@ def _page(options: argparse.Namespace, folder: Path) -> str:
             models, shown = [Model(f"{btf.name}, truth", read(truth.path), truth.exposure, note)], truth.exposure
         for number, file in enumerate(options.files):
             header, material, _ = load(file)
-            found = drawable(material, folder / f"{number}.npz")
-            shown = shown or found.exposure  # one exposure for all, so that brightness can be compared
-            models.append(Model(f"{file.stem}: {header.codec}, {header.file_bytes:,} bytes", read(found.path), shown))
+            program, exposure, note = _drawn(material, file.stem, folder / f"{number}.npz", console.show)
+            shown = shown or exposure  # one exposure for all, so that brightness can be compared
+            models.append(Model(f"{file.stem}: {header.codec}, {header.file_bytes:,} bytes", program, shown, note))
         return page(options.truth or options.files[0].stem, models)
+
+
+def _drawn(material: "Material", name: str, path: Path, show: "Progress") -> "tuple[Program, float, str]":
+    """Program, exposure and a note on a material; its baked slices where no shader can do what it does."""
+    from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
+    from reports.shaders.dialects import GLSL
+    from reports.shaders.generator import shader
+    from reports.shaders.program import read
+
+    try:
+        found = drawable(material, path)
+        program = read(found.path)
+        shader(program, GLSL)
+    except InputError as error:
+        found = drawable_truth(baked(material, name, show), path, show)
+        note = f"{name} is baked: its slices at {BAKED} × {BAKED} pairs, interpolated between directions, since {error}"
+        return read(found.path), found.exposure, note
+    return program, found.exposure, ""

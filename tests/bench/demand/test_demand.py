@@ -239,7 +239,10 @@ def test_a_newer_demand_is_refused(tmp_path):
         (ABOVE.replace("up = [0, 1, 0]", "path = 3") + SUN, "path names no frame: it must be a list"),
         (ABOVE.replace("up = [0, 1, 0]", "path = [3]") + SUN, "camera must be a table, not 3"),
         (ABOVE.replace("repeat = [2, 2]", "repeat = [2, 0]") + SUN, "surface: repeat must be a finite number"),
-        (ABOVE.replace("[surface]", "[surface]\nshape = ['sphere']") + SUN, "shape must be 'plane' or 'sphere' or 'drape', not"),
+        (
+            ABOVE.replace("[surface]", "[surface]\nshape = ['sphere']") + SUN,
+            "shape must be 'plane' or 'sphere' or 'drape', not",
+        ),
         (ABOVE + SUN.replace("[1, 2, 3]", "[1, 2, -3]"), "lights: irradiance must be a finite number from 0"),
         (ABOVE + SUN.replace("[0.6, 0, 0.8]", "[0, 0, 0]"), "lights: toward must not be 0"),
         (ABOVE + SKY.replace("[1, 1, 1]", "[0, 0, 0]"), "that are not all 0"),

@@ -1,0 +1,87 @@
+"""Makes the pictures of docs/gallery.md by `neubtf-bench render`: built-in materials on spheres, truth beside codecs.
+
+    python benchmarks/gallery.py WORK docs/images [MATERIAL ...]
+
+WORK keeps the fitted files and the rendered pictures; what is there is not made again. Codecs are fitted to the default
+25 × 25 pairs at 64² texels, seed 0, with the settings of `CODECS`; the truth is interpolated between 81 × 81 pairs.
+"""
+
+import argparse
+import io
+from pathlib import Path
+
+from PIL import Image, ImageDraw, ImageFont
+
+from bench import atomic, cli
+from bench.data import materials
+
+CODECS = {
+    "relief": {"steps": 650},
+    "neubtf-direct": {"steps": 800},
+    "neumip": {"steps": 600},
+    "pca": {"components": 16},
+    "mean-colour": {},
+}
+TRUTH = ("--set", "data.views=81", "--set", "data.lights=81")
+GREY = (128, 128, 128, 255)  # of the labels: read on a light page and on a dark one
+LABEL = 22  # pixels
+QUALITY = 86  # of WebP
+BANNER = ("drape", "cable-knit", 300, ("relief", "neumip", "pca"))
+
+
+def done(words: list[str]) -> None:
+    code = cli.main(words)
+    if code:
+        raise SystemExit(code)
+
+
+def fitted(work: Path, material: str, codec: str) -> Path:
+    """The file of a codec, fitted where it is not there."""
+    path = work / f"{material}-{codec}.nbtf"
+    if not path.exists():
+        settings = [word for key, value in CODECS[codec].items() for word in ("--set", f"{key}={value}")]
+        done(["encode", material, "--codec", codec, *settings, "-o", str(path)])
+    return path
+
+
+def strip(work: Path, material: str, codecs: tuple[str, ...], scene: str, width: int) -> Image.Image:
+    """Truth and files side by side, with a line of names and bytes below."""
+    files = [fitted(work, material, codec) for codec in codecs]
+    path = work / f"{material}-{scene}-{width}.png"
+    if not path.exists():
+        shown = ["--scene", scene, "--width", str(width), "--rays", "3", "-o", str(path)]
+        done(["render", *map(str, files), "--truth", material, *TRUTH, *shown])
+    picture = Image.open(path)
+    whole = Image.new("RGBA", (picture.width, picture.height + LABEL))
+    whole.paste(picture, (0, 0))
+    draw, font = ImageDraw.Draw(whole), ImageFont.load_default(size=LABEL * 0.62)
+    names = ["truth", *(f"{c}, {f.stat().st_size / 1e3:.0f} kB" for c, f in zip(codecs, files, strict=True))]
+    for number, name in enumerate(names):
+        draw.text(((number + 0.5) * width, picture.height + LABEL / 2), name, GREY, font, anchor="mm")
+    return whole
+
+
+def write(path: Path, picture: Image.Image) -> None:
+    stream = io.BytesIO()
+    picture.save(stream, "webp", quality=QUALITY, method=6)
+    atomic.write(path, stream.getvalue())
+    print(f"{path}: {len(stream.getvalue()) / 1e3:.0f} kB")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("work", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("materials", nargs="*", metavar="MATERIAL", default=materials.names())
+    parser.add_argument("--width", type=int, default=180, help="of one sphere, in pixels")
+    chosen = parser.parse_args()
+    chosen.work.mkdir(parents=True, exist_ok=True)
+    for name in chosen.materials:
+        write(chosen.out / f"gallery-{name}.webp", strip(chosen.work, name, tuple(CODECS), "sphere", chosen.width))
+    scene, material, width, codecs = BANNER
+    if material in chosen.materials:
+        write(chosen.out / "gallery.webp", strip(chosen.work, material, codecs, scene, width))
+
+
+if __name__ == "__main__":
+    main()
