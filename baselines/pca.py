@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -16,9 +15,8 @@ from bench.material import DecoderCost, Material, at_least_float32, sample_textu
 from bench.metrics.display import exposure
 from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
-from bench.training import Factors, truncated_svd
+from bench.training import Factors, blocks, truncated_svd
 
-BLOCK_BYTES = 16 << 20  # slices read together: enough for fast products, few enough for the cache
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 
 
@@ -37,15 +35,13 @@ class PCA(Codec):
         passes: Annotated[int, Range(2, 1000)] = 4  # over the data, one where they are small; flat spectra want more
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain = LOG_GAIN * exposure(btf, fit.seed) if self.settings.domain == "log" else 1.0
-        texels = btf.shape[0] * btf.shape[1]
+        log = self.settings.domain == "log"
+        gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
 
         def read(label: str) -> Iterator[Tensor]:
-            for block in _blocks(fit.progress(btf, label, len(btf)), len(btf), texels):
-                values = block.to(fit.device)
-                yield values.clamp_min_(0).mul_(gain).log1p_() if self.settings.domain == "log" else values
+            return blocks(btf, fit, label, gain if log else None)
 
-        shape = (3 * len(btf), texels)
+        shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
         settings = self.settings
         factors = truncated_svd(
             read, shape, settings.components, settings.passes, fit.generator(), fit.device, fit.row_weights
@@ -96,18 +92,6 @@ class PCAMaterial(Material):
         # Products of halves may overflow a half, with either sign: they are added in float32.
         dtype = at_least_float32(rows.dtype)
         return (rows.reshape(len(pair), 3, -1).to(dtype) * coefficients[:, None].to(dtype)).sum(-1)
-
-
-def _blocks(pictures: Iterator[np.ndarray], count: int, texels: int) -> Iterator[Tensor]:
-    """The slices as rows (3 · slices, texels) float32, as many at once as fill a block; each block is new."""
-    step = max(1, BLOCK_BYTES // (texels * 12))
-    for pair, picture in enumerate(pictures):
-        place = pair % step
-        if place == 0:
-            block = np.empty((min(step, count - pair), 3, texels), np.float32)
-        block[place] = picture.reshape(texels, 3).T
-        if place == len(block) - 1:
-            yield torch.from_numpy(block).flatten(0, 1)
 
 
 def _tables(factors: Factors, precision: Precision) -> dict[str, Tensor]:

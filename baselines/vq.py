@@ -20,7 +20,7 @@ from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
 from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
-from bench.training import gain_of, truncated_svd
+from bench.training import blocks, gain_of, truncated_svd
 
 BLOCK_BYTES = 64 << 20  # slices read together
 PASSES = 4  # passes over the data for the principal components
@@ -110,23 +110,11 @@ class VQMaterial(Material):
         return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
 
 
-def _slices(btf: BTF, gain: float, fit: Fit, label: str) -> Iterator[Tensor]:
-    """The log radiance of consecutive slices as blocks (slices · 3, texels), each new."""
-    texels = btf.shape[0] * btf.shape[1]
-    step = max(1, BLOCK_BYTES // (texels * 12))
-    pictures = fit.progress(btf, label, len(btf))
-    for start in range(0, len(btf), step):
-        block = torch.empty(min(step, len(btf) - start), 3, texels)
-        for rows, picture in zip(block, pictures, strict=False):
-            rows.numpy()[:] = picture.reshape(texels, 3).T
-        yield block.flatten(0, 1).to(fit.device).clamp_min_(0).mul_(gain).log1p_()
-
-
 def _reduced(btf: BTF, gain: float, components: int, fit: Fit) -> np.ndarray:
     """The texels in the space of the first principal components, (H · W, k), at true distances."""
 
     def read(label: str) -> Iterator[Tensor]:
-        return _slices(btf, gain, fit, label)
+        return blocks(btf, fit, label, gain, BLOCK_BYTES)
 
     shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
     factors = truncated_svd(read, shape, components, PASSES, fit.generator(), fit.device, fit.row_weights)
@@ -167,7 +155,7 @@ def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> lis
     rows = [torch.from_numpy(label).to(fit.device) for label in labels]
     sums = [torch.empty(len(count), 3 * len(btf)) for count in counts]
     start = 0
-    for block in _slices(btf, gain, fit, "codebook"):
+    for block in blocks(btf, fit, "codebook", gain, BLOCK_BYTES):
         for row, out in zip(rows, sums, strict=True):
             part = torch.zeros(len(out), len(block), device=fit.device).index_add_(0, row, block.T)
             out[:, start : start + len(block)] = part.cpu()

@@ -1,5 +1,6 @@
 """Fitting, by random steps and by principal components: part of the public interface; see `bench.codecs.training`."""
 
+from bench.codecs.blocks import blocks
 from bench.codecs.optimiser import Optimiser, groups_of
 from bench.codecs.start import RANDOM_SPREAD, Start, components, first_latents
 from bench.codecs.svd import Factors, truncated_svd
@@ -26,6 +27,7 @@ __all__ = [
     "Optimiser",
     "Samples",
     "Start",
+    "blocks",
     "components",
     "display_psnr",
     "distance",

@@ -18,7 +18,7 @@ from bench.material import DecoderCost, Material
 from bench.records import FILE, append
 
 OURS = [
-    *("mean-colour", "table", "pca", "vq", "hsh"),
+    *("mean-colour", "table", "pca", "vq", "hsh", "tucker"),
     *("rainer2019", "rainer2020", "neumip", "neubtf", "neubtf-direct", "zeltner2024"),
 ]
 

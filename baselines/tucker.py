@@ -1,0 +1,179 @@
+"""A Tucker factorisation of the table texels × views × lights × colours.
+
+TensorTextures (Vasilescu and Terzopoulos, SIGGRAPH 2004) factors texels × views × lights by one singular value
+decomposition a mode, Wang et al. ("Out-of-core tensor approximation of multi-dimensional matrices of visual data",
+SIGGRAPH 2005) go on by alternating least squares, known as HOOI. Here the texels' components come from the suite's
+decomposition of the matrix of ABRDFs, which is small enough to alternate in memory. The three colours stay whole.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from bench.btf import BTF, Layout
+from bench.codec import Codec, Fit, Parts
+from bench.directions import PairInterpolator, pack_layout, unpack_layout
+from bench.material import DecoderCost, Material, at_least_float32, sample_texture, saturated, to_radiance
+from bench.quantise import Precision, pack, unpack
+from bench.settings import Count, Natural
+from bench.training import Factors, blocks, gain_of, truncated_svd
+
+PASSES = 4  # over the data, one where they are small
+OVERSAMPLED = 2  # components of the texels that the alternation chooses from, as a multiple of those kept
+
+
+class Tucker(Codec):
+    """Tucker factorisation: components of texels, of views and of lights, and a core that joins them."""
+
+    name, version = "tucker", 1
+    interpolates, sizes = True, ("components", "views", "lights")
+    recipes: ClassVar = {"paper": {"domain": "rgb", "alternations": 0}}
+
+    @dataclass(frozen=True)
+    class Settings:
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": of radiance, one decomposition a mode (HOSVD)
+        components: Count = 16  # of the texels
+        views: Count = 16  # components of the views, at most as many as there are
+        lights: Count = 16  # components of the lights
+        alternations: Natural = 8  # least squares of one mode after another (HOOI), after the first decomposition
+        domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
+        precision: Precision = "int8"  # of the texels' coefficients
+        weights: Precision = "int8"  # of the core; the components of views and lights are half beside eight bits
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        settings, layout = self.settings, btf.layout
+        gain = gain_of(btf, fit)
+
+        def read(label: str) -> Iterator[Tensor]:
+            return blocks(btf, fit, label, gain if settings.domain == "log" else None)
+
+        shape, rank = (3 * len(btf), btf.shape[0] * btf.shape[1]), OVERSAMPLED * settings.components
+        found = truncated_svd(read, shape, rank, PASSES, fit.generator(), fit.device, fit.row_weights)
+        tensor, turn = _tensor(found, layout)
+        ranks = _ranks(settings, layout)
+        texel, view, light, core = factored(tensor, (settings.components, *ranks), settings.alternations)
+        coefficients = turn.T @ texel
+        # Coefficients in [−1, 1], as those of `pca`, so that eight bits serve the core's slices alike.
+        scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)
+        core[1:] *= scale[:, None, None, None]
+        core[0] /= shape[1] ** 0.5
+        fine: Precision = "float32" if settings.weights == "float32" else "half"
+        return Parts(
+            # One slice of the core a channel: their sizes differ by orders of magnitude.
+            decoder=pack("core", core.permute(1, 2, 3, 0).contiguous(), settings.weights)
+            | pack("view", view, fine)
+            | pack("light", light, fine),
+            texture=pack("coefficients", (coefficients / scale).reshape(*btf.shape, -1), settings.precision),
+            other={"gain": torch.tensor([gain]), **pack_layout(layout)},
+        )
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        texture, core = unpack("coefficients", parts.texture), unpack("core", parts.decoder)
+        view, light = unpack("view", parts.decoder), unpack("light", parts.decoder)
+        layout = unpack_layout(parts.other)
+        index = _modes(layout)
+        wanted = (view.shape[1], light.shape[1], 3, texture.shape[2] + 1)
+        if core.shape != wanted or any(int(i.max()) >= len(f) for i, f in zip(index, (view, light), strict=True)):
+            raise ValueError(f"a core of {tuple(core.shape)} for factors that want {wanted}")
+        gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
+        return TuckerMaterial(texture, core, (view[index[0]], light[index[1]]), PairInterpolator(layout), gain).to(
+            device
+        )
+
+
+def _modes(layout: Layout) -> tuple[Tensor, Tensor]:
+    """The place of each pair (N,) along the modes of views and of lights; pairs that are no product are one mode."""
+    if layout.grid is None:
+        return torch.arange(len(layout.view)), torch.zeros(len(layout.view), dtype=torch.long)
+    return torch.from_numpy(layout.view).long(), torch.from_numpy(layout.light).long()
+
+
+def _ranks(settings: Tucker.Settings, layout: Layout) -> tuple[int, int]:
+    if layout.grid is None:
+        return min(settings.views * settings.lights, len(layout.view)), 1
+    return min(settings.views, len(layout.views)), min(settings.lights, len(layout.lights))
+
+
+def _tensor(found: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
+    """The table on an orthonormal basis of texels: tensor (k + 1, V, L, 3), the mean first, and basis (k, T)."""
+    length = torch.linalg.vector_norm(found.coefficients, dim=1, keepdim=True)
+    texels = found.coefficients.shape[1]
+    rows = torch.cat([found.mean[:, None] * texels**0.5, found.basis * length.T], 1)  # (3 · N, k + 1)
+    view, light = _modes(layout)
+    tensor = torch.zeros(rows.shape[1], int(view.max()) + 1, int(light.max()) + 1, 3, device=rows.device)
+    tensor[:, view, light] = rows.T.unflatten(1, (-1, 3))
+    return tensor, found.coefficients / length
+
+
+def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
+    """The orthonormal basis (size, ≤ rank) of a mode that keeps most of the tensor's energy."""
+    rows = tensor.movedim(mode, 0).flatten(1).double()
+    return torch.linalg.eigh(rows @ rows.T)[1].flip(1)[:, :rank].to(tensor.dtype)
+
+
+def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Bases of texels (k, K), views (V, J) and lights (L, M), and the core (K + 1, J, M, 3), of (k + 1, V, L, 3).
+
+    The first slice, the mean, is kept beside the texels' components. Each alternation finds the best basis of a mode
+    given the others: De Lathauwer, De Moor, Vandewalle, "On the best rank-1 and rank-(R₁, …, R_N) approximation", 2000.
+    """
+    view, light = leading(tensor, 1, ranks[1]), leading(tensor, 2, ranks[2])
+    texel = leading(tensor[1:], 0, ranks[0])
+    for _ in range(alternations):
+        kept = torch.cat([tensor[:1], torch.einsum("kvlc,kK->Kvlc", tensor[1:], texel)])
+        view = leading(torch.einsum("kvlc,lm->kvmc", kept, light), 1, ranks[1])
+        light = leading(torch.einsum("kvlc,vj->kjlc", kept, view), 2, ranks[2])
+        texel = leading(torch.einsum("kvlc,vj,lm->kjmc", tensor[1:], view, light), 0, ranks[0])
+    core = torch.einsum("kvlc,vj,lm->kjmc", tensor, view, light)
+    return texel, view, light, torch.cat([core[:1], torch.einsum("kjmc,kK->Kjmc", core[1:], texel)])
+
+
+class TuckerMaterial(Material):
+    """Coefficients (H, W, K) bilinear over texels, components (N, J), (N, M) of pairs' views and lights, the core."""
+
+    def __init__(
+        self,
+        texture: Tensor,
+        core: Tensor,
+        modes: tuple[Tensor, Tensor],
+        interpolator: PairInterpolator,
+        gain: float | None,
+    ):
+        height, width, components = texture.shape
+        joined = core.shape[0] * core.shape[1]
+        directions = interpolator.reads * (core.shape[0] + core.shape[1])
+        super().__init__(
+            (height, width),
+            DecoderCost(
+                texture_channels=components,
+                texture_floats=texture.numel(),
+                flops_per_sample=2 * (4 * components + interpolator.reads * joined + core.numel() + 3 * components),
+                bytes_per_sample=4 * (4 * components + directions + core.numel()),
+            ),
+        )
+        self.texture, self.core, self.view, self.light = texture, core.flatten(2).flatten(0, 1), *modes
+        self.interpolator, self.gain = interpolator, gain
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)
+        if self.gain is None:
+            pair, weight = self.interpolator(wo, wi)
+            return self._combine(pair, weight, coefficients)
+        pair, share = self.interpolator.shares(wo, wi)
+        level = self._combine(pair, share, coefficients).clamp_min(0)
+        return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
+
+    def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
+        """Σ weight · view ⊗ light of pairs, through the core to eigen-ABRDFs, times the coefficients: (n, 3)."""
+        if len(pair) > 1 and pair.stride(0) == weight.stride(0) == 0:  # a slice: one pair of directions
+            pair, weight = pair[:1], weight[:1]
+        # Products of halves may overflow a half, with either sign: they are added in float32.
+        dtype = at_least_float32(coefficients.dtype)
+        view, light = (functional.embedding(pair, mode).to(dtype) for mode in (self.view, self.light))
+        joined = torch.einsum("npj,npm->njm", view * weight[..., None].to(dtype), light).flatten(1)
+        rows = saturated(joined @ self.core.to(dtype)).unflatten(1, (3, -1))
+        return (rows * coefficients[:, None].to(dtype)).sum(-1)

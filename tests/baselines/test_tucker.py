@@ -1,0 +1,139 @@
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.tucker import Tucker, factored
+from bench import hemisphere
+from bench.btf import BTF, ArraySource
+from bench.codec import Fit
+from bench.conformance.check import tiny_btf
+from bench.errors import InputError
+from bench.material import Material
+
+
+def decoded(btf: BTF, **settings: Any) -> Material:
+    codec = Tucker(**settings)
+    return codec.decode(codec.encode(btf, Fit()), torch.device("cpu"))
+
+
+def error(btf: BTF, material: Material) -> float:
+    slices = (material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()).numpy() for i in range(len(btf)))
+    return float(np.sqrt(np.mean([np.square(ours - truth).mean() for ours, truth in zip(slices, btf, strict=True)])))
+
+
+def product(rank: int, size: int = 6) -> BTF:
+    """A table of multilinear rank (rank, rank, rank) over texels, views and lights."""
+    like, rng = tiny_btf(), np.random.default_rng(rank)
+    views, lights = len(like.layout.views), len(like.layout.lights)
+    factors = [rng.uniform(0.1, 1, (n, rank)) for n in (size * size, views, lights)]
+    core = rng.uniform(0, 1, (rank, rank, rank, 3))
+    table = np.einsum("ti,vj,lk,ijkc->vltc", *factors, core)[like.layout.view, like.layout.light]
+    return BTF("product", like.wo, like.wi, ArraySource(table.reshape(-1, size, size, 3).astype(np.float32)))
+
+
+def test_a_table_of_low_multilinear_rank_is_exact() -> None:
+    # Texels are centred, so one component fewer is left to their SVD; float32 through three products.
+    btf = product(3)
+    settings = {"domain": "rgb", "components": 3, "views": 3, "lights": 3}
+    assert error(btf, decoded(btf, precision="float32", weights="float32", **settings)) < 1e-4
+    assert error(btf, decoded(btf, **settings)) < 0.02  # in eight bits
+
+
+def oracle(table: np.ndarray, ranks: tuple[int, int, int], rounds: int) -> np.ndarray:
+    """HOOI by NumPy's SVD of each unfolding: the approximation of a tensor (k, V, L, 3); the first slice is kept."""
+
+    def unfold(x: np.ndarray, mode: int) -> np.ndarray:
+        return np.moveaxis(x, mode, 0).reshape(x.shape[mode], -1)
+
+    def project(x: np.ndarray, basis: np.ndarray, mode: int) -> np.ndarray:
+        return np.moveaxis(np.tensordot(basis @ basis.T, x, (1, mode)), 0, mode)
+
+    bases: list[np.ndarray] = [
+        np.linalg.svd(unfold(table[1:] if mode == 0 else table, mode))[0][:, : ranks[mode]] for mode in range(3)
+    ]
+
+    def texels(x: np.ndarray) -> np.ndarray:
+        return np.concatenate([x[:1], project(x[1:], bases[0], 0)])
+
+    for _ in range(rounds):
+        for mode in (1, 2, 0):
+            x = table if mode == 0 else texels(table)
+            for other in {1, 2} - {mode}:
+                x = project(x, bases[other], other)
+            bases[mode] = np.linalg.svd(unfold(x[1:] if mode == 0 else x, mode))[0][:, : ranks[mode]]
+    return project(project(texels(table), bases[1], 1), bases[2], 2)
+
+
+@pytest.mark.parametrize("rounds", [0, 1, 6])
+def test_the_factors_are_those_of_an_independent_hooi(rounds: int) -> None:
+    table = np.random.default_rng(0).normal(size=(7, 5, 6, 3)) * np.geomspace(1, 0.05, 7)[:, None, None, None]
+    texel, view, light, core = factored(torch.from_numpy(table), (3, 2, 4), rounds)
+    assert core.shape == (4, 2, 4, 3)
+    ours = torch.einsum("kjmc,vj,lm->kvlc", core, view, light)
+    ours = torch.cat([ours[:1], torch.einsum("Kvlc,kK->kvlc", ours[1:], texel)])
+    # The same subspaces in double precision, whatever the signs of their bases.
+    np.testing.assert_allclose(ours, oracle(table, (3, 2, 4), rounds), atol=1e-8)
+
+
+def test_alternating_never_loses() -> None:
+    table = torch.from_numpy(np.random.default_rng(1).normal(size=(9, 8, 8, 3)))
+    kept = [float(factored(table, (3, 3, 3), rounds)[3].square().sum()) for rounds in (0, 1, 4, 16)]
+    assert kept == sorted(kept)
+    assert kept[-1] > kept[0]
+
+
+def test_all_components_answer_as_the_table() -> None:
+    btf = tiny_btf()
+    material = decoded(btf, components=64, views=9, lights=9, precision="float32", weights="float32")
+    peak = max(float(picture.max()) for picture in btf)
+    assert error(btf, material) < 1e-4 * peak
+
+
+def test_what_is_stored_is_counted_literally() -> None:
+    parts = Tucker(components=5, views=4, lights=3).encode(tiny_btf(), Fit())
+    assert parts.texture["coefficients"].shape == (8, 8, 5)
+    assert parts.decoder["core"].shape == (4, 3, 3, 6)  # the mean has a slice of its own
+    assert parts.decoder["view"].shape == (9, 4)
+    assert parts.decoder["light"].shape == (9, 3)
+
+
+def test_ranks_above_what_there_is_are_cut() -> None:
+    material = decoded(tiny_btf(), components=500, views=99, lights=99)
+    assert material.cost.texture_channels <= 63
+
+
+def test_pairs_that_are_no_product_are_one_mode() -> None:
+    btf = tiny_btf().subset(np.delete(np.arange(81), [3, 40, 77]))
+    codec = Tucker(components=64, views=9, lights=9, precision="float32", weights="float32")
+    parts = codec.encode(btf, Fit())
+    assert parts.decoder["light"].shape == (1, 1)
+    assert error(btf, codec.decode(parts, torch.device("cpu"))) < 1e-3
+
+
+def test_one_view_is_coded() -> None:
+    btf = tiny_btf().subset(np.arange(9))
+    assert decoded(btf).slice(btf.wo[0].tolist(), btf.wi[0].tolist()).isfinite().all()
+
+
+def test_between_the_samples_a_diffuse_material_is_exact() -> None:
+    like, albedo = tiny_btf(), np.random.default_rng(0).uniform(0.3, 0.9, (6, 6, 3))
+    values = like.wi[:, None, None, 2:] * albedo / np.pi
+    material = decoded(BTF("diffuse", like.wo, like.wi, ArraySource(values.astype(np.float32))), components=36)
+    wo, wi = hemisphere.from_degrees(33.0, 70.0), hemisphere.from_degrees(41.0, 200.0)
+    np.testing.assert_allclose(material.slice(wo, wi), wi[2] * albedo / np.pi, rtol=0.02)
+
+
+@pytest.mark.parametrize("setting", ["components", "views", "lights"])
+def test_settings_without_sense_are_refused(setting: str) -> None:
+    with pytest.raises(InputError, match="of codec tucker must be"):
+        Tucker(**{setting: 0})
+
+
+def test_a_core_that_does_not_fit_is_refused() -> None:
+    codec = Tucker(weights="float32")
+    parts = codec.encode(tiny_btf(), Fit())
+    parts.decoder["core"] = parts.decoder["core"][:-1]
+    with pytest.raises(ValueError, match="a core of"):
+        codec.decode(parts, torch.device("cpu"))
