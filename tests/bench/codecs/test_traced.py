@@ -1,0 +1,69 @@
+"""A codec file in a kernel of Dr.Jit answers as the material does."""
+
+import numpy as np
+import pytest
+
+import bench
+from bench import llvm
+from bench.codecs.program import program_of
+from bench.errors import InputError
+
+dr = pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
+pytestmark = pytest.mark.short
+CODECS = {
+    "mean-colour": {},
+    "table": {},
+    "pca": {"components": 3},
+    "vq": {"codes": 8},
+    "hsh": {},
+    "neumip": {"steps": 5},
+    "neubtf-direct": {"steps": 5, "width": 8},
+    "relief": {"steps": 5, "width": 8},
+}
+
+
+def queries(n):
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(2, n, 3))
+    directions[..., 2] = np.abs(directions[..., 2]) + 0.02
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    return rng.random((n, 2)).astype("f4"), *directions.astype("f4"), (0.3 * rng.random(n)).astype("f4")
+
+
+@pytest.fixture(scope="module")
+def btf():
+    return bench.open("cable-knit", size=12, views=9, lights=9, heldout=8)
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_each_codec_answers_alike(tmp_path, btf, codec):
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
+    import drjit.llvm as kind
+
+    from bench.codecs.traced import Traced
+
+    file = tmp_path / "a.nbtf"
+    bench.encode(btf, codec, file, **CODECS[codec])
+    material, (uv, wo, wi, footprint) = bench.load(file), queries(2000)
+    traced = Traced(program_of(material), kind)
+    columns = ([kind.Float(column) for column in each.T] for each in (uv, wo, wi))
+    found = np.stack([np.asarray(dr.maximum(x, 0)) for x in traced(*columns, kind.Float(footprint))], 1)
+    wanted = material.query(uv, wo, wi, footprint)
+    off = np.abs(found - wanted) > 1e-4 * np.abs(wanted) + 1e-5
+    assert wanted.std() > 0.01
+    assert off.any(1).mean() <= 1e-3  # a march may step over an edge by the last bit
+    assert np.abs(traced(*([kind.Float(0.3)] * k for k in (2, 3, 3)), kind.Float(0))[0][0]) < np.inf
+
+
+def test_an_operation_that_no_kernel_knows_is_named(tmp_path, btf):
+    from dataclasses import replace
+
+    from bench.codecs.traced import Traced
+
+    file = tmp_path / "a.nbtf"
+    bench.encode(btf, "mean-colour", file)
+    program = program_of(bench.load(file))
+    strange = replace(program, steps=(replace(program.steps[0], operation="erfinv"), *program.steps[1:]))
+    with pytest.raises(InputError, match="no kernel can do 'erfinv' yet"):
+        Traced(strange, None)

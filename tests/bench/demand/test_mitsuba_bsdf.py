@@ -1,0 +1,124 @@
+"""The plug-in for Mitsuba: its radiance, its frame, its sampling."""
+
+import numpy as np
+import pytest
+
+import bench
+from bench import llvm
+from bench.errors import InputError
+
+mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
+pytestmark = pytest.mark.short
+
+
+@pytest.fixture(scope="module", autouse=True)
+def variant():
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
+    mi.set_variant("llvm_ad_rgb")
+    from bench.demand.mitsuba_bsdf import register
+
+    register()
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """A file of a material whose picture and directions are all unlike."""
+    path = tmp_path_factory.mktemp("bsdf") / "satin.nbtf"
+    bench.encode(bench.open("satin", size=16, views=9, lights=9, heldout=8), "pca", path, components=6)
+    return path
+
+
+def queries(n):
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(2, n, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    return (3 * rng.random((n, 2)) - 1).astype("f4"), *directions.astype("f4")
+
+
+def surface(uv, wo):
+    import drjit as dr
+
+    found = dr.zeros(mi.SurfaceInteraction3f, len(uv))
+    found.uv, found.wi = mi.Point2f(uv.T), mi.Vector3f(wo.T)
+    return found
+
+
+def test_its_radiance_is_the_materials(file):
+    bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), "repeat": 2.0})
+    uv, wo, wi = queries(10_000)
+    found = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
+    wanted = bench.load(file).query(2 * uv, wo, wi)
+    np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-5)
+    assert 0.15 < (wanted > 0).any(1).mean() < 0.35  # black below the horizon, of either direction
+
+
+def test_a_back_is_black_or_mirrors_the_front(file):
+    uv, wo, wi = queries(200)
+    wo[:, 2], wi[:, 2] = -abs(wo[:, 2]), -abs(wi[:, 2])
+    up = np.float32([1, 1, -1])
+    for two_sided in (False, True):
+        bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), "two_sided": two_sided})
+        found = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
+        wanted = bench.load(file).query(uv, wo * up, wi * up) if two_sided else 0 * found
+        np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-5)
+
+
+def averaged(file, light, fine=8):
+    """The slice from above (16, 16, 3) as pixels average it."""
+    side = 16 * fine
+    u = (np.arange(side, dtype="f4") + 0.5) / side
+    uv = np.stack([np.tile(u, side), np.repeat(1 - u, side)], 1)
+    up, light = (np.broadcast_to(w, (side * side, 3)) for w in (np.float32([0, 0, 1]), light))
+    values = bench.load(file).query(uv, np.ascontiguousarray(up), np.ascontiguousarray(light))
+    return values.reshape(16, fine, 16, fine, 3).mean((1, 3))
+
+
+def test_a_picture_from_above_is_the_slice_upright(file):
+    """A wall of one texture under a distant light: the picture of an orthographic camera is the slice."""
+    light = np.float32([0.6, 0.0, 0.8])
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "direct"},
+            "wall": {"type": "rectangle", "bsdf": {"type": "neubtf", "filename": str(file)}},
+            "sun": {"type": "directional", "direction": (-light).tolist(), "irradiance": 1.0},
+            "camera": {
+                "type": "orthographic",
+                "to_world": mi.ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0]),
+                "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
+                "sampler": {"type": "stratified", "sample_count": 256},
+            },
+        }
+    )
+    picture = np.asarray(mi.render(scene))[..., :3]
+    wanted, mirrored = averaged(file, light), averaged(file, light * np.float32([-1, 1, 1]))
+    error, *others = (np.abs(picture - each).mean() for each in (wanted, wanted[::-1], wanted[:, ::-1], mirrored))
+    assert error < 0.25 * min(others)
+
+
+def test_directions_are_drawn_as_the_density_says(file):
+    bsdf = mi.load_dict({"type": "neubtf", "filename": str(file)})
+    sample, pdf = mi.chi2.BSDFAdapter("neubtf", f'<string name="filename" value="{file}"/>')
+    test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, sample_dim=3, sample_count=200_000, res=41)
+    assert test.run()
+    uv, wo, _ = queries(2000)
+    wo[:, 2] = abs(wo[:, 2])
+    rng = np.random.default_rng(1)
+    si = surface(uv, wo)
+    drawn, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(rng.random(2000)), mi.Point2f(rng.random((2, 2000))))
+    density = np.asarray(bsdf.pdf(mi.BSDFContext(), si, drawn.wo))
+    np.testing.assert_allclose(density, np.asarray(drawn.pdf), rtol=1e-5)
+    value = np.asarray(bsdf.eval(mi.BSDFContext(), si, drawn.wo))
+    np.testing.assert_allclose(np.asarray(weight), value / density, rtol=1e-4, atol=1e-6)
+
+
+def test_a_variant_that_cannot_run_it_is_refused():
+    from bench.demand.mitsuba_bsdf import register
+
+    mi.set_variant("scalar_rgb")
+    try:
+        with pytest.raises(InputError, match="scalar_rgb cannot run a codec: set llvm_ad_rgb or cuda_ad_rgb"):
+            register()
+    finally:
+        mi.set_variant("llvm_ad_rgb")
