@@ -23,8 +23,8 @@ _MARKS = {
 _LEGEND = (
     "Change ± margin, of held-out pairs. PSNR is of the pooled squared error; slice: mean of slices; grazing: of those "
     "seen or lit beyond 60°; footprints: of 2, 4 and 8 texels. A change within its margin is the same: a small "
-    "tolerance where seeds agree, else what chance exceeds once in a thousand times. So the margin is the least loss "
-    "that seeds let one see."
+    "tolerance where seeds agree, else what chance exceeds once in 1,000 times slice by slice, in 4,000 otherwise. So "
+    "the margin is the least loss that seeds let one see."
 )
 _UNLIKE = (
     "n/c: not comparable, which fails like a regression: renew the reference in the same change (docs/ci.md), or name "

@@ -7,8 +7,10 @@ import torch
 from baselines.mean_colour import MeanColour
 from baselines.pca import PCA
 from baselines.table import Table
+from baselines.vq import VQ
 from bench.btf import BTF, ArraySource
-from bench.codecs import registry
+from bench.codec import Fit
+from bench.codecs import container, loading, registry
 from bench.conformance import frame
 from bench.conformance.check import Bench, CheckError, framed
 from bench.metrics.display import to_display
@@ -144,6 +146,15 @@ def test_what_a_codec_does_not_tell_apart_is_said_and_no_failure(tmp_path):
     assert "ω_o and ω_i exchanged" in note
     assert "upside down" not in note
     assert framed(Bench(Table(), tmp_path / "table")) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_seed_brings_a_codec_that_is_right_near_a_wrong_arrangement(seed, tmp_path):
+    """`vq` clusters at random: of the codecs here its answers come nearest."""
+    btf = frame.material()
+    header = container.save(tmp_path / f"a{container.SUFFIX}", VQ(), VQ().encode(btf, Fit(seed=seed)))
+    shares = frame.Found.of(loading.load(header.path)[1], btf).shares()
+    assert max(map(abs, shares.values())) < frame.RIGHT / 2
 
 
 def test_the_truth_is_told_apart_from_every_wrong_arrangement(tmp_path):
