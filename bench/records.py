@@ -41,7 +41,7 @@ CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "te
 _HEAD = ("material", "label", "codec", "seed", "job", "status")
 _NO_NUMBERS = {"kind", "run", "fit_key", "score_key", "provenance", "traceback", "metrics", "settings", "shape"}
 _RAW_TIMING = {"kind", "job", "run", "samples_ns", "floor_ratios"}
-_ARTEFACTS = ("slices", "angular", "pictures", "file")  # files of a run's folder that a job names
+_ARTEFACTS = ("slices", "angular", "pictures", "drawing", "file")  # files of a run's folder that a job names
 _LONGEST = 8  # longest list whose numbers become fields
 
 

@@ -1,80 +1,202 @@
-"""One self-contained HTML page: every table and every figure of a run."""
+"""One self-contained HTML page: every table and figure of a run, its slices, and its materials live.
+
+Nothing in it points outside it, and nothing of the data is executed: data are JSON in elements that no browser runs,
+all text is escaped, and a content security policy allows the page's own scripts alone, by their hashes.
+"""
 
 import base64
-from collections.abc import Sequence
+import hashlib
+import io
+from collections.abc import Iterator, Sequence
 from html import escape
+from importlib.resources import files
 
-from tabulate import tabulate
+from PIL import Image
 
 from bench.records import Run
+from reports import series
+from reports.atlas import Atlases
 from reports.figures import Figure
-from reports.marks import legend
+from reports.html_tables import Links, details, note, table_html
+from reports.kept_records import RecordsOfPage
+from reports.live import Live, live
 from reports.notes import run_notes
-from reports.rows import materials
-from reports.table import BOLD, UNDERLINED, Table
+from reports.rows import Material, materials
+from reports.shaders.tables import WIDTH
+from reports.table import Table
+from reports.viewer.page import as_json, fragment
 
-_STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 92rem; padding: 0 1rem; color: #1a1a1a;
-  background: #fff; color-scheme: light dark }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px }
-th, td { padding: .25rem .6rem; border-bottom: 1px solid #ddd; white-space: nowrap }
-th { text-align: left; vertical-align: bottom; border-bottom-color: #888 }
-th small { font-weight: normal; color: #555 }
-.words td { white-space: normal }
-.scroll { overflow-x: auto }
-.notes { color: #444; font-size: 13px; margin: .4rem 0 }
-h2 { margin-top: 2.5rem; border-bottom: 2px solid #1a1a1a }
-img { max-width: 100%; display: block; margin: 1rem 0; background: #fff }
-th:first-child, td:first-child { position: sticky; left: 0; background: inherit }
-tr { background: #fff }
-@media (prefers-color-scheme: dark) {
-  body, tr { background: #16181c; color: #e4e4e4 }
-  th, td { border-bottom-color: #3a3d44 }
-  th small, .notes { color: #a8abb2 }
-  h2 { border-bottom-color: #e4e4e4 }
+INTERACTIVE = {"rate", "speed", "fits"}  # figures that the page draws itself
+OPEN = {"summary", "main"}  # kinds of tables that are not folded away
+GAPS = {
+    "speed": "No speed and accuracy: no codec was timed here, or not under the conditions of the others.",
+    "fits": "No quality over seconds: no fit left a curve; codecs that are fitted in steps leave one.",
+    "slices": "No distribution of slices: the run's arrays are not beside its records, or no slice has an error.",
+    "rate": "No rate and distortion: no codec has an error here.",
 }
+PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src {style_hashes}; \
+script-src {script_hashes}; base-uri 'none'; form-action 'none'">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+{styles}
+</head>
+<body>
+<header><h1>{title}</h1>
+<button type="button" id="theme" aria-label="switch between dark and light">Theme</button></header>
+<main>
+{body}
+</main>
+{scripts}
+</body>
+</html>
 """
 
 
 def page(run: Run, tables: Sequence[Table], figures: Sequence[Figure]) -> str:
-    """The page of a run. Nothing in it points outside it."""
-    suite = run.starts[-1].get("suite", "") if run.starts else ""
-    title = f"neubtf-bench {suite}".strip()
-    body = [f"<h1>{escape(title)}</h1>", *(_note(note) for note in run_notes(run))]
-    if not any(table.kind == "main" for table in tables):
-        body.append("<p><strong>Nothing was measured in this run.</strong></p>")
-    body += [_table(table) for table in tables if table.kind == "summary"]
-    for material in materials(run):
-        body.append(f"<h2>{escape(material.name)}</h2>")
+    """The page of a run."""
+    return _Page(run, tables, figures).text()
+
+
+class _Page:
+    """Sections in order, and the data that they refer to by id."""
+
+    def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure]):
+        self.run, self.tables, self.figures = run, tables, figures
+        self.materials = materials(run)
+        self.records = RecordsOfPage(run, self.materials)
+        self.plots = series.plots(run, self.materials)
+        self.atlases = Atlases(run, self.materials)
+        self.live = live(run, self.materials)
+        self.viewer = fragment([])  # its models are unpacked when somebody wants to see them
+        self.data: list[str] = []
+
+    def text(self) -> str:
+        suite = self.run.starts[-1].get("suite", "") if self.run.starts else ""
+        title = escape(f"neubtf-bench {suite}".strip())
+        body = "\n".join(self._body())
+        plain = {"codecs": series.codecs(self.run), "plots": self.plots, "width": WIDTH}
+        self.data.append(_data("data", as_json(plain)))
+        self.data.append(_packed("records-data", self.records.packed()))
+        styles = [_asset("report.css"), self.viewer.css]
+        parts = [self.viewer.script, *(_asset(f"{name}.js") for name in _SCRIPTS)]
+        return PAGE.format(
+            title=title,
+            style_hashes=" ".join(map(_hash, styles)),
+            script_hashes=" ".join(map(_hash, parts)),
+            styles="\n".join(f"<style>{style}</style>" for style in styles),
+            body=body,
+            scripts="\n".join([*self.data, *(f"<script>{part}</script>" for part in parts)]),
+        )
+
+    def _body(self) -> Iterator[str]:
+        yield from map(note, run_notes(self.run))
+        if not any(table.kind == "main" for table in self.tables):
+            yield "<p><strong>Nothing was measured in this run.</strong> The reasons are at the end.</p>"
+        yield self._contents()
+        yield _CODECS
+        yield '<h2 id="summary">Summary</h2>'
+        summary = [table for table in self.tables if table.kind == "summary"]
+        yield from (self._table(table) for table in summary)
+        if not summary:
+            yield note("No summary: fewer than two codecs of this run have numbers.")
+        yield '<div class="plots" data-plots=""></div>'
+        for number, material in enumerate(self.materials):
+            yield from self._material(number, material)
+        rest = [table for table in self.tables if not table.material and table.kind != "summary"]
+        if rest:
+            yield '<h2 id="more">More</h2>'
+            yield from (self._table(table) for table in rest)
+        yield from self.records.html()
+        yield f'<template id="viewer">{self.viewer.html}</template>'
+
+    def _contents(self) -> str:
+        links = [("summary", "Summary"), *((f"m{i}", each.name) for i, each in enumerate(self.materials))]
+        links += [("more", "More")] if any(not t.material and t.kind != "summary" for t in self.tables) else []
+        links += [("records", "Records and provenance")]
+        items = "".join(f'<li><a href="#{escape(to)}">{escape(name)}</a></li>' for to, name in links)
+        return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'
+
+    def _material(self, number: int, material: Material) -> Iterator[str]:
+        yield f'<h2 id="m{number}">{escape(material.name)}</h2>'
         if material.first is None:
-            body.append("<p>Nothing was measured; the reasons are at the end.</p>")
-        body += [_table(table) for table in tables if table.material == material.name]
-        body += [_image(figure) for figure in figures if figure.material == material.name]
-    body += [_table(table) for table in tables if not table.material and table.kind != "summary"]
-    return (
-        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
-        f"<style>{_STYLE}</style>\n</head>\n<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
-    )
+            yield "<p>Nothing was measured; the reasons are at the end.</p>"
+            return
+        drawn = {plot["kind"] for plot in self.plots if plot["material"] == material.name}
+        yield f'<div class="plots" data-plots="{escape(material.name)}"></div>'
+        yield from (note(why) for kind, why in GAPS.items() if kind not in drawn)
+        yield from self._slices(number, material)
+        yield from self._live(number, self.live[material.name])
+        tables = [table for table in self.tables if table.material == material.name]
+        yield from (self._table(table) for table in sorted(tables, key=lambda table: table.kind not in OPEN))
+        figures = [f for f in self.figures if f.material == material.name and f.kind not in INTERACTIVE]
+        yield from (details(figure.title, _image(figure)) for figure in figures)
+
+    def _slices(self, number: int, material: Material) -> Iterator[str]:
+        yield "<h3>Slices</h3>"
+        found = self.atlases.of(material)
+        if not found["codecs"]:
+            yield note("The run's pictures are not beside its records: there is nothing to show here.")
+            return
+        self.data.append(_data(f"slices{number}", as_json(found)))
+        yield f'<div data-slices="slices{number}"></div>'
+        if found["left_out"]:
+            yield note("Without pictures of the same pairs: " + ", ".join(found["left_out"]) + ".")
+        if found["quality"] is not None:
+            yield note(f"Pictures are WebP of quality {found['quality']}, so that the page stays small.")
+
+    def _live(self, number: int, found: Live) -> Iterator[str]:
+        yield "<h3>Live material</h3>"
+        if found.models:
+            names = [f"live{number}-{i}" for i in range(len(found.models))]
+            self.data += [_packed(name, text) for name, text in zip(names, found.models.values(), strict=True)]
+            megabytes = sum(map(len, found.models.values())) / 1e6
+            yield (
+                f'<div data-live="{" ".join(names)}"><button type="button">Start: {len(names)} '
+                f'material{"s" * (len(names) > 1)}, {megabytes:.1f} MB</button><div class="place"></div></div>'
+            )
+        reasons: dict[str, list[str]] = {}
+        for label, why in found.missing.items():
+            reasons.setdefault(why, []).append(label)
+        yield from (note(f"Not live: {', '.join(labels)}: {why}.") for why, labels in reasons.items())
+
+    def _table(self, table: Table) -> str:
+        text = table_html(table, Links(self.records.place))
+        return text if table.kind in OPEN else details(table.title, text)
 
 
-def _table(table: Table) -> str:
-    headers = [escape(name) + (f"<br><small>{escape(unit)}</small>" if unit else "") for name, unit in table.headers]
-    align = ["left" if i < table.words else "right" for i in range(len(headers))]
-    rows = [[_marked(cell, table.marks.get((i, j))) for j, cell in enumerate(row)] for i, row in enumerate(table.rows)]
-    kind = "words" if table.words > 1 else "scroll"
-    notes = "\n".join(map(_note, [*table.notes, *legend(table)]))
-    text = tabulate(rows, headers, "unsafehtml", colalign=align, disable_numparse=True)
-    return f'<h3>{escape(table.title)}</h3>\n<div class="{kind}">{text}</div>\n{notes}'
+_SCRIPTS = ("core", "tables", "plots", "slices", "live")
+_CODECS = (
+    '<fieldset id="codecs" aria-label="Codecs shown in plots"><span>Codecs in all plots</span>'
+    '<button type="button" value="all">all</button><button type="button" value="none">none</button>'
+    '<div class="boxes"></div></fieldset>'
+)
 
 
-def _marked(cell: str, mark: str | None) -> str:
-    return {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>"}.get(mark or "", "{}").format(escape(cell))
+def _asset(name: str) -> str:
+    return (files("reports") / "web" / name).read_text("utf-8")
 
 
-def _note(note: str) -> str:
-    return f'<p class="notes">{escape(note)}</p>'
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _data(name: str, json: str) -> str:
+    return f'<script type="application/json" id="{name}">{json}</script>'
+
+
+def _packed(name: str, text: str) -> str:
+    return f'<script type="text/plain" id="{name}">{text}</script>'
 
 
 def _image(figure: Figure) -> str:
-    data = base64.b64encode(figure.png).decode()
-    return f'<h3>{escape(figure.title)}</h3>\n<img alt="{escape(figure.title)}" src="data:image/png;base64,{data}">'
+    """A figure as WebP: half as large as its PNG, without loss but where it shows slices."""
+    how = {"quality": 90, "method": 0} if figure.kind == "contact" else {"lossless": True, "quality": 30, "method": 1}
+    out = io.BytesIO()
+    with Image.open(io.BytesIO(figure.png)) as picture:
+        picture.convert("RGB").save(out, "webp", **how)
+    data = base64.b64encode(out.getvalue()).decode()
+    return f'<img class="figure" alt="{escape(figure.title)}" src="data:image/webp;base64,{data}">'

@@ -51,12 +51,15 @@ class Program:
     result: str
     size: tuple[int, int]  # texels, (H, W)
 
-    def save(self, path: Path) -> None:
-        """Write the program as `.npz`: the steps as JSON, one array per constant. Nothing is pickled."""
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The content of its `.npz`: the steps as JSON, one array per constant. Nothing is pickled."""
         says = {"result": self.result, "size": list(self.size), "steps": [vars(step) for step in self.steps]}
-        text = np.frombuffer(json.dumps(says).encode(), np.uint8)
+        return {"program": np.frombuffer(json.dumps(says).encode(), np.uint8), **self.constants}
+
+    def save(self, path: Path) -> None:
+        """Write the program as `.npz`."""
         with atomic.replacing(path) as partial, open(partial, "wb") as file:
-            np.savez_compressed(file, program=text, **self.constants)  # type: ignore[arg-type]
+            np.savez_compressed(file, **self.arrays())  # type: ignore[arg-type]
 
 
 @contextmanager

@@ -12,8 +12,9 @@ from bench.codec import Progress
 from bench.codecs import loading, registry
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
+from bench.codecs.program import program_of
 from bench.codecs.scene_material import unreported
-from bench.errors import ContainerError
+from bench.errors import ContainerError, InputError
 from bench.hemisphere import to_degrees
 from bench.material import Material, parameters
 from bench.metrics import get as get_metric
@@ -33,6 +34,7 @@ from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
 from bench.threads import torch_threads
 
+DRAWN_FLOATS = 2_000_000  # of a texture, at most, that a page draws live
 COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices, whose footprint is one texel
 Keep = Callable[[str, dict[str, Any]], str]
 
@@ -87,6 +89,17 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
         "angular": keep(f"angular/{header.path.stem}.json", angular),
         "pictures": keep(f"pictures/{header.path.stem}.npz", pictures),
     }
+
+
+def drawing(file: Loaded, keep: Keep) -> Record:
+    """Store what a page needs to draw the material live; returns `drawing`, or `not_drawn` with the reason."""
+    if file.material.cost.texture_floats > DRAWN_FLOATS:
+        return {"not_drawn": f"its texture has more than {DRAWN_FLOATS:,} floats"}
+    try:
+        program = program_of(file.material)
+    except InputError as error:
+        return {"not_drawn": str(error)}
+    return {"drawing": keep(f"drawings/{file.header.path.stem}.npz", program.arrays())}
 
 
 def recorded(folder: Path, job: Record, device: str) -> Material:
@@ -145,13 +158,16 @@ def _footprints(bench: Workbench, errors: dict[int, np.ndarray]) -> dict[str, np
 
 
 def _pictures(bench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
-    """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma."""
+    """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma.
+
+    `sheet` says which of them a contact sheet holds.
+    """
     truth = np.stack([bench.btf[i] for i in bench.shown])
     decoded = np.stack([decoder.slice(i) for i in bench.shown])
     eight = [np.round(to_display(x, bench.exposure) * 255).astype(np.uint8) for x in (truth, decoded)]
     angles = [np.stack(to_degrees(w[bench.shown]), 1) for w in (bench.btf.wo, bench.btf.wi)]
     pictures = {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
-    pictures["pairs"] = bench.shown
+    pictures |= {"pairs": bench.shown, "sheet": np.isin(bench.shown, bench.sheet)}
     flip = bench.scorer.metrics.get(metric_of(bench.scorer.names, FLIP))
     if flip and min(bench.btf.shape) >= flip.smallest:
         error = flip.error_map(flip.prepare(truth, bench.exposure), np.maximum(decoded, 0))

@@ -35,7 +35,7 @@ from bench.demand.demand import Demand
 from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.metrics import DEFAULTS
 from bench.records import Record
-from bench.runs.evaluation import evaluate, score_key
+from bench.runs.evaluation import drawing, evaluate, score_key
 from bench.runs.identity import identity
 from bench.runs.place import Place
 from bench.runs.programs import Programs
@@ -254,7 +254,12 @@ class Job:
 
     def _scored(self, header: container.Header) -> Record:
         file = loading.load(header.path, self.task.device, self.network)
-        return evaluate(self.bench, file, self.task.threads, self.place.keep, self.show)
+        found = evaluate(self.bench, file, self.task.threads, self.place.keep, self.show)
+        if self.task.repetition:  # pictures are of the first seed
+            return found
+        if self.task.device != "cpu":
+            file = loading.load(header.path, "cpu", self.network)
+        return found | drawing(file, self.place.keep)
 
     def _file(self) -> tuple[container.Header, Record]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""

@@ -25,7 +25,8 @@ from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
 
 OUTSIDE = "outside the scene"  # pairs that its demand does not touch
-SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that reports show
+STORED = 16  # slices that are stored as pictures, for the slice viewer of a report
+SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
 
 
 @dataclass
@@ -84,12 +85,26 @@ class Workbench:
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
 
     @cached_property
-    def shown(self) -> np.ndarray:
-        """The few pairs that reports show; held-out pairs if there are any."""
-        pairs = self.groups.get("heldout", self.groups["all"])
-        theta = np.stack([to_degrees(self.btf.wo[pairs])[0], to_degrees(self.btf.wi[pairs])[0]], 1)
+    def sheet(self) -> np.ndarray:
+        """The few pairs that a contact sheet shows; held-out pairs if there are any."""
+        theta = np.stack([to_degrees(self.btf.wo[self._deciding])[0], to_degrees(self.btf.wi[self._deciding])[0]], 1)
         nearest = [int(np.linalg.norm(theta - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
-        return pairs[np.unique(nearest)]
+        return self._deciding[np.unique(nearest)]
+
+    @cached_property
+    def shown(self) -> np.ndarray:
+        """The pairs whose slices are stored as pictures: those of `sheet`, and others far from them and each other."""
+        places = np.concatenate([self.btf.wo[self._deciding], self.btf.wi[self._deciding]], 1)
+        chosen = [int(i) for i in np.flatnonzero(np.isin(self._deciding, self.sheet))]
+        distance = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(1)
+        while len(chosen) < min(STORED, len(places)):
+            chosen.append(int(distance.argmax()))
+            distance = np.minimum(distance, np.linalg.norm(places - places[chosen[-1]], axis=1))
+        return np.sort(self._deciding[np.unique(chosen)])
+
+    @property
+    def _deciding(self) -> np.ndarray:
+        return self.groups.get("heldout", self.groups["all"])
 
 
 _latest: dict[object, Workbench] = {}  # holds one only: a scorer keeps hundreds of megabytes

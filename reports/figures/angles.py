@@ -7,7 +7,7 @@ import numpy as np
 from bench.records import PSNR, Run
 from reports.artefacts import Arrays, arrays
 from reports.figures.canvas import Figure, legend, plots, png, style
-from reports.figures.looks import Looks
+from reports.looks import Looks
 from reports.rows import Row, materials
 
 EDGES_DEG = np.arange(0.0, 91.0, 15.0)

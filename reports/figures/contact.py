@@ -19,9 +19,14 @@ def contact_sheets(run: Run) -> Iterator[Figure]:
     """For each material: one row a codec below the truth, one pair of columns (slice, FLIP map) a shown slice."""
     for material in materials(run):
         stored = [(row, arrays(run.folder, row.job, "pictures")) for row in material.shown]
-        rows = [(row, pictures) for row, pictures in stored if pictures]
+        rows = [(row, _of_sheet(pictures)) for row, pictures in stored if pictures]
         if rows:
             yield _sheet(material, rows, run)
+
+
+def _of_sheet(pictures: Arrays) -> Arrays:
+    """The pictures that a sheet shows: those marked so, or all."""
+    return {name: array[pictures["sheet"]] for name, array in pictures.items()} if "sheet" in pictures else pictures
 
 
 def _sheet(material: Material, rows: list[tuple[Row, Arrays]], run: Run) -> Figure:

@@ -5,8 +5,8 @@ from typing import Any
 
 from bench.records import Run
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style, svg
-from reports.figures.looks import Looks
 from reports.fits import GOALS_DB, Fit, fits
+from reports.looks import Looks
 
 
 def fit_curves(run: Run) -> Iterator[Figure]:

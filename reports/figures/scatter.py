@@ -6,7 +6,7 @@ from typing import Any
 
 from bench.records import PSNR, Run
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
-from reports.figures.looks import Looks
+from reports.looks import Looks
 from reports.rows import Material, Row, materials
 
 

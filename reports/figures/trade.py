@@ -5,7 +5,7 @@ from typing import Any
 
 from bench.records import Run, load_trade
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style, svg
-from reports.figures.looks import Looks
+from reports.looks import Looks
 
 Choice = dict[str, Any]
 

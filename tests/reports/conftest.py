@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bench.records import TRADE_FORMAT, append
+from tests.reports.browser import chromium
 
 METRICS = {
     "psnr_display": {"unit": "dB", "direction": "higher", "space": "display", "version": 1},
@@ -113,6 +114,18 @@ class RunMaker:
     def _keep(self, name, content):
         np.savez(self.folder / name, **content)
         return name
+
+
+@pytest.fixture(scope="session")
+def run_maker():
+    return RunMaker
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A real browser that draws WebGL without a graphics processor."""
+    with chromium() as launched:
+        yield launched
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 import itertools
 
 from bench.records import load_run
-from reports.figures.looks import COLOURS, KNOWN, Looks
+from reports.looks import COLOURS, KNOWN, Looks
 
 
 def look(looks, name):

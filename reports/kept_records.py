@@ -1,0 +1,82 @@
+"""The records that a page holds whole: behind each number, the job that measured it, and the provenance of the run."""
+
+import json
+from collections.abc import Iterator, Sequence
+from html import escape
+from typing import Any
+
+from bench.records import Record, Run
+from reports.html_tables import note
+from reports.live import pack
+from reports.rows import Codec, Material
+
+BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
+_NOT_SHOWN = {"samples_ns", "floor_ratios"}
+
+
+class RecordsOfPage:
+    """The records of a run, by material and codec, each with its timing, until the budget is spent."""
+
+    def __init__(self, run: Run, found: Sequence[Material]):
+        self.run = run
+        self.kept: list[Any] = list(run.starts[-1:])
+        self.places: dict[tuple[str, str], str] = {}
+        self.names: list[tuple[str, str, str]] = []  # id, title, what is said of the fit
+        self.left_out = 0
+        left = BUDGET
+        for m, material in enumerate(found):
+            for c, codec in enumerate(material.codecs):
+                record = self._whole(codec)
+                left -= len(json.dumps(record))
+                if left < 0:
+                    self.left_out += 1
+                    continue
+                self.places[material.name, codec.label] = f"r{m}-{c}"
+                self.names.append((f"r{m}-{c}", f"{material.name}, {codec.label}", _told(codec)))
+                self.kept.append(record)
+
+    def place(self, material: str, label: str) -> str:
+        """The id of a record's element; of no material, the first that the codec was measured on; "" of none."""
+        if material:
+            return self.places.get((material, label), "")
+        return next((place for (_, other), place in self.places.items() if other == label), "")
+
+    def packed(self) -> str:
+        """All records, in the order of their elements."""
+        return pack(self.kept)
+
+    def html(self) -> Iterator[str]:
+        """An element for each, filled when it is opened."""
+        yield '<h2 id="records">Records and provenance</h2>'
+        yield note("What each row was written from, as in records.jsonl, without the raw samples of the clock.")
+        first = 0
+        if self.run.starts:
+            yield _folded("provenance", "the run: machine, packages, revision, suite", "", 0)
+            first = 1
+        yield from (_folded(*name, number) for number, name in enumerate(self.names, first))
+        if self.left_out:
+            yield note(
+                f"{self.left_out} more rows have their records in records.jsonl alone: there is no room for them."
+            )
+
+    def _whole(self, codec: Codec) -> list[dict[str, Any]]:
+        return [{"job": row.job} | ({"timing": _short(row.timing)} if row.timing else {}) for row in codec.rows]
+
+
+def _short(timing: Record) -> Record:
+    return {name: value for name, value in timing.items() if name not in _NOT_SHOWN}
+
+
+def _told(codec: Codec) -> str:
+    job = codec.rows[0].job
+    if job["status"] != "ok":
+        return str(job["status"])
+    fitted, digest = job.get("fitted") or {}, str(job["score_key"].get("sha256", ""))[:12]
+    seeds = f"{len(codec.rows)} seeds" if len(codec.rows) > 1 else ""
+    made = f"fitted by {fitted['git']}" if fitted.get("git") else ""
+    return ", ".join(filter(None, [seeds, made, f"file {digest}"]))
+
+
+def _folded(place: str, title: str, says: str, number: int) -> str:
+    more = f' <small class="notes">{escape(says)}</small>' if says else ""
+    return f'<details id="{place}" data-record="{number}"><summary>{escape(title)}{more}</summary><pre></pre></details>'

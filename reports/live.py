@@ -1,0 +1,67 @@
+"""The live materials of a page: each codec's program as a packed shader, as far as there is room."""
+
+import base64
+import json
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Any
+
+from bench.errors import InputError
+from bench.records import PSNR, Run
+from reports.rows import Material, Row
+from reports.shaders.program import read
+from reports.viewer.page import Model, model_data
+
+BUDGET = 11_000_000  # characters of all models in a page
+LARGEST = 1_500_000  # of one model: more than a network with its latents takes, less than a table of all pairs
+
+
+@dataclass(frozen=True)
+class Live:
+    """The models of one material, each packed, by label; and why the others are missing."""
+
+    models: dict[str, str]
+    missing: dict[str, str]
+
+
+def live(run: Run, found: Sequence[Material]) -> dict[str, Live]:
+    """The models of each material: of each its best codec, then its second, until the budget is spent."""
+    made = {material.name: Live({}, {}) for material in found}
+    left = BUDGET
+    for turn in zip_longest(*(sorted(material.shown, key=_psnr, reverse=True) for material in found)):
+        for material, row in zip(found, turn, strict=True):
+            if row is None:
+                continue
+            here = made[material.name]
+            try:
+                packed = pack(_model(run, row)) if left > 0 else ""
+            except InputError as error:
+                here.missing[row.label] = str(error)
+                continue
+            if not packed or len(packed) > min(left, LARGEST):
+                here.missing[row.label] = "it takes more room than this page has: `neubtf-bench view` shows it"
+                continue
+            here.models[row.label] = packed
+            left -= len(packed)
+    return made
+
+
+def _psnr(row: Row) -> float:
+    pooled = row.stats(row.gate, PSNR).get("pooled")
+    return float("inf") if pooled is None else float(pooled)
+
+
+def pack(data: object) -> str:
+    """JSON, deflated, in base64: what the page's `unpacked` reads."""
+    return base64.b64encode(zlib.compress(json.dumps(data).encode(), 6)).decode()
+
+
+def _model(run: Run, row: Row) -> dict[str, Any]:
+    if "drawing" not in row.job:
+        why = row.job.get("not_drawn", "the run stored no drawing of it: `neubtf-bench view` shows its file")
+        raise InputError(str(why))
+    program = read(run.folder / row.job["drawing"])
+    note = f"{row.label}: {row.job['bytes']['total']:,} bytes"
+    return dict(model_data(Model(row.label, program, row.job["score_key"]["exposure"], note)))

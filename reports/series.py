@@ -1,0 +1,147 @@
+"""The data of a page's interactive plots: points, curves and samples by codec, as JSON can hold them."""
+
+from collections.abc import Callable, Iterator, Sequence
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+
+from bench.compare.slices import decibels
+from bench.errors import InputError
+from bench.records import PSNR, Run, shown_label
+from reports.fits import fits
+from reports.looks import Looks
+from reports.rows import Codec, Material, Row
+
+Plot = dict[str, Any]
+QUALITY = "display PSNR, dB"
+
+
+def codecs(run: Run) -> list[dict[str, Any]]:
+    """Every codec of the run with its colour, marker and line, in the order of the suite."""
+    looks = Looks(run)
+    found = []
+    for label in dict.fromkeys(map(shown_label, run.jobs)):
+        look = looks.of(label)
+        hollow = look["markerfacecolor"] != look["color"]
+        found.append(
+            {"label": label, "colour": look["color"], "marker": look["marker"], "hollow": hollow}
+            | {"dash": {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}.get(look["linestyle"], "")}
+        )
+    return found
+
+
+def plots(run: Run, found: Sequence[Material]) -> list[Plot]:
+    """Every plot that has a point, those over all materials first."""
+    curves = fits(run)
+    by_material = [plot for material in found for plot in _of_material(run, material, curves.get(material.name, []))]
+    measured = [material for material in found if material.measured]
+    means = [_mean(kind, by_material, len(measured)) for kind in ("rate", "speed")] if len(measured) > 1 else []
+    return [plot for plot in (*means, *by_material) if plot["series"]]
+
+
+def _of_material(run: Run, material: Material, curves: Sequence[Any]) -> Iterator[Plot]:
+    if not material.measured:
+        return
+    pairs = "held-out pairs" if material.measured[0].gate == "heldout" else "all pairs"
+    y = {"label": f"{QUALITY} ({pairs})"}
+    bytes_axis = {"label": "bytes of the file", "log": True, "unit": "B"}
+    time_axis = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns"}
+    yield _plot(material, "rate", "Rate and distortion", bytes_axis, y, _points(material, _bytes))
+    yield _plot(material, "speed", "Speed and accuracy", time_axis, y, _points(material, _nanoseconds))
+    seconds = {"label": "seconds of the fit", "log": True, "unit": "s"}
+    series = [
+        {"label": fit.label, "line": True, "points": [[_short(s), _short(q)] for _, s, q in fit.points if s > 0]}
+        for fit in curves
+    ]
+    yield _plot(material, "fits", "Quality over seconds", seconds, {"label": f"{QUALITY} (training samples)"}, series)
+    samples = [
+        {"label": codec.label, "samples": _slices(run, codec.measured[0])}
+        for codec in material.codecs
+        if codec.measured
+    ]
+    shown = [each for each in samples if each["samples"]]
+    yield _plot(
+        material, "slices", "Slices by their error", {"label": f"{QUALITY} a slice"}, {"label": "slices"}, shown
+    )
+
+
+def _plot(material: Material, kind: str, title: str, x: dict[str, Any], y: dict[str, Any], series: list[Any]) -> Plot:
+    missing = [codec.label for codec in material.codecs if codec.label not in {each["label"] for each in series}]
+    return {
+        "material": material.name,
+        "kind": kind,
+        "title": title,
+        "x": x,
+        "y": y,
+        "series": series,
+        "missing": missing,
+    }
+
+
+Place = tuple[float, float, float]  # where a job stands on the x axis, and the interval about it
+
+
+def _bytes(row: Row) -> Place | None:
+    total = row.job["bytes"]["total"]
+    return total, total, total
+
+
+def _nanoseconds(row: Row) -> Place | None:
+    if row.timing is None or row.timing_obstacle:
+        return None
+    low, high = row.timing["interval95_ns"]
+    return row.timing["ns_per_sample"], low, high
+
+
+def _points(material: Material, place: Callable[[Row], Place | None]) -> list[dict[str, Any]]:
+    """One point a codec, the mean of its seeds; `curve` joins those of a ladder of rates."""
+    found = []
+    for codec in material.codecs:
+        seeds = [(row.stats(row.gate, PSNR).get("pooled"), place(row)) for row in codec.measured]
+        known = [(quality, at) for quality, at in seeds if quality is not None and at]
+        if known:
+            x, low, high = (fmean(at[i] for _, at in known) for i in range(3))
+            point = [_short(x), _short(fmean(quality for quality, _ in known)), _short(low), _short(high)]
+            found.append({"label": codec.label, "curve": _curve(codec), "points": [point]})
+    return found
+
+
+def _curve(codec: Codec) -> str:
+    job = codec.measured[0].job
+    return str(job.get("curve") or job.get("codec") or codec.label)
+
+
+def _mean(kind: str, found: Sequence[Plot], materials: int) -> Plot:
+    """The mean over materials of each codec that has a point on all of them."""
+    chosen = [plot for plot in found if plot["kind"] == kind]
+    by_label: dict[str, list[dict[str, Any]]] = {}
+    for each in (series for plot in chosen for series in plot["series"]):
+        by_label.setdefault(each["label"], []).append(each)
+    series = [
+        all_of[0] | {"points": [[_short(fmean(each["points"][0][i] for each in all_of)) for i in range(4)]]}
+        for all_of in by_label.values()
+        if len(all_of) == materials
+    ]
+    labels = [*by_label, *(label for plot in chosen for label in plot["missing"])]
+    missing = [label for label in dict.fromkeys(labels) if len(by_label.get(label, [])) != materials]
+    first = chosen[0] if chosen else {"x": {}, "y": {}, "title": ""}
+    return {"material": "", "kind": kind, "title": f"{first['title']}, means over {materials} materials"} | {
+        "x": first["x"],
+        "y": first["y"],
+        "series": series,
+        "missing": missing,
+    }
+
+
+def _slices(run: Run, row: Row) -> list[float]:
+    """The PSNR of each slice that decides, to a tenth of a dB, without slices that have no error."""
+    try:
+        values = decibels(run.folder, row.job)
+    except InputError:  # a run's records are worth reading without its bulky parts
+        return []
+    return [] if values is None else [round(float(value), 1) for value in values[np.isfinite(values)]]
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.5g}")

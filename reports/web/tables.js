@@ -1,0 +1,57 @@
+"use strict";
+// Tables: sorted by a click on a header, filtered by a text, columns hidden.
+(() => {
+  const { element } = report;
+
+  // The number that a cell begins with; exact is better than any; what is no number comes last.
+  function value(text) {
+    if (text === "exact") return Infinity;
+    const found = text.replace(/[,\u202f]/g, "").replace("\u2212", "-").match(/^[+-]?\d+(\.\d+)?(e[+-]?\d+)?/);
+    return found ? Number(found[0]) : null;
+  }
+
+  function compared(a, b, up) {
+    const [x, y] = [value(a), value(b)];
+    if (x !== null && y !== null) return x === y ? 0 : (x < y ? -1 : 1) * up;
+    if (x === null && y === null) return a.localeCompare(b) * up;
+    return x === null ? 1 : -1;
+  }
+
+  function sorted(table, column, header) {
+    const up = header.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+    for (const each of table.tHead.rows[0].cells) each.removeAttribute("aria-sort");
+    header.setAttribute("aria-sort", up === 1 ? "ascending" : "descending");
+    const rows = [...table.tBodies[0].rows];
+    rows.sort((a, b) => compared(a.cells[column].textContent, b.cells[column].textContent, up));
+    table.tBodies[0].append(...rows);
+  }
+
+  function columns(table, headers) {
+    const list = element("details", { class: "columns" }, element("summary", {}, "Columns"));
+    headers.forEach((header, column) => {
+      if (!column) return;
+      const box = element("input", { type: "checkbox", change: () => {
+        for (const row of table.rows) row.cells[column].hidden = !box.checked;
+      } });
+      box.checked = true;
+      list.append(element("label", {}, box, header.textContent));
+    });
+    return list;
+  }
+
+  for (const table of document.querySelectorAll("table")) {
+    const headers = [...table.tHead.rows[0].cells], name = table.getAttribute("aria-label");
+    const filter = element("input", { type: "search", placeholder: "filter rows", "aria-label": `filter rows: ${name}`,
+      input: () => {
+        const wanted = filter.value.toLowerCase();
+        for (const row of table.tBodies[0].rows) row.hidden = !row.textContent.toLowerCase().includes(wanted);
+      } });
+    const tools = element("div", { class: "tools" }, filter, columns(table, headers));
+    table.closest(".scroll").before(tools);
+    headers.forEach((header, column) => {
+      const button = element("button", { type: "button", click: () => sorted(table, column, header) });
+      button.append(...header.childNodes);
+      header.append(button);
+    });
+  }
+})();

@@ -1,0 +1,288 @@
+"""The page of a run: what it holds, and how it behaves in a real browser."""
+
+import io
+import json
+import re
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from bench.codec import Fit
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+from bench.records import load_run
+from reports import write_report
+from reports.figures import Figure
+
+HOSTILE = ('"><script>bad()</script>', "</script><script>bad()</script>", "' onerror='bad()", "名 ünï‮code")
+
+
+def page_of(made: Any) -> str:
+    write_report(made.folder)
+    return str((made.folder / "report.html").read_text(encoding="utf-8"))
+
+
+def data_of(page: str, name: str = "data") -> Any:
+    (found,) = re.findall(rf'<script type="application/json" id="{name}">(.*?)</script>', page, re.S)
+    return json.loads(found)
+
+
+def test_names_stay_text_whatever_they_are(made):
+    for name in HOSTILE:
+        made.job(f"pca {name}", material=name).timing(f"pca {name}", material=name)
+    page = page_of(made)
+    markup = re.sub(r"<script[^>]*>.*?</script>", "", page, flags=re.S)
+    assert "<script" not in markup
+    assert '"><script' not in markup
+    assert not re.search(r"""<[^<>"']*("[^"]*"[^<>"']*)*\sonerror=""", markup)
+    assert {plot["material"] for plot in data_of(page)["plots"]} - {""} == set(HOSTILE)
+
+
+def test_scripts_run_by_their_hash_alone(made):
+    page = page_of(made.job())
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1]
+    assert "default-src 'none'" in policy
+    assert policy.count("'sha256-") == page.count("<script>") + page.count("<style>")
+    assert "unsafe" not in policy
+    assert not re.search(r"\son\w+=|\sstyle=", page.partition("<script>")[0])
+
+
+def test_gaps_are_explained(made):
+    page = page_of(made.job("table", psnr=None, history=[]).unfinished("failed", "ValueError: why"))
+    for words in ("No speed and accuracy", "No quality over seconds", "No rate and distortion", "No summary", "why"):
+        assert words in page
+
+
+def test_every_number_leads_to_its_record(made):
+    page = page_of(made.job().job("vq", psnr=20.0).job("vq", psnr=21.0, seed=1).timing())
+    places = set(re.findall(r'href="#(r\d[^"]*)"', page))
+    assert places == {"r0-0", "r0-1"} == set(re.findall(r'<details id="(r\d[^"]*)"', page))
+
+
+def test_records_that_have_no_room_are_said_to_be_elsewhere(made, monkeypatch):
+    monkeypatch.setattr("reports.kept_records.BUDGET", 9_000)
+    page = page_of(made.job("one").job("two").job("three").job("four"))
+    left = page.count('<details id="r0')
+    assert 0 < left < 4
+    assert f"{4 - left} more rows have their records in records.jsonl alone" in page
+
+
+def test_slices_of_many_pairs_take_less_room_at_less_quality(made, monkeypatch):
+    run = load_run(made.job().job("vq").folder)
+    from reports.atlas import Atlases
+    from reports.rows import materials
+
+    found = materials(run)
+    whole = Atlases(run, found).of(found[0])
+    assert whole["quality"] is None
+    assert len(whole["wo"]) == 3
+    monkeypatch.setattr("reports.atlas.BUDGET", 200)
+    less = Atlases(run, found).of(found[0])
+    assert less["quality"] == 60
+    assert len(less["wo"]) == len(less["codecs"][0]["psnr"]) == 2
+
+
+def test_codecs_that_were_seen_at_other_pairs_are_left_out_of_the_slices(made):
+    import numpy as np
+
+    made.job("one").job("two")
+    path = made.folder / load_run(made.folder).jobs[1]["pictures"]
+    with np.load(path) as file:
+        changed = {**file, "pairs": file["pairs"] + 1}
+    np.savez(path, **changed)
+    found = data_of(page_of(made), "slices0")
+    assert ([codec["label"] for codec in found["codecs"]], found["left_out"]) == (["one"], ["two"])
+
+
+def test_figures_that_the_page_draws_itself_are_not_in_it_twice(made):
+    from reports.page import page
+
+    run = load_run(made.job().folder)
+    out = io.BytesIO()
+    Image.new("RGB", (4, 4)).save(out, "png")
+    pictures = [Figure("satin", kind, f"a {kind}", out.getvalue()) for kind in ("rate", "polar")]
+    text = page(run, [], pictures)
+    assert text.count("<img") == 1
+    assert "a polar" in text
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory, run_maker: Any) -> Any:
+    """A page of three codecs, one of them live; no error may have reached the console at the end."""
+    import torch
+
+    from bench.codecs.program import program_of
+
+    made = run_maker(tmp_path_factory.mktemp("run") / "run").start()
+    (made.folder / "drawings").mkdir()
+    codec = load_codec("pca")()
+    material = codec.decode(codec.encode(tiny_btf(), Fit()), torch.device("cpu"))
+    program_of(material).save(made.folder / "drawings/pca.npz")
+    made.job("pca", psnr=30.0, drawing="drawings/pca.npz").timing("pca")
+    made.job("vq", psnr=9.0).timing("vq").job("<b>mine</b>", psnr=21.5).job("vq", material="brick", psnr=12.0)
+    write_report(made.folder)
+    tab = browser.new_page(viewport={"width": 1000, "height": 800})
+    tab.set_default_timeout(100_000)
+    problems: list[str] = []
+    tab.on("console", lambda message: problems.append(message.text) if message.type in ("error", "warning") else None)
+    tab.on("pageerror", lambda error: problems.append(str(error)))
+    tab.on("request", lambda request: problems.append(request.url) if request.url.startswith("http") else None)
+    tab.goto((made.folder / "report.html").as_uri())
+    tab.wait_for_selector(".plot polygon")
+    yield tab
+    assert problems == []
+
+
+def wait(tab: Any, condition: str) -> None:
+    """Wait until an expression holds. The page's policy lets Playwright's own `wait_for_function` evaluate nothing."""
+    for _ in range(600):
+        if tab.evaluate(f"Boolean({condition})"):
+            return
+        tab.wait_for_timeout(100)
+    raise AssertionError(condition)
+
+
+def first_cells(table: Any) -> list[str]:
+    return [row.locator("td").first.inner_text() for row in table.locator("tbody tr").all() if row.is_visible()]
+
+
+def test_a_table_is_sorted_by_click_and_key(opened):
+    table = opened.locator('table[aria-label^="satin: quality"]')
+    header = table.get_by_role("button", name="PSNR pooled")
+    header.click()
+    assert first_cells(table) == ["vq", "<b>mine</b>", "pca"]
+    header.focus()
+    opened.keyboard.press("Enter")
+    assert first_cells(table) == ["pca", "<b>mine</b>", "vq"]
+    assert table.locator("[aria-sort=descending]").inner_text().startswith("PSNR pooled")
+
+
+def test_rows_are_filtered_and_columns_hidden(opened):
+    table = opened.locator('table[aria-label^="satin: quality"]')
+    tools = opened.locator(".tools").filter(has=opened.get_by_label(re.compile("rows: satin: quality")))
+    tools.locator("[type=search]").fill("mine")
+    assert first_cells(table) == ["<b>mine</b>"]
+    tools.locator("[type=search]").fill("")
+    assert len(first_cells(table)) == 3
+    tools.locator("summary").click()
+    tools.get_by_label("PSNR train").uncheck()
+    assert not table.get_by_text("PSNR train").is_visible()
+    assert table.get_by_text("PSNR pooled").is_visible()
+
+
+def test_a_codec_is_ticked_off_in_all_plots(opened):
+    box = opened.locator("#codecs").get_by_label("vq")
+    count = "[...document.querySelectorAll('.plot')].map((each) => each.querySelectorAll('polygon').length)"
+    opened.locator('[data-plots="brick"] .plot').first.scroll_into_view_if_needed()
+    opened.wait_for_selector('[data-plots="brick"] polygon')
+    before = opened.evaluate(count)
+    box.focus()
+    opened.keyboard.press("Space")
+    after = opened.evaluate(count)
+    box.check()
+    assert opened.evaluate(count) == before
+    assert any(b > a for a, b in zip(after, before, strict=True))
+    assert opened.evaluate("document.querySelectorAll('[data-plots=brick] polygon').length") > 0
+    assert all(a < b for a, b in zip(after, before, strict=True) if b)
+
+
+def test_a_point_is_told_by_pointer_and_key(opened):
+    plot = opened.locator('[data-plots="satin"] [data-kind="speed"]')
+    plot.scroll_into_view_if_needed()
+    plot.locator("polygon").first.hover()
+    assert "30 dB at 123.4 ns (120.5 to 130.5 ns)" in plot.locator(".tip").inner_text()
+    opened.mouse.move(0, 0)
+    assert not plot.locator(".tip").is_visible()
+    plot.locator("svg").focus()
+    opened.keyboard.press("ArrowRight")
+    first = plot.locator(".tip").inner_text()
+    opened.keyboard.press("ArrowRight")
+    assert plot.locator(".tip").inner_text() != first
+
+
+def test_slices_are_wiped_and_chosen_by_mouse_and_key(opened):
+    root = opened.locator('[data-slices="slices0"]')
+    root.scroll_into_view_if_needed()
+    canvas = root.locator("canvas")
+    wait(opened, "document.querySelector('[data-slices=slices0]').slices?.sides")
+
+    def picture() -> str:
+        return str(canvas.evaluate("(canvas) => canvas.toDataURL()"))
+
+    seen = [picture()]
+    canvas.focus()
+    opened.keyboard.press("ArrowRight")
+    seen.append(picture())
+    box = canvas.bounding_box()
+    opened.mouse.click(box["x"] + box["width"] * 0.2, box["y"] + 20)
+    seen.append(picture())
+    assert canvas.get_attribute("aria-valuenow") == "20"
+    for what, value in (("show", "difference"), ("show", "flip"), ("right", "-1")):
+        root.locator(f"[name={what}]").select_option(value)
+        opened.wait_for_timeout(300)
+        seen.append(picture())
+    root.locator("[role=slider][aria-label^=view]").focus()
+    opened.keyboard.press("ArrowRight")
+    opened.wait_for_timeout(300)
+    seen.append(picture())
+    assert root.locator("[name=pair]").input_value() == "1"
+    assert len(set(seen)) == len(seen)
+
+
+def test_a_stored_slice_is_shown_as_it_is(opened):
+    """Texel by texel: the pictures are without loss, and none is turned or taken from another place of the grid."""
+    root = opened.locator('[data-slices="slices0"]')
+    root.scroll_into_view_if_needed()
+    found = root.evaluate(
+        "async (root) => { const all = []; for (let i = 0; i < 3; i++) { root.slices.state.pair = i;"
+        "all.push(Array.from((await root.slices.slice(root.slices.data.truth)).data)); } return all; }"
+    )
+    import numpy as np
+
+    truth = np.random.default_rng(2).integers(0, 256, (3, 8, 8, 3), np.uint8)
+    shown = np.array(found, np.uint8).reshape(3, 8, 8, 4)[..., :3]
+    np.testing.assert_array_equal(shown, truth)
+
+
+def test_a_record_opens_where_a_number_leads(opened):
+    opened.locator('table[aria-label^="satin: quality"]').get_by_role("link", name="pca").click()
+    record = opened.locator("#r0-0")
+    wait(opened, "document.querySelector('#r0-0 pre').textContent.length > 100")
+    (found,) = json.loads(record.locator("pre").inner_text())
+    assert found["job"]["parameters"] == 3011
+    assert found["timing"]["ns_per_sample"] == 123.4
+
+
+def test_the_theme_is_the_system_s_and_can_be_changed(opened):
+    paper = "getComputedStyle(document.body).backgroundColor"
+    opened.emulate_media(color_scheme="dark")
+    dark = opened.evaluate(paper)
+    opened.locator("#theme").click()
+    light = opened.evaluate(paper)
+    opened.emulate_media(color_scheme="light")
+    assert (dark, light) == ("rgb(22, 24, 28)", "rgb(255, 255, 255)")
+    assert opened.evaluate(paper) == light
+
+
+def test_nothing_sticks_out_of_a_narrow_window(opened):
+    opened.set_viewport_size({"width": 390, "height": 800})
+    assert opened.evaluate("document.documentElement.scrollWidth") == 390
+    opened.set_viewport_size({"width": 1000, "height": 800})
+
+
+@pytest.mark.timeout(300)
+def test_a_live_material_changes_with_its_light(opened):
+    root = opened.locator("[data-live]")
+    assert root.count() == 1
+    root.get_by_role("button", name="Start").click()
+    wait(opened, "document.querySelector('[data-live]').viewer")
+    look = (
+        "(() => { const { viewer } = document.querySelector('[data-live]'); viewer.state.scale = 0.1; viewer.draw();"
+        "return document.querySelector('[data-live] canvas').toDataURL(); })()"
+    )
+    first = opened.evaluate(look)
+    root.locator("canvas").focus()
+    for _ in range(4):
+        opened.keyboard.press("Shift+ArrowRight")
+    assert opened.evaluate(look) != first
