@@ -3,7 +3,7 @@
     python benchmarks/gallery.py WORK docs/images [MATERIAL ...]
 
 WORK keeps the fitted files and the rendered pictures; what is there is not made again. Codecs are fitted to the default
-25 × 25 pairs at 64² texels, seed 0, with the settings of `CODECS`; the truth is interpolated between 81 × 81 pairs.
+25 × 25 pairs at 64² texels, seed 0, with the settings of `CODECS`; the truth is interpolated between 49 × 49 pairs.
 """
 
 import argparse
@@ -16,13 +16,13 @@ from bench import atomic, cli
 from bench.data import materials
 
 CODECS = {
-    "relief": {"steps": 650},
-    "neubtf-direct": {"steps": 800},
-    "neumip": {"steps": 600},
+    "relief": {"steps": 400},
+    "neubtf-direct": {"steps": 400},
+    "neumip": {"steps": 400},
     "pca": {"components": 16},
     "mean-colour": {},
 }
-TRUTH = ("--set", "data.views=81", "--set", "data.lights=81")
+TRUTH = ("--set", "data.views=49", "--set", "data.lights=49")
 GREY = (128, 128, 128, 255)  # of the labels: read on a light page and on a dark one
 LABEL = 22  # pixels
 QUALITY = 86  # of WebP

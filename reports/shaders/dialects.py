@@ -17,6 +17,7 @@ class Dialect:
     matrix: str  # {columns} (a list of four columns), {vector}
     loops: str  # a product with weights in the texture; see `Writer` for what it is filled with
     prologue: str
+    uniforms: str  # the buffer of {count} vectors of weights
     signature: str
     calls: Words = field(default_factory=dict)  # functions that are named otherwise than in GLSL
 
@@ -46,6 +47,7 @@ float exactOne(int i) {{
   return k < 2 ? (k == 0 ? row.x : row.y) : (k == 2 ? row.z : row.w);
 }}
 """,
+    "layout(std140) uniform Weights {{ vec4 weights[{count}]; }};\n",
     "vec3 material(vec2 uv, vec3 wo, vec3 wi, float footprint)",
 )
 
@@ -74,6 +76,7 @@ float exactOne(int i) {{
   return k < 2 ? (k == 0 ? row.x : row.y) : (k == 2 ? row.z : row.w);
 }}
 """,
+    "cbuffer Weights : register(b0) {{ float4 weights[{count}]; }}\n",
     "float3 material(float2 uv, float3 wo, float3 wi, float footprint)",
     {"inversesqrt": "rsqrt", "fract": "frac"},
 )
@@ -103,6 +106,7 @@ fn exactOne(i: i32) -> f32 {{
   return select(select(row.w, row.z, k == 2), select(row.y, row.x, k == 0), k < 2);
 }}
 """,
+    "@group(0) @binding(2) var<uniform> weights: array<vec4<f32>, {count}>;\n",
     "fn material(uv: vec2<f32>, wo: vec3<f32>, wi: vec3<f32>, footprint: f32) -> vec3<f32>",
     {"inversesqrt": "inverseSqrt"},
 )

@@ -1,7 +1,7 @@
 """Statements of one shader: names, vectors, rows of tables, products with constant matrices."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,6 +13,7 @@ Array = np.ndarray
 
 TOO_LONG = 60_000  # statements: compilers take too long beyond
 SWIZZLE = "xyzw"
+Weights = Literal["literal", "uniform", "texture"]  # where a shader has the weights of its matrices
 
 
 @dataclass(frozen=True)
@@ -26,9 +27,10 @@ class Value:
 class Writer:
     """Statements of one shader. `reports.shaders.operations` writes each operation with it."""
 
-    def __init__(self, dialect: Dialect, tables: Tables, literal: bool):
-        self.dialect, self.tables, self.literal = dialect, tables, literal
+    def __init__(self, dialect: Dialect, tables: Tables, weights: Weights):
+        self.dialect, self.tables, self.weights = dialect, tables, weights
         self.lines: list[str] = []
+        self.uniforms: list[Array] = []  # vectors of four weights, where a uniform buffer has them
         self.count = 0
 
     def name(self, kind: str, value: str) -> str:
@@ -83,20 +85,27 @@ class Writer:
         packs = [text if text.isidentifier() else self.name("vec4", text) for text in packs]
         added = ["0.0"] * len(padded) if bias is None else [*bias, *[0.0] * (len(padded) - outputs)]
         starts = [self.vector(added[j : j + 4]) for j in range(0, len(padded), 4)]
-        written = self._literally(padded, packs, starts) if self.literal else self._in_a_loop(padded, packs, starts)
+        write = self._in_a_loop if self.weights == "texture" else self._line_by_line
+        written = write(padded, packs, starts)
         return self.floats(written)[:outputs]
 
-    def _literally(self, weights: Array, packs: list[str], starts: list[str]) -> list[str]:
-        """The product as straight-line code, the weights in its text."""
+    def _line_by_line(self, weights: Array, packs: list[str], starts: list[str]) -> list[str]:
+        """The product as straight-line code, the weights in its text or by their numbers in the uniform buffer."""
         results = []
         for j, start in enumerate(starts):
             terms = [start]
             for i, pack in enumerate(packs):
                 block = weights[4 * j : 4 * j + 4, 4 * i : 4 * i + 4].T  # four columns of the matrix
-                texts = [f"{self.dialect.types['vec4']}({', '.join(map(literal, column))})" for column in block]
+                texts = [self._column(column) for column in block]
                 terms.append(self.dialect.matrix.format(columns=", ".join(texts), vector=pack))
             results.append(" + ".join(terms))
         return results
+
+    def _column(self, column: Array) -> str:
+        if self.weights == "literal":
+            return f"{self.dialect.types['vec4']}({', '.join(map(literal, column))})"
+        self.uniforms.append(column)
+        return f"weights[{len(self.uniforms) - 1}]"
 
     def _in_a_loop(self, weights: Array, packs: list[str], starts: list[str]) -> list[str]:
         """The product as two loops over weights in the texture: slower, but the text stays short."""

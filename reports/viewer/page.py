@@ -8,7 +8,7 @@ from html import escape
 from importlib.resources import files
 
 from reports.shaders.dialects import GLSL
-from reports.shaders.generator import shader
+from reports.shaders.generator import Shader, fallback, shader
 from reports.shaders.program import Program
 from reports.shaders.tables import WIDTH
 
@@ -41,10 +41,17 @@ class Model:
 
 def model_data(model: Model) -> dict[str, object]:
     """What the page needs of a model. `InputError` where no shader can do its program."""
-    made = shader(model.program, GLSL)
-    textures = {"exact": made.exact, "half": made.half}
-    encoded = {name: base64.b64encode(array.tobytes()).decode() for name, array in textures.items()}
-    return {"label": model.label, "note": model.note, "shader": made.text, "exposure": model.exposure, **encoded}
+    made, spare = shader(model.program, GLSL), fallback(model.program, GLSL)
+    found: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure, **_encoded(made)}
+    if spare:  # for compilers that choke on literals; textures that are the same are not written twice
+        found["fallback"] = {key: text for key, text in _encoded(spare).items() if found[key] != text}
+    return found
+
+
+def _encoded(made: Shader) -> dict[str, object]:
+    arrays = {"exact": made.exact, "half": made.half, "uniforms": made.uniforms}
+    encoded = {name: base64.b64encode(each.tobytes()).decode() for name, each in arrays.items()}
+    return {"shader": made.text, **encoded}
 
 
 @dataclass(frozen=True)

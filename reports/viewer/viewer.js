@@ -1,7 +1,9 @@
 // Draws materials on a plane, a sphere or a drape. `mountViewer(root, data)` builds the controls and returns what tests
-// use. data.models: {label, note, shader, exact, half, exposure}; textures are base64 of RGBA32F and RGBA16F rows.
+// use. data.models: {label, note, exposure, shader, exact, half, uniforms, fallback}; tables are base64 of RGBA32F and RGBA16F
+// rows, uniforms of vec4; fallback holds what is other in the shader for compilers that choke on the first.
 
 const DISTANCE = 4.2, LAMP = 3.0;  // of the camera and of the point light; shapes are about 2 wide
+const PATIENCE = 20000;  // milliseconds for a compiler, where another shader is at hand
 
 // Each light: direction or position, and strength: the irradiance at the origin of what faces it.
 function lightsOf(state) {
@@ -44,20 +46,42 @@ class Stage {
 
   // A model, compiled when it is first looked at: `program` is null while that takes, `error` says why there is none.
   model(number, wait) {
-    const { gl } = this, given = this.data.models[number];
-    if (!this.models.has(number)) this.models.set(number, { linking: linked(gl, VERTEX, HEAD + given.shader + LIT) });
+    if (!this.models.has(number)) this.models.set(number, this.compiling(this.data.models[number]));
     const model = this.models.get(number);
-    const pending = !model.program && !model.error;
-    if (pending && (wait || !this.parallel || gl.getProgramParameter(model.linking, this.parallel.COMPLETION_STATUS_KHR))) {
-      try {
-        model.uniforms = uniformsOf(gl, model.linking);
-        [model.exact, model.half] = [this.table(given.exact, false, 0), this.table(given.half, true, 1)];
-        model.program = model.linking;
-      } catch (error) {
-        model.error = `${given.label}: ${error.message}`;
-      }
+    if (model.program || model.error) return model;
+    const { label, fallback } = model.given, late = fallback && performance.now() - model.since > PATIENCE;
+    if (!wait && !late && !this.finished(model)) return model;
+    try {
+      if (late && !this.finished(model)) throw new Error("its shader takes too long to compile");
+      this.complete(model);
+    } catch (error) {
+      if (fallback) this.models.set(number, this.compiling({ ...model.given, ...fallback, fallback: null }));
+      else model.error = `${label}: ${error.message}`;
+      return this.model(number, wait);
     }
     return model;
+  }
+
+  compiling(given) {
+    return { given, linking: linked(this.gl, VERTEX, HEAD + given.shader + LIT), since: performance.now() };
+  }
+
+  finished(model) {
+    const { gl, parallel } = this;
+    return !parallel || gl.getProgramParameter(model.linking, parallel.COMPLETION_STATUS_KHR);
+  }
+
+  complete(model) {
+    const { gl } = this, { exact, half, uniforms } = model.given;
+    model.uniforms = uniformsOf(gl, model.linking);
+    [model.exact, model.half] = [this.table(exact, false, 0), this.table(half, true, 1)];
+    if (uniforms) {
+      model.buffer = gl.createBuffer();
+      gl.bindBuffer(gl.UNIFORM_BUFFER, model.buffer);
+      gl.bufferData(gl.UNIFORM_BUFFER, bytes(uniforms), gl.STATIC_DRAW);
+      gl.uniformBlockBinding(model.linking, gl.getUniformBlockIndex(model.linking, "Weights"), 0);
+    }
+    model.program = model.linking;
   }
 
   bind(shape) {
@@ -112,6 +136,7 @@ class Stage {
       gl.activeTexture(gl.TEXTURE0 + unit);
       gl.bindTexture(gl.TEXTURE_2D, texture);
     });
+    if (model.buffer) gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, model.buffer);
     this.set(model.uniforms, values);
     for (const light of lights) {
       gl.uniform4fv(model.uniforms.light, light);
@@ -181,8 +206,8 @@ function mountViewer(root, data) {
   const stage = new Stage(gl, data);
   const state = {
     left: 0, right: Math.min(1, data.models.length - 1), wipe: data.models.length > 1 ? 0.5 : 1,
-    shape: "sphere", light: "point", exposure: 0, tiling: 1, scale: 0.25, zoom: 1, drag: "view",
-    view: [0.35, -1.2], sun: [0.7, 0.9],
+    shape: "sphere", light: "point", exposure: 0, tiling: 1, scale: 0.25, zoom: 1.3, drag: "view",
+    view: [0.35, -1.2], sun: [0.7, -2.4],
   };
 
   function sides(width) {
@@ -218,7 +243,7 @@ function mountViewer(root, data) {
     let covered = 0;
     for (let i = 3; i < pixels.length; i += 4) covered += pixels[i] > 0;
     const each = covered ? `${((1e6 * spent) / covered).toFixed(0)} ns a pixel of ${lights} light${lights > 1 ? "s" : ""}` : "";
-    return `${(1000 / Math.max(spent, 0.1)).toFixed(0)} frames a second, ${width} × ${height}, ${each}`;
+    return `${(1000 / Math.max(spent, 0.1)).toFixed(0)} frames/s, ${width} × ${height}, ${each}`;
   }
 
   // While something moves, the resolution holds the frame rate; at rest it is as high as a second allows.

@@ -67,18 +67,45 @@ def opened(browser: Any, materials: dict[str, Material], tmp_path_factory: pytes
     assert tab.problems == []
 
 
+def probed(opened: Any, viewer: str, number: int, size: tuple[int, int]) -> np.ndarray:
+    """The plane as a viewer of the page draws it, a pixel a texel, (H, W, 3) of 0 to 255, row 0 on top."""
+    height, width = size
+    flat = opened.evaluate(f"{viewer}.probe({number}, {WO.tolist()}, {WI.tolist()}, {width}, {height})")
+    return np.array(flat, float).reshape(height, width, 4)[::-1, :, :3]
+
+
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("number", range(len(CODECS)), ids=list(CODECS))
 def test_pixels_are_what_the_material_answers(opened: Any, materials: dict[str, Material], number: int) -> None:
     material = list(materials.values())[number]
-    height, width = material.size
-    flat = opened.evaluate(f"viewer.probe({number}, {WO.tolist()}, {WI.tolist()}, {width}, {height})")
-    ours = np.array(flat, float).reshape(height, width, 4)[::-1, :, :3]
+    ours = probed(opened, "viewer", number, material.size)
     truth = 255 * to_display(material.slice(WO.tolist(), WI.tolist()).numpy(), 1.0)
     assert (np.abs(ours - truth) <= 2).mean() >= 0.999
     wrong = [truth[::-1], truth[:, ::-1], 255 * to_display(material.slice(WI.tolist(), WO.tolist()).numpy(), 1.0)]
     turned = wrong[:2] if material.cost.texture_channels == 3 else wrong  # mean colours know no direction
     assert all((np.abs(ours - other) <= 2).mean() < 0.99 for other in turned)
+
+
+@pytest.mark.timeout(300)
+def test_a_compiler_that_refuses_literals_is_given_a_uniform_buffer(
+    opened: Any, materials: dict[str, Material]
+) -> None:
+    opened.evaluate("""() => {
+      const section = document.querySelector(".viewer").cloneNode(true);
+      section.querySelectorAll("[name=left], [name=right]").forEach((list) => list.replaceChildren());
+      const data = JSON.parse(document.getElementById("models").textContent);
+      for (const number of [0, 1]) data.models[number].shader = "no shader";
+      document.body.append(section);
+      window.spare = mountViewer(section, data);
+    }""")
+    material = materials["neubtf-direct"]
+    truth = 255 * to_display(material.slice(WO.tolist(), WI.tolist()).numpy(), 1.0)
+    assert (np.abs(probed(opened, "spare", 1, material.size) - truth) <= 2).mean() >= 0.999
+    assert opened.evaluate("spare.probe(0, [0, 0, 1], [0, 0, 1], 8, 8)") is None  # it has no weights, so one shader
+    opened.wait_for_function(
+        "document.querySelectorAll('[data-says]')[1].textContent.startsWith('<b>mean-colour</b>:')"
+    )
+    opened.evaluate("document.querySelectorAll('.viewer')[1].remove()")
 
 
 @pytest.mark.timeout(300)
@@ -103,3 +130,53 @@ def test_the_picture_follows_light_and_choice(opened: Any) -> None:
 def test_names_are_text(opened: Any) -> None:
     assert opened.locator("h1").inner_text() == "a <b>page</b>"
     assert opened.locator("[name=left] option").first.inner_text() == "<b>mean-colour</b>"
+
+
+def test_the_wipe_follows_pointer_and_keys(opened: Any) -> None:
+    opened.select_option("[name=left]", "1")
+    opened.select_option("[name=right]", "3")
+    opened.locator("[data-line]").hover()
+    box = opened.locator("canvas").bounding_box()
+    opened.mouse.down()
+    opened.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
+    opened.mouse.up()
+    assert abs(opened.evaluate("viewer.state.wipe") - 0.25) < 0.02
+    assert abs(float(opened.input_value("[name=wipe]")) - 0.25) < 0.02
+    opened.focus("[name=wipe]")
+    opened.keyboard.press("End")
+    assert opened.evaluate("viewer.state.wipe") == 1
+    assert "neubtf-direct" in opened.locator("[data-left]").inner_text()
+    assert "pca" in opened.locator("[data-right]").inner_text()
+
+
+def test_dragging_turns_camera_or_light(opened: Any) -> None:
+    def drag(button: str = "left") -> tuple[list[float], list[float]]:
+        opened.evaluate("(viewer.state.view = [0.5, 0.5], viewer.state.sun = [0.5, 0.5])")
+        opened.locator("canvas").scroll_into_view_if_needed()
+        box = opened.locator("canvas").bounding_box()
+        opened.mouse.move(box["x"] + 30, box["y"] + 60)
+        opened.mouse.down(button=button)
+        opened.mouse.move(box["x"] + 60, box["y"] + 60)
+        opened.mouse.up(button=button)
+        return opened.evaluate("viewer.state.view"), opened.evaluate("viewer.state.sun")
+
+    turned, still = pytest.approx([0.5, 0.3]), [0.5, 0.5]
+    assert drag() == (turned, still)
+    assert drag("right") == (still, pytest.approx([0.5, 0.7]))
+    opened.select_option("[name=drag]", "sun")
+    assert drag() == (still, pytest.approx([0.5, 0.7]))
+
+
+@pytest.mark.timeout(300)
+def test_every_shape_and_light_draws_something(opened: Any) -> None:
+    opened.select_option("[name=left]", "0")
+    opened.evaluate("(viewer.state.wipe = 1, viewer.state.view = [0.9, -1.2], viewer.state.sun = [0.6, -1.2])")
+    pictures = set()
+    for shape in ("plane", "sphere", "drape"):
+        for light in ("point", "sun", "environment"):
+            opened.select_option("[name=shape]", shape)
+            opened.select_option("[name=light]", light)
+            opened.evaluate("(viewer.state.scale = 0.3, viewer.draw())")
+            pictures.add(opened.evaluate("document.querySelector('canvas').toDataURL()"))
+            assert "ns a pixel" in opened.locator("[data-says]").inner_text()
+    assert len(pictures) == 9
