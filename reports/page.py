@@ -34,7 +34,7 @@ GAPS = {
     "slices": "No distribution of slices: the run's arrays are not beside its records, or no slice has an error.",
     "rate": "No rate and distortion: no codec has an error here.",
 }
-PAGE = """<!DOCTYPE html>
+HEAD = """<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
@@ -48,17 +48,12 @@ script-src {script_hashes}; base-uri 'none'; form-action 'none'">
 <header><h1>{title}</h1>
 <button type="button" id="theme" aria-label="switch between dark and light">Theme</button></header>
 <main>
-{body}
-</main>
-{scripts}
-</body>
-</html>
 """
 
 
-def page(run: Run, tables: Sequence[Table], figures: Sequence[Figure]) -> str:
-    """The page of a run."""
-    return _Page(run, tables, figures).text()
+def page(run: Run, tables: Sequence[Table], figures: Sequence[Figure]) -> Iterator[str]:
+    """The page of a run, in pieces: whole, its text would take several times its size in memory."""
+    return _Page(run, tables, figures).pieces()
 
 
 class _Page:
@@ -74,23 +69,24 @@ class _Page:
         self.viewer = fragment([])  # its models are unpacked when somebody wants to see them
         self.data: list[str] = []
 
-    def text(self) -> str:
+    def pieces(self) -> Iterator[str]:
         suite = self.run.starts[-1].get("suite", "") if self.run.starts else ""
-        title = escape(f"neubtf-bench {suite}".strip())
-        body = "\n".join(self._body())
-        plain = {"codecs": series.codecs(self.run), "plots": self.plots, "width": WIDTH}
-        self.data.append(_data("data", as_json(plain)))
-        self.data.append(_packed("records-data", self.records.packed()))
         styles = [_asset("report.css"), self.viewer.css]
-        parts = [self.viewer.script, *(_asset(f"{name}.js") for name in _SCRIPTS)]
-        return PAGE.format(
-            title=title,
+        scripts = [self.viewer.script, *(_asset(f"{name}.js") for name in _SCRIPTS)]
+        yield HEAD.format(
+            title=escape(f"neubtf-bench {suite}".strip()),
             style_hashes=" ".join(map(_hash, styles)),
-            script_hashes=" ".join(map(_hash, parts)),
+            script_hashes=" ".join(map(_hash, scripts)),
             styles="\n".join(f"<style>{style}</style>" for style in styles),
-            body=body,
-            scripts="\n".join([*self.data, *(f"<script>{part}</script>" for part in parts)]),
         )
+        yield from (f"{part}\n" for part in self._body())
+        yield "</main>\n"
+        plain = {"codecs": series.codecs(self.run), "plots": self.plots, "width": WIDTH}
+        yield from self.data
+        yield _data("data", as_json(plain))
+        yield _packed("records-data", self.records.packed())
+        yield from (f"<script>{script}</script>\n" for script in scripts)
+        yield "</body>\n</html>\n"
 
     def _body(self) -> Iterator[str]:
         yield from map(note, run_notes(self.run))
@@ -185,11 +181,11 @@ def _hash(text: str) -> str:
 
 
 def _data(name: str, json: str) -> str:
-    return f'<script type="application/json" id="{name}">{json}</script>'
+    return f'<script type="application/json" id="{name}">{json}</script>\n'
 
 
 def _packed(name: str, text: str) -> str:
-    return f'<script type="text/plain" id="{name}">{text}</script>'
+    return f'<script type="text/plain" id="{name}">{text}</script>\n'
 
 
 def _image(figure: Figure) -> str:

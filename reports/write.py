@@ -27,7 +27,9 @@ def write(folder: Path) -> Written:
         files.append(put(path, figure.png))
         if figure.svg:
             files.append(put(path.with_suffix(".svg"), figure.svg))
-    files.append(put(folder / "report.html", page(run, narrow, drawn).encode()))
+    files.append(folder / "report.html")
+    with replacing(files[-1]) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
+        file.writelines(page(run, narrow, drawn))
     return Written(terminal(run), files)
 
 

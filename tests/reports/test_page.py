@@ -102,9 +102,24 @@ def test_figures_that_the_page_draws_itself_are_not_in_it_twice(made):
     out = io.BytesIO()
     Image.new("RGB", (4, 4)).save(out, "png")
     pictures = [Figure("satin", kind, f"a {kind}", out.getvalue()) for kind in ("rate", "polar")]
-    text = page(run, [], pictures)
+    text = "".join(page(run, [], pictures))
     assert text.count("<img") == 1
     assert "a polar" in text
+
+
+def test_a_page_of_hostile_names_runs_nothing_of_them(browser, made):
+    for name in HOSTILE:
+        made.job(f"pca {name}", material=name).timing(f"pca {name}", material=name)
+    write_report(made.folder)
+    tab = browser.new_page()
+    said: list[str] = []
+    tab.on("console", lambda message: said.append(message.text))
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    tab.goto((made.folder / "report.html").as_uri())
+    tab.wait_for_selector(".plot polygon")
+    assert said == []
+    assert [head.inner_text() for head in tab.locator("h2").all()][1:5] == list(HOSTILE)
+    tab.close()
 
 
 @pytest.fixture(scope="module")

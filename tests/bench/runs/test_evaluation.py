@@ -1,5 +1,6 @@
 """Where a decoder is asked for what it is scored on."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,10 +8,13 @@ import pytest
 import torch
 
 from bench.btf import BTF, ArraySource
+from bench.conformance.check import tiny_btf
+from bench.errors import InputError
 from bench.hemisphere import from_degrees
 from bench.material import DecoderCost, Material
 from bench.metrics.scoring import score_footprints
-from bench.runs.evaluation import Slices
+from bench.runs.evaluation import Slices, drawing
+from bench.runs.workbench import SHOWN, STORED, Workbench
 
 WAVES = torch.tensor([3.0, 2.0])  # of the picture, across and down
 
@@ -38,3 +42,41 @@ def test_an_exact_material_is_exact_at_every_footprint_whatever_its_size(size):
     found = score_footprints(btf, [0, 1], decoder.slice, 1.0)
     # Rounding of float32 leaves 130 dB and more; half a texel of misregistration 40.
     assert all(entry["psnr_display"] is None or entry["psnr_display"] > 120 for entry in found.values())
+
+
+def test_the_stored_pairs_are_many_held_out_and_spread_and_hold_those_of_the_sheet():
+    bench = Workbench(tiny_btf(), "tiny")
+    decides = bench.groups.get("heldout", bench.groups["all"])
+    assert len(bench.shown) == min(STORED, len(decides)) == len(set(bench.shown.tolist()))
+    assert set(bench.shown.tolist()) <= set(decides.tolist())
+    assert set(bench.sheet.tolist()) <= set(bench.shown.tolist())
+    assert 1 <= len(bench.sheet) <= len(SHOWN)
+    directions = np.concatenate([bench.btf.wo, bench.btf.wi], 1).astype(float)
+
+    def nearest(pairs):
+        apart = np.linalg.norm(directions[pairs][:, None] - directions[pairs], axis=2)
+        return np.where(np.eye(len(pairs), dtype=bool), np.inf, apart).min()
+
+    others = [np.random.default_rng(seed).choice(decides, len(bench.shown), replace=False) for seed in range(20)]
+    assert all(nearest(bench.shown) >= nearest(other) for other in others)
+
+
+def loaded(material):
+    return SimpleNamespace(material=material, header=SimpleNamespace(path=Path("files/waves.nbtf")))
+
+
+def test_a_drawing_is_stored_or_the_reason_why_not(monkeypatch):
+    kept = {}
+    keep = lambda name, content: kept.update({name: content}) or name  # noqa: E731
+    assert drawing(loaded(Exact((8, 8))), keep) == {"drawing": "drawings/waves.npz"}
+    assert "program" in kept.pop("drawings/waves.npz")
+
+    def refuse(_):
+        raise InputError("it branches on its query")
+
+    monkeypatch.setattr("bench.runs.evaluation.program_of", refuse)
+    assert drawing(loaded(Exact((8, 8))), keep) == {"not_drawn": "it branches on its query"}
+    large = Exact((8, 8))
+    large.cost = DecoderCost(texture_floats=10**7)
+    assert "more than 2,000,000 floats" in drawing(loaded(large), keep)["not_drawn"]
+    assert kept == {}
