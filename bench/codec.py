@@ -85,6 +85,7 @@ class Parts:
     decoder: dict[str, Tensor] = field(default_factory=dict)  # the network, read by every query
     texture: dict[str, Tensor] = field(default_factory=dict)  # data that varies over the texels
     encoder: dict[str, Tensor] = field(default_factory=dict)  # makes new textures; no query reads it
+    sampling: dict[str, Tensor] = field(default_factory=dict)  # lobes that a renderer draws directions from
     other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, other data for decoding
     scene: dict[str, Any] = field(default_factory=dict)  # the scene's demand, where the file was fitted to one
     network: "TrainedNetwork | None" = None  # the shared network that was used; the file stores its hash

@@ -34,7 +34,7 @@ MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or a netwo
 ZEROS = b"0" * 64
 HEADER_LIMIT = 1 << 24
 MOST_EXPANSION, LEAST_EXPANDED = 1024, 64 << 20  # limits of all expanded parts: × the file, or bytes
-PARTS = ("decoder", "texture", "encoder", "other")
+PARTS = ("decoder", "texture", "encoder", "sampling", "other")
 # Bytes a number of the dtypes that safetensors names and a codec may write.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
 
@@ -58,7 +58,7 @@ class Header:
     def part_bytes(self) -> dict[str, int]:
         """Bytes of the tensors by part, and of `header`, the rest of the file. They add up to the file's size.
 
-        `encoder` is listed only where the file has one.
+        `encoder` and `sampling` are listed only where the file has them.
         """
         sums = {"decoder": 0, "texture": 0, "other": 0}
         for name, (_, _, size) in self.tensors.items():

@@ -7,7 +7,8 @@
 
 `repeat` is how often the texture repeats over the shape's uv; `two_sided` mirrors the material to the back, which is
 black otherwise. The frame is the shape's: u along `dp_du`, the normal its shading normal. Where the integrator gives
-ray differentials, their footprint in uv is averaged over. Directions are drawn by the cosine.
+ray differentials, their footprint in uv is averaged over. Directions are drawn by the cosine, or from the file's lobes
+where `neubtf-bench sampling` has fitted some.
 """
 
 from collections.abc import Callable
@@ -17,10 +18,14 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+import torch
 
+from bench.codecs.container import read_parts
 from bench.codecs.loading import load
 from bench.codecs.program import program_of
 from bench.codecs.traced import Traced
+from bench.demand.lobes import Lobe, checked
 from bench.errors import InputError
 from bench.llvm import unusable
 
@@ -39,6 +44,51 @@ def register() -> None:
     mi.register_bsdf(NAME, _plugin(variant))
 
 
+class _Lobes:
+    """The lobes of a file, drawn from by Mitsuba's own GGX; see `bench.demand.lobes`."""
+
+    def __init__(self, stored: np.ndarray, repeat: float):
+        self.cells, self.repeat = len(stored), repeat
+        lobe = Lobe.of(torch.from_numpy(stored).reshape(-1, stored.shape[2]))
+        columns = [lobe.share, lobe.along, lobe.across, *(axis for axes in lobe.axes for axis in axes.T)]
+        self.columns = [mi.Float(column.numpy()) for column in columns]
+
+    def _at(self, si: Any) -> tuple[Any, Any, Any, list[Any]]:
+        """Share, roughnesses and axes where the texture is looked up."""
+        uv = si.uv * self.repeat
+        uv -= dr.floor(uv)
+        column = dr.minimum(mi.UInt32(uv.x * self.cells), self.cells - 1)
+        row = dr.minimum(mi.UInt32((1 - uv.y) * self.cells), self.cells - 1)
+        share, along, across, *rest = (dr.gather(mi.Float, each, row * self.cells + column) for each in self.columns)
+        return share, along, across, [mi.Vector3f(*rest[k : k + 3]) for k in (0, 3, 6)]
+
+    def share(self, si: Any, view: Any) -> Any:
+        """The probability of the lobe: 0 for a view from behind its normal."""
+        share, _, _, axes = self._at(si)
+        return dr.select(dr.dot(view, axes[2]) > 1e-4, share, 0)
+
+    def drawn(self, si: Any, view: Any, sample: Any) -> Any:
+        """A direction toward the light; below the horizon where the lobe reaches there."""
+        _, along, across, axes = self._at(si)
+        inside = mi.Vector3f(*(dr.dot(view, axis) for axis in axes))
+        normal, _ = _ggx(along, across).sample(inside, sample)
+        light = 2 * dr.dot(inside, normal) * normal - inside
+        return light.x * axes[0] + light.y * axes[1] + light.z * axes[2]
+
+    def density(self, si: Any, view: Any, light: Any) -> Any:
+        """The density of the drawn direction over solid angle."""
+        _, along, across, axes = self._at(si)
+        inside, out = (mi.Vector3f(*(dr.dot(each, axis) for axis in axes)) for each in (view, light))
+        half = dr.normalize(inside + out)
+        met = dr.dot(inside, half)
+        found = _ggx(along, across).pdf(inside, half) / (4 * met)
+        return dr.select((inside.z > 1e-4) & (met > 1e-4) & (half.z > 0), found, 0)
+
+
+def _ggx(along: Any, across: Any) -> Any:
+    return mi.MicrofacetDistribution(mi.MicrofacetType.GGX, along, across, True)
+
+
 class _Answers:
     """What the plug-in does, whatever the variant; `_plugin` adds Mitsuba's own class."""
 
@@ -53,24 +103,36 @@ class _Answers:
         side = mi.BSDFFlags.FrontSide | (mi.BSDFFlags.BackSide if self.two_sided else mi.BSDFFlags.Empty)
         flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.SpatiallyVarying | side
         self.m_components, self.m_flags = [flags], flags
-        self.answer = Traced(program_of(load(self.file).material), _arrays(mi.variant()))
+        file = load(self.file)
+        self.answer = Traced(program_of(file.material), _arrays(mi.variant()))
+        stored = checked(read_parts(self.file)[1].sampling)
+        self.lobes = None if stored is None else _Lobes(stored.numpy(), self.repeat)
 
     def sample(self, context: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+        view = self._upright(si.wi)
         toward = mi.warp.square_to_cosine_hemisphere(sample2)
-        if self.two_sided:
-            toward.z = dr.mulsign(toward.z, si.wi.z)
-        found = mi.BSDFSample3f(toward)
-        found.pdf = self.pdf(context, si, toward, active)
+        if self.lobes:
+            toward = dr.select(sample1 < self.lobes.share(si, view), self.lobes.drawn(si, view, sample2), toward)
+        found = mi.BSDFSample3f(self._mirrored(toward, si.wi))
+        found.pdf = self.pdf(context, si, found.wo, active)
         found.eta, found.sampled_component = 1.0, 0
         found.sampled_type = mi.UInt32(+mi.BSDFFlags.GlossyReflection)
         active = active & (found.pdf > 0)
-        return found, dr.select(active, self.eval(context, si, toward, active) / found.pdf, 0)
+        return found, dr.select(active, self.eval(context, si, found.wo, active) / found.pdf, 0)
+
+    def _upright(self, direction: Any) -> Any:
+        """A direction on the side of the viewer, where both sides are alike."""
+        return mi.Vector3f(direction.x, direction.y, abs(direction.z)) if self.two_sided else mi.Vector3f(direction)
+
+    def _mirrored(self, direction: Any, view: Any) -> Any:
+        """A direction to the viewer's side, and back."""
+        if not self.two_sided:
+            return mi.Vector3f(direction)
+        return mi.Vector3f(direction.x, direction.y, dr.mulsign(direction.z, view.z))
 
     def eval(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
         # Mitsuba's wi is toward the camera and its wo toward the light.
-        view, light = mi.Vector3f(si.wi), mi.Vector3f(wo)
-        if self.two_sided:
-            view.z, light.z = abs(view.z), dr.mulsign(light.z, si.wi.z)
+        view, light = self._upright(si.wi), self._mirrored(wo, si.wi)
         active = active & (view.z > 0) & (light.z > 0)
         up = mi.Vector3f(0, 0, 1)
         view, light = dr.select(active, view, up), dr.select(active, light, up)
@@ -81,9 +143,12 @@ class _Answers:
         return dr.select(active, dr.maximum(mi.Color3f(*rgb), 0), 0)
 
     def pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
-        height = dr.mulsign(wo.z, si.wi.z) if self.two_sided else wo.z
-        seen = (abs(si.wi.z) if self.two_sided else si.wi.z) > 0
-        return dr.select(active & seen & (height > 0), height / dr.pi, 0)
+        view, light = self._upright(si.wi), self._mirrored(wo, si.wi)
+        density = light.z / dr.pi
+        if self.lobes:
+            share = self.lobes.share(si, view)
+            density = (1 - share) * density + share * self.lobes.density(si, view, light)
+        return dr.select(active & (view.z > 0) & (light.z > 0), density, 0)
 
     def eval_pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
         return self.eval(context, si, wo, active), self.pdf(context, si, wo, active)

@@ -1,10 +1,16 @@
 """The plug-in for Mitsuba: its radiance, its frame, its sampling."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
 
 import bench
 from bench import llvm
+from bench.codecs import container, loading
+from bench.codecs.registry import make_codec
+from bench.demand.lobes import NAME, Lobe
 from bench.errors import InputError
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
@@ -97,11 +103,24 @@ def test_a_picture_from_above_is_the_slice_upright(file):
     assert error < 0.25 * min(others)
 
 
-def test_directions_are_drawn_as_the_density_says(file):
-    bsdf = mi.load_dict({"type": "neubtf", "filename": str(file)})
-    sample, pdf = mi.chi2.BSDFAdapter("neubtf", f'<string name="filename" value="{file}"/>')
+@pytest.fixture(scope="module")
+def sampled(file):
+    """The same file with lobes, tilted and narrow."""
+    path = file.with_name("sampled.nbtf")
+    loaded, (_, parts) = loading.load(file), container.read_parts(file)
+    lobes = torch.tensor([[[1.0, -2.0, -0.5, 0.2, -0.1], [0.0, -1.0, -3.0, 0.0, 0.3]]] * 2)
+    codec = make_codec(loaded.header.codec, loaded.header.settings)
+    container.save(path, codec, replace(parts, sampling={NAME: lobes.half()}))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["file", "sampled"])
+def test_directions_are_drawn_as_the_density_says(kind, request):
+    name = request.getfixturevalue(kind)
+    sample, pdf = mi.chi2.BSDFAdapter("neubtf", f'<string name="filename" value="{name}"/>')
     test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, sample_dim=3, sample_count=200_000, res=41)
     assert test.run()
+    bsdf = mi.load_dict({"type": "neubtf", "filename": str(name)})
     uv, wo, _ = queries(2000)
     wo[:, 2] = abs(wo[:, 2])
     rng = np.random.default_rng(1)
@@ -110,7 +129,20 @@ def test_directions_are_drawn_as_the_density_says(file):
     density = np.asarray(bsdf.pdf(mi.BSDFContext(), si, drawn.wo))
     np.testing.assert_allclose(density, np.asarray(drawn.pdf), rtol=1e-5)
     value = np.asarray(bsdf.eval(mi.BSDFContext(), si, drawn.wo))
-    np.testing.assert_allclose(np.asarray(weight), value / density, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(np.asarray(weight) * density, value, rtol=1e-4, atol=1e-6)
+
+
+def test_lobes_are_those_that_were_fitted(sampled):
+    """The density in the renderer is the one that the fit minimised."""
+    bsdf = mi.load_dict({"type": "neubtf", "filename": str(sampled)})
+    uv, wo, wi = queries(2000)
+    uv -= np.floor(uv)
+    wo[:, 2], wi[:, 2] = abs(wo[:, 2]), abs(wi[:, 2])
+    raw = container.read_parts(sampled)[1].sampling[NAME].float()
+    rows, columns = (np.minimum((x * 2).astype(int), 1) for x in (1 - uv[:, 1], uv[:, 0]))
+    wanted = Lobe.of(raw[rows, columns]).density(torch.from_numpy(wo), torch.from_numpy(wi)).numpy()
+    found = np.asarray(bsdf.pdf(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T)))
+    np.testing.assert_allclose(found, wanted, rtol=2e-3, atol=1e-5)
 
 
 def test_a_variant_that_cannot_run_it_is_refused():
