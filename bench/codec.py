@@ -23,7 +23,8 @@ COMMON_MEANINGS = {
     ZSTD: "store each part compressed by Zstandard, without loss (extra neubtf-bench[zstd])",
     SCENE: "fit to the demand of a scene instead of to the whole BTF (see docs/scenes.md)",
 }
-Progress = Callable[[str, int, int], None]  # label, done, total
+Progress = Callable[[str, int, int], None]  # label, done, total; what follows REMARK in a label may change on the way
+REMARK = " · "
 
 
 def silent(label: str, done: int, total: int) -> None:

@@ -1,13 +1,18 @@
 """Terminal output of the command line: progress bars, one line per job, and the text of `info`."""
 
+import sys
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console as RichConsole
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
+from rich.text import Text
 
 from bench.codecs.container import Header
 from bench.records import PSNR, stats_of
+
+SILENCE = 10.0  # seconds after which progress is told where there is no terminal
 
 if TYPE_CHECKING:
     from bench.btf import BTF
@@ -15,14 +20,29 @@ if TYPE_CHECKING:
     from bench.runs.runner import Outcome
 
 
+class _Left(ProgressColumn):
+    """The time left at the mean pace since the bar appeared; nothing before it has moved."""
+
+    def render(self, task: Task) -> Text:
+        steps = task.completed - task.fields["start_at"]
+        if steps <= 0 or task.elapsed is None or task.total is None:
+            return Text("")
+        idle = time.monotonic() - task.fields["moved_at"]
+        more = task.total - task.completed
+        late = (more - 1) * task.elapsed / (steps + 1)  # the step under way takes longer than those before
+        minutes, seconds = divmod(round(max(0, late, (task.elapsed - idle) / steps * more - idle)), 60)
+        return Text(f"{minutes}:{seconds:02} left")
+
+
 class Console:
-    """Progress bars that vanish when done, and lines that stay. Without a terminal only the lines are shown."""
+    """Progress bars that vanish when done, and lines that stay. Without a terminal a line at times tells progress."""
 
     def __init__(self) -> None:
         self.out = RichConsole(highlight=False)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Left())
         self.bars = Progress(*columns, console=self.out, transient=True, disable=not self.out.is_terminal)
         self.tasks: dict[str, TaskID] = {}
+        self.spoke = time.monotonic()
 
     def __enter__(self) -> "Console":
         self.bars.start()
@@ -32,16 +52,23 @@ class Console:
         self.bars.stop()
 
     def show(self, label: str, done: int, total: int) -> None:
-        """Move the progress bar of that label, and remove it when it is full."""
-        task = self.tasks.get(label)
-        if task is None:
-            task = self.tasks[label] = self.bars.add_task(label, total=total)
-        self.bars.update(task, completed=done, total=total)
+        """Move the progress bar of that label, its remark aside, and remove it when it is full."""
+        from bench.codec import REMARK  # here, since `list` and `compare` start without PyTorch
+
+        bar = label.partition(REMARK)[0]
+        if bar not in self.tasks:
+            self.tasks[bar] = self.bars.add_task(label, total=total, start_at=done)
+        task = self.tasks[bar]
+        self.bars.update(task, description=label, completed=done, total=total, moved_at=time.monotonic())
+        if not self.out.is_terminal and time.monotonic() - self.spoke >= SILENCE:
+            print(f"{label}: {done} of {total}", file=sys.stderr, flush=True)
+            self.spoke = time.monotonic()
         if done >= total:
-            self.bars.remove_task(self.tasks.pop(label))
+            self.bars.remove_task(self.tasks.pop(bar))
 
     def say(self, text: str) -> None:
         """Print a line above the bars."""
+        self.spoke = time.monotonic()
         self.out.print(text, markup=False, soft_wrap=True)
 
     def ended(self, outcome: "Outcome") -> None:

@@ -19,7 +19,7 @@ from torch.nn import functional
 
 from bench import atomic
 from bench.btf import BTF
-from bench.codec import Fit
+from bench.codec import REMARK, Fit
 from bench.codecs.optimiser import Optimisers
 from bench.errors import InputError
 from bench.material import keep_buffers
@@ -36,6 +36,7 @@ PROBE = 8_192  # samples for the PSNR of the curve
 POINTS = 25  # of the curve
 WARMUP = 100  # steps, or a tenth of a short fit
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
+SHOW_SECONDS = 1.0  # between two moves of the progress bar
 SAVE_SECONDS = 5.0  # least seconds between two states on disk: the loss of a killed fit, beside KEEP_EVERY steps
 RESCUES = 3
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
@@ -217,6 +218,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     if loop.step < steps:
         log.info("ended at step %d of %d: the curve is flat", loop.step, steps)
         fit.history[-1]["ended"] = 1.0
+        fit.show(loop.label, steps, steps)
     return loop.step / steps
 
 
@@ -230,8 +232,7 @@ class _Loop:
         self.highest, self.parameters = self.optimisers.highest, self.optimisers.parameters
         self.step, self.halvings, self.curve = 0, 0, list[tuple[int, float, float]]()
         self.probe = objective.samples.draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
-        self.started = self.saved = time.perf_counter()
-        self.label = "fitting"
+        self.started = self.saved = self.shown = time.perf_counter()
         self.good = self._state()
 
     def _tensors(self) -> dict[str, Tensor]:
@@ -257,9 +258,10 @@ class _Loop:
         self.curve = [(int(step), seconds, psnr) for step, seconds, psnr in state["loop.curve"].tolist()]
 
     def resume(self) -> None:
-        """Go on from the state on disk, where there is one."""
+        """Go on from the state on disk, where there is one, and show the progress."""
         path = self.fit.checkpoint
         if path is None or not path.exists():
+            self._show()
             return
         try:
             self.good = load_file(path)
@@ -270,6 +272,16 @@ class _Loop:
         for step, seconds, psnr in self.curve:
             self.fit.log(step, seconds=seconds, psnr=psnr)
         self.started -= self.curve[-1][1] if self.curve else 0.0
+        self._show()
+
+    @property
+    def label(self) -> str:
+        """The fit in a progress bar, with its latest PSNR."""
+        return "fitting" + (f"{REMARK}{self.curve[-1][2]:.1f} dB" if self.curve else "")
+
+    def _show(self) -> None:
+        self.fit.show(self.label, self.step, self.steps)
+        self.shown = time.perf_counter()
 
     def flat(self, patience: int) -> bool:
         """Whether the curve gained less than `GAIN` in the last `patience` steps."""
@@ -288,11 +300,13 @@ class _Loop:
             )
             total += loss.detach()
             self.step += 1
+            if self.step < end and time.perf_counter() - self.shown >= SHOW_SECONDS:
+                self._show()
         # A parameter that is not finite stays so, so checking once in a while misses nothing.
         if not all(t.isfinite().all() for t in (total, *self.parameters)) or not self._measured():
             self._rescue()
             return
-        self.fit.show(self.label, self.step, self.steps)
+        self._show()
         self.good = self._state()
         if self.fit.checkpoint and time.perf_counter() - self.saved >= SAVE_SECONDS:
             state = {name: value.cpu() for name, value in self.good.items()}
@@ -325,6 +339,4 @@ class _Loop:
         psnr, seconds = display_psnr(level, self.probe.target), time.perf_counter() - self.started
         self.curve.append((self.step, seconds, psnr))
         self.fit.log(self.step, seconds=seconds, psnr=psnr)
-        self.fit.show(self.label, self.steps, self.steps)
-        self.label = f"fitting, {psnr:.1f} dB"
         return True

@@ -91,9 +91,11 @@ def run(options: argparse.Namespace) -> int:
             total = len(suite.cells)
             console.say(f"interrupted: {len(outcomes)} of {total} jobs are done; the same command goes on: {folder}")
             return INTERRUPTED
-    from reports import write_report
+        from reports import write_report
 
-    written = write_report(folder)
+        console.show("drawing tables, figures and pages", 0, 1)
+        written = write_report(folder)
+        console.show("drawing tables, figures and pages", 1, 1)
     console.say(written.text)
     console.say(_summary(outcomes))
     console.say(f"records, files, tables and pictures: {folder}")

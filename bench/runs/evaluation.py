@@ -125,7 +125,7 @@ class Slices:
 
     def watched(self, pair: int) -> np.ndarray:
         """The slice of one pair; also moves the progress bar."""
-        self.show(f"scoring {self.bench.name}", pair + 1, len(self.bench.btf))
+        self.show("scoring", pair + 1, len(self.bench.btf))
         return self.slice(pair)
 
 

@@ -123,7 +123,7 @@ def work(task: Task, show: Progress = silent) -> Answer:
     where = (task.run, task.material, task.data, task.scorers, show, task.demand, task.repetition, task.metrics)
     try:
         with workbench(*where) as bench, undisturbed():
-            return Job(task, bench, show).run()
+            return Job(task, bench, lambda label, done, total: show(f"{task.name}: {label}", done, total)).run()
     except MissingDataError as error:
         return Result(task.base | {"status": "unavailable", "error": str(error)})
     except OSError as error:  # while the material was opened: the cache has no room, which is no fault of the job

@@ -183,6 +183,7 @@ class _Session:
         done = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
         unsound = [task for task in order if task.codec.label in self.faults]
         results = itertools.chain(((task, failed(task, self.faults[task.codec.label])) for task in unsound), done)
+        self.options.show("jobs", 0, len(self.tasks))
         for count, (task, result) in enumerate(results, 1):
             outcome = self._outcome(task, result)
             self.options.show("jobs", count, len(self.tasks))
@@ -234,7 +235,9 @@ class _Session:
         return False
 
     def _time(self, jobs: list[Record]) -> None:
-        for record in timings(self.options.folder, jobs, self.options.device, self.suite.threads):
+        material, options = jobs[0]["material"], self.options
+        show: Progress = lambda label, done, total: options.show(f"{material}: {label}", done, total)  # noqa: E731
+        for record in timings(options.folder, jobs, options.device, self.suite.threads, show):
             self.record(record | {"run": self.run_id})
 
 

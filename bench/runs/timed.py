@@ -5,6 +5,7 @@ from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 from bench import timing
+from bench.codec import Progress, silent
 from bench.codecs.registry import from_outside
 from bench.codecs.scene_material import unreported
 from bench.records import Record
@@ -14,21 +15,21 @@ from bench.runs.executors import one_process
 log = logging.getLogger(__name__)
 
 
-def timings(folder: Path, jobs: list[Record], device: str, threads: int) -> list[Record]:
+def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
     """The timing of each job's decoder. If a decoder from outside crashes its process, the others are timed again."""
     ours = [job for job in jobs if not from_outside(job["codec"])]
     if len(ours) == len(jobs):
-        return measured(folder, jobs, device, threads)
+        return measured(folder, jobs, device, threads, show)
     with one_process(threads) as workers:
         try:
             return workers.executor.submit(measured, folder, jobs, device, threads).result()
         except BrokenExecutor:
             others = ", ".join(job["job"] for job in jobs if job not in ours)
             log.warning("not timed, because one of them ended the timing process: %s", others)
-    return measured(folder, ours, device, threads) if ours else []
+    return measured(folder, ours, device, threads, show) if ours else []
 
 
-def measured(folder: Path, jobs: list[Record], device: str, threads: int) -> list[Record]:
+def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
     """The timing of each job's decoder, measured in this process."""
     found = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
     decoded = {name: material for name, material in found.items() if not material.opaque}
@@ -40,6 +41,6 @@ def measured(folder: Path, jobs: list[Record], device: str, threads: int) -> lis
         | conditions
         | found.summary()
         | {"samples_ns": found.samples.tolist(), "floor_ratios": found.ratios.tolist()}
-        for name, found in timing.compare(decoded, threads).items()
+        for name, found in timing.compare(decoded, threads, show=show).items()
         if name != timing.FLOOR
     ]

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.codec import Progress, followed, silent
 from bench.material import DecoderCost, Material, sample_texture
 from bench.threads import torch_threads
 from bench.timing.clock import calibrated
@@ -80,24 +81,32 @@ def conditions(threads: int, device: str) -> dict[str, Any]:
     }
 
 
-def compare(materials: dict[str, Material], threads: int, queries: Queries | None = None) -> dict[str, Timing]:
+def compare(
+    materials: dict[str, Material], threads: int, queries: Queries | None = None, show: Progress = silent
+) -> dict[str, Timing]:
     """Time the whole query of each material in turns; the row `FLOOR` is one bilinear colour fetch."""
     first = next(iter(materials.values()))
     asked = (queries or Queries(BATCH)).draw(first.size, first.device)
     calls = {name: partial(material.query, *asked) for name, material in materials.items()}
-    return in_turns(calls, len(asked[0]), first.size, threads, first.device)
+    return in_turns(calls, len(asked[0]), first.size, threads, first.device, show)
 
 
 def in_turns(
-    calls: Mapping[str, Callable[[], Any]], batch: int, size: tuple[int, int], threads: int, device: torch.device
+    calls: Mapping[str, Callable[[], Any]],
+    batch: int,
+    size: tuple[int, int],
+    threads: int,
+    device: torch.device,
+    show: Progress = silent,
 ) -> dict[str, Timing]:
     """Time calls that each answer `batch` samples in turns with the floor over a texture of `size`."""
     floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
     with torch_threads(threads):
         everyone: list[Callable[[], Any]] = [floor, *calls.values(), floor]
-        timed = [calibrated(call, device) for call in everyone]
+        timed = [calibrated(call, device) for call in followed(show, everyone, "warming up decoders", len(everyone))]
         with Watch() as watch:
-            turns = np.array([[call() for call in timed] for _ in range(SAMPLES)]) / batch
+            rounds = followed(show, range(SAMPLES), "timing decoders", SAMPLES)
+            turns = np.array([[call() for call in timed] for _ in rounds]) / batch
     again = float(np.median(turns[:, -1]) / np.median(turns[:, 0]))
     machine = watch.state() | {"floor_again": again}
     return {name: Timing(turns[:, i], turns[:, i] / turns[:, 0], machine) for i, name in enumerate([FLOOR, *calls])}
