@@ -28,9 +28,9 @@ class _Left(ProgressColumn):
         if steps <= 0 or task.elapsed is None or task.total is None:
             return Text("")
         idle = time.monotonic() - task.fields["moved_at"]
-        more = task.total - task.completed
-        late = (more - 1) * task.elapsed / (steps + 1)  # the step under way takes longer than those before
-        minutes, seconds = divmod(round(max(0, late, (task.elapsed - idle) / steps * more - idle)), 60)
+        pace, more = (task.elapsed - idle) / steps, task.total - task.completed
+        # The step under way may take longer than those before it; those after it take their time yet.
+        minutes, seconds = divmod(round(max(pace * more - idle, pace * (more - 1))), 60)
         return Text(f"{minutes}:{seconds:02} left")
 
 

@@ -161,7 +161,7 @@ def test_a_killed_pretraining_gives_the_same_file(tmp_path: Path, monkeypatch: p
     resumed = shared.make(
         ours, btfs, Fit(show=lambda label, done, _: asked.append(done) if "fitting" in label else None), path
     )
-    assert min(asked) >= 20
+    assert min(asked) == 10  # the state on disk when it was killed
     assert resumed.sha256 == shared.make(ours, btfs, Fit(), tmp_path / "alone.nbtf").sha256
     assert not list(tmp_path.glob("*.state"))
 
