@@ -1,7 +1,9 @@
 """The folded network in PyTorch operations that a compiler fuses: no library's layer norm, no library's sine."""
 
 import math
+import os
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -12,6 +14,7 @@ from bench.material import HALF_MAX, at_least_float32
 from bench.timing.fused.layers import Array, Layer, Norm, layers_of, sine_of_turns
 
 _CONTRACT = "cpp.enable_floating_point_contract_flag"
+_BITS = {"default": 1, "avx2": 256, "avx512": 512}  # of a vector, by ATEN_CPU_CAPABILITY
 _SINE = sine_of_turns()[::-1]  # from the highest power down
 
 
@@ -36,7 +39,12 @@ def compiled(call: Callable[..., Tensor], dynamic: bool) -> Callable[..., Tensor
 
     # A word in newer versions of PyTorch, a truth value in older ones.
     contract = "fast" if isinstance(config.cpp.enable_floating_point_contract_flag, str) else True
-    found: Callable[..., Tensor] = torch.compile(call, dynamic=dynamic, options={_CONTRACT: contract})
+    options: dict[str, Any] = {_CONTRACT: contract}
+    # PyTorch's cache of compiled code does not ask for the capability, but for its options: else a process that has
+    # less would take code with vectors that it has not.
+    if bits := _BITS.get(os.environ.get("ATEN_CPU_CAPABILITY", "").lower()):
+        options["cpp.simdlen"] = bits
+    found: Callable[..., Tensor] = torch.compile(call, dynamic=dynamic, options=options)
     return found
 
 

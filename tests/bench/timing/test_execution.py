@@ -11,6 +11,7 @@ from bench.hemisphere import uniform
 from bench.material import CHUNK, DecoderCost, Material
 from bench.timing import execution
 from bench.timing.execution import Variant, networks, prepared
+from bench.timing.fused import lean
 
 
 class Textured(Material):
@@ -119,6 +120,16 @@ def test_a_query_maps_no_memory_but_for_its_answers(execution):
     rgb = material.query(*asked)
     mapped = (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) * resource.getpagesize()
     assert mapped <= rgb.numel() * rgb.element_size() + (1 << 20)
+
+
+@pytest.mark.parametrize(("capability", "bits"), [("default", 1), ("avx2", 256), ("avx512", 512), ("", None)])
+def test_code_that_was_compiled_for_one_capability_is_not_taken_for_another(capability, bits, monkeypatch):
+    """PyTorch keeps compiled code by its options, and not by ATEN_CPU_CAPABILITY."""
+    monkeypatch.setenv("ATEN_CPU_CAPABILITY", capability)
+    asked = {}
+    monkeypatch.setattr(torch, "compile", lambda call, **words: asked.update(words) or call)
+    lean.compiled(len, dynamic=True)
+    assert asked["options"].get("cpp.simdlen") == bits
 
 
 def test_a_compiler_that_fails_is_told_with_the_remedy():
