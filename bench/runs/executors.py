@@ -83,10 +83,22 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
     executor = client.get_executor(pure=False, resources=resources or None)
     try:
+        _have_package(client)
         yield Workers(executor, 1000)  # enough for a cluster that scales with the number of waiting jobs
     finally:
         executor.shutdown(wait=False)
         client.close()
+
+
+def _have_package(client: Any) -> None:
+    """`InputError` names the workers without this package: the first job would end them without a word, and wait."""
+    found = client.get_versions(packages=["neubtf-bench"])["workers"]
+    lacking = [name for name, says in found.items() if not says["packages"].get("neubtf-bench")]
+    if lacking:
+        raise InputError(
+            f"--scheduler: neubtf-bench is not installed on {', '.join(lacking[:5])}: install it, with the "
+            "codecs, where the workers run, and start them again"
+        )
 
 
 class OutOfTimeError(Exception):

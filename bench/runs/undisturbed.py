@@ -1,6 +1,7 @@
 """Restores process-wide settings that a codec may change, so that the next job and the scores do not depend on them."""
 
 import os
+import random
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
@@ -10,7 +11,7 @@ import torch
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Restore the working directory and the settings of PyTorch and NumPy when the block ends, however it ends."""
+    """Restore the working directory, settings and global generators of PyTorch and NumPy when the block ends."""
     folder, dtype, device = os.getcwd(), torch.get_default_dtype(), torch.get_default_device()
     threads, gradients = torch.get_num_threads(), torch.is_grad_enabled()
     exact, warn_only = (
@@ -18,6 +19,7 @@ def undisturbed() -> Iterator[None]:
         torch.is_deterministic_algorithms_warn_only_enabled(),
     )
     precision, complaints = torch.get_float32_matmul_precision(), np.geterr()
+    drawn = torch.get_rng_state(), np.random.get_state(), random.getstate()
     try:
         yield
     finally:
@@ -31,3 +33,6 @@ def undisturbed() -> Iterator[None]:
         torch.use_deterministic_algorithms(exact, warn_only=warn_only)
         torch.set_float32_matmul_precision(precision)
         np.seterr(**complaints)
+        torch.set_rng_state(drawn[0])
+        np.random.set_state(drawn[1])
+        random.setstate(drawn[2])

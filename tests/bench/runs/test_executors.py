@@ -121,6 +121,38 @@ def test_jobs_of_a_scheduler_that_is_gone_are_cancelled(cluster):
             future.result(timeout=60)
 
 
+LACKING = """
+import importlib.metadata as metadata
+
+version = metadata.version
+
+def without_ours(name):
+    if name == "neubtf-bench":
+        raise metadata.PackageNotFoundError(name)
+    return version(name)
+
+metadata.version = without_ours
+from distributed.cli.dask_worker import main
+main()
+"""
+
+
+def test_a_worker_without_the_package_is_said_with_the_remedy():
+    distributed = pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
+    kinds = {"threads_per_worker": 1, "processes": False, "dashboard_address": ":0", "protocol": "tcp://"}
+    with distributed.LocalCluster(1, **kinds) as made:
+        address, options = made.scheduler_address, ["--no-nanny", "--no-dashboard"]
+        worker = subprocess.Popen([sys.executable, "-c", LACKING, address, *options], stderr=subprocess.DEVNULL)
+        try:
+            while len(made.scheduler.workers) < 2:
+                time.sleep(0.1)
+            with pytest.raises(InputError, match=r"neubtf-bench is not installed on tcp://.*: install it"):
+                dask(address, {}).__enter__()
+        finally:
+            worker.kill()
+            worker.wait()
+
+
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch, tmp_path):
     pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
     monkeypatch.setattr("bench.runs.executors.PATIENCE", "1s")

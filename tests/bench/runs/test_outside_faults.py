@@ -1,10 +1,14 @@
 """Codecs of another distribution that end, crash, hang or disturb the process: failed jobs, no end of a suite."""
 
 import os
+import random
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -171,6 +175,7 @@ def test_what_a_codec_leaves_behind_reaches_neither_scores_nor_the_next_job(tmp_
 
 def test_settings_of_the_process_are_put_back_whatever_ends_the_block(tmp_path):
     folder, threads = os.getcwd(), torch.get_num_threads()
+    drawn = torch.get_rng_state(), np.random.get_state()[1].copy(), random.getstate()
 
     def disturb():
         with undisturbed():
@@ -179,6 +184,9 @@ def test_settings_of_the_process_are_put_back_whatever_ends_the_block(tmp_path):
             torch.set_num_threads(threads + 1)
             torch.use_deterministic_algorithms(True)
             os.chdir("/")
+            torch.manual_seed(1)
+            np.random.seed(1)
+            random.seed(1)
             raise SystemExit
 
     with pytest.raises(SystemExit):
@@ -188,6 +196,9 @@ def test_settings_of_the_process_are_put_back_whatever_ends_the_block(tmp_path):
     assert torch.get_num_threads() == threads
     assert not torch.are_deterministic_algorithms_enabled()
     assert os.getcwd() == folder
+    assert torch.equal(torch.get_rng_state(), drawn[0])
+    assert np.array_equal(np.random.get_state()[1], drawn[1])
+    assert random.getstate() == drawn[2]
 
 
 def test_one_that_ends_the_process_that_times_it_costs_the_others_no_timing(tmp_path, monkeypatch, caplog):
@@ -199,6 +210,48 @@ def test_one_that_ends_the_process_that_times_it_costs_the_others_no_timing(tmp_
     assert [record["job"] for record in timed] == [jobs["mean-colour"]["job"]]
     assert f"not timed, because one of them ended the timing process: {jobs['leaves']['job']}" in caplog.text
     assert threading.active_count() < 20
+
+
+OURS = """
+import os, sys
+from baselines.vq import VQ
+from bench.cli import main
+
+def ends(self, btf, fit):
+    {how}
+
+if {armed}:
+    VQ.encode = ends
+words = ["--material", "btf", "--codec", "mean-colour", "--codec", "vq", "--out", "run", "--retry-failed"]
+sys.exit(main(["run", "quick", *words]))
+"""
+
+
+@pytest.mark.parametrize(("how", "code", "done"), [("os.abort()", -6, 1), ("sys.exit(0)", 3, 2)])
+def test_a_codec_of_this_suite_that_ends_its_process_is_no_success_and_the_same_command_goes_on(how, code, done):
+    """They run in the process of the suite: a crash ends it, and what is finished is kept."""
+    command = [sys.executable, "-c", OURS.format(how=how, armed=True)]
+    assert subprocess.run(command, capture_output=True, check=False).returncode == code
+    jobs = {job["codec"]: job for job in load_run("run").jobs}
+    assert jobs["mean-colour"]["status"] == "ok"
+    assert len(jobs) == done
+    if done == 2:
+        assert jobs["vq"]["status"] == "failed"
+        assert "SystemExit: 0" in jobs["vq"]["error"]
+    again = [sys.executable, "-c", OURS.format(how=how, armed=False)]
+    went_on = subprocess.run(again, capture_output=True, text=True, check=False)
+    assert went_on.returncode == 0, went_on.stderr
+    assert "2 jobs: 2 ok; 1 cached whole" in went_on.stdout
+
+
+@pytest.mark.parametrize("value", ["inf", "nan", "-inf"])
+def test_a_setting_that_is_not_finite_names_the_codec_and_fits_nothing(value, capsys):
+    words = ["run", "quick", "--material", "btf", "--codec", "vq", "--set", f"vq.components={value}", "--out", "run"]
+    assert cli.main(words) == 2
+    said = capsys.readouterr().err
+    assert "components of codec vq must be a whole number" in said
+    assert said.count("\n") == 1
+    assert not Path("run").exists()
 
 
 def test_codecs_of_this_suite_are_loaded_here():
