@@ -126,7 +126,7 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
 def _footprints(job: Record) -> float | None:
     """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR where that is older."""
     sides = {side: stats for side, stats in job.get("footprints", {}).items() if side != "1"}
-    return _average([_number(stats, stats.get("mean", stats[PSNR]), "dB") for stats in sides.values()])
+    return _average([_number(stats, stats["mean" if "mean" in stats else PSNR], "dB") for stats in sides.values()])
 
 
 def _average(values: list[float | None]) -> float | None:
@@ -140,7 +140,7 @@ def _average(values: list[float | None]) -> float | None:
 def _footprint(side: str) -> Quantity:
     def value(job: Record) -> float | None:
         stats = job.get("footprints", {}).get(side)
-        return _number(stats, stats[PSNR], "dB") if stats else None
+        return _number(stats, stats.get(PSNR), "dB") if stats else None
 
     return Quantity(f"{side} texels", "dB", "higher", 2, value)
 

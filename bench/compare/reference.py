@@ -117,8 +117,13 @@ def _job(job: Record, folder: Path, whole: bool) -> Record:
     psnr = [metric_of(names, PSNR)]
     kept = {decides: names, "train": psnr} if whole else {decides: [*psnr, metric_of(names, FLIP)]}
     kept |= {f"{decides}, {band}": psnr for band in ("grazing view", "grazing light")}
-    line["scores"] = {name: _shorter(metrics_of(job, name), kept[name]) for name in kept if name in job["scores"]}
-    line["footprints"] = {side: _short(stats, PSNR, "mean") for side, stats in job["footprints"].items() if side != "1"}
+    line["scores"] = {
+        name: _shorter(metrics_of(job, name), kept[name], whole or name == decides)
+        for name in kept
+        if name in job["scores"]
+    }
+    numbers = (PSNR, "mean") if whole else ("mean",)
+    line["footprints"] = {side: _short(stats, *numbers) for side, stats in job["footprints"].items() if side != "1"}
     line["metrics"] = {
         name: {key: job["metrics"][name][key] for key in _DESCRIBED} for name in line["scores"][decides]["metrics"]
     }
@@ -127,9 +132,10 @@ def _job(job: Record, folder: Path, whole: bool) -> Record:
     return rounded(line)
 
 
-def _shorter(metrics: Record, names: list[str]) -> Record:
-    """The pooled numbers, and for PSNR also the mean over slices."""
-    wanted = {name: ("pooled", "mean") if name == PSNR else ("pooled",) for name in names if name in metrics}
+def _shorter(metrics: Record, names: list[str], pooled: bool) -> Record:
+    """The pooled numbers, and for PSNR also the mean over slices, or only that."""
+    of_psnr = ("pooled", "mean") if pooled else ("mean",)
+    wanted = {name: of_psnr if name == PSNR else ("pooled",) for name in names if name in metrics}
     return {"metrics": {name: _short(metrics[name], *numbers) for name, numbers in wanted.items()}}
 
 

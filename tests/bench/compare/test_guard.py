@@ -41,7 +41,7 @@ def numbers(job):
 
 def lose(job, loss, where=numbers):
     for stats, names in where(job):
-        for name in names:
+        for name in stats.keys() & names:  # further seeds hold only what decides
             stats[name] -= loss
 
 
@@ -96,7 +96,7 @@ def test_the_reference_is_small_and_of_this_suite():
     assert REFERENCE.stat().st_size < 200_000
     suite = load_suite("ci")
     assert {label.split()[0] for _, label in ROWS} == {spec.codec for spec in suite.codecs}
-    assert {"neubtf", "neubtf-direct", "neumip", "rainer2019"} <= {spec.codec for spec in suite.codecs}
+    assert {spec.codec for spec in suite.codecs} >= STEPPED
     assert {material for material, _ in ROWS} == {"satin", "cable-knit"}  # one glossy, one with parallax
     for row in ROWS:
         assert set(suite.seeds) <= {job["seed"] for job in JOBS if (job["material"], job["label"]) == row}
@@ -197,12 +197,12 @@ def test_hardly_a_replay_of_other_seeds_raises_an_alarm(tmp_path):
 
 @pytest.mark.parametrize("capability", sorted({"avx2", "default"} & set(SEEDS)))
 def test_another_type_of_processor_raises_no_alarm(tmp_path, capability):
-    base = written(tmp_path / "base.jsonl", jobs(SEEDS["native"]))
+    base = written(tmp_path / "base.jsonl", jobs({row: SEEDS["native"][row] for row in SEEDS[capability]}))
     found = compare(base, written(tmp_path / "new.jsonl", jobs(SEEDS[capability])))
     assert [row.reasons() for row in (*found.rows, *found.means) if row.forbids] == []
 
 
-STEPPED = {"neubtf-direct", "neubtf", "neumip", "rainer2019"}
+STEPPED = {"neubtf-direct", "neubtf", "neumip", "rainer2019", "relief"}
 PLANTED = {"half": STEPPED, "relu": {"neubtf-direct", "neubtf"}}
 
 
