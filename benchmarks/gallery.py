@@ -1,13 +1,15 @@
-"""Makes the pictures of docs/gallery.md by `neubtf-bench render`: built-in materials on spheres, truth beside codecs.
+"""Makes the pictures of docs/gallery.md by `neubtf-bench render`: built-in materials, truth beside codecs, and scenes.
 
     python benchmarks/gallery.py WORK docs/images [MATERIAL ...]
 
+The page of live materials is made by `neubtf-bench view` and photographed where Playwright and Chromium are there.
 WORK keeps the fitted files and the rendered pictures; what is there is not made again. Codecs are fitted to the default
 25 × 25 pairs at 64² texels, seed 0, with the settings of `CODECS`; the truth is interpolated between 49 × 49 pairs.
 """
 
 import argparse
 import io
+import shutil
 from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
@@ -27,6 +29,14 @@ GREY = (128, 128, 128, 255)  # of the labels: read on a light page and on a dark
 LABEL = 22  # pixels
 QUALITY = 86  # of WebP
 BANNER = ("drape", "cable-knit", 300, ("relief", "neumip", "pca"))
+SCENES = {  # of files of `relief`: scene, further words
+    "leather": ["plane"],
+    "satin": ["drape", "--lights", "environment"],
+    "hammered-copper": ["sphere", "--lights", "environment", "--tiling", "2"],
+    "cable-knit": ["table-top"],
+}
+LIVE = ("cable-knit", ("relief", "neubtf-direct"))
+FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 
 
 def done(words: list[str]) -> None:
@@ -52,6 +62,8 @@ def strip(work: Path, material: str, codecs: tuple[str, ...], scene: str, width:
         shown = ["--scene", scene, "--width", str(width), "--rays", "3", "-o", str(path)]
         done(["render", *map(str, files), "--truth", material, *TRUTH, *shown])
     picture = Image.open(path)
+    _, top, _, bottom = picture.getbbox() or (0, 0, *picture.size)  # what is transparent above and below is left out
+    picture = picture.crop((0, top, picture.width, bottom))
     whole = Image.new("RGBA", (picture.width, picture.height + LABEL))
     whole.paste(picture, (0, 0))
     draw, font = ImageDraw.Draw(whole), ImageFont.load_default(size=LABEL * 0.62)
@@ -59,6 +71,47 @@ def strip(work: Path, material: str, codecs: tuple[str, ...], scene: str, width:
     for number, name in enumerate(names):
         draw.text(((number + 0.5) * width, picture.height + LABEL / 2), name, GREY, font, anchor="mm")
     return whole
+
+
+def scenes(work: Path) -> Image.Image:
+    """One picture of `relief` in each scene, side by side, 240 pixels high."""
+    pictures = []
+    for material, (scene, *words) in SCENES.items():
+        path = work / f"scene-{scene}.png"
+        if not path.exists():
+            width = "427" if scene == "table-top" else "240"
+            shown = ["--scene", scene, *words, "--width", width, "--rays", "3", "-o", str(path)]
+            done(["render", str(fitted(work, material, "relief")), *shown])
+        pictures.append(Image.open(path))
+    whole = Image.new("RGBA", (sum(p.width for p in pictures), max(p.height for p in pictures)))
+    left = 0
+    for picture in pictures:
+        whole.paste(picture, (left, 0))
+        left += picture.width
+    return whole
+
+
+def live(work: Path) -> Image.Image | None:
+    """A picture of the page that `view` makes; None where no browser can be driven."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        browser = None
+    if not browser:
+        return None
+    material, codecs = LIVE
+    done(["view", *(str(fitted(work, material, codec)) for codec in codecs), "-o", str(work / "view.html")])
+    with sync_playwright() as driver:
+        launched = driver.chromium.launch(executable_path=browser, args=FLAGS)
+        tab = launched.new_page(viewport={"width": 900, "height": 760})
+        tab.goto((work / "view.html").resolve().as_uri())
+        tab.wait_for_function("window.viewer && document.querySelector('[data-says]').textContent.includes('frames')")
+        tab.wait_for_timeout(3000)  # until nothing moves
+        tab.evaluate("(viewer.state.scale = 1, viewer.draw())")
+        picture = Image.open(io.BytesIO(tab.screenshot()))
+        launched.close()
+    return picture
 
 
 def write(path: Path, picture: Image.Image) -> None:
@@ -79,7 +132,10 @@ def main() -> None:
     for name in chosen.materials:
         write(chosen.out / f"gallery-{name}.webp", strip(chosen.work, name, tuple(CODECS), "sphere", chosen.width))
     scene, material, width, codecs = BANNER
-    if material in chosen.materials:
+    if set(SCENES) <= set(chosen.materials):
+        write(chosen.out / "gallery-scenes.webp", scenes(chosen.work))
+        if page := live(chosen.work):
+            write(chosen.out / "gallery-live.webp", page)
         write(chosen.out / "gallery.webp", strip(chosen.work, material, codecs, scene, width))
 
 

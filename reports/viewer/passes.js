@@ -37,7 +37,7 @@ void main() {
   vec3 wo = probing == 1 ? probeWo : normalize(eye - vPosition) * frame;
   vec3 toLight = near > 0.5 ? light.xyz - vPosition : light.xyz;
   vec3 wi = probing == 1 ? light.xyz : normalize(toLight) * frame;
-  float strength = near > 0.5 ? light.w * 9.0 / dot(toLight, toLight) : light.w;
+  float strength = near > 0.5 ? light.w * 5.0 / dot(toLight, toLight) : light.w;
   vec3 answer = vec3(0.0);
   if (wo.z > 0.0 && wi.z > 0.0) answer = strength * max(material(uv - floor(uv), wo, wi, footprint), 0.0);
   colour = vec4(min(answer, 6e4), 1.0);

@@ -5,7 +5,7 @@
 const DISTANCE = 4.2, LAMP = 3.0;  // of the camera and of the point light; shapes are about 2 wide
 const PATIENCE = 20000;  // milliseconds for a compiler, where another shader is at hand
 
-// Each light: direction or position, and strength: the irradiance at the origin of what faces it.
+// Each light: direction or position, and strength: the irradiance of what faces it, for a point that near the shapes.
 function lightsOf(state) {
   const sun = direction(...state.sun);
   if (state.light === "point") return [[...sun.map((x) => LAMP * x), 1]];
@@ -207,7 +207,7 @@ function mountViewer(root, data) {
   const state = {
     left: 0, right: Math.min(1, data.models.length - 1), wipe: data.models.length > 1 ? 0.5 : 1,
     shape: "sphere", light: "point", exposure: 0, tiling: 1, scale: 0.25, zoom: 1.3, drag: "view",
-    view: [0.35, -1.2], sun: [0.7, -2.4],
+    view: [0.45, 0.9], sun: [0.55, 1.9],
   };
 
   function sides(width) {
@@ -243,7 +243,7 @@ function mountViewer(root, data) {
     let covered = 0;
     for (let i = 3; i < pixels.length; i += 4) covered += pixels[i] > 0;
     const each = covered ? `${((1e6 * spent) / covered).toFixed(0)} ns a pixel of ${lights} light${lights > 1 ? "s" : ""}` : "";
-    return `${(1000 / Math.max(spent, 0.1)).toFixed(0)} frames/s, ${width} × ${height}, ${each}`;
+    return `${(1000 / Math.max(spent, 0.1)).toFixed(spent > 100 ? 1 : 0)} frames/s, ${width} × ${height}, ${each}`;
   }
 
   // While something moves, the resolution holds the frame rate; at rest it is as high as a second allows.

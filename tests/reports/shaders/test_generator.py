@@ -29,6 +29,7 @@ CODECS = {
     "mean-colour": {},
     "pca": {"components": 5},
     "vq": {},
+    "hsh": {},
     "table": {},
     "neubtf-direct": {"steps": 5},
     "neumip": {"steps": 5},
