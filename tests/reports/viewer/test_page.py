@@ -180,3 +180,23 @@ def test_every_shape_and_light_draws_something(opened: Any) -> None:
             pictures.add(opened.evaluate("document.querySelector('canvas').toDataURL()"))
             assert "ns a pixel" in opened.locator("[data-says]").inner_text()
     assert len(pictures) == 9
+
+
+def test_one_finger_turns_the_camera_and_two_the_light(opened: Any) -> None:
+    touch = opened.context.new_cdp_session(opened)
+    opened.select_option("[name=drag]", "view")
+    for fingers, view, sun in ((1, [0.5, 0.3], [0.5, 0.5]), (2, [0.5, 0.5], [0.5, 0.7])):
+        opened.evaluate("(viewer.state.view = [0.5, 0.5], viewer.state.sun = [0.5, 0.5])")
+        opened.locator("canvas").scroll_into_view_if_needed()
+        box = opened.locator("canvas").bounding_box()
+        for kind, along in (("touchStart", 0), ("touchMove", 30), ("touchEnd", 0)):
+            places = range(fingers if kind != "touchEnd" else 0)
+            points = [{"x": box["x"] + 40 + along, "y": box["y"] + 60 + 50 * i, "id": i} for i in places]
+            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        assert opened.evaluate("viewer.state.view") == pytest.approx(view)
+        assert opened.evaluate("viewer.state.sun") == pytest.approx(sun)
+
+
+def test_a_narrow_window_needs_no_scrolling_sideways(opened: Any) -> None:
+    opened.set_viewport_size({"width": 390, "height": 844})
+    assert opened.evaluate("document.documentElement.scrollWidth") <= 390
