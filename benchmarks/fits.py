@@ -3,7 +3,7 @@
     python benchmarks/fits.py LOG [--material NAME ...] [--seeds 0 1 2] [--beside CODEC] [CODEC[:SETTING=VALUE,...] ...]
 
 `former/CODEC` is the fit of 10,000 steps that a codec had before it started at principal components, was stepped by
-Muon and saw the half vector. `--beside` prints how far that codec lies above each of the others, too, slice by slice.
+Muon and saw the half vector. `--beside` prints, too, how far that codec, one of them, lies above each of the others.
 
 64² texels, 25 × 25 training pairs, one thread; a material is a name or a path, looked up under `$NEUBTF_DATA` too, and
 measured data are shrunk to about 100 texels a side. What is in the log already is not fitted again, so a stopped run
@@ -20,7 +20,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -44,7 +44,8 @@ FORMER = {
 }
 CODECS = [text for name in FORMER for text in (f"former/{name}", f"{name}:steps=1000", name)] + ["relief"]
 MATERIALS = ["satin", "brick", "cable-knit", "svbrdf/rock"]
-SPLITS = ["validation", "test"]
+Split = Literal["validation", "test"]
+SPLITS: list[Split] = ["validation", "test"]
 SIDE = 100  # texels a side that measured data are shrunk to
 
 
@@ -52,21 +53,22 @@ class Workbench:
     """A material with its two sets of held-out pairs; measured data have test pairs alone."""
 
     def __init__(self, name: str):
-        self.name, self.spec, self._scorers = name, named(name), dict[tuple[str, int], Scorer]()
+        self.name, self.spec, self._scorers = name, named(name), dict[tuple[Split, int], Scorer]()
         btf = self._open("test", 0)
         self.sets = SPLITS if draw_of(self.spec, Preparation(), 1) else SPLITS[1:]
         self.training = btf.subset(btf.split().train)
 
-    def _open(self, split: str, seed: int) -> BTF:
+    def _open(self, split: Split, seed: int) -> BTF:
         data = Preparation(split=split)
         btf = open_material(self.spec, data, silent, draw_of(self.spec, data, seed))
         factor = round(max(btf.shape) / SIDE)
         return btf.downsample(factor) if factor > 1 else btf
 
-    def _scorer(self, split: str, seed: int) -> Scorer:
-        key = split, seed if split == "test" else 0
+    def _scorer(self, split: Split, seed: int) -> Scorer:
+        draw = seed if split == "test" else 0
+        key = split, draw
         if key not in self._scorers:
-            btf = self._open(*key)
+            btf = self._open(split, draw)
             training = btf.subset(btf.split().train)
             if training.fingerprint != self.training.fingerprint:
                 raise AssertionError(f"{self.name}: the training pairs of {split} pairs are others")
@@ -144,8 +146,8 @@ def beside(cells: dict[tuple[str, str, int], dict[str, Any]], chosen: argparse.N
     """How far one codec lies above each of the others: mean over seeds and slices of the paired difference."""
     yield f"| material | {chosen.beside} over | seeds | pooled, dB | a slice, dB | 95 % interval |\n|" + " --- |" * 6
     for name, text in itertools.product(chosen.material, chosen.codecs):
-        keys = [(name, text, seed) for seed in chosen.seeds]
-        both = [(cells[name, chosen.beside, key[2]], cells[key]) for key in keys if key in cells]
+        keys = [((name, chosen.beside, seed), (name, text, seed)) for seed in chosen.seeds]
+        both = [(cells[ours], cells[theirs]) for ours, theirs in keys if ours in cells and theirs in cells]
         if text == chosen.beside or not both:
             continue
         pooled = spread([ours["test"]["pooled"] - theirs["test"]["pooled"] for ours, theirs in both], 2)
@@ -171,7 +173,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--beside", metavar="CODEC")
     parser.add_argument("--read", action="store_true", help="print what the log holds, and fit nothing")
-    chosen = parser.parse_args()
+    chosen = parser.parse_intermixed_args()
     if not chosen.read:
         fill(chosen.log, chosen.material, chosen.codecs, chosen.seeds)
     cells = read(chosen.log)
