@@ -20,8 +20,9 @@ import zlib
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
+from bench import fields
 from bench.errors import InputError
 
 FILE = "records.jsonl"
@@ -42,6 +43,7 @@ _HEAD = ("material", "label", "codec", "seed", "job", "status")
 _NO_NUMBERS = {"kind", "run", "fit_key", "score_key", "provenance", "traceback", "metrics", "settings", "shape"}
 _RAW_TIMING = {"kind", "job", "run", "samples_ns", "floor_ratios"}
 _ARTEFACTS = ("slices", "angular", "pictures", "drawing", "file")  # files of a run's folder that a job names
+_LONGEST_LINE = 16 << 20  # bytes; a record has some thousands
 _LONGEST = 8  # longest list whose numbers become fields
 
 
@@ -84,13 +86,21 @@ def _ends_in_newline(path: Path) -> bool:
         return file.read(1) == b"\n"
 
 
+class Line(NamedTuple):
+    """A line of a file of records."""
+
+    path: Path
+    number: int  # from 1
+    text: bytes  # of the line
+
+
 class Records(Sequence[Record]):
     """Records of one kind: the latest of each name, in the order in which the names were planned or appeared."""
 
     def __init__(self) -> None:
-        self._found: dict[object, Record | bytes] = {}
+        self._found: dict[object, Record | Line] = {}
 
-    def put(self, name: object, record: Record | bytes) -> None:
+    def put(self, name: object, record: "Record | Line") -> None:
         """Add a record, or its line, which is parsed on demand."""
         self._found[name] = record
 
@@ -102,8 +112,8 @@ class Records(Sequence[Record]):
     def named(self, name: object) -> Record | None:
         """The latest record of a name, or None."""
         found = self._found.get(name)
-        if isinstance(found, bytes):
-            found = self._found[name] = _parsed(found)
+        if isinstance(found, Line):
+            found = self._found[name] = _checked(found)
         return found
 
     def __len__(self) -> int:
@@ -145,16 +155,21 @@ class Run:
 def load_run(folder: str | Path) -> Run:
     """Read the records of a run, given its folder or a file of records, `.jsonl`.
 
-    `InputError` where the file is missing; the numbers of unreadable lines are kept in `unreadable`.
+    `InputError` where the file is missing or cannot be read, and for a record one of whose fields cannot be: it names
+    file, line and field, at once or, for a line with a checksum, when that record is asked for. The numbers of lines
+    that are no records (cut, altered, of another kind) are kept in `unreadable`.
     """
     path = Path(folder) if str(folder).endswith(".jsonl") else Path(folder) / FILE
     if not path.is_file():
         raise InputError(f"{folder}: no run here (no {FILE}): give the folder that `neubtf-bench run` wrote")
     run = Run(path.parent)
-    with open(path, "rb") as file:
-        for number, line in enumerate(file, 1):
-            if line.strip() and not _take(run, line):
-                run.unreadable.append(number)
+    try:
+        with open(path, "rb") as file:
+            for number, text in enumerate(iter(lambda: file.readline(_LONGEST_LINE), b""), 1):
+                if text.strip() and not _take(run, Line(path, number, text)):
+                    run.unreadable.append(number)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     run.jobs.arrange(name for start in run.starts for name in start.get("jobs", []))
     return run
 
@@ -207,10 +222,12 @@ def load_trade(folder: Path) -> Record | None:
         found: Record = json.loads((folder / TRADE).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{folder / TRADE}: cannot be read ({error}): remove it, and run trade again") from error
     if not isinstance(found, dict) or found.get("format") != TRADE_FORMAT:
         raise InputError(f"{folder / TRADE}: not of format {TRADE_FORMAT}: remove it, and run trade again")
+    if fault := fields.fault_of_trade(found):
+        raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
     run = load_run(folder)
     return found | {"choices": [row for row in found["choices"] if _stands(row, run)]}
 
@@ -221,16 +238,25 @@ def _stands(choice: Record, run: Run) -> bool:
     return "sha256" not in choice or job.get("score_key", {}).get("sha256") == choice["sha256"]
 
 
-def _take(run: Run, line: bytes) -> bool:
+def _take(run: Run, line: Line) -> bool:
     """Add the record of a line to the run; return False where the line is no record."""
-    sealed = _SEALED.match(line)
-    if sealed and int(sealed[1], 16) != zlib.crc32(line[sealed.end() :].rstrip(b"\n")):
+    text = line.text
+    sealed = _SEALED.match(text)
+    if sealed and int(sealed[1], 16) != zlib.crc32(text[sealed.end() :].rstrip(b"\n")):
         return False
-    if sealed and (named := _NAMED.match(line)):
+    if sealed and (named := _NAMED.match(text)) and (name := _name(named[2])) is not None:
         kind = run.jobs if named[1] == b"job" else run.timings
-        kind.put(json.loads(named[2]), line)
+        kind.put(name, line)
         return True
-    return _sort(run, _parsed(line))
+    return _sort(run, _checked(line))
+
+
+def _name(quoted: bytes) -> str | None:
+    """The name in quotes; None where it is none."""
+    try:
+        return str(json.loads(quoted))
+    except ValueError:
+        return None
 
 
 def _sort(run: Run, record: Record) -> bool:
@@ -250,16 +276,36 @@ def _sort(run: Run, record: Record) -> bool:
     return True
 
 
-def _parsed(line: bytes) -> Record:
-    """The record of a line, without its checksum; empty where the line is no record."""
-    try:
-        record = json.loads(line)
-    except ValueError:
+def _checked(line: Line) -> Record:
+    """The record of a line; empty where it is of no kind that is known. `InputError` names a field that is wrong."""
+    record = _parsed(line.text)
+    if (kind := record.get("kind")) not in fields.RECORDS or (kind in ("job", "timing") and "job" not in record):
         return {}
-    if not isinstance(record, dict):
+    if fault := fields.fault(record):
+        raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")
+    return record
+
+
+def _parsed(text: bytes) -> Record:
+    """The object of a line, without its checksum; empty where the line holds none."""
+    try:
+        record = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    if not isinstance(record, dict) or not isinstance(record.get("kind"), str):
         return {}
     record.pop("crc32", None)
     return record
+
+
+def require(job: Record, names: Iterable[str], folder: Path) -> None:
+    """Check that a job has some fields, by path (`cost/texture_channels`). `InputError` names one that it lacks."""
+    for name in names:
+        found: Any = job
+        for part in name.split("/"):
+            if not isinstance(found, dict) or part not in found:
+                raise InputError(f"{folder}: {job['job']} has no {name!r}: of another version; run it again")
+            found = found[part]
 
 
 def shown_label(job: Record) -> str:

@@ -1,44 +1,36 @@
 """Fuzzes codec files whose hash is sound: a `ContainerError` or a material that answers, never another exception.
 
-    python benchmarks/fuzz_codec_files.py [--count 2000] [--seed 0] [--codec NAME ...]
+    python benchmarks/fuzz_codec_files.py [--count 2000] [--seed 0] [--only CODEC ...] [--again N]
 
-Each mutation changes the JSON header, the metadata or the tensors of a small file, and the hash is computed again. Runs
-under a limit of address space. Exit code 1 where one raises something else or takes over two seconds.
+Each mutation changes the JSON header, the metadata or the tensors of a small file, and the hash is computed again. See
+`fuzzing.py` for limits and exit code.
 """
 
-import argparse
 import hashlib
 import json
 import random
-import resource
 import struct
 import sys
-import tempfile
-import time
-from collections import Counter
+from functools import partial
 from pathlib import Path
+
+from fuzzing import Reading, Target, main
 
 from bench.codec import Fit
 from bench.codecs import container, loading
 from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.check import tiny_btf
 from bench.conformance.stability.case import short
-from bench.errors import InputError
 
-SECONDS = 2.0
-MEMORY = 2 << 30
 VALUES = (-1, 0, 1, 255, 256, 10**9, 2**62, -(2**63), 10**30, 1.5, 1e308, True, None, "", "x", "é" * 99, [], {}, [[]])
 TYPES = tuple(container.ITEM_BYTES)
 
 
-def small(name: str, folder: Path) -> bytes | None:
-    """The bytes of a small file of a codec; None where it needs a network that is shared over materials."""
+def small(name: str, folder: Path) -> None:
+    """Write a small file of a codec."""
     kind = load_codec(name)
-    if kind.network is not None:
-        return None
     codec = kind(**short(kind) | ({"steps": 1} if "steps" in short(kind) else {}))
-    parts = codec.encode(tiny_btf(5, 3, 3), Fit(seed=1))
-    return container.save(folder / f"small-{name}.nbtf", codec, parts).path.read_bytes()
+    container.save(folder / f"small-{name}.nbtf", codec, codec.encode(tiny_btf(5, 3, 3), Fit(seed=1)))
 
 
 def sealed(header: dict, says: dict, body: bytes) -> bytes:
@@ -114,54 +106,26 @@ def _numbers(header: dict, says: dict, body: bytearray, rng: random.Random) -> N
         pass
 
 
-def attempt(path: Path) -> str:
-    """ "refused", or "read" where the file decodes and answers with numbers."""
-    try:
-        material = loading.load(path).material
-        answer = material.slice((0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (4, 4))
-    except InputError:
-        return "refused"
+def attack(sample: Path, scratch: Path, rng: random.Random) -> Reading:
+    """The reading of a mutated file."""
+    content = next(sample.glob("*.nbtf")).read_bytes()
+    path = scratch / "mutated.nbtf"
+    path.write_bytes(mutated(content, rng))
+    return partial(read, path)
+
+
+def read(path: Path) -> None:
+    """Decode a file and ask it; raises where an answer is not finite."""
+    material = loading.load(path).material
+    answer = material.slice((0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (4, 4))
     if not answer.isfinite().all():
-        raise ValueError("an answer is not finite")
-    return "read"
+        raise AssertionError("an answer is not finite")
 
 
-def fuzz(name: str, count: int, seed: int, folder: Path) -> Counter[str]:
-    """How often each outcome came; whatever else is raised names its mutation."""
-    found: Counter[str] = Counter()
-    content = small(name, folder)
-    for number in range(count if content else 0):
-        assert content is not None
-        path = folder / "mutated.nbtf"
-        path.write_bytes(mutated(content, random.Random(f"{name} {seed} {number}")))
-        start = time.process_time()
-        try:
-            found[attempt(path)] += 1
-        except Exception as error:
-            raise AssertionError(f"{name}, seed {seed}, mutation {number}: {type(error).__name__}: {error}") from error
-        if (seconds := time.process_time() - start) > SECONDS:
-            raise AssertionError(f"{name}, seed {seed}, mutation {number}: {seconds:.1f} s")
-    return found
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=2000, help="mutations a codec")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--codec", nargs="+", default=sorted(codec_entries()))
-    options = parser.parse_args()
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
-    failed = False
-    with tempfile.TemporaryDirectory() as folder:
-        for name in options.codec:
-            try:
-                print(name, dict(fuzz(name, options.count, options.seed, Path(folder))), flush=True)
-            except AssertionError as error:
-                failed = True
-                print(f"FAILED {error}", flush=True)
-    return int(failed)
-
+# Of every codec whose file needs no other.
+TARGETS = [
+    Target(name, partial(small, name), attack) for name in sorted(codec_entries()) if load_codec(name).network is None
+]
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(TARGETS, __file__, __doc__))

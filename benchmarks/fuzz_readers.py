@@ -1,47 +1,37 @@
 """Fuzzes every reader: damaged input gives an `InputError` or a BTF that reads, never another exception or a hang.
 
-    python benchmarks/fuzz_readers.py [--count 2000] [--seed 0] [--reader NAME ...]
+    python benchmarks/fuzz_readers.py [--count 2000] [--seed 0] [--only READER ...] [--again N]
 
-Each reader runs in processes of its own, under an address-space limit, so that a crash in a decoder is seen and named
-by its seed. Exit code 1 where one fails.
+Bytes are damaged in files, in the entries of archives (which are packed anew, with sound checksums) and in the headers
+of arrays. See `fuzzing.py` for limits and exit code.
 """
 
-import argparse
-import json
-import resource
+import io
+import random
 import shutil
-import signal
 import struct
-import subprocess
 import sys
-import tempfile
-import time
-import traceback
-import warnings
 import zipfile
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
+from fuzzing import Reading, Target, main
 from ubo2014_write import write_ubo2014
 
 from bench.btf import BTF, ArraySource
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_exr, write_folder
 from bench.data.readers.npz import write_npz
-from bench.errors import InputError
 from bench.hemisphere import from_degrees
 
-SECONDS, MEMORY, CHUNK = 2.0, 1 << 30, 500
 H, W = 8, 9
 ANGLES = [(0, 0), (15, 60)]
 NUMBERS = [0, 1, 2, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 1 << 20, 1 << 24]
+SIDES = [-1, -2, 0, 1, 2, 3, 4, 9, 255, 65_536, 1 << 20, 1 << 31, 1 << 40, 1 << 62, 10**30]
+TYPES = ["<f4", ">f8", "<f2", "<U0", "|S0", "|V0", "<U9", "|O", "|b1", "|u1", "<i8", "<c8", "<M8[s]", "nonsense"]
 TOKENS = [b"nan", b"-1", b"1e999", b"", b"../../etc/passwd", b"/", b",", b"\n", b"\xff", b"\0", b"9" * 40, b"(", b"'"]
-
-
-class Hang(BaseException):
-    """A read that took longer than `SECONDS`; no reader can catch it by accident."""
 
 
 def picture(index: int) -> np.ndarray:
@@ -114,10 +104,14 @@ def make_written_folder(root: Path) -> Path:
     return root
 
 
-def make_rti(root: Path) -> Path:
+def make_rti(root: Path, noted: int = 1) -> Path:
+    from PIL import Image
+
+    notes = Image.Exif()
+    notes[0x0112] = noted
     lines = [str(len(ANGLES))]
     for index, angles in enumerate(ANGLES):
-        save(root / f"image {index}.jpg", picture(index))
+        Image.fromarray(picture(index)).save(root / f"image {index}.jpg", exif=notes)
         lines.append(f"image {index}.jpg " + " ".join(f"{x:.6f}" for x in from_degrees(*angles)))
     (root / "dirs.lp").write_text("\n".join(lines) + "\n")
     return root
@@ -181,6 +175,7 @@ READERS: dict[str, Callable[[Path], Path]] = {
     "folder-png16": lambda root: make_folder(root, ".png", np.uint16),
     "folder-jpeg": lambda root: make_folder(root, ".jpg"),
     "rti": make_rti,
+    "rti-turned": lambda root: make_rti(root, 6),
     "npz": make_npz,
     "npz-compressed": lambda root: make_npz(root, True),
     "mean-abrdf": make_mean_abrdf,
@@ -247,128 +242,61 @@ def damage(path: Path, rng: np.random.Generator) -> None:
         path.write_bytes(mutate(path.read_bytes(), rng))
 
 
-def read(path: Path, rng: np.random.Generator) -> str:
-    """Open and read a BTF: `read`, or `refused` with an `InputError`; anything else passes through."""
-    try:
-        btf = open_btf(path)
-        for pair in {0, int(rng.integers(len(btf))), len(btf) - 1}:
-            values = btf[pair]
-            if values.shape != (*btf.shape, 3) or values.dtype != np.float32 or not np.isfinite(values).all():
-                raise AssertionError(f"a slice of {values.shape} {values.dtype}")
-        if type(btf.source).__name__ == "FactorSource":
-            btf.texels([0], [btf.shape[1] - 1])
-            btf.gather([len(btf) - 1], [0], [0])
-        split = btf.split()
-        if np.intersect1d(split.train, np.concatenate([*split.heldout.values(), []])).size or not len(btf.fingerprint):
-            raise AssertionError("the split is not disjoint")
-    except InputError as error:
-        if "\n" in str(error):
-            raise AssertionError("a message of several lines") from error
-        return "refused"
-    return "read"
+def damage_header(path: Path, rng: np.random.Generator) -> None:
+    """Give an array of an `.npz` another header (a shape, a type), and pack it anew."""
+    with zipfile.ZipFile(path) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    name = list(entries)[int(rng.integers(len(entries)))]
+    stream = io.BytesIO(entries[name])
+    np.lib.format.read_magic(stream)
+    shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+    sides = list(shape) or [1]
+    for _ in range(int(rng.integers(1, 3))):
+        sides[int(rng.integers(len(sides)))] = SIDES[int(rng.integers(len(SIDES)))]
+    kind = dtype.str if rng.random() < 0.5 else TYPES[int(rng.integers(len(TYPES)))]
+    text = repr({"descr": kind, "fortran_order": bool(rng.integers(2)), "shape": tuple(sides)}).encode()
+    head = np.lib.format.magic(1, 0) + struct.pack("<H", len(text) + 1) + text + b"\n"
+    entries[name] = head + (stream.read() if rng.random() < 0.7 else b"")
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED if rng.random() < 0.5 else zipfile.ZIP_STORED) as archive:
+        for each, content in entries.items():
+            archive.writestr(each, content)
 
 
-def expire(_signal: int, _frame: FrameType | None) -> None:
-    raise Hang(f"longer than {SECONDS} s")
+def read(path: Path, pairs: random.Random) -> None:
+    """Open and read a BTF."""
+    btf = open_btf(path)
+    for pair in {0, pairs.randrange(len(btf)), len(btf) - 1}:
+        values = btf[pair]
+        if values.shape != (*btf.shape, 3) or values.dtype != np.float32 or not np.isfinite(values).all():
+            raise AssertionError(f"a slice of {values.shape} {values.dtype}")
+    if type(btf.source).__name__ == "FactorSource":
+        btf.texels([0], [btf.shape[1] - 1])
+        btf.gather([len(btf) - 1], [0], [0])
+    split = btf.split()
+    if np.intersect1d(split.train, np.concatenate([*split.heldout.values(), []])).size or not len(btf.fingerprint):
+        raise AssertionError("the split is not disjoint")
 
 
-def trial(name: str, index: int, seed: int, original: Path, scratch: Path) -> tuple[str, float]:
-    """Damage a copy of the reader's sample and read it: the outcome and its seconds."""
-    rng = np.random.default_rng([seed, index, list(READERS).index(name)])
-    root = scratch / f"{index}"
-    relative = Path((original / "SAMPLE").read_text())
-    shutil.copytree(original / "data", root)
-    try:
-        damage(root / relative, rng)
-        begin = time.perf_counter()
-        signal.setitimer(signal.ITIMER_REAL, 4 * SECONDS)
-        try:
-            outcome = read(root / relative, rng)
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
-        return outcome, time.perf_counter() - begin
-    finally:
-        shutil.rmtree(root)
-
-
-def prepare(name: str, folder: Path) -> None:
-    """Write the undamaged sample of a reader and the path to open."""
+def make(name: str, folder: Path) -> None:
+    """Write the undamaged sample of a reader and the path to open, and read it."""
     data = folder / "data"
     data.mkdir(parents=True)
-    (folder / "SAMPLE").write_text(str(READERS[name](data).relative_to(data)))
+    path = READERS[name](data)
+    read(path, random.Random(0))
+    (folder / "SAMPLE").write_text(str(path.relative_to(data)))
 
 
-def fuzz(name: str, indices: range, seed: int, folder: Path) -> dict[str, float]:
-    """Run trials in this process: how many were read and refused, and the slowest. Raises on the first failure."""
-    original = folder / "original"
-    prepare(name, original)
-    if read(original / "data" / (original / "SAMPLE").read_text(), np.random.default_rng(0)) != "read":
-        raise AssertionError(f"{name}: the undamaged sample is refused")
-    signal.signal(signal.SIGALRM, expire)
-    total: dict[str, float] = {"read": 0, "refused": 0, "slowest": 0.0}
-    for index in indices:
-        (folder / "LAST").write_text(str(index))
-        try:
-            outcome, seconds = trial(name, index, seed, original, folder)
-        except BaseException as error:
-            raise AssertionError(f"{name}, mutation {index}, seed {seed}: {type(error).__name__}: {error}") from error
-        total[outcome] += 1
-        total["slowest"] = max(total["slowest"], seconds)
-    return total
+def attack(sample: Path, scratch: Path, rng: random.Random) -> Reading:
+    """The reading of a damaged copy of the sample."""
+    shutil.copytree(sample / "data", scratch / "data")
+    path = scratch / "data" / (sample / "SAMPLE").read_text()
+    numbers = np.random.default_rng(rng.randrange(1 << 62))
+    headers = path.suffix == ".npz" and rng.random() < 0.4
+    (damage_header if headers else damage)(path, numbers)
+    return partial(read, path, rng)
 
 
-def work(name: str, start: int, stop: int, seed: int, folder: Path) -> int:
-    """One worker process: trials under a limit of address space, the result as JSON on stdout."""
-    warnings.simplefilter("error")
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (used + (2 << 30), used + (2 << 30)))
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    try:
-        total = fuzz(name, range(start, stop), seed, folder)
-    except AssertionError:
-        traceback.print_exc()
-        return 1
-    total["memory"] = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
-    print(json.dumps(total))
-    return 0
-
-
-def run_reader(name: str, count: int, seed: int) -> bool:
-    """Fuzz one reader in chunks, each in a process of its own; print a line; True where all went well."""
-    sums = {"read": 0.0, "refused": 0.0, "slowest": 0.0, "memory": 0.0}
-    for start in range(0, count, CHUNK):
-        with tempfile.TemporaryDirectory() as folder:
-            stop = min(count, start + CHUNK)
-            command = [sys.executable, __file__, "--work", name, str(start), str(stop), "--seed", str(seed), folder]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode:
-                last = Path(folder, "LAST").read_text() if Path(folder, "LAST").exists() else "none"
-                print(f"{name}: FAILED with exit code {done.returncode} at mutation {last}\n{done.stderr[-3000:]}")
-                return False
-            result = json.loads(done.stdout.splitlines()[-1])  # decoders print words of their own
-            sums = {k: (sums[k] + v if k in ("read", "refused") else max(sums[k], v)) for k, v in result.items()}
-    good = sums["slowest"] <= SECONDS and sums["memory"] <= MEMORY
-    print(
-        f"{name:16s} {count} mutations: {sums['refused']:.0f} refused, {sums['read']:.0f} read, slowest "
-        f"{sums['slowest']:.2f} s, memory +{sums['memory'] / 1e6:.0f} MB{'' if good else '  OVER THE LIMIT'}",
-        flush=True,
-    )
-    return good
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=2000, help="mutations a reader")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--reader", nargs="+", choices=READERS, default=list(READERS))
-    parser.add_argument("--work", nargs=3, help=argparse.SUPPRESS)
-    parser.add_argument("folder", nargs="?", type=Path, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.work:
-        name, start, stop = options.work
-        return work(name, int(start), int(stop), options.seed, options.folder)
-    return int(sum(not run_reader(name, options.count, options.seed) for name in options.reader) > 0)
-
+TARGETS = [Target(name, partial(make, name), attack) for name in READERS]
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(TARGETS, __file__, __doc__))

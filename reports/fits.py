@@ -1,6 +1,6 @@
 """The convergence of fits, from the curves in their records."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from bench.records import Run
@@ -32,11 +32,16 @@ def fits(run: Run) -> dict[str, list[Fit]]:
     found = {}
     for material in materials(run):
         curves = [
-            Fit(row.label, [(p["step"], p["seconds"], p["psnr"]) for p in row.job.get("history", ()) if "psnr" in p])
+            Fit(row.label, [(p["step"], p["seconds"], p["psnr"]) for p in row.job.get("history", ()) if _timed(p)])
             for row in material.shown
         ]
         found[material.name] = [fit for fit in curves if fit.points]
     return {name: curves for name, curves in found.items() if curves}
+
+
+def _timed(point: Mapping[str, float]) -> bool:
+    """Whether a point of a curve has what its codec may leave out."""
+    return "seconds" in point and "psnr" in point
 
 
 def fit_tables(run: Run) -> Iterator[Table]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from bench.records import CONDITIONS, PSNR, Record, Run, gate, metric_of, metrics_of, shown_label, stats_of
+from bench.records import CONDITIONS, PSNR, Record, Run, gate, metric_of, metrics_of, require, shown_label, stats_of
 
 NEW_RUN = "timed in an earlier run than its neighbours"
 
@@ -117,9 +117,10 @@ def described(job: Record, name: str) -> Record:
 
 
 def materials(run: Run) -> list[Material]:
-    """The run's jobs by material."""
+    """The run's jobs by material. `InputError` where a finished one lacks what tables show."""
     by_name: dict[str, list[Record]] = {}
     for job in run.jobs:
+        require(job, _NEEDED if job["status"] == "ok" else (), run.folder)
         by_name.setdefault(job["material"], []).append(job)
     return [Material(name, list(_rows(run, jobs))) for name, jobs in by_name.items()]
 
@@ -149,6 +150,7 @@ def _difference(key: Record, wanted: Record) -> str:
     return ", ".join(reasons)
 
 
+_NEEDED = ("run", "codec", "score_key", "shape", "pairs/train", "cost/texture_channels")
 _SHARED = {"btf": "BTF (its fingerprint differs)", "exposure": "exposure", "demand": "demand of a scene"}
 
 

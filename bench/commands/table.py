@@ -53,11 +53,13 @@ def run(options: argparse.Namespace) -> int:
 def _parameters(folders: list[Path], format: str) -> str:
     """The table of parameters, from the records of runs as far as they go."""
     from bench.codecs.registry import codec_entries
-    from bench.records import load_together
+    from bench.records import load_together, require
     from reports import parameters_text
     from reports.parameters import PUBLISHED
 
     jobs = [job for job in load_together(folders).jobs if job["status"] == "ok"] if folders else []
+    for job in jobs:
+        require(job, ("codec", "cost/texture_channels"), folders[-1])
     wanted = [name for name in PUBLISHED if name in codec_entries() and name not in {job["codec"] for job in jobs}]
     if wanted:
         from bench.conformance.verdicts import count

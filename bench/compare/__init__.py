@@ -16,9 +16,9 @@ from bench.compare.rows import Row, compared
 from bench.compare.timings import advice, multiples
 from bench.compare.verdicts import Change, Verdict
 from bench.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
-from bench.records import Record, Run
+from bench.records import Record, Run, require
 
-_NEEDED = ("fit_key", "score_key", "metrics", "scores", "bytes", "parameters", "seed")
+_NEEDED = ("fit_key", "fit_key/settings", "fit_key/training", "score_key", "score_key/btf", "score_key/exposure")
 _WORDS = {
     Verdict.FAILED: "failed",
     Verdict.GONE: "gone",
@@ -134,9 +134,7 @@ def _known(what: str, names: Sequence[str], known: set[str]) -> None:
 
 def _checked(job: Record, run: Run) -> Record:
     """The job. `InputError` if it lacks a field that a comparison needs."""
-    for name in _NEEDED if job["status"] == "ok" else ():
-        if name not in job:
-            raise InputError(f"{run.folder}: {job['job']} has no {name!r}: of another version; run it again")
+    require(job, _NEEDED if job["status"] == "ok" else (), run.folder)
     return job
 
 

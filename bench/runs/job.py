@@ -25,7 +25,7 @@ from typing import Any
 
 import torch
 
-from bench import atomic
+from bench import atomic, fields
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
@@ -280,8 +280,10 @@ class Job:
         """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
         try:
             header, facts = container.read_header(path), json.loads(path.with_suffix(FACTS).read_text("utf-8"))
-            same = isinstance(facts, dict) and facts.get("fit_key") == json.loads(json.dumps(self.fit_key))
-        except (ContainerError, OSError, ValueError) as error:
+            if fault := fields.fault_of_facts(facts):
+                raise ValueError(f"{path.with_suffix(FACTS)}: {fault}")
+            same = facts["fit_key"] == json.loads(json.dumps(self.fit_key))
+        except (ContainerError, OSError, ValueError, RecursionError) as error:
             log.warning("%s is fitted again: %s", self.task.name, error)
             return None
         says = (header.codec, header.version, header.settings, header.sha256)

@@ -1,19 +1,33 @@
 import errno
+import json
 import os
 
 import pytest
 
-from bench import records
+from bench import cli, records
 from bench.errors import InputError
 from bench.records import FILE, append, load_run, load_trade
+
+LEAST = {"material": "satin", "label": "pca", "seed": 0}
+DONE = LEAST | {"status": "ok", "scores": {}, "metrics": {}, "bytes": {"total": 1}, "parameters": 0}
+
+
+def job(name, status="ok", **more):
+    """A record with no more fields than a job must have."""
+    return {"kind": "job", "job": name} | DONE | {"status": status, "error": "none"} | more
+
+
+def timing(name, ns):
+    """A record with no more fields than a timing must have."""
+    return {"kind": "timing", "job": name, "run": "a", "ns_per_sample": ns, "interval95_ns": [ns, ns]}
 
 
 def test_records_come_back_the_latest_of_each_job(tmp_path):
     append(tmp_path, {"kind": "run", "run": "a"})
-    append(tmp_path, {"kind": "job", "job": "x", "status": "failed"})
-    append(tmp_path, {"kind": "job", "job": "y", "status": "ok"})
-    append(tmp_path, {"kind": "job", "job": "x", "status": "ok"})
-    append(tmp_path, {"kind": "timing", "job": "y", "ns_per_sample": 3.5})
+    append(tmp_path, job("x", "failed"))
+    append(tmp_path, job("y", "ok"))
+    append(tmp_path, job("x", "ok"))
+    append(tmp_path, timing("y", 3.5))
     run = load_run(tmp_path)
     assert [(job["job"], job["status"]) for job in run.jobs] == [("x", "ok"), ("y", "ok")]
     assert [start["run"] for start in run.starts] == ["a"]
@@ -23,7 +37,7 @@ def test_records_come_back_the_latest_of_each_job(tmp_path):
 
 
 def test_a_file_of_records_is_read_by_its_own_name(tmp_path):
-    append(tmp_path, {"kind": "job", "job": "x", "status": "ok"})
+    append(tmp_path, job("x", "ok"))
     (tmp_path / FILE).rename(tmp_path / "reference.jsonl")
     assert [job["job"] for job in load_run(tmp_path / "reference.jsonl").jobs] == ["x"]
     with pytest.raises(InputError, match=r"gone\.jsonl: no run here"):
@@ -31,10 +45,10 @@ def test_a_file_of_records_is_read_by_its_own_name(tmp_path):
 
 
 def test_a_line_cut_by_a_kill_is_counted_and_costs_only_itself(tmp_path):
-    append(tmp_path, {"kind": "job", "job": "x", "status": "ok"})
+    append(tmp_path, job("x", "ok"))
     with open(tmp_path / FILE, "ab") as file:
         file.write(b'{"kind": "job", "job": "y", "sta')
-    append(tmp_path, {"kind": "job", "job": "z", "status": "ok"})
+    append(tmp_path, job("z", "ok"))
     run = load_run(tmp_path)
     assert [job["job"] for job in run.jobs] == ["x", "z"]
     assert run.unreadable == [2]
@@ -58,8 +72,8 @@ def test_a_folder_without_a_run_is_named(tmp_path):
 
 
 def test_a_line_that_was_altered_is_no_record_though_it_reads_as_one(tmp_path):
-    append(tmp_path, {"kind": "job", "job": "x", "psnr": 31.5})
-    append(tmp_path, {"kind": "job", "job": "y", "psnr": 32.5})
+    append(tmp_path, job("x", psnr=31.5))
+    append(tmp_path, job("y", psnr=32.5))
     path = tmp_path / FILE
     path.write_bytes(path.read_bytes().replace(b"31.5", b"41.5"))
     run = load_run(tmp_path)
@@ -68,26 +82,26 @@ def test_a_line_that_was_altered_is_no_record_though_it_reads_as_one(tmp_path):
 
 
 def test_a_line_without_a_checksum_is_a_record_too(tmp_path):
-    (tmp_path / FILE).write_text('{"kind": "job", "job": "x", "psnr": 31.5}\n')
-    append(tmp_path, {"kind": "job", "job": "y"})
-    assert list(load_run(tmp_path).jobs) == [{"kind": "job", "job": "x", "psnr": 31.5}, {"kind": "job", "job": "y"}]
+    (tmp_path / FILE).write_text(json.dumps(job("x")) + "\n")
+    append(tmp_path, job("y"))
+    assert list(load_run(tmp_path).jobs) == [job("x"), job("y")]
 
 
 @pytest.mark.parametrize("name", ['a "quoted" \\ name', "ümlaut/π components=4/0", "", '", "'])
 def test_any_name_is_found_again(tmp_path, name):
-    append(tmp_path, {"kind": "job", "job": name, "bytes": 1})
-    append(tmp_path, {"kind": "job", "job": name, "bytes": 2})
+    append(tmp_path, job(name, pairs={"all": 1}))
+    append(tmp_path, job(name, pairs={"all": 2}))
     run = load_run(tmp_path)
-    assert list(run.jobs) == [run.job(name)] == [{"kind": "job", "job": name, "bytes": 2}]
+    assert list(run.jobs) == [run.job(name)] == [job(name, pairs={"all": 2})]
 
 
 def test_jobs_stand_in_the_order_in_which_they_were_planned(tmp_path):
     append(tmp_path, {"kind": "run", "jobs": ["a", "b", "c"]})
     for name in ("c", "a"):
-        append(tmp_path, {"kind": "job", "job": name})
+        append(tmp_path, job(name))
     append(tmp_path, {"kind": "run", "jobs": ["z", "b"]})
     for name in ("other", "b"):
-        append(tmp_path, {"kind": "job", "job": name})
+        append(tmp_path, job(name))
     run = load_run(tmp_path)
     assert [job["job"] for job in run.jobs] == ["a", "b", "c", "other"]
     assert [job["job"] for job in run.jobs[1:3]] == ["b", "c"]
@@ -96,19 +110,19 @@ def test_jobs_stand_in_the_order_in_which_they_were_planned(tmp_path):
 
 def test_opening_a_run_reads_into_no_job(tmp_path, monkeypatch):
     for name in ("x", "y"):
-        append(tmp_path, {"kind": "job", "job": name})
-        append(tmp_path, {"kind": "timing", "job": name})
+        append(tmp_path, job(name))
+        append(tmp_path, timing(name, 1.5))
     parsed = []
     parse = records._parsed
     monkeypatch.setattr(records, "_parsed", lambda line: parsed.append(line) or parse(line))
     run = load_run(tmp_path)
     assert parsed == []
-    assert run.timing(run.jobs[1]) == {"kind": "timing", "job": "y"}
+    assert run.timing(run.jobs[1]) == timing("y", 1.5)
     assert len(parsed) == 2
 
 
 def test_a_disk_that_fills_up_while_a_record_is_written_keeps_what_was_there(tmp_path, monkeypatch):
-    append(tmp_path, {"kind": "job", "job": "x"})
+    append(tmp_path, job("x"))
     before, write = (tmp_path / FILE).read_bytes(), os.write
 
     def nearly_full(file, data):
@@ -119,9 +133,9 @@ def test_a_disk_that_fills_up_while_a_record_is_written_keeps_what_was_there(tmp
     with monkeypatch.context() as patch:
         patch.setattr(os, "write", nearly_full)
         with pytest.raises(InputError, match=r"records\.jsonl: cannot be written \(No space left.*make room"):
-            append(tmp_path, {"kind": "job", "job": "y"})
+            append(tmp_path, job("y"))
     assert (tmp_path / FILE).read_bytes() == before
-    append(tmp_path, {"kind": "job", "job": "y"})
+    append(tmp_path, job("y"))
     assert [job["job"] for job in load_run(tmp_path).jobs] == ["x", "y"]
 
 
@@ -132,3 +146,87 @@ def test_a_trade_of_another_version_is_refused_with_the_remedy(tmp_path, text):
     (tmp_path / "trade.json").write_text(text)
     with pytest.raises(InputError, match=r"trade\.json: .*remove it, and run trade again"):
         load_trade(tmp_path)
+
+
+def line(record):
+    """A record's line without a checksum, as it is written by hand."""
+    return json.dumps(record) + "\n"
+
+
+BAD = [
+    (job("x", seed="0"), "seed must be a whole number ≥ 0, not '0'"),
+    (job("x", seed=True), "seed must be a whole number ≥ 0, not True"),
+    (job("x", label=" "), "label must be a name, not ' '"),
+    (job("x", "done"), "status must be 'ok' or 'failed' or 'unavailable', not 'done'"),
+    (job("x", parameters=10**400), "parameters must be a whole number ≥ 0, not a number of absurd size"),
+    (job("x", parameters=-1), "parameters must be a whole number ≥ 0, not -1"),
+    (job("x", bytes={"total": 1e300}), "bytes/total must be a whole number ≥ 0, not 1e\\+300"),
+    (job("x", bytes={}), "bytes/total is missing"),
+    (job("x", bytes=[1]), "bytes must be an object, not a list of 1"),
+    (job("x", shape=[8]), "shape must be a list of 2, not a list of 1"),
+    (job("x", fit_seconds=float("nan")), "fit_seconds must be a finite number ≥ 0, not nan"),
+    (job("x", mine=float("inf")), "mine must be .*, not inf"),
+    (
+        job("x", scores={"heldout": {"metrics": {"psnr_display": {"pooled": "31"}}}}),
+        "metrics/psnr_display/pooled must be",
+    ),
+    (job("x", scores={"heldout": {}}), "scores/heldout/metrics is missing"),
+    (
+        job("x", metrics={"psnr": {"unit": "dB", "direction": "up", "version": 1}}),
+        "direction must be 'higher' or 'lower'",
+    ),
+    (job("x", history=[{"step": 1}, {"psnr": 3}]), "step is missing"),
+    ({"kind": "job", "job": "x"}, "material is missing"),
+    ({"kind": "job", "job": ["x"]} | DONE, "job must be a text, not a list of 1"),
+    (timing("x", 0), "ns_per_sample must be a finite number > 0, not 0"),
+    (timing("x", 1) | {"interval95_ns": [1]}, "interval95_ns must be a list of 2"),
+    ({"kind": "rate", "material": "a", "curve": "b"}, "bd_rate_percent is missing"),
+    ({"kind": "run", "seeds": 3}, "seeds must be a list, not 3"),
+    ({"kind": "run", "packages": [1]}, "packages must be an object, not a list of 1"),
+    (
+        {"kind": "stress", "subject": "pca", "extreme": "dark", "group": "data", "detail": "", "figure": "", "order": 0}
+        | {"verdict": "perhaps"},
+        "verdict must be 'pass' or 'fail' or 'n/a', not 'perhaps'",
+    ),
+]
+
+
+@pytest.mark.parametrize(("record", "message"), BAD, ids=[message[:40] for _, message in BAD])
+def test_a_record_written_by_hand_is_refused_by_file_line_and_field(record, message, tmp_path):
+    (tmp_path / FILE).write_text(line(job("fine")) + line(record))
+    with pytest.raises(InputError, match=rf"records\.jsonl, line 2: .*({message}).*: mend the line or remove it"):
+        load_run(tmp_path)
+
+
+def test_a_bad_record_with_a_sound_checksum_is_refused_when_it_is_asked_for(tmp_path):
+    append(tmp_path, job("x", seed="0"))
+    run = load_run(tmp_path)
+    with pytest.raises(InputError, match=r"records\.jsonl, line 1: seed must be a whole number"):
+        list(run.jobs)
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 9999, '{"kind": ["job"]}', '{"kind": "job", "job": "x", "a": ' + "9" * 9999 + "}"]
+)
+def test_what_no_json_holds_is_no_record(text, tmp_path):
+    (tmp_path / FILE).write_text(text + "\n" + line(job("x")))
+    run = load_run(tmp_path)
+    assert (run.unreadable, [found["job"] for found in run.jobs]) == ([1], ["x"])
+
+
+def test_fields_that_are_not_listed_are_free_but_not_deep(tmp_path):
+    deep = [[[[[[[[[[[[[[[1]]]]]]]]]]]]]]]
+    (tmp_path / FILE).write_text(line(job("x", mine={"a": [1, None, "b"]})))
+    assert load_run(tmp_path).jobs[0]["mine"] == {"a": [1, None, "b"]}
+    (tmp_path / FILE).write_text(line(job("x", mine=deep)))
+    with pytest.raises(InputError, match="line 1: mine is nested too deeply"):
+        load_run(tmp_path)
+
+
+@pytest.mark.parametrize("words", [["compare", "RUN", "RUN"], ["report", "RUN"], ["table", "RUN"], ["history", "RUN"]])
+def test_every_command_says_in_one_line_what_is_wrong_with_a_record(words, tmp_path, capsys):
+    append(tmp_path, job("x", scores=3))
+    assert cli.main([str(tmp_path) if word == "RUN" else word for word in words]) == 2
+    error = capsys.readouterr().err
+    assert "records.jsonl, line 1: scores must be an object, not 3" in error
+    assert error.count("\n") == 1

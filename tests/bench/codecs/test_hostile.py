@@ -1,10 +1,9 @@
 """Codec files whose hash is sound and whose content is not: refused by name, or they answer with numbers."""
 
-import importlib.util
+import importlib
 import json
 import random
 import struct
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,23 +15,11 @@ from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.errors import ContainerError
 
-_PLACE = Path(__file__).parents[3] / "benchmarks" / "fuzz_codec_files.py"
 
-
-@pytest.fixture(scope="module")
-def fuzzer():
-    spec = importlib.util.spec_from_file_location("fuzz_codec_files", _PLACE)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.mark.parametrize("name", ["mean-colour", "table", "pca", "vq", "rainer2019", "neumip", "neubtf-direct"])
-def test_mutations_with_a_sound_hash_are_refused_or_answer(name, fuzzer, tmp_path):
-    found = fuzzer.fuzz(name, 60, 7, tmp_path)
-    assert found["refused"] > 20
-    assert sum(found.values()) == 60
+@pytest.fixture
+def fuzzer(monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "benchmarks")
+    return importlib.import_module("fuzz_codec_files")
 
 
 def resealed(fuzzer, path, change):
@@ -114,5 +101,6 @@ def test_numbers_that_are_not_finite_are_refused(fuzzer, tmp_path):
 
 
 def test_random_mutations_are_the_same_in_every_run(fuzzer, tmp_path):
-    content = fuzzer.small("pca", tmp_path)
+    fuzzer.small("pca", tmp_path)
+    content = next(tmp_path.iterdir()).read_bytes()
     assert fuzzer.mutated(content, random.Random("a")) == fuzzer.mutated(content, random.Random("a"))

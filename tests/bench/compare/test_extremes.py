@@ -14,6 +14,8 @@ def stress(folder, **verdicts):
             "subject": "pca",
             "extreme": extreme,
             "verdict": verdict,
+            "group": "queries",
+            "order": 0,
             "figure": "",
             "detail": "",
         }
