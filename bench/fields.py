@@ -99,7 +99,9 @@ _POINT = Fields({"step": COUNT, "seconds": NUMBER, "psnr": NUMBER}, ("step",))
 _JOB = Fields(
     {
         **dict.fromkeys(("material", "label", "codec", "curve"), NAME),
-        **dict.fromkeys(("job", "run", "error", "traceback", "split", "pictures", "angular", "file"), TEXT),
+        **dict.fromkeys(
+            ("job", "run", "error", "traceback", "split", "pictures", "angular", "drawing", "not_drawn", "file"), TEXT
+        ),
         "status": _one_of(*STATES),
         "seed": COUNT,
         "scores": Each(_GROUP),
