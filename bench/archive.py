@@ -67,7 +67,9 @@ class ZipFiles:
         most = min(MAX_FILE, max(LEAST, RATIO * entry.compress_size), 1032 * entry.compress_size + 64)
         limit = most if packed else entry.compress_size
         if entry.file_size > limit:
-            raise InputError(f"{label}: claims {entry.file_size} bytes from {entry.compress_size}: not a picture set")
+            raise InputError(
+                f"{label}: claims {entry.file_size} bytes from {entry.compress_size}: beyond all proportion"
+            )
         with readable(label), open(self.path, "rb") as stream:
             stream.seek(entry.header_offset)
             local = stream.read(30)

@@ -10,9 +10,10 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 from bench import atomic, records
+from bench.archive import ZipFiles
 from bench.codec import Progress, silent
 from bench.codecs import loading, shared
 from bench.codecs.registry import COMMAND, codec_entries
@@ -23,6 +24,7 @@ from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import machine, made
 from bench.runs.place import Place
 from bench.runs.workbench import Workbench, workbench
+from bench.settings import table
 
 FORMAT = 1
 MOST_BYTES = 4 << 30  # of an archive's unpacked files
@@ -69,21 +71,24 @@ def _network(job: Record) -> str:
 def unpack(path: Path, folder: Path) -> Run:
     """Unpack an archive into an empty folder. `InputError` says what is wrong with it."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            infos = archive.infolist()
-            for info in infos:
-                place = Path(info.filename)
-                if info.filename != FILE and (place.parent != Path("files") or place.name != info.filename[6:]):
-                    raise InputError(f"{path}: {info.filename!r} does not belong into an archive of results")
-            if sum(info.file_size for info in infos) > MOST_BYTES:
-                raise InputError(f"{path}: unpacks to more than {MOST_BYTES >> 30} GiB: verify it in parts")
-            archive.extractall(folder)
-    except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
-        raise InputError(f"{path}: not an archive that `neubtf-bench submit` wrote ({error})") from error
+        files = ZipFiles(path)
+        if foreign := next((name for name in files.entries if not _belongs(name)), ""):
+            raise InputError(f"{path}: {foreign!r} does not belong into an archive of results")
+        if sum(map(files.size, files.entries)) > MOST_BYTES:
+            raise InputError(f"{path}: unpacks to more than {MOST_BYTES >> 30} GiB: verify it in parts")
+        (folder / "files").mkdir(parents=True, exist_ok=True)
+        for name in files.entries:
+            (folder / name).write_bytes(files.read(name))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be unpacked ({error.strerror})") from error
     run = records.load_run(folder)
     if run.unreadable or not run.jobs:
         raise InputError(f"{path}: its records cannot be read (lines {run.unreadable[:5]}): pack the run again")
     return run
+
+
+def _belongs(name: str) -> bool:
+    return name == FILE or (name.startswith("files/") and "/" not in name[6:] and name[6:] not in ("", ".", ".."))
 
 
 @dataclass(frozen=True)
@@ -121,7 +126,7 @@ def _verified(job: Record, start: Record, folder: Path, out: Path, show: Progres
         says = f"codec {job['codec']} version {job['fit_key']['version']}, code {job['fit_key']['code'][:12]}"
         return Verdict(name, NOT_VERIFIED, f"{says} is not installed here ({libraries})")
     spec = next(MaterialSpec(**each) for each in start["materials"] if each["name"] == job["material"])
-    data = Preparation(**{key: start["data"][key] for key in get_type_hints(Preparation)})
+    data = table(f"data of {name}", Preparation, start["data"])
     metrics = tuple(job["score_key"]["metrics"])
     with workbench(job["run"], spec, data, None, show, "", int(job["seed"]), metrics) as bench:
         if bench.btf.fingerprint != job["score_key"]["btf"]:

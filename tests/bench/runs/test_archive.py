@@ -100,7 +100,7 @@ def test_another_codecs_file_is_found(packed, tmp_path, capsys):
     [
         (lambda line: line | {"codec": "theirs"}, "codec theirs version 2, code"),
         (lambda line: line | {"score_key": line["score_key"] | {"btf": "0" * 64}}, "others than those submitted"),
-        (lambda line: {key: value for key, value in line.items() if key != "bytes"}, "not whole"),
+        (lambda line: {key: value for key, value in line.items() if key != "file"}, "not whole"),
         (lambda line: line | {"file": "files/none.nbtf"}, "none.nbtf"),
     ],
 )
@@ -117,7 +117,7 @@ def test_a_foreign_name_is_refused_before_anything_is_unpacked(tmp_path, name):
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
         archive.writestr(FILE, "{}")
         archive.writestr(name, "x")
-    with pytest.raises(InputError, match="does not belong into an archive"):
+    with pytest.raises(InputError, match="does not belong into an archive|leads out of the folder"):
         unpack(tmp_path / "a.zip", tmp_path / "inside")
     assert not (tmp_path / "inside").exists()
 
@@ -125,7 +125,7 @@ def test_a_foreign_name_is_refused_before_anything_is_unpacked(tmp_path, name):
 def test_what_is_no_archive_is_refused(tmp_path, capsys):
     (tmp_path / "a.zip").write_bytes(b"PK no")
     assert cli.main(["verify", str(tmp_path / "a.zip"), "--out", str(tmp_path / "out")]) == 2
-    assert "not an archive that `neubtf-bench submit` wrote" in capsys.readouterr().err
+    assert "cannot be read" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
@@ -181,3 +181,13 @@ def test_only_tables_of_records_are_written(tmp_path, capsys, words):
     (tmp_path / "page.md").write_text(f"<!-- neubtf-bench {words} -->\n<!-- end -->\n")
     assert cli.main(["results", "write", str(tmp_path / "page.md")]) == 2
     assert "write table [KIND] FILE" in capsys.readouterr().err
+
+
+def test_an_archive_that_inflates_beyond_all_proportion_is_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(FILE, "{}")
+        with archive.open("files/a.nbtf", "w") as file:
+            for _ in range(65):
+                file.write(bytes(1 << 20))
+    with pytest.raises(InputError, match=r"a\.zip: files/a\.nbtf: claims 68157440 bytes from \d+"):
+        unpack(tmp_path / "a.zip", tmp_path / "inside")
