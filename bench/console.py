@@ -82,7 +82,7 @@ def job_line(record: dict[str, Any], cached: str) -> str:
         word = "not available" if record["status"] == "unavailable" else "FAILED"
         return f"{record['job']}: {word}: {record['error']}"
     how = {"record": "cached", "file": "scored again from the cached file"}.get(cached)
-    psnr = stats_of(record, PSNR)["pooled"]
+    psnr = stats_of(record, PSNR).get("pooled")
     shown = "exact" if psnr is None else f"{psnr:.2f} dB"
     how = how or f"fitted in {record['fit_seconds']:.1f} s"
     return f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"

@@ -65,6 +65,10 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str) and len(value) <= LONGEST
 
 
+def _is_text_or_texts(value: Any) -> bool:
+    return all(map(_is_text, value.values())) if isinstance(value, dict) else _is_text(value)
+
+
 def _one_of(*words: str) -> Plain:
     return Plain(" or ".join(map(repr, words)), lambda value: isinstance(value, str) and value in words)
 
@@ -105,6 +109,7 @@ _JOB = Fields(
         "status": _one_of(*STATES),
         "seed": COUNT,
         "scores": Each(_GROUP),
+        "slices": Plain("a text, or texts by metric", _is_text_or_texts),
         "metrics": Each(_METRIC),
         "bytes": Fields(
             dict.fromkeys(("decoder", "texture", "encoder", "other", "header", "total"), COUNT), ("total",)

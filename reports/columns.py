@@ -201,7 +201,7 @@ def _bands(job: Record) -> list[tuple[str, str, int]]:
             found.append((_BAND_NAMES.get(band, band), group))
     order = list(_BAND_NAMES.values())
     found[1:] = sorted(found[1:], key=lambda item: order.index(item[0]) if item[0] in order else len(order))
-    return [(name, group, job["scores"][group]["slices"]) for name, group in found]
+    return [(name, group, job["scores"][group].get("slices", 0)) for name, group in found]
 
 
 def scene(job: Record) -> list[Column]:

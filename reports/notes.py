@@ -93,7 +93,7 @@ def _timing(material: Material) -> Iterator[str]:
 def _exact(material: Material) -> Iterator[str]:
     for row in material.measured:
         stats = row.stats(row.gate, PSNR)
-        if stats and stats["exact"]:
+        if stats and stats.get("exact"):
             counted = f"{stats['exact']:,} of {stats['slices']:,} slices"
             yield f"{row.name}: {counted} have no error in display space; mean ± std leave them out."
 

@@ -33,7 +33,7 @@ def pooled(stats: dict[str, Any]) -> float | str | None:
     """The pooled number of a metric's statistics; `exact` where no slice has an error, `n/a` where none applies."""
     if not stats:
         return None
-    found: float | None = stats["pooled"]
+    found: float | None = stats.get("pooled")
     return _without(stats) if found is None else found
 
 
@@ -41,7 +41,8 @@ def spread(stats: dict[str, Any]) -> tuple[float, ...] | str | None:
     """Mean and standard deviation over slices, or as `pooled`."""
     if not stats:
         return None
-    return _without(stats) if stats["mean"] is None else (stats["mean"], stats["std"])
+    found = tuple(stats[name] for name in ("mean", "std") if stats.get(name) is not None)
+    return found or _without(stats)
 
 
 def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
@@ -50,4 +51,4 @@ def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
 
 
 def _without(stats: dict[str, Any]) -> str:
-    return EXACT if stats["exact"] and stats["exact"] == stats["slices"] else NOT_APPLICABLE
+    return EXACT if stats.get("exact") and stats.get("exact") == stats.get("slices") else NOT_APPLICABLE

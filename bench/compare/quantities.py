@@ -107,7 +107,7 @@ def _metric(
 
     def value(job: Record) -> float | None:
         stats = metrics_of(job, group).get(metric)
-        return _number(stats, stats["pooled"], described["unit"]) if stats else None
+        return _number(stats, stats.get("pooled"), described["unit"]) if stats else None
 
     unit = "" if described["unit"] == "1" else described["unit"]
     return Quantity(name, unit, described["direction"], digits, value, tolerance, metric)
@@ -151,5 +151,5 @@ def _part(part: str) -> Quantity:
 
 def _number(stats: Record, pooled: float | None, unit: str) -> float | None:
     """The pooled number; infinite dB where no slice has an error; None where nothing was measured."""
-    exact = pooled is None and unit == "dB" and stats.get("slices") and stats["exact"] == stats["slices"]
+    exact = pooled is None and unit == "dB" and stats.get("slices") and stats.get("exact") == stats.get("slices")
     return math.inf if exact else pooled

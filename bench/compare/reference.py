@@ -55,7 +55,7 @@ def few_seeds(run: Run) -> list[str]:
     """The names of rows whose seeds differ and are too few to estimate the scatter."""
     rows: dict[str, list[object]] = {}
     for job in run.jobs:
-        score = stats_of(job, PSNR)["pooled"]
+        score = stats_of(job, PSNR).get("pooled")
         rows.setdefault(f"{job['material']}/{job['label']}", []).append(score)
     return [name for name, values in rows.items() if len(values) < FEW_SEEDS and len(set(values)) != 1]
 

@@ -21,7 +21,10 @@ def decibels(folder: Path, job: Record) -> Array | None:
     """The PSNR (n,) of each slice of the pairs that decide; None if it was not stored."""
     stored = job.get("slices")
     if isinstance(stored, dict):
-        return unpacked(stored[PSNR]) if PSNR in stored else None
+        try:
+            return unpacked(stored[PSNR]) if PSNR in stored else None
+        except ValueError as error:
+            raise InputError(f"{folder}: the slices of {job['job']} cannot be read ({error}): run it again") from error
     if not stored:
         return None
     path = folder / stored

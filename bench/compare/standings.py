@@ -47,8 +47,8 @@ def _qualities(codecs: Mapping[str, Sequence[Record]]) -> dict[str, float]:
     found = {}
     for label, jobs in codecs.items():
         stats = [stats for job in jobs if (stats := stats_of(job, PSNR))]
-        values = [each["pooled"] for each in stats if each["pooled"] is not None]
-        if values or any(each["exact"] for each in stats):
+        values = [each["pooled"] for each in stats if each.get("pooled") is not None]
+        if values or any(each.get("exact") for each in stats):
             found[label] = fmean(values) if values else math.inf
     return found
 

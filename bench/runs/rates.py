@@ -50,7 +50,7 @@ def _curves(jobs: list[Record]) -> dict[str, np.ndarray]:
     """Points (n, 2) of bytes and quality by curve; jobs without a finite quality are left out."""
     seeds: dict[str, dict[str, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
     for job in jobs:
-        quality = stats_of(job, PSNR)["pooled"]
+        quality = stats_of(job, PSNR).get("pooled")
         if quality is not None:
             seeds[job["curve"]][job["label"]].append((job["bytes"]["total"], quality))
     return {curve: np.array([np.mean(points, 0) for points in labels.values()]) for curve, labels in seeds.items()}
