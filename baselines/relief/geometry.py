@@ -5,6 +5,8 @@ the picture. A texel p of a slice shows, seen along ω_o, the surface point p + 
 there: a point of height z therefore appears at its own place − z · ω_o.xy / ω_o.z.
 """
 
+import math
+
 import torch
 from torch import Tensor, nn
 
@@ -14,6 +16,7 @@ LOWEST = 0.2  # cosine of a direction: nearer to the horizon (78.5°) its slope 
 FINENESS = 256  # texels a side at least of the height that is searched; beyond, it is searched as it is stored
 VIEW_STEPS, SECANTS = 16, 2  # of the search along the view
 LIGHT_STEPS = 12  # of the search toward the light
+MOST_PADDED = 32  # times its texels a copy grows by padding; a picture far wider than high would grow by thousands
 
 
 def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
@@ -25,7 +28,8 @@ def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
 class Relief(nn.Module):
     """A height (H, W), made ready to be searched.
 
-    The search reads the nearest sample of a finer copy, padded so that no ray leaves it; the last steps interpolate.
+    The search reads the nearest sample of a finer copy, padded so that no ray leaves it, or wraps around; the last
+    steps interpolate.
     """
 
     def __init__(self, height: Tensor):
@@ -36,6 +40,10 @@ class Relief(nn.Module):
         self.fine = [side * max(1, round(FINENESS / side)) for side in self.shape]
         rise, wide = max(self.high - self.low, abs(self.low), abs(self.high)), self.shape[1] / self.shape[0]
         self.margin = [int(rise / LOWEST * grow * side) + 2 for side, grow in zip(self.fine, (wide, 1), strict=True)]
+        growth = math.prod(1 + 2 * more / side for side, more in zip(self.fine, self.margin, strict=True))
+        self.wraps = growth > MOST_PADDED
+        if self.wraps:
+            self.margin = [0, 0]
         self.register_buffer("padded", self._padded(), persistent=False)
 
     height: Tensor
@@ -51,6 +59,9 @@ class Relief(nn.Module):
     def _nearest(self, u: Tensor, v: Tensor) -> Tensor:
         """Heights at u and v, of any one shape, within the margin around [0, 1)."""
         (rows, cols), (above, left) = self.fine, self.margin
+        if self.wraps:
+            row, col = ((1 - v) * rows).floor().int().remainder(rows), (u * cols).floor().int().remainder(cols)
+            return self.padded.flatten().take((row * cols + col).long())
         col = (u * cols + left).int()
         row = ((1 - v) * rows + above).int()
         if torch.compiler.is_exporting():  # a shader wraps around: with the margin its texture is several times larger

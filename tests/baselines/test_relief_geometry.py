@@ -26,6 +26,15 @@ def test_a_plane_is_met_at_its_height() -> None:
     torch.testing.assert_close(uv, torch.tensor(expected), rtol=1e-5, atol=1e-6)
 
 
+def test_a_strip_is_searched_without_a_copy_that_fills_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Relief(waves((3, 1001))).padded.numel() < 1_000_000
+    rng = np.random.default_rng(0)
+    uv, wo = torch.from_numpy(rng.random((500, 2))).float(), torch.from_numpy(uniform(rng, 500, 75))
+    padded = Relief(waves((32, 64))).meet(uv, wo)
+    monkeypatch.setattr("baselines.relief.geometry.MOST_PADDED", 0)
+    torch.testing.assert_close(Relief(waves((32, 64))).meet(uv, wo), padded)
+
+
 @pytest.mark.parametrize("size", [(64, 64), (32, 64)])
 def test_rays_meet_the_surface_and_nothing_before(size: tuple[int, int]) -> None:
     """In closed form: of all crossings of the ray with the waves, found by a fine search, it is the first."""
