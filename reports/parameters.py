@@ -39,6 +39,7 @@ PUBLISHED = {
         "Rainer 2020", 38_269, 38, "32 latents, and the mean and the deviation of each colour of a texel's ABRDF (6)"
     ),
     "zeltner2024": Published("Zeltner 2024", 1_923, 8, "8 latents"),
+    "triple-plane": Published("Triple plane", 3_011, 8, "8 latents of the plane over the texels"),
 }  # by codec
 
 

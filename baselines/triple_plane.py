@@ -1,0 +1,186 @@
+"""Triple plane (Xu et al., "Towards comprehensive neural materials", 2025).
+
+Three planes of features: over the texels, over the half vector and over the difference vector, the light seen from the
+half vector. What is fetched from the three enters a small network. Facts are from the authors' code (see
+docs/recipes.md); theirs runs the network in eight bits, ours in floats.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.decoder import Architecture, Decoder, load_vector, to_vector
+from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
+from bench.quantise import Precision, WeightPrecision, pack, unpack
+from bench.settings import Count, Natural, NotNegative, Positive
+from bench.training import (
+    RANDOM_SPREAD,
+    Batch,
+    Loss,
+    Objective,
+    Optimiser,
+    Samples,
+    Start,
+    distance,
+    first_latents,
+    gain_of,
+    groups_of,
+    train,
+)
+
+WIDTHS = (32, 32, 32)
+PLANES = ("half", "difference")  # of directions
+
+Difference = Literal["rusinkiewicz", "nearest"]
+
+
+class TriplePlane(Codec):
+    """Triple plane: planes of features over texels, half and difference vectors, and a small network."""
+
+    name, version = "triple-plane", 1
+    sizes = ("channels", "resolution")
+    recipes: ClassVar = {
+        "paper": {"difference": "rusinkiewicz", "blur": 0.0, "start": "random", "optimiser": "adam", "steps": 10_000}
+    }
+
+    @dataclass(frozen=True)
+    class Settings:
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its difference vector, random planes, no blur, Adam
+        steps: Natural = 2_500  # of the fit
+        batch: Count = 4_096  # samples a step
+        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
+        channels: Count = 8  # of each plane
+        resolution: Count = 50  # texels a side of the planes over directions
+        difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
+        blur: NotNegative = 5.0  # σ in texels of the planes over directions: where no pair was seen, neighbours answer
+        start: Start = "components"  # of the planes: principal components and the directions, or random
+        optimiser: Optimiser = "muon"  # of the network's hidden matrices; all else is Adam's
+        hidden_rate: Positive = 2e-2  # highest learning rate of Muon
+        rate: Positive = 1e-2  # highest learning rate of the network
+        plane_rate: Positive = 1e-2  # highest learning rate of the planes
+        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+        precision: Precision = "int8"  # of the stored planes
+        weights: WeightPrecision = "half"  # of the stored network
+
+        @property
+        def architecture(self) -> Architecture:
+            return Architecture(3 * self.channels, WIDTHS)
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain, precision = gain_of(btf, fit), self.settings.precision
+        fitting = Fitting(Samples(btf, gain, fit), self.settings, fit.generator())
+        train(fitting, fit, self.settings.steps, self.settings.patience)
+        decoder = pack("weights", to_vector(fitting.network), self.settings.weights)
+        for name, plane in zip(PLANES, fitting.planes(), strict=True):
+            decoder |= pack(name, plane, precision)
+        texture = pack("latents", fitting.texture.reshape(*btf.shape, -1), precision)
+        return Parts(decoder=decoder, texture=texture, other={"gain": torch.tensor([gain])})
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        network = Decoder(self.settings.architecture)
+        load_vector(unpack("weights", parts.decoder), network)
+        planes = [unpack(name, parts.decoder) for name in PLANES]
+        texture, gain = unpack("latents", parts.texture), float(parts.other["gain"])
+        return TriplePlaneMaterial(network, texture, planes, gain, self.settings.difference).to(device)
+
+
+def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tensor, Tensor]:
+    """The half vector, and the light in a frame about it: unit vectors (n, 3) of the upper hemisphere.
+
+    As published (Rusinkiewicz 1998) the half vector is turned to z about z and then y, which jumps where it passes z.
+    The shortest turn does not.
+    """
+    h = functional.normalize(wo + wi, dim=1)
+    if kind == "nearest":
+        # The turn that takes h to z: w − (w · (h + z)) / (1 + h_z) (h + z) + 2 (w · h) z.
+        z = torch.zeros_like(h).index_fill_(1, torch.tensor([2], device=h.device), 1)
+        along = (wi * (h + z)).sum(1, keepdim=True) / (1 + h[:, 2:])
+        return h, wi - along * (h + z) + 2 * (wi * h).sum(1, keepdim=True) * z
+    sine = torch.linalg.vector_norm(h[:, :2], dim=1, keepdim=True)
+    cos_phi, sin_phi = torch.where(sine > 0, h[:, :2] / sine, h.new_tensor([1.0, 0.0])).unbind(1)
+    x = cos_phi * wi[:, 0] + sin_phi * wi[:, 1]
+    y = cos_phi * wi[:, 1] - sin_phi * wi[:, 0]
+    return h, torch.stack([h[:, 2] * x - sine[:, 0] * wi[:, 2], y, (wi * h).sum(1)], 1)
+
+
+def places(directions: Tensor, resolution: int) -> Tensor:
+    """The uv (n, 2) of unit directions (n, 3) in a plane: −1 … 1 from its first texel to its last, so nothing wraps."""
+    return (directions[:, :2].clamp(-1, 1) * (1 - 1 / resolution) + 1) / 2
+
+
+class Fitting(Objective):
+    """The three planes and the network, all free."""
+
+    def __init__(self, samples: Samples, settings: TriplePlane.Settings, generator: torch.Generator):
+        super().__init__(samples)
+        self.settings = settings
+        self.network = Decoder(settings.architecture, generator)
+        self.network.start_at(samples.mean(generator))
+        side, channels = settings.resolution, settings.channels
+        self.texture = nn.Parameter(first_latents(samples, channels, settings.start, generator))
+        first = RANDOM_SPREAD * torch.randn(2, side, side, channels, generator=generator)
+        if settings.start == "components":
+            at = torch.linspace(-1, 1, side)
+            first[..., : min(2, channels)] = torch.stack([at.expand(side, side), -at[:, None].expand(side, side)], 2)[
+                ..., :channels
+            ]
+        self.free = nn.Parameter(first)
+        distance_of = torch.arange(side)[:, None] - torch.arange(side)
+        kernel = (-0.5 * (distance_of / max(settings.blur, 1e-3)) ** 2).exp()
+        self.kernel: Tensor
+        self.register_buffer("kernel", kernel / kernel.sum(1, keepdim=True), persistent=False)
+        uv = [places(w, side).cpu() for w in half_and_difference(samples.wo, samples.wi, settings.difference)]
+        corners = [texel_corners((side, side), each) for each in uv]
+        self.texel: Tensor
+        self.weight: Tensor
+        index = torch.stack([texel + plane * side * side for plane, (texel, _) in enumerate(corners)], 1)
+        self.register_buffer("texel", index, persistent=False)  # (N, 2, 4)
+        self.register_buffer("weight", torch.stack([weight for _, weight in corners], 1), persistent=False)
+
+    def groups(self) -> list[dict[str, Any]]:
+        settings = self.settings
+        network = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
+        return [*network, {"params": [self.texture, self.free], "lr": settings.plane_rate}]
+
+    def planes(self) -> Tensor:
+        """The planes (2, side, side, C) over the half and the difference vector, blurred."""
+        # One side after the other: einsum would multiply out all four indices of both kernels first.
+        rows = torch.einsum("ia,pabc->pibc", self.kernel, self.free)
+        return torch.einsum("jb,pibc->pijc", self.kernel, rows)
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        texel, weight = self.texel[batch.pair], self.weight[batch.pair]
+        rows = self.planes().flatten(0, 2).index_select(0, texel.flatten()).unflatten(0, texel.shape)
+        seen = (rows * weight[..., None]).sum(2).flatten(1)
+        level: Tensor = self.network(torch.cat([self.texture.index_select(0, batch.texel), seen], 1))
+        return level
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        batch = self.samples.draw(self.settings.batch, generator)
+        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
+
+
+class TriplePlaneMaterial(Material):
+    """A texture (H, W, C) of latents, planes (S, S, C) over half and difference vector, and the network."""
+
+    def __init__(self, network: Decoder, texture: Tensor, planes: list[Tensor], gain: float, difference: Difference):
+        architecture, channels = network.architecture, texture.shape[2]
+        if any(plane.shape[2] != channels for plane in planes) or 3 * channels != architecture.inputs:
+            raise ValueError(f"planes of {channels} channels for a network of {architecture.inputs} inputs")
+        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + 2 * 8 * channels)
+        super().__init__((texture.shape[0], texture.shape[1]), cost)
+        self.network, self.texture, self.gain, self.difference = network, texture, gain, difference
+        self.half, self.diff = planes
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        h, d = half_and_difference(wo, wi, self.difference)
+        planes = ((self.half, h), (self.diff, d))
+        # Weights of halves may add up to a little more than 1.
+        fetched = [saturated(sample_texture(plane, places(w, len(plane)))) for plane, w in planes]
+        level = self.network(torch.cat([sample_texture(self.texture, uv), *fetched], 1))
+        return to_radiance(level, self.gain)
