@@ -15,7 +15,7 @@ from reports.shaders.program import read
 from reports.viewer.page import Model, model_data
 
 BUDGET = 11_000_000  # characters of all models in a page
-LARGEST = 1_500_000  # of one model: more than a network with its latents takes, less than a table of all pairs
+LARGEST = 2_500_000  # of one model: more than a network with its latents takes, less than most tables of all pairs
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from reports.table import Table
 from reports.viewer.page import as_json, fragment
 
 INTERACTIVE = {"rate", "speed", "fits"}  # figures that the page draws itself
-OPEN = {"summary", "main"}  # kinds of tables that are not folded away
+OPEN = {"summary", "main", "unfinished"}  # kinds of tables that are not folded away
 GAPS = {
     "speed": "No speed and accuracy: no codec was timed here, or not under the conditions of the others.",
     "fits": "No quality over seconds: no fit left a curve; codecs that are fitted in steps leave one.",

@@ -41,7 +41,7 @@
 
   function range(values, log) {
     let low = Math.min(...values), high = Math.max(...values);
-    if (log) { const by = Math.max(1.08, (high / low) ** 0.06); return [low / by, high * by]; }
+    if (log) { const by = Math.max(high > low ? 1.08 : 2, (high / low) ** 0.06); return [low / by, high * by]; }
     const by = Math.max(0.5, 0.07 * (high - low));
     return [low - by, high + by];
   }

@@ -119,6 +119,8 @@ def test_a_page_of_hostile_names_runs_nothing_of_them(browser, made):
     tab.wait_for_selector(".plot polygon")
     assert said == []
     assert [head.inner_text() for head in tab.locator("h2").all()][1:5] == list(HOSTILE)
+    ticks = tab.locator(".plot[data-kind=rate] text").all_text_contents()
+    assert any(text.endswith("kB") for text in ticks), "an axis of one point has numbers, too"
     tab.close()
 
 
@@ -189,8 +191,9 @@ def test_rows_are_filtered_and_columns_hidden(opened):
 def test_a_codec_is_ticked_off_in_all_plots(opened):
     box = opened.locator("#codecs").get_by_label("vq")
     count = "[...document.querySelectorAll('.plot')].map((each) => each.querySelectorAll('polygon').length)"
-    opened.locator('[data-plots="brick"] .plot').first.scroll_into_view_if_needed()
-    opened.wait_for_selector('[data-plots="brick"] polygon')
+    for plot in opened.locator(".plot").all():  # each is drawn when it comes near the window
+        plot.scroll_into_view_if_needed()
+        plot.locator("polygon").first.wait_for(state="attached")
     before = opened.evaluate(count)
     box.focus()
     opened.keyboard.press("Space")
