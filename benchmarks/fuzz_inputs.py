@@ -226,7 +226,7 @@ def bad_entry(name: str, content: bytes, rng: random.Random) -> bytes:
         whole = json.dumps(changed(tree, rng))
         text = whole if kind < 4 else damaged(json.dumps(tree).encode(), rng).decode("latin-1")
         array = np.frombuffer(text.encode("utf-8", "surrogatepass"), np.uint8)
-    elif kind < 3 and array.size:
+    elif kind < 3 and array.size and array.ndim:
         array = array.copy()
         values = (
             (np.nan, np.inf, -1, 0, 1, 1e30, 32767, -32768)
@@ -240,9 +240,7 @@ def bad_entry(name: str, content: bytes, rng: random.Random) -> bytes:
             warnings.simplefilter("ignore")
             array = array.astype(rng.choice(("<f8", "<f4", "<i8", "|b1", "<U3", "|S2", "<c8")))
     elif kind == 4:
-        array = rng.choice(
-            (array[:0], array[:1], array.reshape(-1), array.reshape(1, -1), array.ravel()[:1].reshape(()))
-        )
+        array = rng.choice((array[:0], array[:1], array.reshape(-1), array.reshape(1, -1), array.ravel()[:1]))
     elif kind == 5:
         array = np.zeros((rng.choice((0, 10**5, 10**6)), *array.shape[1:]), array.dtype)
     stream = io.BytesIO()

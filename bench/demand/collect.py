@@ -58,6 +58,8 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
             queries["pixel"] += frame * cells
             parts.append(queries)
     show("casting rays", scene.frames, scene.frames)
+    if not parts:
+        raise InputError(f"{scene.name}: the material is too small for so few rays: move the camera, or ask for more")
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     if not len(columns["pixel"]):
         raise InputError(f"{scene.name}: the camera sees the material, but no light reaches it on that side")

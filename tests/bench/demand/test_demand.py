@@ -192,6 +192,16 @@ def test_a_bad_demand_stops_a_run_before_anything_is_written(tmp_path, capsys):
     assert not (tmp_path / "run").exists()
 
 
+def test_a_material_that_all_of_the_few_rays_miss_is_said_to_be_too_small():
+    scene = TextScene(parse_scene("test", ABOVE.replace("size = [4, 4]", "size = [0.2, 0.2]") + SUN))
+
+    def of_any_seed():
+        return [collect(scene, 1, seed) for seed in range(50)]
+
+    with pytest.raises(InputError, match="too small for so few rays"):
+        of_any_seed()
+
+
 def test_a_huge_picture_asks_for_frames_that_fit_in_memory(monkeypatch):
     monkeypatch.setattr("bench.demand.collect.FRAME", 1 << 14)
     text = ABOVE.replace("width = 40", "width = 65_536").replace("height = 20", "height = 65_536")
