@@ -26,6 +26,8 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
     from safetensors.torch import load
 
     zstandard = _library(str(path))
+    if str(payload.dtype) != "torch.uint8":
+        raise ContainerError(f"{path}: a compressed part is {payload.dtype}, not bytes")
     data = payload.numpy().tobytes()
     try:
         if not 0 <= zstandard.frame_content_size(data) <= most:

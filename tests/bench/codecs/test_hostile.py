@@ -104,3 +104,12 @@ def test_random_mutations_are_the_same_in_every_run(fuzzer, tmp_path):
     fuzzer.small("pca", tmp_path)
     content = next(tmp_path.iterdir()).read_bytes()
     assert fuzzer.mutated(content, random.Random("a")) == fuzzer.mutated(content, random.Random("a"))
+
+
+def test_a_compressed_part_that_is_not_bytes_is_refused(fuzzer, tmp_path):
+    path = container.save(
+        tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"zstd": torch.ones(8, dtype=torch.bfloat16)})
+    ).path
+    resealed(fuzzer, path, lambda says, header: says["settings"].update(zstd=True))
+    with pytest.raises(ContainerError, match=r"a\.nbtf: a compressed part is torch\.bfloat16, not bytes"):
+        loading.load(path)
