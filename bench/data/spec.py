@@ -55,7 +55,7 @@ class MaterialSpec:
         places = [Path(self.path)]
         if data := os.environ.get("NEUBTF_DATA"):
             places.append(Path(data) / self.path)
-        return next((place for place in places if place.exists()), None)
+        return next((place for place in places if os.path.exists(place)), None)  # False for a name too long
 
 
 def named(material: str) -> MaterialSpec:

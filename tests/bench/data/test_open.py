@@ -54,3 +54,7 @@ def test_what_the_data_declare_held_out_are_test_pairs(tmp_path):
     choosing = open_material(MaterialSpec("a", str(tmp_path / "a.npz")), Preparation(split="validation"), silent)
     assert len(choosing) == 72
     assert sum(map(len, choosing.split().heldout.values())) > 0
+
+
+def test_a_name_too_long_for_a_file_is_no_path():
+    assert MaterialSpec("a", "x" * 4000).found() is None
