@@ -1,11 +1,13 @@
 """render codec files in a scene, as still pictures
 
-The scene is `sphere`, `plane`, `drape` or another that ships with the suite, or a TOML file (see docs/scenes.md).
+The scene is `sphere`, `plane`, `drape` or another that ships with the suite, or a TOML file (see docs/scenes.md). With
+the extra [mitsuba] it may be an XML file of Mitsuba 3, of which the files replace one BSDF (see docs/rendering.md).
 Several files, and the BTF of --truth before them, stand side by side, at one exposure.
 
 examples:
   neubtf-bench render satin.nbtf -o satin.png
   neubtf-bench render satin.nbtf --truth satin --scene drape --lights environment -o satin.png
+  neubtf-bench render satin.nbtf --scene kitchen.xml --bsdf cloth --samples 64 -o kitchen.exr
 """
 
 import argparse
@@ -23,7 +25,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
     parser.add_argument("--truth", metavar="BTF", help="a built-in material or a path, at the left of them")
     parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how --truth is prepared")
-    parser.add_argument("--scene", default="sphere", help="a scene of the suite or a TOML file (default: sphere)")
+    parser.add_argument(
+        "--scene", default="sphere", help="a scene of the suite, a TOML file or Mitsuba's XML (default: sphere)"
+    )
+    parser.add_argument("--bsdf", metavar="ID", help="of a Mitsuba scene: what the files replace")
+    parser.add_argument("--samples", type=int, help="of a Mitsuba scene: a pixel (default: the scene's)")
     parser.add_argument("--frame", type=int, default=0, help="of a scene with a path of cameras (default: 0)")
     parser.add_argument("--lights", choices=("sun", "environment"), help="instead of the scene's own")
     parser.add_argument("--tiling", type=float, default=1.0, help="factor on the texture's periods (default: 1)")
@@ -44,6 +50,8 @@ def run(options: argparse.Namespace) -> int:
     from bench.demand.judge import table_of
 
     still.check_ending(options.out)
+    if options.scene.endswith(".xml"):
+        return _path_traced(options)
     scene = _scene(options)
     if not (options.files or options.truth):
         raise InputError("nothing to render: name a codec file, or a BTF with --truth")
@@ -61,6 +69,33 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
+def _path_traced(options: argparse.Namespace) -> int:
+    """Render files by Mitsuba, side by side."""
+    import numpy as np
+
+    from bench.demand import still
+
+    if not (options.files and options.bsdf):
+        raise InputError("a Mitsuba scene needs codec files, and --bsdf ID: which of its BSDFs they replace")
+    own = {"--truth": options.truth, "--lights": options.lights, "--width": options.width, "--frame": options.frame}
+    if foreign := next((name for name, value in own.items() if value), None):
+        raise InputError(f"{foreign}: not with a Mitsuba scene, which says so itself")
+    if options.samples is not None and not 1 <= options.samples <= 1 << 20:
+        raise InputError(f"--samples {options.samples}: must be between 1 and {1 << 20}")
+    try:
+        from bench.demand.path_traced import path_traced
+    except ImportError as error:
+        raise InputError(
+            f"--scene {options.scene}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]' ({error})"
+        ) from error
+    scene = Path(options.scene)
+    pictures = [path_traced(scene, options.bsdf, file, options.tiling, options.samples) for file in options.files]
+    exposure = options.exposure or still.exposure_for(pictures[0])
+    still.write(options.out, np.concatenate(pictures, 1), exposure)
+    print(f"wrote {options.out}: {', '.join(file.name for file in options.files)}; exposure {exposure:.6g}")
+    return FINE
+
+
 def _scene(options: argparse.Namespace) -> "Scene":
     from bench.demand import still
     from bench.demand.scene import named_scene
@@ -70,8 +105,9 @@ def _scene(options: argparse.Namespace) -> "Scene":
         value = getattr(options, name)
         if value is not None and not low <= value <= high:
             raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
-    if options.scene.endswith(".xml"):
-        raise InputError(f"--scene {options.scene}: only Mitsuba renders its scenes: describe it in TOML")
+    for name in ("bsdf", "samples"):
+        if getattr(options, name) is not None:
+            raise InputError(f"--{name}: is of a Mitsuba scene, an .xml file; {options.scene} has one material")
     scene = still.changed(named_scene(options.scene), options.lights, options.tiling, options.width)
     if not 0 <= options.frame < len(scene.cameras):
         raise InputError(f"--frame {options.frame}: {scene.name} has frames 0 to {len(scene.cameras) - 1}")

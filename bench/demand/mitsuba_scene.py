@@ -25,7 +25,7 @@ class MitsubaScene:
     """A scene, ready to be asked what its sensors see of one BSDF, by its id, and what lights it."""
 
     def __init__(self, path: Path, bsdf: str):
-        _set_variant()
+        set_variant()
         self.name = path.stem
         try:
             self.scene = mi.load_file(str(path))
@@ -75,7 +75,7 @@ class MitsubaScene:
         return found
 
 
-def _set_variant() -> None:
+def set_variant() -> None:
     """The fastest variant that can cast many rays at once."""
     if "cuda_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.CUDA):
         mi.set_variant("cuda_ad_rgb")

@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import OpenEXR
 import pytest
 import torch
 
 import bench
-from bench import llvm
+from bench import cli, llvm
 from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
 from bench.demand.lobes import NAME, Lobe
@@ -154,3 +155,35 @@ def test_a_variant_that_cannot_run_it_is_refused():
             register()
     finally:
         mi.set_variant("llvm_ad_rgb")
+
+
+SCENE = """
+<scene version="3.0.0">
+  <integrator type="direct"/>
+  <sensor type="perspective">
+    <transform name="to_world"><lookat origin="0,-1,3" target="0,0,0" up="0,1,0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/></film>
+  </sensor>
+  <bsdf type="diffuse" id="cloth"><rgb name="reflectance" value="0.5"/></bsdf>
+  <shape type="rectangle"><ref id="cloth"/></shape>
+  <emitter type="directional"><vector name="direction" value="0,0,-1"/><rgb name="irradiance" value="1"/></emitter>
+</scene>
+"""
+
+
+def test_render_replaces_a_bsdf_of_a_mitsuba_scene(file, tmp_path, capsys):
+    (tmp_path / "room.xml").write_text(SCENE)
+    words = ["render", str(file), "--scene", str(tmp_path / "room.xml"), "-o", str(tmp_path / "room.exr")]
+    assert cli.main([*words, "--bsdf", "clot"]) == 2
+    assert "did you mean 'cloth'" in capsys.readouterr().err
+    assert cli.main(words) == 2
+    assert cli.main([*words, "--bsdf", "cloth", "--samples", "16", "--tiling", "2"]) == 0
+    with OpenEXR.File(str(tmp_path / "room.exr")) as written:
+        picture = written.channels()["RGBA"].pixels[..., :3]
+    scene = SCENE.replace(
+        '<bsdf type="diffuse" id="cloth"><rgb name="reflectance" value="0.5"/>',
+        f'<bsdf type="neubtf" id="cloth"><string name="filename" value="{file}"/><float name="repeat" value="2"/>',
+    )
+    wanted = np.asarray(mi.render(mi.load_string(scene), spp=16))
+    assert wanted.std() > 0.001
+    np.testing.assert_allclose(picture, wanted, rtol=1e-3, atol=1e-4)

@@ -131,7 +131,8 @@ def test_the_command_writes_linear_floats_or_the_display_s_bytes(file: Path, tmp
     ("words", "says"),
     [
         (["--scene", "spheer"], "did you mean 'sphere'?"),
-        (["--scene", "room.xml"], "only Mitsuba renders its scenes"),
+        (["--scene", "room.xml"], "a Mitsuba scene needs codec files, and --bsdf ID"),
+        (["--bsdf", "cloth"], "--bsdf: is of a Mitsuba scene"),
         (["-o", "a.jpg"], "a.jpg: a picture ends in .png or .exr"),
         (["-o", "checks.nbtf/a.png"], "checks.nbtf/a.png: cannot be written"),
         (["--frame", "3"], "--frame 3: sphere has frames 0 to 0"),

@@ -1,0 +1,48 @@
+"""Path-traces a Mitsuba scene, an XML file, in which one BSDF is replaced by a codec file."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mitsuba as mi
+import numpy as np
+
+from bench.demand.mitsuba_bsdf import NAME, register
+from bench.demand.mitsuba_scene import set_variant
+from bench.errors import InputError, did_you_mean
+
+
+def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples: int | None = None) -> np.ndarray:
+    """The picture (H, W, 4) of the scene's first sensor, linear RGB and an alpha of 1, by the scene's own integrator.
+
+    The BSDF with the id `bsdf` answers from the codec file, whose texture repeats `repeat` times over the shapes' uv.
+    `samples` a pixel; by default the scene's own. `InputError` says what is wrong with the scene.
+    """
+    text = replaced(scene, bsdf, file, repeat)
+    set_variant()
+    register()
+    mi.file_resolver().prepend(str(scene.absolute().parent))
+    try:
+        loaded = mi.load_string(text)
+    except Exception as error:  # Mitsuba raises RuntimeError for whatever is wrong in a file
+        raise InputError(f"{scene}: Mitsuba cannot load it: {' '.join(str(error).split())[:300]}") from error
+    if not loaded.sensors():
+        raise InputError(f"{scene}: has no sensor: add a camera")
+    colours = np.asarray(mi.render(loaded, spp=samples or 0))[..., :3]
+    return np.concatenate([colours, np.ones_like(colours[..., :1])], 2)
+
+
+def replaced(scene: Path, bsdf: str, file: Path, repeat: float) -> str:
+    """The text of the scene with the BSDF of that id replaced. `InputError` where it has none."""
+    try:
+        root = ElementTree.parse(scene).getroot()
+    except (OSError, ElementTree.ParseError) as error:
+        raise InputError(f"{scene}: cannot be read ({error})") from error
+    found = {node.get("id", ""): node for node in root.iter("bsdf") if node.get("id")}
+    if bsdf not in found:
+        raise InputError(f"{scene}: has no BSDF with the id {bsdf!r}{did_you_mean(bsdf, found)}")
+    node = found[bsdf]
+    node.clear()
+    node.attrib.update(type=NAME, id=bsdf)
+    ElementTree.SubElement(node, "string", name="filename", value=str(file.absolute()))
+    ElementTree.SubElement(node, "float", name="repeat", value=repr(float(repeat)))
+    return ElementTree.tostring(root, encoding="unicode")
