@@ -1,0 +1,17 @@
+"""The tables of README and docs are what their commands make of the committed records."""
+
+from pathlib import Path
+
+from bench import cli
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_table_of_the_documents_is_that_of_the_records(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    documents = [
+        path for path in (ROOT / "README.md", *ROOT.glob("docs/*.md")) if "<!-- neubtf-bench" in path.read_text()
+    ]
+    shown = [str(path.relative_to(ROOT)) for path in documents if path.name != "sharing.md"]  # which quotes one
+    assert {"README.md", "docs/results.md"} <= set(shown)
+    assert cli.main(["results", "check", *shown]) == 0
