@@ -9,6 +9,7 @@ examples:
 """
 
 import argparse
+import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -44,7 +45,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=1,
         metavar="N",
-        help="this many jobs at once, each in a process of its own, and on a GPU of its own",
+        help="this many jobs at once, each in a process, and on a GPU, of its own; 0: one a core (default: 1)",
     )
     parser.add_argument(
         "--max-seconds", type=float, metavar="S", help="a job that takes longer has failed (default: no limit)"
@@ -114,9 +115,10 @@ def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], Abstrac
         if options.jobs != 1:
             raise InputError("--jobs, --scheduler: give one of them; the scheduler knows how many workers it has")
         return partial(executors.dask, options.scheduler, _resources(options.resource))
-    if options.jobs == 1 and options.max_seconds is None:
+    jobs = options.jobs or max(1, len(os.sched_getaffinity(0)) // threads)
+    if jobs == 1 and options.max_seconds is None:
         return None
-    return partial(executors.processes, options.jobs, threads, options.device, options.max_seconds)
+    return partial(executors.processes, jobs, threads, options.device, options.max_seconds)
 
 
 def _resources(words: list[str]) -> dict[str, float]:

@@ -1,6 +1,10 @@
+import argparse
+from contextlib import nullcontext
+
 import pytest
 
 from bench import cli
+from bench.commands import run as command
 from bench.records import load_run
 from bench.runs import runner
 
@@ -53,10 +57,21 @@ def test_jobs_run_in_so_many_processes_of_the_threads_of_the_suite(tmp_path, cap
     assert "2 jobs: 2 ok" in capsys.readouterr().out
 
 
+def test_as_many_jobs_as_cores(monkeypatch):
+    made = []
+    monkeypatch.setattr("bench.runs.executors.processes", lambda count, *_: made.append(count) or nullcontext())
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1, 2, 3})
+    options = argparse.Namespace(jobs=0, resource=[], max_seconds=None, scheduler=None, device="cpu")
+    for threads in (1, 2):
+        command._workers(options, threads)()
+    assert made == [4, 2]
+    assert command._workers(options, 4) is None  # one at a time: here, with bars
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--jobs", "0"], "--jobs 0: must be at least 1"),
+        (["--jobs", "-1"], "--jobs -1: must be at least 1"),
         (["--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "give one of them"),
         (["--resource", "GPU=1"], "for the workers of a Dask --scheduler only"),
         (["--scheduler", "tcp://127.0.0.1:9", "--resource", "GPU"], "write NAME=COUNT"),
