@@ -112,9 +112,9 @@ _JOB = Fields(
         "slices": Plain("a text, or texts by metric", _is_text_or_texts),
         "metrics": Each(_METRIC),
         "bytes": Fields(
-            dict.fromkeys(("decoder", "texture", "encoder", "other", "header", "total"), COUNT), ("total",)
+            dict.fromkeys(("decoder", "texture", "encoder", "sampling", "other", "header", "total"), COUNT), ("total",)
         ),
-        "parameters": COUNT,
+        "parameters": maybe(COUNT),
         "cost": Each(COUNT),
         "footprints": Each(_STATISTICS),
         "fit_key": Fields({"codec": NAME, "version": COUNT, "settings": Each(SETTING), "libraries": Each(maybe(TEXT))}),

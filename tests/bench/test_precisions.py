@@ -51,9 +51,11 @@ def test_every_precision_keeps_the_promises_and_answers_nearly_as_the_finest(nam
         for promise in (batches, slices, wraps, counted):
             promise(bench)
         answers.append((bench.header.file_bytes, bench.answers.log1p()))
-    for (precision, _), (size, answer) in zip(precisions, answers, strict=True):
+    table = not bench.material.modules()  # its weights are data, and are rounded as a texture is
+    for (precision, weights), (size, answer) in zip(precisions, answers, strict=True):
+        coarse = precision == "int8" or (table and weights == "int8")
         difference, scale = (answer - answers[0][1]).square().mean().sqrt(), answers[0][1].square().mean().sqrt()
         # A step of eight bits is 1/255 of a channel's range, and a decoder may answer it with some steps of its own.
-        assert difference <= (0.02 if precision == "int8" else 0.002) * scale
+        assert difference <= (0.02 if coarse else 0.002) * scale
         assert size <= answers[0][0]
     assert torch.stack([answer for _, answer in answers]).isfinite().all()

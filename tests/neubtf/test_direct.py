@@ -90,7 +90,7 @@ def test_the_stored_texture_is_what_was_fitted() -> None:
 
 @pytest.mark.parametrize("settings", [{"latents": 0}, {"layers": 0}, {"omega": 0.0}, {"steps": 0}])
 def test_settings_without_sense_are_refused(settings: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=r"must be a (whole number ≥ 1|finite number > 0)|at least 1 step"):
+    with pytest.raises(InputError, match=r"must be a (whole number (≥|from) 1|finite number > 0)|at least 1 step"):
         fitted(**settings)
 
 

@@ -173,6 +173,7 @@ def test_fits_are_short_unless_the_author_says_otherwise():
 
 def test_a_bound_that_is_missed_comes_with_how_the_built_in_codecs_met_it(tmp_path, monkeypatch):
     met = {"kind": "stress", "subject": "pca", "extreme": "one row", "verdict": "pass", "figure": "", "used": 0.25}
+    met |= {"group": "data", "detail": "", "order": 1}
     for record in (met, met | {"subject": "vq", "used": None}, met | {"subject": "table", "verdict": "fail"}):
         append(tmp_path, record)
     monkeypatch.setattr(reference, "place", lambda: tmp_path / FILE)

@@ -116,7 +116,8 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
 
 
 def test_a_job_that_failed_is_a_row_that_says_why(tmp_path):
-    job = {"kind": "job", "job": "tiny/mean-colour/0", "material": "tiny", "status": "failed", "error": "no\nmemory"}
+    job = {"kind": "job", "job": "tiny/mean-colour/0", "material": "tiny", "label": "mean-colour"}
+    job |= {"codec": "mean-colour", "seed": 0, "status": "failed", "error": "no\nmemory"}
     append(tmp_path, job)
     (row,) = trade.measure(replace(SUITE, variants=()), load_run(tmp_path), "cpu")["choices"]
     assert (row["label"], row["error"]) == ("mean-colour", "failed: no memory")

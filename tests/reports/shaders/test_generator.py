@@ -22,7 +22,6 @@ from reports.shaders.export import export
 from reports.shaders.generator import shader
 from reports.shaders.program import Program, read
 from tests.baselines.surfaces import bumps
-from tests.reports.browser import chromium
 from tests.reports.shaders.reader import answer
 
 CODECS = {
@@ -150,13 +149,12 @@ SAYS = """async (code) => {
 
 
 @pytest.mark.timeout(300)
-def test_wgsl_compiles(tmp_path: Path) -> None:
+def test_wgsl_compiles(browser: Any, tmp_path: Path) -> None:
     """In the browser, where its validator is."""
     (tmp_path / "empty.html").write_text("<!doctype html><title>compile</title>")
-    with chromium() as browser:
-        tab = browser.new_page()
-        tab.goto((tmp_path / "empty.html").as_uri())
-        for codec in ("neubtf-direct", "pca", "relief"):
-            text = shader(stored(decoded(codec, CODECS[codec]), tmp_path), DIALECTS["wgsl"]).text
-            assert tab.evaluate(SAYS, text) == []
-        assert "unresolved" in tab.evaluate(SAYS, text.replace("exactOne(", "missing(", 1))[0]
+    tab = browser.new_page()
+    tab.goto((tmp_path / "empty.html").as_uri())
+    for codec in ("neubtf-direct", "pca", "relief"):
+        text = shader(stored(decoded(codec, CODECS[codec]), tmp_path), DIALECTS["wgsl"]).text
+        assert tab.evaluate(SAYS, text) == []
+    assert "unresolved" in tab.evaluate(SAYS, text.replace("exactOne(", "missing(", 1))[0]

@@ -17,7 +17,6 @@ from bench.runs.drawing import drawable
 from reports.shaders.program import read
 from reports.viewer.page import Model, as_json, page
 from tests.baselines.surfaces import bumps
-from tests.reports.browser import chromium
 
 CODECS: dict[str, dict[str, Any]] = {
     "mean-colour": {},
@@ -31,12 +30,6 @@ WO, WI = (from_degrees(*angles).astype(np.float32).ravel() for angles in ((35, 2
 
 def test_no_text_of_the_data_ends_the_script() -> None:
     assert "</script" not in as_json({"label": "</script><script>alert(1)</script>"})
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 @pytest.fixture(scope="module")
