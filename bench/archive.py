@@ -5,7 +5,7 @@ import io
 import math
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -177,11 +177,15 @@ def stored(files: ZipFiles, key: str) -> Stored:
     return Stored(files, name, shape, dtype, begin, fortran)
 
 
-def read_arrays(path: Path, most: int) -> dict[str, Array]:
-    """Every array of an `.npz` by name, inflated to `most` bytes together. `InputError` says what is wrong."""
+def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> dict[str, Array]:
+    """Every array of an `.npz` by name, or those of some names that it has, inflated to `most` bytes together.
+
+    `InputError` says what is wrong.
+    """
     files = ZipFiles(path)
     total = sum(map(files.size, files.entries))
     if total > most:
         raise InputError(f"{path}: claims {total:,} bytes, and {most:,} are the limit: make it anew")
     keys = [name.removesuffix(".npy") for name in files.entries if name.endswith(".npy")]
-    return {key: np.array(stored(files, key).values()) for key in keys}  # in memory, and writable
+    wanted = [key for key in keys if names is None or key in names]
+    return {key: np.array(stored(files, key).values()) for key in wanted}  # in memory, and writable

@@ -31,7 +31,7 @@ def decibels(folder: Path, job: Record) -> Array | None:
     if not path.exists():
         return None
     try:
-        arrays = read_arrays(path, MAX_FILE)
+        arrays = read_arrays(path, MAX_FILE, (PSNR, "heldout"))
         raw, heldout = arrays[PSNR], arrays["heldout"]
         if raw.ndim != 1 or raw.shape != heldout.shape or (raw.dtype.kind, heldout.dtype.kind) != ("f", "b"):
             raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")
