@@ -192,6 +192,7 @@ def load_together(sources: Sequence[str | Path]) -> Run:
             found.timings.put(timing["job"], timing)
         for rate in run.rates:
             found.rates.put((rate.get("material"), rate.get("curve")), rate)
+        found.unreadable.extend(run.unreadable)
     return found
 
 

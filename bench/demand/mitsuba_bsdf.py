@@ -31,7 +31,6 @@ from bench.llvm import unusable
 
 NAME = "neubtf"
 VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
-Values = Any  # Dr.Jit arrays
 
 
 def register() -> None:
@@ -55,8 +54,7 @@ class _Lobes:
 
     def _at(self, si: Any) -> tuple[Any, Any, Any, list[Any]]:
         """Share, roughnesses and axes where the texture is looked up."""
-        uv = si.uv * self.repeat
-        uv -= dr.floor(uv)
+        uv = _wrapped(si, self.repeat)
         column = dr.minimum(mi.UInt32(uv.x * self.cells), self.cells - 1)
         row = dr.minimum(mi.UInt32((1 - uv.y) * self.cells), self.cells - 1)
         share, along, across, *rest = (dr.gather(mi.Float, each, row * self.cells + column) for each in self.columns)
@@ -83,6 +81,12 @@ class _Lobes:
         met = dr.dot(inside, half)
         found = _ggx(along, across).pdf(inside, half) / (4 * met)
         return dr.select((inside.z > 1e-4) & (met > 1e-4) & (half.z > 0), found, 0)
+
+
+def _wrapped(si: Any, repeat: float) -> Any:
+    """Where in one period of the texture a surface is looked up."""
+    uv = si.uv * repeat
+    return uv - dr.floor(uv)
 
 
 def _ggx(along: Any, across: Any) -> Any:
@@ -136,8 +140,7 @@ class _Answers:
         active = active & (view.z > 0) & (light.z > 0)
         up = mi.Vector3f(0, 0, 1)
         view, light = dr.select(active, view, up), dr.select(active, light, up)
-        uv = si.uv * self.repeat
-        uv -= dr.floor(uv)
+        uv = _wrapped(si, self.repeat)
         side = self.repeat * dr.maximum(dr.norm(si.duv_dx), dr.norm(si.duv_dy))
         rgb = self.answer([uv.x, uv.y], [view.x, view.y, view.z], [light.x, light.y, light.z], side)
         return dr.select(active, dr.maximum(mi.Color3f(*rgb), 0), 0)

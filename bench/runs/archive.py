@@ -26,7 +26,6 @@ from bench.runs.place import Place
 from bench.runs.workbench import Workbench, workbench
 from bench.settings import table
 
-FORMAT = 1
 MOST_BYTES = 4 << 30  # of an archive's unpacked files
 DECIBELS, RELATIVE = 0.01, 1e-3  # what rounding on another processor may change
 
