@@ -6,7 +6,7 @@ have no such parameters, so the texture is free, as in their second stage. See d
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -17,20 +17,8 @@ from bench.codec import Codec, Fit, Parts
 from bench.decoder import Activation, Architecture, Decoder, Frames, load_vector, to_vector
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.settings import Count, Natural, Positive
-from bench.training import (
-    Batch,
-    Loss,
-    Objective,
-    Optimiser,
-    Samples,
-    Start,
-    distance,
-    first_latents,
-    gain_of,
-    groups_of,
-    train,
-)
+from bench.settings import Count, Natural
+from bench.training import Batch, FitSettings, Samples, TextureObjective, first_latents, gain_of, train
 
 
 class Zeltner2024(Codec):
@@ -43,23 +31,14 @@ class Zeltner2024(Codec):
     }
 
     @dataclass(frozen=True)
-    class Settings:
+    class Settings(FitSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": ω_o and ω_i alone, random latents, Adam, absolute error
-        steps: Natural = 2_500  # of the fit
-        batch: Count = 4_096  # samples a step
-        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         latents: Count = 8  # channels of the neural texture
         frames: Natural = 2  # learned shading frames; 0: the network sees directions as they are
         halfway: bool = True  # turn the half vector beside ω_o and ω_i
         layers: Count = 2  # hidden layers of the network
         width: Count = 32  # channels of each hidden layer
         activation: Activation = "leaky-relu"  # of the hidden layers
-        start: Start = "components"  # of the neural texture: principal components of the log ABRDFs, or random
-        optimiser: Optimiser = "muon"  # of the network's hidden matrices; all else is Adam's
-        hidden_rate: Positive = 2e-2  # highest learning rate of Muon
-        rate: Positive = 1e-2  # highest learning rate of the network
-        latent_rate: Positive = 1e-2  # highest learning rate of the neural texture
-        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
         precision: Precision = "int8"  # of the stored texture
         weights: WeightPrecision = "half"  # of the stored network
 
@@ -99,29 +78,19 @@ class FramedNetwork(nn.Module):
         return level
 
 
-class Fitting(Objective):
+class Fitting(TextureObjective):
     """The neural texture (H · W, D) and the network, both free."""
 
     def __init__(self, samples: Samples, settings: Zeltner2024.Settings, generator: torch.Generator):
-        super().__init__(samples)
-        self.settings = settings
+        super().__init__(samples, settings)
         self.network = FramedNetwork(settings, generator)
         self.network.decoder.start_at(samples.mean(generator))
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
-
-    def groups(self) -> list[dict[str, Any]]:
-        settings = self.settings
-        network = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
-        return [*network, {"params": [self.texture], "lr": settings.latent_rate}]
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         latents = self.texture.index_select(0, batch.texel)
         level: Tensor = self.network(latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
         return level
-
-    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
 
 class Zeltner2024Material(Material):

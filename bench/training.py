@@ -4,6 +4,7 @@ from bench.codecs.blocks import blocks
 from bench.codecs.optimiser import Optimiser, groups_of
 from bench.codecs.start import RANDOM_SPREAD, Start, components, first_latents
 from bench.codecs.svd import Factors, truncated_svd
+from bench.codecs.texture_fit import FitSettings, TextureObjective
 from bench.codecs.training import (
     Batch,
     DivergedError,
@@ -22,11 +23,13 @@ __all__ = [
     "Batch",
     "DivergedError",
     "Factors",
+    "FitSettings",
     "Loss",
     "Objective",
     "Optimiser",
     "Samples",
     "Start",
+    "TextureObjective",
     "blocks",
     "components",
     "display_psnr",

@@ -1,0 +1,61 @@
+"""The texture format BC1 (DXT1): 4 × 4 texels of three channels in 8 bytes, as a GPU decodes them while it fetches.
+
+A block holds two colours of 5, 6 and 5 bits, low byte first, and for each texel two bits, row by row from the lowest
+bit, that choose among four colours between the two. Here a texel has a step 0 … 3 along the line from the first to the
+second colour; the format's own codes are 0, 2, 3, 1. Interpolated colours follow Direct3D's documentation of the
+format: colours are widened to eight bits by repeating their highest bits, then (2 a + b + 1) / 3 in whole numbers.
+Graphics processors may differ from that in the last bits.
+"""
+
+import torch
+from torch import Tensor
+
+SIDE, BYTES = 4, 8  # texels a side, bytes a block
+BITS = (5, 6, 5)
+CODES = (0, 2, 3, 1)  # the format's code of each step, in blocks of four colours
+PLACES = (11, 5, 0)  # lowest bit of each channel
+
+
+def widened(ends: Tensor) -> Tensor:
+    """Colours (…, 3) of 5, 6, 5 bits as eight bits, int64."""
+    return torch.stack([(c << (8 - b)) | (c >> (2 * b - 8)) for c, b in zip(ends.unbind(-1), BITS, strict=True)], -1)
+
+
+def between(first: Tensor, second: Tensor, step: Tensor) -> Tensor:
+    """The colour (…, 3) of eight bits, int64, at steps (…,) 0 … 3 from `first` to `second` (…, 3)."""
+    step = step[..., None]
+    return ((3 - step) * first + step * second + 1) // 3
+
+
+def write(ends: Tensor, steps: Tensor) -> Tensor:
+    """Blocks (n, 8), uint8, of colours (n, 2, 3) of 5, 6, 5 bits and steps (n, 16), int64.
+
+    Four colours are what a block has whose first colour is the larger number; so the two may change places. Where both
+    are equal, all texels take the first.
+    """
+    colours = sum(ends[..., i] << place for i, place in enumerate(PLACES))
+    assert isinstance(colours, Tensor)
+    swapped = colours[:, :1] < colours[:, 1:]
+    colours = torch.where(swapped, colours.flip(1), colours)
+    steps = torch.where(swapped, 3 - steps, steps).masked_fill(colours[:, :1] == colours[:, 1:], 0)
+    bits = (torch.tensor(CODES)[steps] << (2 * torch.arange(16))).sum(1, keepdim=True)
+    words = torch.cat([colours, bits & 0xFFFF, bits >> 16], 1)
+    return torch.stack([words & 255, words >> 8], 2).flatten(1).to(torch.uint8)
+
+
+def read(blocks: Tensor) -> Tensor:
+    """The colours (n, 16, 3) of eight bits, int64, of blocks (n, 8), uint8.
+
+    A block whose first colour is not the larger number has three colours: the one between is their mean, the fourth is
+    black. `write` makes it only of equal colours, and there takes the first.
+    """
+    low, high = blocks.long().unflatten(1, (4, 2)).unbind(2)
+    words = low | (high << 8)
+    colours = words[:, :2]
+    ends = torch.stack([(colours >> place) & (2**b - 1) for b, place in zip(BITS, PLACES, strict=True)], 2)
+    first, second = (end[:, None] for end in widened(ends).unbind(1))
+    codes = (words[:, 2:] >> (2 * torch.arange(8))[:, None, None]).permute(1, 2, 0).flatten(1) & 3
+    steps = torch.tensor(CODES).argsort()[codes]
+    three = torch.stack([first, second, (first + second) // 2, torch.zeros_like(first)], 2).squeeze(1)
+    three = three.gather(1, codes[..., None].expand(-1, -1, 3))
+    return torch.where((colours[:, :1] > colours[:, 1:])[..., None], between(first, second, steps), three)

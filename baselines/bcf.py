@@ -1,0 +1,193 @@
+"""Block-compressed features: a neural texture stored in the blocks that graphics processors decode as they fetch.
+
+Weinreich et al., "Real-time neural materials using block-compressed features" (Eurographics 2024), learn features in
+the layout of BC6 blocks, emulate their decoding in training, and decode channels of a material from them. The blocks
+here are BC1's, three latents in four bits a texel, and a network as NeuBTF's answers with radiance. Each block has two
+ends and each texel a place between them; halfway through the fit both become what the file can hold, gradients passing
+as if they did not. The texture that is queried is decoded from the blocks of the file. See docs/recipes.md.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from baselines import bc1
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.decoder import COUNTS, Architecture, Decoder, Directions, direction_inputs, load_vector, to_vector
+from bench.errors import InputError
+from bench.material import DecoderCost, Material, to_radiance
+from bench.quantise import WeightPrecision, pack, unpack
+from bench.settings import Layers, Width
+from bench.training import Batch, FitSettings, Samples, TextureObjective, first_latents, gain_of, train
+
+OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
+ROUNDED_FROM = 0.5  # of the steps: from there on latents are those of real blocks
+LEAST = 0.05  # half the length of a block's line at the start: ends that meet would move together for ever
+LEVELS = torch.tensor([2**b - 1 for b in bc1.BITS])
+
+
+class BCF(Codec):
+    """Block-compressed features: latents in BC1 blocks, half a byte for three of them, and a small network."""
+
+    name, version = "bcf", 1
+    sizes = ("textures", "width")
+
+    @dataclass(frozen=True)
+    class Settings(FitSettings):
+        textures: Width = 8  # of BC1 blocks, three latents each
+        directions: Directions = "xyzh"  # inputs: x and y of both, or all of both and of their half vector
+        layers: Layers = 3  # hidden layers of the network
+        width: Width = 32  # channels of each hidden layer
+        weights: WeightPrecision = "half"  # of the stored network
+
+        @property
+        def architecture(self) -> Architecture:
+            inputs, widths = 3 * self.textures + COUNTS[self.directions], (self.width,) * self.layers
+            return Architecture(inputs, widths, activation="sine", omega=OMEGA, norm=True, residual=True)
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain = gain_of(btf, fit)
+        fitting = Fitting(Samples(btf, gain, fit), self.settings, fit.generator())
+        train(fitting, fit, self.settings.steps, self.settings.patience)
+        blocks, low, span = fitting.blocks()
+        return Parts(
+            decoder=pack("weights", to_vector(fitting.network), self.settings.weights),
+            texture={"blocks": blocks.flatten(), "low": low, "span": span},
+            other={"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)},
+        )
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        network = Decoder(self.settings.architecture)
+        load_vector(unpack("weights", parts.decoder), network)
+        size, textures = tuple(parts.other["size"].tolist()), self.settings.textures
+        low, span = parts.texture["low"].float(), parts.texture["span"].float()
+        if min(size) < 1 or parts.texture["blocks"].shape != (math.prod(across(size)) * textures * bc1.BYTES,):
+            raise InputError(f"blocks that are not those of {size[0]} × {size[1]} texels: encode it again")
+        codes = decoded(parts.texture["blocks"].view(-1, textures, bc1.BYTES), size)
+        texture = low + span * (codes.flatten(2) / 255)
+        return BCFMaterial(network, texture, float(parts.other["gain"]), self.settings.directions).to(device)
+
+
+def across(size: tuple[int, ...]) -> tuple[int, int]:
+    """How many rows and columns of blocks cover a picture (H, W)."""
+    return -(-size[0] // bc1.SIDE), -(-size[1] // bc1.SIDE)
+
+
+def members(size: tuple[int, int]) -> Tensor:
+    """The texel (B, 16) of each place in each block of a picture (H, W), which repeats beyond its last row and column.
+
+    So a size that is no multiple of 4 is padded periodically.
+    """
+    row, col = (torch.arange(count * bc1.SIDE) % side for count, side in zip(across(size), size, strict=True))
+    texel = row[:, None] * size[1] + col
+    return texel.unflatten(1, (-1, bc1.SIDE)).unflatten(0, (-1, bc1.SIDE)).transpose(1, 2).flatten(2).flatten(0, 1)
+
+
+def decoded(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
+    """The codes (H, W, T, 3), 0 … 255, of blocks (B, T, 8) that cover a picture (H, W)."""
+    rows, cols = across(size)
+    colours = bc1.read(blocks.flatten(0, 1)).unflatten(0, (rows, cols, -1)).unflatten(3, (bc1.SIDE, bc1.SIDE))
+    picture = colours.permute(0, 3, 1, 4, 2, 5).flatten(2, 3).flatten(0, 1)
+    return picture[: size[0], : size[1]]
+
+
+class Fitting(TextureObjective):
+    """The ends (2, B, T, 3) of each block's lines, each texel's share (H · W, T) of the way, and the network."""
+
+    def __init__(self, samples: Samples, settings: BCF.Settings, generator: torch.Generator):
+        super().__init__(samples, settings)
+        self.network: Decoder = Decoder(settings.architecture, generator)
+        self.network.start_at(samples.mean(generator))
+        within = members(samples.shape)
+        latents = first_latents(samples, 3 * settings.textures, settings.start, generator).unflatten(1, (3, -1))
+        ends, shares = lines(latents.mT[within])
+        self.ends = nn.Parameter(ends)
+        block = torch.empty(samples.texels, dtype=torch.long)
+        share = torch.empty(samples.texels, settings.textures)
+        # Backwards, so that of a texel that is repeated the first place stands.
+        places, order = within.flatten().flip(0), torch.arange(within.numel()).flip(0)
+        block[places], share[places] = order // within.shape[1], shares.flatten(0, 1)[order]
+        self.share = nn.Parameter(share)
+        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
+        for name, values in (("block", block), ("within", within), ("directions", seen)):
+            self.register_buffer(name, values, persistent=False)
+        # The range of each channel's codes, once there are any; a span of 0 says not yet.
+        self.register_buffer("low", torch.zeros(settings.textures, 3))
+        self.register_buffer("span", torch.zeros(settings.textures, 3))
+
+    block: Tensor
+    within: Tensor
+    directions: Tensor
+    low: Tensor
+    span: Tensor
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        with torch.no_grad():
+            self.share.clamp_(0, 1)
+        first, second = self.ends[:, self.block[batch.texel]]
+        share = self.share.index_select(0, batch.texel)
+        latents = first + share[..., None] * (second - first)
+        if progress >= ROUNDED_FROM:
+            with torch.no_grad():
+                change = self.rounded(first, second, share) - latents
+            latents = latents + change
+        level: Tensor = self.network(torch.cat([latents.flatten(1), self.directions.index_select(0, batch.pair)], 1))
+        return level
+
+    def codes(self, ends: Tensor) -> Tensor:
+        """Ends (…, T, 3) in 5, 6 and 5 bits, int64; their range is found when they are first asked for."""
+        if not self.span.any():
+            low, high = self.ends.flatten(0, 1).amin(0), self.ends.flatten(0, 1).amax(0)
+            self.low.copy_(low)
+            self.span.copy_((high - low).clamp_min(1e-6))
+        levels = LEVELS.to(ends.device)
+        return ((ends - self.low) / self.span * levels).round().clamp(torch.zeros_like(levels), levels).long()
+
+    def rounded(self, first: Tensor, second: Tensor, share: Tensor) -> Tensor:
+        """The latents (n, T, 3) that a file gives back for texels with those ends (n, T, 3) and shares (n, T)."""
+        a, b = (bc1.widened(self.codes(end)) for end in (first, second))
+        return self.low + self.span * (bc1.between(a, b, (3 * share).round().long()) / 255)
+
+    @torch.no_grad()
+    def blocks(self) -> tuple[Tensor, Tensor, Tensor]:
+        """The blocks (B, T, 8) of the file, and the lowest value and the range (3 · T,) of its channels.
+
+        Where the picture repeats, a texel takes the step that comes nearest to it on the line of its second block.
+        """
+        self.share.clamp_(0, 1)
+        first, second = self.ends
+        latents = self.rounded(first[self.block], second[self.block], self.share)
+        ends = self.codes(self.ends)
+        a, b = (self.low + self.span * (bc1.widened(end) / 255) for end in ends)
+        along, wanted = (b - a)[:, None], latents[self.within] - a[:, None]
+        share = (wanted * along).sum(3) / along.square().sum(3).clamp_min(1e-12)
+        steps = (3 * share).round().clamp(0, 3).long().transpose(1, 2).flatten(0, 1)
+        blocks = bc1.write(ends.movedim(0, 2).flatten(0, 1).cpu(), steps.cpu())
+        return blocks, self.low.flatten().cpu(), self.span.flatten().cpu()
+
+
+def lines(latents: Tensor) -> tuple[Tensor, Tensor]:
+    """The ends (2, B, T, 3) of the principal axis of each block's latents (B, 16, T, 3), and the shares (B, 16, T)."""
+    middle = latents.mean(1, keepdim=True)
+    apart = latents - middle
+    axis = torch.linalg.eigh(torch.einsum("bptc,bptd->btcd", apart, apart))[1][..., -1]
+    along = torch.einsum("bptc,btc->bpt", apart, axis)
+    low, high = along.amin(1).clamp(max=-LEAST), along.amax(1).clamp_min(LEAST)
+    ends = torch.stack([middle[:, 0] + end[..., None] * axis for end in (low, high)])
+    return ends, (along - low[:, None]) / (high - low)[:, None]
+
+
+class BCFMaterial(Material):
+    """A texture (H, W, 3 · T), decoded from blocks and fetched bilinearly, and the network."""
+
+    def __init__(self, network: Decoder, texture: Tensor, gain: float, directions: Directions):
+        architecture = network.architecture
+        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops)
+        super().__init__((texture.shape[0], texture.shape[1]), cost)
+        self.network, self.texture, self.gain, self.directions = network, texture, gain, directions
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return to_radiance(self.network.at(self.texture, uv, *direction_inputs(wo, wi, self.directions)), self.gain)

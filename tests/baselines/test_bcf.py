@@ -1,0 +1,171 @@
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from baselines import bc1
+from baselines.bcf import BCF, Fitting, decoded, lines, members
+from bench import hemisphere
+from bench.btf import BTF, ArraySource
+from bench.codec import Fit, Parts
+from bench.conformance.check import tiny_btf
+from bench.errors import InputError
+from bench.material import parameters
+from bench.training import Samples, gain_of
+
+
+def codec(**settings: Any) -> BCF:
+    return BCF(**{"steps": 10, "batch": 256} | settings)
+
+
+def cropped(height: int, width: int) -> BTF:
+    btf = tiny_btf(8)
+    return BTF("cropped", btf.wo, btf.wi, ArraySource(np.stack(list(btf))[:, :height, :width]), periodic=True)
+
+
+def test_network_and_blocks_have_the_stated_sizes() -> None:
+    ours = codec(steps=2)
+    parts = ours.encode(tiny_btf(), Fit())
+    material = ours.decode(parts, torch.device("cpu"))
+    # 33 → 32 → 32 → 32 → 3 with biases, and 2 · 32 of each of three layer norms.
+    assert parts.decoder["weights"].shape == (3_491,)
+    assert parameters(material) == material.cost.parameters == 3_491
+    assert material.cost.texture_channels == 24
+    # 8 × 8 texels are four blocks; eight textures of eight bytes a block.
+    assert parts.texture["blocks"].dtype == torch.uint8
+    assert parts.texture["blocks"].shape == (256,)
+
+
+def oracle_block(data: bytes) -> np.ndarray:
+    """The colours (4, 4, 3) of one block by the format's description, texel by texel."""
+    words = [int.from_bytes(data[i : i + 2], "little") for i in (0, 2)]
+    colours = []
+    for word in words:
+        r, g, b = word >> 11, (word >> 5) & 63, word & 31
+        colours.append([(r << 3) | (r >> 2), (g << 2) | (g >> 4), (b << 3) | (b >> 2)])
+    a, b = np.array(colours)
+    four, three = [(2 * a + b + 1) // 3, (a + 2 * b + 1) // 3], [(a + b) // 2, 0 * a]
+    palette = [a, b, *(four if words[0] > words[1] else three)]
+    codes = int.from_bytes(data[4:], "little")
+    return np.array([palette[(codes >> (2 * i)) & 3] for i in range(16)]).reshape(4, 4, 3)
+
+
+def test_any_block_is_read_by_the_rules_of_the_format() -> None:
+    blocks = torch.randint(0, 256, (500, 8), generator=torch.Generator().manual_seed(0)).to(torch.uint8)
+    blocks[::50, 2:4] = blocks[::50, :2]  # equal colours
+    found = bc1.read(blocks).reshape(-1, 4, 4, 3).numpy()
+    np.testing.assert_array_equal(found, [oracle_block(bytes(block)) for block in blocks.numpy()])
+
+
+def test_another_decoder_reads_the_same_colours() -> None:
+    generator = torch.Generator().manual_seed(1)
+    ends = torch.stack([torch.randint(0, 2**b, (64, 2), generator=generator) for b in bc1.BITS], -1)
+    ends[:4, 1] = ends[:4, 0]
+    steps = torch.randint(0, 4, (64, 16), generator=generator)
+    data = bc1.write(ends, steps)
+    theirs = np.asarray(Image.frombytes("RGBA", (32, 32), data.numpy().tobytes(), "bcn", (1, "")))
+    ours = decoded(data[:, None], (32, 32))[:, :, 0].numpy()
+    assert (theirs[..., 3] == 255).all()  # no block falls into the mode of three colours and black
+    # Pillow cuts thirds off where Direct3D's description rounds them.
+    assert np.abs(theirs[..., :3].astype(int) - ours).max() <= 1
+    assert np.abs(ours.std()) > 50
+
+
+def test_what_is_written_is_read_back() -> None:
+    generator = torch.Generator().manual_seed(2)
+    ends = torch.stack([torch.randint(0, 2**b, (300, 2), generator=generator) for b in bc1.BITS], -1)
+    ends[0, 1] = ends[0, 0]
+    steps = torch.randint(0, 4, (300, 16), generator=generator)
+    first, second = (end[:, None] for end in bc1.widened(ends).unbind(1))
+    assert torch.equal(bc1.read(bc1.write(ends, steps)), bc1.between(first, second, steps))
+
+
+@pytest.mark.parametrize("size", [(8, 8), (5, 7), (1, 1), (3, 8)])
+def test_the_fit_sees_what_the_file_gives_back(size: tuple[int, int]) -> None:
+    btf = cropped(*size)
+    fit, settings = Fit(), BCF.Settings(textures=2)
+    fitting = Fitting(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
+    with torch.no_grad():
+        fitting.ends += 0.1 * torch.randn(fitting.ends.shape, generator=fit.generator())
+    blocks, low, span = fitting.blocks()
+    stored = low + span * (decoded(blocks.reshape(-1, 2, 8), size).flatten(2) / 255)
+    first, second = fitting.ends.detach()
+    seen = fitting.rounded(first[fitting.block], second[fitting.block], fitting.share.detach())
+    torch.testing.assert_close(stored.flatten(0, 1), seen.flatten(1), rtol=0, atol=0)
+
+
+def test_a_picture_that_fills_no_block_repeats_in_it() -> None:
+    within = members((5, 7)).reshape(2, 2, 4, 4)
+    padded = np.pad(np.arange(35).reshape(5, 7), ((0, 3), (0, 1)), mode="wrap")
+    for row in range(2):
+        for col in range(2):
+            block = padded[4 * row : 4 * row + 4, 4 * col : 4 * col + 4]
+            np.testing.assert_array_equal(within[row, col], block)
+
+
+def answer(parts: Parts, row: int, col: int, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
+    """Radiance (3,) at a texel's centre, from the tensors of a file of 8 × 8 texels, loop by loop."""
+    latents = []
+    blocks = parts.texture["blocks"].numpy().reshape(2, 2, 8, 8)[row // 4, col // 4]
+    for block in blocks:
+        latents += list(oracle_block(bytes(block))[row % 4, col % 4])
+    low, span = (parts.texture[name].double().numpy() for name in ("low", "span"))
+    h = (wo + wi) / np.linalg.norm(wo + wi)
+    x = np.concatenate([low + span * np.array(latents) / 255, wo, wi, h])
+    take = iter(parts.decoder["weights"].double().tolist())
+    shapes = ((32, 33), (32, 32), (32, 32), (3, 32))
+    layers = [(np.array([[next(take) for _ in range(b)] for _ in range(a)]), [next(take) for _ in range(a)])
+              for a, b in shapes]  # fmt: skip
+    norms = [([next(take) for _ in range(32)], [next(take) for _ in range(32)]) for _ in range(3)]
+    for depth, (weight, bias) in enumerate(layers):
+        y = weight @ x + bias
+        if depth < 3:
+            gain, offset = norms[depth]
+            y = np.sin(2 * ((y - y.mean()) / np.sqrt(y.var() + 1e-5) * gain + offset))
+            y = y + x if depth else y
+        x = y
+    return np.expm1(x).clip(0) / float(parts.other["gain"])
+
+
+def test_a_decoded_file_answers_as_the_equations() -> None:
+    ours = codec(steps=30, weights="float32")
+    parts = ours.encode(tiny_btf(), Fit())
+    material = ours.decode(parts, torch.device("cpu"))
+    wo, wi = hemisphere.from_degrees(50.0, 20.0), hemisphere.from_degrees(35.0, 140.0)
+    found = material.slice(wo.tolist(), wi.tolist())
+    for row, col in ((0, 0), (3, 5), (7, 2)):
+        expected = answer(parts, row, col, wo.astype(float), wi.astype(float))
+        # Float32 sums of some tens of terms.
+        np.testing.assert_allclose(found[row, col], expected, rtol=2e-4, atol=1e-5)
+
+
+def test_the_first_ends_and_shares_lie_on_the_blocks_principal_axis() -> None:
+    """Latents on a line are met exactly; the ends are those texels that lie farthest out."""
+    along = torch.linspace(-2, 3, 16)
+    axis = torch.tensor([0.6, 0.0, 0.8])
+    ends, shares = lines((torch.tensor([1.0, 2.0, 3.0]) + along[:, None] * axis)[None, :, None])
+    found = ends[0, :, None] + shares[..., None] * (ends[1] - ends[0])[:, None]
+    torch.testing.assert_close(found[0, :, 0] - torch.tensor([1.0, 2.0, 3.0]), along[:, None] * axis)
+    assert sorted([float(shares.min()), float(shares.max())]) == pytest.approx([0, 1], abs=1e-5)
+
+
+def test_it_comes_near_the_data() -> None:
+    fit = Fit()
+    codec(steps=300, batch=512).encode(tiny_btf(), fit)
+    assert fit.history[-1]["psnr"] > 25
+
+
+@pytest.mark.parametrize("setting", ["textures", "batch", "width"])
+def test_settings_without_sense_are_refused(setting: str) -> None:
+    with pytest.raises(InputError, match="from 1"):
+        codec(**{setting: 0})
+
+
+def test_blocks_that_are_not_those_of_the_texture_are_refused() -> None:
+    ours = codec(steps=2)
+    parts = ours.encode(tiny_btf(), Fit())
+    parts.texture["blocks"] = parts.texture["blocks"][:-8]
+    with pytest.raises(InputError, match="8 × 8 texels"):
+        ours.decode(parts, torch.device("cpu"))
