@@ -117,7 +117,7 @@ def test_it_comes_near_the_data(recipe: str) -> None:
 
 @pytest.mark.parametrize("setting", ["latents", "width", "layers", "batch"])
 def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match="≥ 1"):
+    with pytest.raises(InputError, match=r"a whole number (≥|from) 1"):
         codec(**{setting: 0})
 
 
