@@ -43,14 +43,19 @@ def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
     """Everything that the figures of a file depend on. A file is not scored again if a record has the same key."""
     codec = registry.load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
     code = identity(codec, __name__, *(type(metric).__module__ for metric in bench.scorer.metrics.values()))["code"]
-    return {
+    key = {
         "sha256": header.sha256,
         "btf": bench.btf.fingerprint,
         "exposure": bench.exposure,
         "metrics": {name: get_metric(name).version for name in bench.scorer.names},
         "footprints": FOOTPRINTS_VERSION,
         "code": code,
-    } | ({"demand": bench.demand.fingerprint} if bench.demand else {})
+    }
+    if bench.demand:
+        key |= {"demand": bench.demand.fingerprint}
+    if len(bench.scored) < len(bench.btf):
+        key |= {"scored": len(bench.scored)}
+    return key
 
 
 def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Record:
@@ -60,13 +65,16 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
     """
     header, material = file.header, unreported(file.material)
     decoder = Slices(bench, material, show)
-    decides = gate(bench.groups)
+    groups, decides = dict(bench.groups), gate(bench.groups)
+    if decides != "all" and len(bench.scored) < len(bench.btf):
+        del groups["all"]  # where few training pairs are scored, a mean over all that are is of neither set
+    deciding = np.intersect1d(bench.scored, groups[decides])
     with torch_threads(threads):
-        scores = bench.scorer.score(bench.groups["all"], decoder.watched)
-        coarse = footprint_errors(bench.btf, bench.groups[decides], decoder.slice, bench.exposure, COARSE)
+        scores = bench.scorer.score(bench.scored, decoder.watched)
+        coarse = footprint_errors(bench.btf, deciding, decoder.slice, bench.exposure, COARSE)
         pictures = _pictures(bench, decoder)
         scene = bench.judge.record(material) if bench.judge else {}
-    summary = summarise(scores, bench.btf.wo, bench.btf.wi, bench.groups)
+    summary = summarise(scores, bench.btf.wo, bench.btf.wi, groups)
     finest = summary[decides]["metrics"][PSNR]
     one = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
     if bench.scene_shares is not None:
@@ -125,7 +133,8 @@ class Slices:
 
     def watched(self, pair: int) -> np.ndarray:
         """The slice of one pair; also moves the progress bar."""
-        self.show("scoring", pair + 1, len(self.bench.btf))
+        done = int(np.searchsorted(self.bench.scored, pair)) + 1
+        self.show("scoring", done, len(self.bench.scored))
         return self.slice(pair)
 
 
@@ -150,8 +159,8 @@ def _slices(bench: Workbench, scores: Scores) -> dict[str, np.ndarray]:
 
 def _footprints(bench: Workbench, errors: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
     """The errors of slices by pair at larger footprints (`footprint_2`, …); NaN where none was measured."""
-    decides = bench.groups[gate(bench.groups)]
-    found = {f"footprint_{factor}": np.full(len(bench.btf), np.nan) for factor in errors}
+    decides = np.isin(bench.scored, bench.groups[gate(bench.groups)])
+    found = {f"footprint_{factor}": np.full(len(decides), np.nan) for factor in errors}
     for factor, raw in errors.items():
         found[f"footprint_{factor}"][decides] = raw
     return found

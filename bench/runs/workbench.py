@@ -37,6 +37,7 @@ class Workbench:
     name: str
     scorers: int | None = None
     demand: Demand | None = None  # of a scene to judge by
+    training_scored: int = 0  # at most so many training pairs are scored; 0: all
     metrics: tuple[str, ...] = DEFAULTS  # as a suite names them
     split: Split = field(init=False)
 
@@ -83,6 +84,18 @@ class Workbench:
         if self.scene_shares is not None:
             groups[OUTSIDE] = np.flatnonzero(self.scene_shares == 0)
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
+
+    @cached_property
+    def scored(self) -> np.ndarray:
+        """The pairs that are scored: all, or the held-out ones and a fixed draw of the training pairs.
+
+        The weights of a scene's demand are of all pairs, so with one all are scored.
+        """
+        train = self.split.train
+        if self.demand or not 0 < self.training_scored < len(train):
+            return self.groups["all"]
+        drawn = np.random.default_rng(0).choice(train, self.training_scored, replace=False)
+        return np.union1d(drawn, self.groups.get("heldout", drawn))
 
     @cached_property
     def sheet(self) -> np.ndarray:
@@ -139,5 +152,6 @@ def workbench(
         if key not in _latest:
             _latest.clear()
             asked = demand_of(run, demand) if demand else None
-            _latest[key] = Workbench(open_material(spec, data, show, draw), spec.name, scorers, asked, metrics)
+            btf = open_material(spec, data, show, draw)
+            _latest[key] = Workbench(btf, spec.name, scorers, asked, data.scored, metrics)
         yield _latest[key]

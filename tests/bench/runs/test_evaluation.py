@@ -8,12 +8,15 @@ import pytest
 import torch
 
 from bench.btf import BTF, ArraySource
+from bench.codec import Fit
+from bench.codecs import container, loading
+from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.hemisphere import from_degrees
 from bench.material import DecoderCost, Material
 from bench.metrics.scoring import score_footprints
-from bench.runs.evaluation import Slices, drawing
+from bench.runs.evaluation import Slices, drawing, evaluate, score_key
 from bench.runs.workbench import SHOWN, STORED, Workbench
 
 WAVES = torch.tensor([3.0, 2.0])  # of the picture, across and down
@@ -59,6 +62,25 @@ def test_the_stored_pairs_are_many_held_out_and_spread_and_hold_those_of_the_she
 
     others = [np.random.default_rng(seed).choice(decides, len(bench.shown), replace=False) for seed in range(20)]
     assert all(nearest(bench.shown) >= nearest(other) for other in others)
+
+
+def test_of_many_training_pairs_a_few_tell_and_every_held_out_pair_counts(tmp_path):
+    btf = tiny_btf(16, 12, 12)
+    codec = load_codec("mean-colour")()
+    file = loading.load(container.save(tmp_path / "file", codec, codec.encode(btf, Fit())).path)
+    kept = {}
+    keep = lambda name, content: kept.update({name: content}) or name  # noqa: E731
+    whole, some = (Workbench(btf, "tiny", training_scored=count) for count in (0, 5))
+    every, few = (evaluate(bench, file, 1, keep, lambda *_: None) for bench in (whole, some))
+    assert few["scores"]["heldout"] == every["scores"]["heldout"]
+    assert few["footprints"] == every["footprints"]
+    assert few["pairs"] == every["pairs"]
+    assert few["scores"]["train"]["slices"] == 5 < every["scores"]["train"]["slices"]
+    assert "all" in every["scores"]
+    assert "all" not in few["scores"]
+    slices = kept[few["slices"]]
+    assert {len(values) for name, values in slices.items() if name != "abrdf"} == {5 + few["pairs"]["heldout"]}
+    assert score_key(whole, file.header) != score_key(some, file.header)
 
 
 def loaded(material):
