@@ -52,13 +52,19 @@ def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
     grid = directions[thin(directions, views)], directions[thin(directions, lights)]
     wo, wi = np.repeat(grid[0], lights, 0), np.tile(grid[1], (views, 1))
     row, col = np.mgrid[:size, :size] / size
+    values = tiny_radiance(row, col, wo[:, None, None], wi[:, None, None]).astype(np.float32)
+    return BTF("check", wo, wi, ArraySource(values), periodic=True)
+
+
+def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
+    """What `tiny_btf` holds (…, 3), at any row and col (…) over the size and any directions (…, 3)."""
     albedo = 0.4 + 0.3 * np.stack(
         [np.sin(2 * np.pi * row), np.cos(2 * np.pi * col), np.sin(2 * np.pi * (row + col))], -1
     )
-    half = (wo + wi) / np.linalg.norm(wo + wi, axis=1, keepdims=True)
-    gloss = 0.5 * half[:, 2, None, None, None] ** 20 * (1 + np.sin(2 * np.pi * col))[..., None]
-    values = ((albedo / np.pi + gloss) * wi[:, 2, None, None, None]).astype(np.float32)
-    return BTF("check", wo, wi, ArraySource(values), periodic=True)
+    half = (wo + wi) / np.linalg.norm(wo + wi, axis=-1, keepdims=True)
+    gloss = 0.5 * half[..., 2:] ** 20 * (1 + np.sin(2 * np.pi * col))[..., None]
+    found: np.ndarray = (albedo / np.pi + gloss) * wi[..., 2:]
+    return found
 
 
 def others(btf: BTF) -> list[BTF]:

@@ -17,6 +17,7 @@ from bench.conformance.check import CheckError
 from bench.conformance.stability.case import Case, Measured, NotApplicable, Subject, Test, require
 from bench.conformance.stability.data import ordinary
 from bench.conformance.stability.networks import SHORT_FLOATS
+from bench.conformance.stability.physics import CONSERVES, RECIPROCAL, energy, reciprocity
 from bench.conformance.stability.properties import DATA_HOLDS, QUERIES_HOLD, drawn_data, drawn_queries
 from bench.conformance.stability.queries import Queries, described, spread
 
@@ -140,16 +141,6 @@ def near_double(name: str, subject: Subject) -> Measured:
     return Measured(used=float(excess[worst]), detail=where)
 
 
-def reciprocity(subject: Subject) -> Measured:
-    """Root mean square of f_r(ω_o, ω_i) − f_r(ω_i, ω_o) over the mean of f_r, at pairs up to 75°."""
-    queries = spread(MANY, 75.0, seed=12)
-    there = queries._replace(wo=queries.wi, wi=queries.wo)
-    ours, theirs = (subject.bench.material.query(*q) / q.wi[:, 2:] for q in (queries, there))
-    error = (ours - theirs).square().mean().sqrt() / ((ours + theirs) / 2).mean().clamp_min(1e-30)
-    require(error.isfinite(), "not finite", "the error of reciprocity is not finite")
-    return Measured(f"{error:.0%}")
-
-
 def diverges(subject: Subject) -> None:
     """A fit at an absurd learning rate says that it diverged, and leaves no file; so does that of a shared network."""
     path = subject.bench.folder / f"diverged{container.SUFFIX}"
@@ -209,7 +200,8 @@ CASES = (
         )
         for name, dtype in SHORT_FLOATS.items()
     ),
-    invariant("Helmholtz reciprocity (reported)", "finite; its error is reported", reciprocity, cheap=False),
+    invariant("Helmholtz reciprocity (reported)", RECIPROCAL, reciprocity, cheap=False),
+    invariant("directional albedo (reported)", CONSERVES, energy, cheap=False),
     invariant("a fit that diverges", "says so, and leaves no file", diverges, cheap=False),
     invariant("drawn queries", QUERIES_HOLD, drawn_queries, cheap=False),
     invariant("drawn data", DATA_HOLDS, drawn_data, cheap=False),

@@ -79,14 +79,25 @@ def large_arguments(subject: Subject) -> Material:
 
 @torch.no_grad()
 def overflowing_level(subject: Subject) -> Material:
-    """Last layers that answer a log radiance of 1,000, of which expm1 is no float."""
+    """A last layer that answers a log radiance of 1,000, of which expm1 is no float."""
     material = subject.decode(subject.parts)
     applicable(material.modules(), "has no network")
-    for network in material.modules():
-        last = [layer for layer in network.modules() if isinstance(layer, nn.Linear)][-1:]
-        for layer in last:
-            layer.bias.fill_(1e3)
+    last = _answering(material)
+    applicable(last.bias is not None, "its last layer has no bias")
+    last.bias.fill_(1e3)
     return material
+
+
+def _answering(material: Material) -> nn.Linear:
+    """The linear layer that gives the radiance: the last one to run, wherever it stands in its network."""
+    ran: list[nn.Linear] = []
+    layers = of_kind(material, nn.Linear)
+    hooks = [layer.register_forward_hook(lambda layer, *_: ran.append(layer)) for layer in layers]
+    material.query(*spread(1))
+    for hook in hooks:
+        hook.remove()
+    applicable(ran, "runs no linear layer")
+    return ran[-1]
 
 
 SPOILED: dict[str, Callable[[Subject], Material]] = {

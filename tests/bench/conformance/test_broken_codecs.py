@@ -288,6 +288,18 @@ class LastCodeMissing(Tiny):
         return material
 
 
+class FrameLast(Endless):
+    """Lists a layer that turns directions after the one that gives the radiance, and runs it before."""
+
+    def __init__(self, *stored):
+        super().__init__(*stored)
+        self.network.frames = torch.nn.Linear(3, 3)
+
+    def evaluate(self, uv, wo, wi, footprint):
+        self.network.frames(wo)
+        return super().evaluate(uv, wo, wi, footprint)
+
+
 BAD, NAN, INF = "not finite", r"\[nan", "inf"
 DUE = "dB is due"
 MOVES = "the answer moves by"
@@ -367,7 +379,8 @@ BROKEN = {
     "order of a batch": (answers(lambda rgb, q: rgb + torch.arange(len(rgb))[:, None] * 1e-3), "reversed"),
     "fp16 against fp64": (answers(added_up), "in float64"),
     "bf16 against fp64": (answers(added_up), "in float64"),
-    "Helmholtz reciprocity (reported)": (answers(around_a_place), "is not finite"),
+    "Helmholtz reciprocity (reported)": (answers(lambda rgb, q: rgb * q.wo[:, 2:]), "view and light changes f_r by"),
+    "directional albedo (reported)": (answers(lambda rgb, q: rgb * (2 - q.wo[:, 2:])), "reflects 2.* at θ = [78]"),
     "a fit that diverges": (Rate, "as if nothing were wrong"),
     "drawn queries": (answers(lambda rgb, q: rgb + (q.uv[:, :1] > 0.5) * 100), "a firefly: neubtf-bench stress"),
     "drawn data": (stores(one_row_too_bright), "a firefly: neubtf-bench stress"),
@@ -378,6 +391,11 @@ def verdict(codec, name, folder, monkeypatch):
     """The verdict on a codec; its files, which say mean-colour, decode with it."""
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
     return stability.judge(CASES[name], subject_of(codec, folder))
+
+
+def test_the_layer_that_gives_the_radiance_is_found_by_when_it_runs(tmp_path, monkeypatch):
+    found = verdict(of(FrameLast, Tiny), "expm1 overflow", tmp_path, monkeypatch)
+    assert (found.verdict, "inf" in found.detail) == ("fail", True), found
 
 
 def test_every_row_of_the_catalogue_has_a_broken_codec():
