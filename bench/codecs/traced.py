@@ -118,7 +118,11 @@ def _each(function: Callable[..., Scalar], *arguments: Any) -> Array:
 
 
 def _modulo(a: Scalar, b: Scalar) -> Scalar:
-    return a % b if isinstance(a, int) and isinstance(b, int) else (a % b + b) % b
+    if isinstance(a, int) and isinstance(b, int):
+        return a % b
+    # A renderer fetches 0 for rays that it does not ask, and a division of whole numbers by 0 ends the process.
+    b = b if isinstance(b, int) else dr.select(b == 0, 1, b)
+    return (a % b + b) % b
 
 
 _FUNCTIONS: dict[str, Callable[..., Scalar]] = {

@@ -102,7 +102,7 @@ class Bench:
 
     def encode(self, name: str, btf: BTF | None = None, network: TrainedNetwork | None = None) -> container.Header:
         """Encode a BTF, by default the small material, into a file of that name."""
-        with torch_threads(1):
+        with torch_threads(1), torch.enable_grad():  # whatever asks for it first
             fit = Fit(seed=1, network=network or self.network, show=self.show)
             return container.save(self.folder / name, self.codec, self.codec.encode(btf or self.btf, fit))
 

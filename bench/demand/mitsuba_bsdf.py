@@ -6,12 +6,12 @@
     </bsdf>
 
 `repeat` is how often the texture repeats over the shape's uv; `two_sided` mirrors the material to the back, which is
-black otherwise. The frame is the shape's: u along `dp_du`, the normal its shading normal. Where the integrator gives
-ray differentials, their footprint in uv is averaged over. Directions are drawn by the cosine, or from the file's lobes
-where `neubtf-bench sampling` has fitted some.
+black otherwise. The frame is the shape's: u along `dp_du`, v to the side of `dp_dv`, the normal its shading normal.
+Answers are averaged over what a pixel covers there: `pixel_angle`, in radians, at the distance that a ray went, or the
+derivatives of uv where an integrator gives them, which it does not in the differentiable variants. Directions are drawn
+by the cosine, or from the file's lobes where `neubtf-bench sampling` has fitted some.
 """
 
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from bench.codecs.container import read_parts
 from bench.codecs.loading import load
 from bench.codecs.program import program_of
 from bench.codecs.traced import Traced
+from bench.demand.demand import FARTHEST
 from bench.demand.lobes import Lobe, checked
 from bench.errors import InputError
 from bench.llvm import unusable
@@ -33,14 +34,15 @@ NAME = "neubtf"
 VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
 
 
-def register() -> None:
-    """Make the plug-in known to Mitsuba's present variant. `InputError` where that cannot run it."""
+def register() -> type:
+    """Make the plug-in known to Mitsuba's present variant: its class. `InputError` where that cannot run it."""
     variant = mi.variant() or ""
     if variant not in VARIANTS:
         raise InputError(f"Mitsuba's variant {variant or 'none'} cannot run a codec: set {' or '.join(VARIANTS)}")
     if variant.startswith("llvm") and (reason := unusable(plugins=True)):
         raise InputError(reason)
     mi.register_bsdf(NAME, _plugin(variant))
+    return _plugin(variant)
 
 
 class _Lobes:
@@ -89,6 +91,14 @@ def _wrapped(si: Any, repeat: float) -> Any:
     return uv - dr.floor(uv)
 
 
+def _uv_of(si: Any, step: Any) -> Any:
+    """The change of uv of a step in the surface's frame, by least squares; 0 where the surface has no uv."""
+    step = si.sh_frame.to_world(step)
+    uu, uv, vv = dr.squared_norm(si.dp_du), dr.dot(si.dp_du, si.dp_dv), dr.squared_norm(si.dp_dv)
+    u, v, area = dr.dot(step, si.dp_du), dr.dot(step, si.dp_dv), uu * vv - uv * uv
+    return dr.select(area > 0, mi.Point2f(u * vv - v * uv, v * uu - u * uv) / area, 0)
+
+
 def _ggx(along: Any, across: Any) -> Any:
     return mi.MicrofacetDistribution(mi.MicrofacetType.GGX, along, across, True)
 
@@ -104,6 +114,7 @@ class _Answers:
         self.file = Path(str(props["filename"]))
         self.repeat = float(props.get("repeat", 1.0))
         self.two_sided = bool(props.get("two_sided", False))
+        self.pixel_angle = float(props.get("pixel_angle", 0.0))
         side = mi.BSDFFlags.FrontSide | (mi.BSDFFlags.BackSide if self.two_sided else mi.BSDFFlags.Empty)
         flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.SpatiallyVarying | side
         self.m_components, self.m_flags = [flags], flags
@@ -113,40 +124,54 @@ class _Answers:
         self.lobes = None if stored is None else _Lobes(stored.numpy(), self.repeat)
 
     def sample(self, context: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
-        view = self._upright(si.wi)
+        view = self._turned(si, si.wi)
         toward = mi.warp.square_to_cosine_hemisphere(sample2)
         if self.lobes:
             toward = dr.select(sample1 < self.lobes.share(si, view), self.lobes.drawn(si, view, sample2), toward)
-        found = mi.BSDFSample3f(self._mirrored(toward, si.wi))
+        found = mi.BSDFSample3f(self._turned(si, toward))
         found.pdf = self.pdf(context, si, found.wo, active)
         found.eta, found.sampled_component = 1.0, 0
         found.sampled_type = mi.UInt32(+mi.BSDFFlags.GlossyReflection)
         active = active & (found.pdf > 0)
         return found, dr.select(active, self.eval(context, si, found.wo, active) / found.pdf, 0)
 
-    def _upright(self, direction: Any) -> Any:
-        """A direction on the side of the viewer, where both sides are alike."""
-        return mi.Vector3f(direction.x, direction.y, abs(direction.z)) if self.two_sided else mi.Vector3f(direction)
-
-    def _mirrored(self, direction: Any, view: Any) -> Any:
-        """A direction to the viewer's side, and back."""
-        if not self.two_sided:
-            return mi.Vector3f(direction)
-        return mi.Vector3f(direction.x, direction.y, dr.mulsign(direction.z, view.z))
+    def _turned(self, si: Any, direction: Any) -> Any:
+        """A direction of the surface's frame in the texture's, or back."""
+        # As of Mitsuba's spheres, where v runs against the frame's y: the texture is mirrored, and its relief with it.
+        mirrored = dr.dot(dr.cross(si.dp_du, si.dp_dv), si.sh_frame.n) < 0
+        found = mi.Vector3f(direction.x, dr.select(mirrored, -direction.y, direction.y), direction.z)
+        if self.two_sided:
+            found.z = dr.mulsign(found.z, si.wi.z)
+        return found
 
     def eval(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
         # Mitsuba's wi is toward the camera and its wo toward the light.
-        view, light = self._upright(si.wi), self._mirrored(wo, si.wi)
+        view, light = self._turned(si, si.wi), self._turned(si, wo)
         active = active & (view.z > 0) & (light.z > 0)
+        # What is not asked may be no number, of which an index is none either: a division by it ends the process.
         up = mi.Vector3f(0, 0, 1)
         view, light = dr.select(active, view, up), dr.select(active, light, up)
-        uv = _wrapped(si, self.repeat)
-        side = self.repeat * dr.maximum(dr.norm(si.duv_dx), dr.norm(si.duv_dy))
+        uv = dr.select(active, _wrapped(si, self.repeat), 0)
+        side = dr.select(active, dr.minimum(self.repeat * self._footprint(si), FARTHEST), 0)
         rgb = self.answer([uv.x, uv.y], [view.x, view.y, view.z], [light.x, light.y, light.z], side)
         return dr.select(active, dr.maximum(mi.Color3f(*rgb), 0), 0)
 
+    def _footprint(self, si: Any) -> Any:
+        """The longer side in uv of what a ray sees: of its derivatives, or of a cone as wide as a pixel."""
+        side = dr.maximum(dr.norm(si.duv_dx), dr.norm(si.duv_dy))
+        if not self.pixel_angle:
+            return side
+        # A circle across the ray is an ellipse on the surface, longer away from the viewer by 1 over the cosine.
+        slant = dr.maximum(dr.hypot(si.wi.x, si.wi.y), 1e-6)
+        away, across = mi.Vector3f(si.wi.x, si.wi.y, 0) / slant, mi.Vector3f(-si.wi.y, si.wi.x, 0) / slant
+        away = dr.select(slant > 1e-6, away, mi.Vector3f(1, 0, 0)) / dr.maximum(abs(si.wi.z), 1e-6)
+        across = dr.select(slant > 1e-6, across, mi.Vector3f(0, 1, 0))
+        for step in (away, across):
+            side = dr.maximum(side, dr.norm(_uv_of(si, si.t * self.pixel_angle * step)))
+        return side
+
     def pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
-        view, light = self._upright(si.wi), self._mirrored(wo, si.wi)
+        view, light = self._turned(si, si.wi), self._turned(si, wo)
         density = light.z / dr.pi
         if self.lobes:
             share = self.lobes.share(si, view)
@@ -164,7 +189,7 @@ class _Answers:
 
 
 @cache
-def _plugin(variant: str) -> Callable[[Any], Any]:
+def _plugin(variant: str) -> type:
     """The class of the plug-in: Mitsuba's classes are those of a variant, and take no second base."""
     return type("NeuBTF", (mi.BSDF,), {name: value for name, value in vars(_Answers).items() if callable(value)})
 

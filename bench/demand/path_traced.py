@@ -1,8 +1,11 @@
 """Path-traces a Mitsuba scene, an XML file, in which one BSDF is replaced by a codec file."""
 
+import math
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -15,11 +18,12 @@ def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples
     """The picture (H, W, 4) of the scene's first sensor, linear RGB and an alpha of 1, by the scene's own integrator.
 
     The BSDF with the id `bsdf` answers from the codec file, whose texture repeats `repeat` times over the shapes' uv.
-    `samples` a pixel; by default the scene's own. `InputError` says what is wrong with the scene.
+    `samples` a pixel; by default the scene's own. Each sample stands for its share of the pixel's area, over which the
+    texture is averaged. `InputError` says what is wrong with the scene.
     """
     text = replaced(scene, bsdf, file, repeat)
     set_variant()
-    register()
+    plugin = register()
     mi.file_resolver().prepend(str(scene.absolute().parent))
     try:
         loaded = mi.load_string(text)
@@ -27,8 +31,19 @@ def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples
         raise InputError(f"{scene}: Mitsuba cannot load it: {' '.join(str(error).split())[:300]}") from error
     if not loaded.sensors():
         raise InputError(f"{scene}: has no sensor: add a camera")
+    for shape in loaded.shapes():
+        if isinstance(shape.bsdf(), plugin):
+            shape.bsdf().pixel_angle = _pixel_angle(loaded.sensors()[0], samples)
     colours = np.asarray(mi.render(loaded, spp=samples or 0))[..., :3]
     return np.concatenate([colours, np.ones_like(colours[..., :1])], 2)
+
+
+def _pixel_angle(sensor: Any, samples: int | None) -> float:
+    """The angle of one sample of the pixel in the middle, in radians; 0 where all rays are parallel."""
+    middle = mi.Point2f(0.5, 0.5)
+    ray = sensor.sample_ray_differential(0.0, 0.5, middle, middle)[0]
+    apart = dr.maximum(dr.norm(ray.d_x - ray.d), dr.norm(ray.d_y - ray.d))
+    return float(apart[0]) / math.sqrt(samples or sensor.sampler().sample_count())
 
 
 def replaced(scene: Path, bsdf: str, file: Path, repeat: float) -> str:
