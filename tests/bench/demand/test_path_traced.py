@@ -1,6 +1,7 @@
 """Pictures that Mitsuba path-traces of a codec file, against those that the suite renders itself."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ CODECS = {
     "neubtf-direct": {"steps": 60, "width": 16},
     "relief": {"steps": 60, "width": 16},
 }
-SIDE, RAYS, SAMPLES = 48, 8, 256
+SIDE, RAYS, SAMPLES = 48, 8, 64
+NOISE = 0.03  # of the mean: rays at random in a pixel against a grid of them
+PIXEL = 2 * math.tan(math.radians(21 / 2)) / SIDE  # the angle of a pixel
 EYE, LAMP = (0.4, -3.0, 0.9), (-1.3, -2.5, 1.7)
 BALL = f"""
 [camera]
@@ -39,6 +42,21 @@ intensity = [10.0, 9.0, 8.0]
 """
 
 
+WALL = """
+<scene version="3.0.0">
+  <integrator type="direct"/>
+  <sensor type="perspective">
+    <float name="fov" value="30"/>
+    <transform name="to_world"><lookat origin="0,-1,3" target="0,0,0" up="0,1,0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film>
+  </sensor>
+  <bsdf type="diffuse" id="cloth"></bsdf>
+  <shape type="rectangle"><transform name="to_world"><scale value="2"/></transform><ref id="cloth"/></shape>
+  <emitter type="directional"><vector name="direction" value="0.3,0,-1"/><rgb name="irradiance" value="1"/></emitter>
+</scene>
+"""
+
+
 @pytest.fixture(scope="module", autouse=True)
 def plugin():
     if reason := llvm.unusable(plugins=True):
@@ -55,7 +73,7 @@ def btf():
     return bench.open("satin", size=16, views=25, lights=25, heldout=8)
 
 
-def written(folder, rows=96, columns=192):
+def written(folder, rows=48, columns=96):
     """The suite's ball (the file's path), as triangles: Mitsuba's own lays the texture the other way up."""
     east, north = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1)[1:-1])
     phi, theta = (east - 0.5) * 2 * np.pi, (north - 0.5) * np.pi
@@ -70,39 +88,105 @@ def written(folder, rows=96, columns=192):
     return path
 
 
-def camera(side=SIDE):
+def camera(**more):
     return {
         "type": "perspective",
         "fov": 21.0,
         "to_world": mi.ScalarTransform4f().look_at(EYE, [0, 0, 0], [0, 0, 1]),
-        "film": {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}},
+        "film": {"type": "hdrfilm", "width": SIDE, "height": SIDE, "rfilter": {"type": "box"}},
         "sampler": {"type": "stratified"},
-    }
+    } | more
 
 
-def traced(shape, file, **parameters):
-    """Mitsuba's picture (SIDE, SIDE, 3) of a shape that wears a codec file."""
+def traced(shape, file):
+    """Mitsuba's picture (SIDE, SIDE, 3) of a shape that wears a codec file, at the footprints of whole pixels."""
+    bsdf = {"type": "neubtf", "filename": str(file), "repeat": 3.0, "pixel_angle": PIXEL}
     scene = {
         "type": "scene",
         "integrator": {"type": "direct"},
-        "shape": shape | {"bsdf": {"type": "neubtf", "filename": str(file)} | parameters},
+        "shape": shape | {"bsdf": bsdf},
         "lamp": {"type": "point", "position": LAMP, "intensity": {"type": "rgb", "value": [10.0, 9.0, 8.0]}},
         "camera": camera(),
     }
     return np.asarray(mi.render(mi.load_dict(scene), spp=SAMPLES))[..., :3]
 
 
+def rendered(answers):
+    """The suite's picture (SIDE, SIDE, 3) of the ball."""
+    return still.render(parse_scene("ball", BALL), [answers], rays=RAYS)[0][..., :3]
+
+
 def apart(ours, theirs):
+    """Root mean square over the mean."""
     return float(np.sqrt(np.square(ours - theirs).mean()) / theirs.mean())
 
 
-@pytest.mark.parametrize("codec", [pytest.param(name, marks=pytest.mark.short if name == "pca" else ()) for name in CODECS])
+@pytest.mark.parametrize("codec", [pytest.param(n, marks=pytest.mark.short if n == "pca" else ()) for n in CODECS])
 def test_a_ball_is_the_one_that_the_suite_renders(codec, btf, tmp_path):
     file = tmp_path / "a.nbtf"
     bench.encode(btf, codec, file, **CODECS[codec])
-    scene = parse_scene("ball", BALL)
-    ours = still.render(scene, [still.of_material(bench.load(file))], rays=RAYS)[0][..., :3]
-    angle = 2 * math.tan(math.radians(21 / 2)) / SIDE
-    shape = {"type": "obj", "filename": str(written(tmp_path)), "flip_tex_coords": False}
-    theirs = traced(shape, file, pixel_angle=angle, repeat=3.0)
-    print(codec, apart(ours, theirs), apart(ours, theirs[:, ::-1]), ours.mean(), theirs.mean())
+    ours = rendered(still.of_material(bench.load(file)))
+    theirs = traced({"type": "obj", "filename": str(written(tmp_path)), "flip_tex_coords": False}, file)
+    assert ours.std() > ours.mean()  # half of it is black
+    assert apart(ours, theirs) < NOISE
+    assert abs(ours.mean() / theirs.mean() - 1) < 0.01
+
+
+@pytest.mark.short
+def test_a_ball_of_mitsuba_wears_the_mirrored_material(btf, tmp_path):
+    """Its v runs down and its u starts behind: texture and relief lie mirrored, and are lit as what they show."""
+    file = tmp_path / "a.nbtf"
+    bench.encode(btf, "pca", file, components=6)
+    upright, flip = still.of_material(bench.load(file)), np.float32([1, -1, 1])
+
+    def mirrored(demand, flip=flip):
+        uv = (demand.uv * np.float32([1, -1]) + np.float32([0.5, 0])) % 1
+        return upright(replace(demand, uv=uv, wo=demand.wo * flip, wi=demand.wi * flip))
+
+    theirs = traced({"type": "sphere", "radius": 0.5}, file)
+    assert apart(rendered(mirrored), theirs) < NOISE
+    assert apart(rendered(lambda demand: mirrored(demand, np.float32([1, 1, 1]))), theirs) > 3 * NOISE
+
+
+@pytest.mark.short
+def test_a_footprint_is_that_of_a_pixel(btf, tmp_path):
+    """On a slanted wall, against the rays through the neighbouring pixels."""
+    file = tmp_path / "a.nbtf"
+    bench.encode(btf, "mean-colour", file)
+    bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), "pixel_angle": PIXEL})
+    wall = {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale([1, 2, 1])}
+    scene = mi.load_dict({"type": "scene", "wall": wall, "camera": camera()})
+    col, row = (mi.Float(x) for x in np.random.default_rng(0).random((2, 1000)).astype("f4"))
+    rays, _ = scene.sensors()[0].sample_ray_differential(0.0, 0.5, mi.Point2f(col, row), mi.Point2f(0.5, 0.5))
+    si = scene.ray_intersect(rays)
+    found = np.asarray(bsdf._footprint(si))
+    si.compute_uv_partials(rays)
+    across, down = (np.linalg.norm(np.asarray(each), axis=0) for each in (si.duv_dx, si.duv_dy))
+    hit = np.asarray(si.is_valid())
+    assert hit.mean() > 0.2
+    # Pixels are square and their angle is that in the middle of the picture; a cone is round.
+    ratio = found[hit] / np.maximum(across, down)[hit]
+    assert (abs(ratio - 1) < 0.1).all()
+    bsdf.pixel_angle = 0.0
+    np.testing.assert_allclose(np.asarray(bsdf._footprint(si))[hit], np.maximum(across, down)[hit], rtol=1e-5)
+
+
+def test_samples_of_a_pixel_share_its_footprint(btf, tmp_path):
+    from bench.demand.path_traced import _pixel_angle, path_traced
+
+    file, scene = tmp_path / "a.nbtf", tmp_path / "wall.xml"
+    bench.encode(btf, "neumip", file, steps=20)
+    scene.write_text(WALL)
+    found = path_traced(scene, "cloth", file, 20.0, 4)[..., :3]
+
+    def wanted(angle):
+        text = (
+            f'<bsdf type="neubtf" id="cloth"><string name="filename" value="{file}"/><float name="repeat" value="20"/>'
+        )
+        text = WALL.replace('<bsdf type="diffuse" id="cloth">', f'{text}<float name="pixel_angle" value="{angle}"/>')
+        return np.asarray(mi.render(mi.load_string(text), spp=4))
+
+    np.testing.assert_allclose(found, wanted(2 * math.tan(math.radians(15)) / 16 / 2), rtol=1e-3)
+    assert apart(wanted(0.0), found) > 0.02
+    from_afar = mi.load_dict({"type": "orthographic"})
+    assert _pixel_angle(from_afar, 4) == 0
