@@ -18,7 +18,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
-from bench.quantise import Precision, pack, unpack
+from bench.quantise import Precision, pack, pack_bits, unpack, unpack_bits
 from bench.settings import Count, Range
 from bench.training import blocks, gain_of, truncated_svd
 
@@ -174,8 +174,7 @@ def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> lis
 
 def pack_index(label: np.ndarray, codes: int) -> Tensor:
     """Labels (n,) below `codes`, each in as few bits as that takes, as bytes."""
-    bits = (codes - 1).bit_length()
-    return torch.from_numpy(np.packbits((label[:, None] >> np.arange(bits) & 1).astype(np.uint8)))
+    return pack_bits(torch.from_numpy(label), (codes - 1).bit_length())
 
 
 def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
@@ -183,8 +182,7 @@ def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
     bits = (codes - 1).bit_length()
     if not 0 < count <= MOST_TEXELS or packed.ndim != 1 or len(packed) != (count * bits + 7) // 8:
         raise ValueError(f"an index of {packed.numel()} bytes for {count} texels and {codes} codes")
-    flat = np.unpackbits(packed.numpy(), count=count * bits).reshape(count, bits).astype(np.int64)
-    label = (flat << np.arange(bits)).sum(1)
-    if label.max(initial=0) >= codes:
+    label = unpack_bits(packed, count, bits)
+    if label.amax() >= codes:
         raise ValueError(f"an index beyond the codebook of {codes}")
-    return torch.from_numpy(label)
+    return label

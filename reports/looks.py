@@ -11,7 +11,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 LINES = ("-", "--", ":", "-.")
 KNOWN = (
     *("pca", "neubtf", "neubtf-direct", "neumip", "table", "rainer2019", "vq", "rainer2020", "mean-colour", "relief"),
-    *("hsh", "zeltner2024", "tucker", "triple-plane", "bcf"),
+    *("hsh", "zeltner2024", "tucker", "triple-plane", "bcf", "ntc"),
 )
 
 

@@ -7,6 +7,7 @@ Halves can hold numbers of any size: values too large or too small for a half ar
 import math
 from typing import Literal
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -51,3 +52,14 @@ def unpack(name: str, tensors: dict[str, Tensor]) -> Tensor:
     if f"{name}.scale" in tensors:
         values = values * tensors[f"{name}.scale"]
     return values + tensors[f"{name}.offset"] if f"{name}.offset" in tensors else values
+
+
+def pack_bits(codes: Tensor, bits: int) -> Tensor:
+    """Whole numbers (n,) below 2^bits as bytes, uint8: their bits one after the other, each number's lowest first."""
+    return torch.from_numpy(np.packbits((codes.cpu().numpy()[:, None] >> np.arange(bits) & 1).astype(np.uint8)))
+
+
+def unpack_bits(packed: Tensor, count: int, bits: int) -> Tensor:
+    """The `count` numbers, int64, that `pack_bits` packed."""
+    flat = np.unpackbits(packed.numpy(), count=count * bits).reshape(count, bits).astype(np.int64)
+    return torch.from_numpy((flat << np.arange(bits)).sum(1))

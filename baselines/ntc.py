@@ -1,0 +1,200 @@
+"""Neural texture compression, asked for radiance (after Vaidyanathan et al., SIGGRAPH 2023).
+
+"Random-access neural compression of material textures": two grids of features, of a few bits each, and a tiled encoding
+of the texel's place enter a network that answers with channels of a material. Here directions enter too, and radiance
+is answered. The finer grid is read at the four points around a texel, side by side, so that the network learns to
+interpolate it, the coarser one bilinearly. The network answers texels; what lies between is interpolated afterwards.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.decoder import (
+    COUNTS,
+    Activation,
+    Architecture,
+    Decoder,
+    Directions,
+    direction_inputs,
+    load_vector,
+    to_vector,
+)
+from bench.errors import InputError
+from bench.material import DecoderCost, Material, texel_centres, texel_corners, to_radiance
+from bench.quantise import WeightPrecision, pack, pack_bits, unpack, unpack_bits
+from bench.settings import Count, Layers, Range, Width
+from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, first_latents, gain_of, train
+
+OCTAVES, TILE, PLACE = 3, 8, 12  # of the encoding of places: it repeats after 8 texels, and has 12 numbers
+OMEGA = 2.0  # frequency of the sine, where the activation is one
+ROUNDED_FROM = {"noise": 0.95, "round": 0.5}  # of the steps: from there on grids are those of the file
+GRIDS = ("fine", "coarse")
+PAPER = {"reduction": 4, "fine": 12, "directions": "xy", "activation": "leaky-relu", "rounding": "noise"}
+PAPER |= {"start": "random", "optimiser": "adam", "rate": 5e-3, "loss": "l2", "steps": 10_000}
+
+
+class NTC(Codec):
+    """Neural texture compression: two grids of a few bits, a tiled encoding of places, a network of two layers."""
+
+    name, version = "ntc", 1
+    sizes = ("fine", "coarse", "width")
+    recipes: ClassVar = {"paper": PAPER}
+
+    @dataclass(frozen=True)
+    class Settings(FitSettings):
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its grids, rounding, rates and loss, ω_o and ω_i alone
+        reduction: Count = 1  # texels a point of the finer grid; the coarser has half as many points a side
+        fine: Width = 6  # features of the finer grid, each read at four points
+        coarse: Width = 20  # features of the coarser grid
+        bits: Annotated[int, Range(1, 8)] = 4  # of each feature
+        rounding: Literal["noise", "round"] = "round"  # in the fit: noise of one step, or rounded from halfway on
+        directions: Directions = "xyzh"  # inputs: x and y of both, or all of both and of their half vector
+        layers: Layers = 2  # hidden layers of the network
+        width: Width = 64  # channels of each hidden layer
+        activation: Activation = "sine"  # of the hidden layers; a sine has a layer norm before it
+        weights: WeightPrecision = "half"  # of the stored network
+
+        @property
+        def architecture(self) -> Architecture:
+            inputs, widths = 4 * self.fine + self.coarse + PLACE + COUNTS[self.directions], (self.width,) * self.layers
+            sine = self.activation == "sine"
+            return Architecture(inputs, widths, 3, self.activation, OMEGA, norm=sine, residual=sine)
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain, bits = gain_of(btf, fit), self.settings.bits
+        fitting = Fitting(Samples(btf, gain, fit), self.settings, fit.generator())
+        train(fitting, fit, self.settings.steps, self.settings.patience)
+        return Parts(
+            decoder=pack("weights", to_vector(fitting.network), self.settings.weights),
+            texture={n: pack_bits(codes_of(g, bits).flatten(), bits) for n, g in zip(GRIDS, fitting.free, strict=True)},
+            other={"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)},
+        )
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        settings, bits = self.settings, self.settings.bits
+        network = Decoder(settings.architecture)
+        load_vector(unpack("weights", parts.decoder), network)
+        size, grids = tuple(parts.other["size"].tolist()), []
+        for name, (rows, cols) in zip(GRIDS, sizes(size, settings.reduction), strict=True):
+            packed, count = parts.texture[name], rows * cols * getattr(settings, name)
+            if min(size) < 1 or packed.shape != ((count * bits + 7) // 8,):
+                raise InputError(f"a {name} grid that is not of {size[0]} × {size[1]} texels: encode it again")
+            grids.append(values_of(unpack_bits(packed, count, bits), bits).reshape(rows * cols, -1))
+        return NTCMaterial(network, size, grids, float(parts.other["gain"]), settings).to(device)
+
+
+def sizes(size: tuple[int, ...], reduction: int) -> tuple[tuple[int, int], ...]:
+    """The sizes of the finer and of the coarser grid of a picture."""
+    return tuple((-(-size[0] // each), -(-size[1] // each)) for each in (reduction, 2 * reduction))
+
+
+def codes_of(values: Tensor, bits: int) -> Tensor:
+    """Codes, int64, of values from −1 to 1."""
+    return ((values.detach().clamp(-1, 1) + 1) / 2 * (2**bits - 1)).round().long()
+
+
+def values_of(codes: Tensor, bits: int) -> Tensor:
+    """The values, from −1 to 1, of codes."""
+    return codes.float() * (2 / (2**bits - 1)) - 1
+
+
+def encoded_places(size: tuple[int, ...]) -> Tensor:
+    """The tiled encoding (H · W, 12) of each texel's place: triangle waves of 8, 4 and 2 texels, at two phases."""
+    row, col = torch.meshgrid(*(torch.arange(side) + 0.5 for side in size), indexing="ij")
+    place = torch.stack([col, row], 2).flatten(0, 1)[:, None, :, None] / TILE  # (H · W, octave, axis, phase)
+    turns = place * 2.0 ** torch.arange(OCTAVES)[:, None, None] + torch.tensor([0.0, 0.25])
+    return (1 - 4 * (turns - turns.floor() - 0.5).abs()).flatten(1)
+
+
+class Reader(nn.Module):
+    """What the network sees of each texel of a picture: where its grids are read, and the encoding of its place."""
+
+    fine: Tensor  # (H · W, 4), as the next two
+    coarse: Tensor
+    weight: Tensor
+    place: Tensor  # (H · W, 12)
+
+    def __init__(self, size: tuple[int, ...], reduction: int):
+        super().__init__()
+        uv = texel_centres(size[0], size[1])
+        (fine, _), (coarse, weight) = (texel_corners(each, uv) for each in sizes(size, reduction))
+        for name, values in {"fine": fine, "coarse": coarse, "weight": weight, "place": encoded_places(size)}.items():
+            self.register_buffer(name, values, persistent=False)
+
+    def forward(self, texel: Tensor, fine: Tensor, coarse: Tensor) -> Tensor:
+        """The numbers (n, 4 · F + C + 12) of texels (n,), of grids (points, F) and (points, C)."""
+        near = fine.index_select(0, self.fine[texel].flatten()).unflatten(0, (-1, 4)).flatten(1)
+        wide = coarse.index_select(0, self.coarse[texel].flatten()).unflatten(0, (-1, 4))
+        wide = (wide * self.weight[texel][..., None].to(wide.dtype)).sum(1)
+        return torch.cat([near, wide, self.place[texel].to(near.dtype)], 1)
+
+
+class Fitting(TextureObjective):
+    """Both grids, (points, features), and the network, all free."""
+
+    directions: Tensor
+
+    def __init__(self, samples: Samples, settings: NTC.Settings, generator: torch.Generator):
+        super().__init__(samples, settings)
+        self.network: Decoder = Decoder(settings.architecture, generator)
+        self.network.start_at(samples.mean(generator))
+        self.reader = Reader(samples.shape, settings.reduction)
+        channels = [settings.fine, settings.coarse]
+        first = first_latents(samples, sum(channels), settings.start, generator).T.unflatten(1, samples.shape)
+        both = zip(first.split(channels), sizes(samples.shape, settings.reduction), strict=True)
+        means = (functional.adaptive_avg_pool2d(part, size).flatten(1).T for part, size in both)
+        self.free = nn.ParameterList([nn.Parameter(grid.clamp(-1, 1).contiguous()) for grid in means])
+        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
+        self.register_buffer("directions", seen, persistent=False)
+
+    def grids(self, progress: float, generator: torch.Generator | None = None) -> list[Tensor]:
+        """Both grids as they are read at some progress of the fit; a generator draws their noise."""
+        bits, rounding, found = self.settings.bits, self.settings.rounding, []
+        for grid in self.free:
+            with torch.no_grad():
+                stored = values_of(codes_of(grid.clamp_(-1, 1), bits), bits)
+            if progress >= ROUNDED_FROM[rounding]:  # as published, noisy grids do not move any more then
+                found.append(stored if rounding == "noise" else grid + (stored - grid).detach())
+            elif rounding == "noise" and generator is not None:
+                noise = torch.rand(grid.shape, generator=generator).to(grid.device) - 0.5
+                found.append(grid + noise * (2 / (2**bits - 1)))
+            else:
+                found.append(grid)
+        return found
+
+    def predict(self, batch: Batch, progress: float, generator: torch.Generator | None = None) -> Tensor:
+        seen = self.reader(batch.texel, *self.grids(progress, generator))
+        level: Tensor = self.network(torch.cat([seen, self.directions.index_select(0, batch.pair)], 1))
+        return level
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        batch = self.samples.draw(self.settings.batch, generator)
+        return distance(self.predict(batch, progress, generator), batch.target, self.settings.loss)
+
+
+class NTCMaterial(Material):
+    """Two grids, (points, features), and the network, which answers the four texels around a place, one by one."""
+
+    def __init__(
+        self, network: Decoder, size: tuple[int, ...], grids: list[Tensor], gain: float, settings: NTC.Settings
+    ):
+        architecture, (fine, coarse) = network.architecture, grids
+        channels, floats = fine.shape[1] + coarse.shape[1], fine.numel() + coarse.numel()
+        flops = 4 * (architecture.flops + 2 * 4 * coarse.shape[1] + 6)
+        cost = DecoderCost(architecture.parameters, channels, floats, flops, 4 * 4 * channels * fine.element_size())
+        super().__init__((size[0], size[1]), cost)
+        self.network, self.fine, self.coarse, self.gain = network, fine, coarse, gain
+        self.reader, self.directions = Reader(size, settings.reduction), settings.directions
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        texel, weight = texel_corners(self.size, uv)
+        directions = torch.cat(direction_inputs(wo, wi, self.directions), 1).repeat_interleave(4, 0)
+        seen = self.reader(texel.flatten(), self.fine, self.coarse)
+        texels = to_radiance(self.network(torch.cat([seen, directions.to(seen.dtype)], 1)), self.gain)
+        return (texels.clamp_min(0).unflatten(0, (-1, 4)) * weight[..., None].to(texels.dtype)).sum(1)
