@@ -7,7 +7,8 @@ import zipfile
 import zlib
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ STEP = 1 << 16
 def inside(name: str, label: str) -> str:
     """The name with forward slashes, or an `InputError` where it leaves its folder."""
     tidy = name.replace("\\", "/")
-    if not tidy or "\0" in tidy or PurePosixPath(tidy).is_absolute() or ".." in tidy.split("/") or tidy[1:2] == ":":
+    if not tidy or "\0" in tidy or tidy.startswith("/") or ".." in tidy.split("/") or tidy[1:2] == ":":
         raise InputError(f"{label}: the name {name!r} leads out of the folder: use a plain name inside it")
     return tidy
 
@@ -156,25 +157,42 @@ class Stored:
 def stored(files: ZipFiles, key: str) -> Stored:
     """An array of an `.npz`, whose header agrees with its bytes. `InputError` for all but plain numbers and text."""
     name = f"{key}.npy"
-    label = files.label(name)
     if not files.has(name):
         raise InputError(f"{files.path}: no array {key!r}: add it")
+    return _described(files, name, files.head(name, _HEAD))
+
+
+_HEAD = 16384  # bytes: the header of an array is shorter
+
+
+def _described(files: ZipFiles, name: str, head: bytes) -> Stored:
+    """The array of an entry that begins with `head`."""
+    label = files.label(name)
+    first = head[6:7] == b"\1"  # the version whose header has a length of two bytes
     with readable(label, "save it with numpy.savez"):
-        head = io.BytesIO(files.head(name, 16384))
-        version = np.lib.format.read_magic(head)
-        if version not in ((1, 0), (2, 0)):
-            raise InputError(f"{label}: .npy version {version} is not read: save it with numpy.savez")
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = read(head)
+        version, shape, fortran, dtype, begin = _header(
+            head[: 10 + int.from_bytes(head[8:10], "little")] if first else head
+        )
+    if version not in ((1, 0), (2, 0)):
+        raise InputError(f"{label}: .npy version {version} is not read: save it with numpy.savez")
     if dtype.hasobject or dtype.kind not in "fiubU" or not dtype.itemsize or dtype.subdtype:
         raise InputError(f"{label}: type {dtype} is not read: save plain numbers")
     # A negative or absurd shape is no size of an array, though its product may be one.
     if not all(0 <= side < 1 << 48 for side in shape):
         raise InputError(f"{label}: a shape of {shape} is absurd: save it anew")
-    begin = head.tell()
     if begin + math.prod(shape) * dtype.itemsize != files.size(name):
         raise InputError(f"{label}: {shape} of {dtype} is not what its {files.size(name)} bytes hold: save it anew")
     return Stored(files, name, shape, dtype, begin, fortran)
+
+
+@lru_cache(maxsize=256)
+def _header(head: bytes) -> tuple[tuple[int, int], tuple[int, ...], bool, np.dtype[Any], int]:
+    """Version, shape, whether in Fortran's order, type, and where the values begin. The arrays of a run share a few."""
+    text = io.BytesIO(head)
+    version = np.lib.format.read_magic(text)
+    read = np.lib.format.read_array_header_2_0 if version == (2, 0) else np.lib.format.read_array_header_1_0
+    shape, fortran, dtype = read(text) if version in ((1, 0), (2, 0)) else ((), False, np.dtype("O"))
+    return version, shape, fortran, dtype, text.tell()
 
 
 def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> dict[str, Array]:
@@ -188,4 +206,12 @@ def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> 
         raise InputError(f"{path}: claims {total:,} bytes, and {most:,} are the limit: make it anew")
     keys = [name.removesuffix(".npy") for name in files.entries if name.endswith(".npy")]
     wanted = [key for key in keys if names is None or key in names]
-    return {key: np.array(stored(files, key).values()) for key in wanted}  # in memory, and writable
+    return {key: _read(files, f"{key}.npy") for key in wanted}
+
+
+def _read(files: ZipFiles, name: str) -> Array:
+    """The array of an entry, checked against its checksum, in memory, and writable."""
+    data = files.read(name)
+    found = _described(files, name, data[:_HEAD])
+    flat = np.frombuffer(data, found.dtype, math.prod(found.shape), found.begin)
+    return flat.reshape(found.shape, order="F" if found.fortran else "C").copy(order="K")

@@ -5,8 +5,9 @@ checked here. Fields that are not listed are free, but plain: finite numbers of 
 nested deeply.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 LARGEST = 1e18  # a number beyond is no measurement
@@ -93,12 +94,13 @@ SETTING = Plain(
 ANYTHING = Plain("", lambda value: True)
 PAIR = Several(NUMBER, 2)
 
-_STATISTICS = Each(maybe(NUMBER))
+_NUMBER_OR_NULL = maybe(NUMBER)
+_STATISTICS = Each(_NUMBER_OR_NULL)
 _METRIC = Fields(
     {"unit": TEXT, "direction": _one_of("higher", "lower"), "space": TEXT, "version": COUNT},
     ("unit", "direction", "version"),
 )
-_GROUP = Fields({"slices": COUNT, "radiance": maybe(NUMBER), "metrics": Each(_STATISTICS)}, ("metrics",))
+_GROUP = Fields({"slices": COUNT, "radiance": _NUMBER_OR_NULL, "metrics": Each(_STATISTICS)}, ("metrics",))
 _POINT = Fields({"step": COUNT, "seconds": NUMBER, "psnr": NUMBER}, ("step",))
 _JOB = Fields(
     {
@@ -287,13 +289,14 @@ def _fault(kind: Kind, value: Any, depth: int) -> Fault | None:
         return _fault_of_object(kind, value, depth)
     if isinstance(value, list):
         each = kind.of if isinstance(kind, Several) else ANYTHING
+        if _plainly(NUMBER if each is ANYTHING else each, value):
+            return None
         return next((found for item in value if (found := _fault(each, item, depth + 1))), None)
     return None if value is None else _fault(SETTING, value, depth)
 
 
 def _fault_of_object(kind: Kind, value: Mapping[str, Any], depth: int) -> Fault | None:
-    plain = kind.of if isinstance(kind, Each) and isinstance(kind.of, Plain) and kind.of is not ANYTHING else None
-    if plain and all(map(plain.test, value.values())):
+    if isinstance(kind, Each) and _plainly(kind.of, value.values()):
         return None  # the common case, thousands of times a run
     known: Mapping[str, Kind] = {}
     others: Kind = kind.of if isinstance(kind, Each) else ANYTHING
@@ -302,9 +305,23 @@ def _fault_of_object(kind: Kind, value: Mapping[str, Any], depth: int) -> Fault 
         if absent := _missing(value, kind.needed):
             return absent
     for name, item in value.items():
-        if found := _fault(known.get(name, others), item, depth + 1):
+        each = known.get(name, others)
+        if each.__class__ is Plain and each is not ANYTHING and each.test(item):
+            continue
+        if found := _fault(each, item, depth + 1):
             return f"{name:.60}/{found[0]}".rstrip("/"), found[1]
     return None
+
+
+def _plainly(kind: Kind, values: Collection[Any]) -> bool:
+    """Whether some values are all of a kind, where that can be seen at once; False says nothing."""
+    if isinstance(kind, Each):
+        objects = {*map(type, values)} == {dict}
+        return objects and _plainly(kind.of, [*chain.from_iterable(map(dict.values, values))])
+    if kind is NUMBER or kind is _NUMBER_OR_NULL:
+        known = {float, int} if kind is NUMBER else {float, int, type(None)}
+        return {*map(type, values)} <= known and all(map(LARGEST.__ge__, map(abs, filter(None, values))))
+    return isinstance(kind, Plain) and kind is not ANYTHING and all(map(kind.test, values))
 
 
 def _shown(value: Any) -> str:

@@ -131,7 +131,7 @@ class Records(Sequence[Record]):
         return [self.named(name) or {} for name in names] if isinstance(names, list) else self.named(names) or {}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """A run's folder: the latest record of each job, timing and rate; jobs in the order of their suite."""
 

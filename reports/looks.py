@@ -5,13 +5,14 @@ from typing import Any
 from bench.records import Run, shown_label
 
 # Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The
-# marker changes together with the colour, so that no two of 14 are alike even in grey; a further 14 are hollow.
+# marker changes together with the colour, so that no two of 14 are alike even in grey. Each further 14 go through the
+# markers one colour later, so that no two of 98 share both.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#56B4E9", "#E69F00")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 LINES = ("-", "--", ":", "-.")
 KNOWN = (
-    *("pca", "neubtf", "neubtf-direct", "neumip", "table", "rainer2019", "vq", "rainer2020", "mean-colour", "relief"),
-    *("hsh", "zeltner2024", "tucker", "triple-plane", "bcf", "ntc"),
+    *("pca", "neubtf", "neubtf-direct", "neumip", "relief", "rainer2019", "vq", "rainer2020", "mean-colour", "table"),
+    *("hsh", "zeltner2024", "tucker", "triple-plane", "ntc", "biplane", "bcf"),
 )
 
 
@@ -30,10 +31,10 @@ class Looks:
         place, variants = self.places.get(codec, len(self.places)), self.variants.get(codec, [])
         variant = variants.index(label) if label in variants else 0
         colour = COLOURS[place % len(COLOURS)]
-        hollow = (variant + place // len(MARKERS)) % 2
+        hollow = variant % 2
         return {
             "color": colour,
-            "marker": MARKERS[place % len(MARKERS)],
+            "marker": MARKERS[(place + place // len(MARKERS)) % len(MARKERS)],
             "markerfacecolor": "white" if hollow else colour,
             "linestyle": LINES[variant % len(LINES)],
         }

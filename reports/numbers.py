@@ -1,6 +1,9 @@
 """Formats numbers for tables. None is never a number: it means exact, not applicable, or missing."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bench.compare.paired import Interval
 
 NONE, EXACT, NOT_APPLICABLE, NOT_COMPARABLE = "—", "exact", "n/a", "n/c"
 
@@ -48,6 +51,11 @@ def spread(stats: dict[str, Any]) -> tuple[float, ...] | str | None:
 def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
     """A mean ± a standard deviation."""
     return " ± ".join(fixed(number, digits) for number in numbers)
+
+
+def interval(found: "Interval") -> str:
+    """A mean difference with its interval: −1.50 (−1.62 to −1.41)."""
+    return f"{found.mean:+.2f} ({found.low:+.2f} to {found.high:+.2f})".replace("-", "−")
 
 
 def _without(stats: dict[str, Any]) -> str:

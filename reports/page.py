@@ -26,11 +26,12 @@ from reports.shaders.tables import WIDTH
 from reports.table import Table
 from reports.viewer.page import as_json, fragment
 
-INTERACTIVE = {"rate", "speed", "fits"}  # figures that the page draws itself
+INTERACTIVE = {"rate", "speed", "fits", "footprints"}  # figures that the page draws itself
 OPEN = {"summary", "main", "unfinished"}  # kinds of tables that are not folded away
 GAPS = {
     "speed": "No speed and accuracy: no codec was timed here, or not under the conditions of the others.",
     "fits": "No quality over seconds: no fit left a curve; codecs that are fitted in steps leave one.",
+    "footprints": "No level of detail: no codec was measured at several footprints.",
     "slices": "No distribution of slices: the run's arrays are not beside its records, or no slice has an error.",
     "rate": "No rate and distortion: no codec has an error here.",
 }
@@ -100,6 +101,7 @@ class _Page:
         if not summary:
             yield note("No summary: fewer than two codecs of this run have numbers.")
         yield '<div class="plots" data-plots=""></div>'
+        yield from (details(figure.title, _image(figure)) for figure in self.figures if not figure.material)
         for number, material in enumerate(self.materials):
             yield from self._material(number, material)
         rest = [table for table in self.tables if not table.material and table.kind != "summary"]
@@ -189,8 +191,9 @@ def _packed(name: str, text: str) -> str:
 
 
 def _image(figure: Figure) -> str:
-    """A figure as WebP: half as large as its PNG, without loss but where it shows slices."""
-    how = {"quality": 90, "method": 0} if figure.kind == "contact" else {"lossless": True, "quality": 30, "method": 1}
+    """A figure as WebP: half as large as its PNG, without loss but where it shows slices or texels."""
+    lossy = {"contact": 90, "latents": 70}.get(figure.kind)
+    how = {"quality": lossy, "method": 0} if lossy else {"lossless": True, "quality": 30, "method": 1}
     out = io.BytesIO()
     with Image.open(io.BytesIO(figure.png)) as picture:
         picture.convert("RGB").save(out, "webp", **how)

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from statistics import fmean
 from typing import Any
 
 from bench.records import CONDITIONS, PSNR, Record, Run, gate, metric_of, metrics_of, require, shown_label, stats_of
@@ -23,7 +25,7 @@ class Row:
     obstacle: str = ""
     timing_obstacle: str = ""
 
-    @property
+    @cached_property
     def measured(self) -> bool:
         """Whether there are numbers that may be compared."""
         return self.job["status"] == "ok" and not self.obstacle
@@ -49,7 +51,7 @@ class Codec:
     label: str
     rows: list[Row]
 
-    @property
+    @cached_property
     def measured(self) -> list[Row]:
         return [row for row in self.rows if row.measured]
 
@@ -66,11 +68,11 @@ class Material:
     name: str
     rows: list[Row]
 
-    @property
+    @cached_property
     def measured(self) -> list[Row]:
         return [row for row in self.rows if row.measured]
 
-    @property
+    @cached_property
     def codecs(self) -> list[Codec]:
         """The rows by codec."""
         labels = dict.fromkeys(row.label for row in self.rows)
@@ -91,7 +93,7 @@ class Material:
         """The record that stands for what the comparable rows share: split, shape, metrics."""
         return next((row.job for row in self.measured), None)
 
-    @property
+    @cached_property
     def metrics(self) -> dict[str, Record]:
         """Every metric that a comparable row was scored with, as the records describe it."""
         return {name: described(row.job, name) for row in self.measured for name in metrics_of(row.job)}
@@ -107,6 +109,17 @@ class Material:
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
 
 
+def footprint_curves(codec: Codec) -> list[tuple[int, float]]:
+    """(side of the footprint in texels, pooled display PSNR in dB), means over seeds, by side.
+
+    Footprints at which a seed has no error, or was not measured, have no point.
+    """
+    stats = [row.job.get("footprints", {}) for row in codec.measured]
+    sides = sorted({int(side) for each in stats for side in each if side.isdecimal() and int(side)})
+    values = {side: [each.get(str(side), {}).get(PSNR) for each in stats] for side in sides}
+    return [(side, fmean(known)) for side, known in values.items() if None not in known]
+
+
 def described(job: Record, name: str) -> Record:
     """What a record says of a metric: unit, direction, space, version.
 
@@ -116,6 +129,7 @@ def described(job: Record, name: str) -> Record:
     return {"unit": "1", "direction": "higher", "version": "?"} | known.get(name, known.get(metric_of(known, name), {}))
 
 
+@lru_cache(maxsize=1)  # every table and figure of a report asks
 def materials(run: Run) -> list[Material]:
     """The run's jobs by material. `InputError` where a finished one lacks what tables show."""
     by_name: dict[str, list[Record]] = {}

@@ -11,7 +11,7 @@ from bench.errors import InputError
 from bench.records import PSNR, Run, shown_label
 from reports.fits import fits
 from reports.looks import Looks
-from reports.rows import Codec, Material, Row
+from reports.rows import Codec, Material, Row, footprint_curves
 
 Plot = dict[str, Any]
 QUALITY = "display PSNR, dB"
@@ -55,6 +55,7 @@ def _of_material(run: Run, material: Material, curves: Sequence[Any]) -> Iterato
         for fit in curves
     ]
     yield _plot(material, "fits", "Quality over seconds", seconds, {"label": f"{QUALITY} (training samples)"}, series)
+    yield _footprints(material, y)
     samples = [
         {"label": codec.label, "samples": _slices(run, codec.measured[0])}
         for codec in material.codecs
@@ -77,6 +78,18 @@ def _plot(material: Material, kind: str, title: str, x: dict[str, Any], y: dict[
         "series": series,
         "missing": missing,
     }
+
+
+def _footprints(material: Material, y: dict[str, Any]) -> Plot:
+    curves = {codec.label: footprint_curves(codec) for codec in material.codecs}
+    sides = sorted({side for curve in curves.values() for side, _ in curve})
+    x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": sides}
+    series = [
+        {"label": label, "line": True, "points": [[side, _short(psnr)] for side, psnr in curve]}
+        for label, curve in curves.items()
+        if len(curve) > 1
+    ]
+    return _plot(material, "footprints", "Level of detail", x, y, series)
 
 
 Place = tuple[float, float, float]  # where a job stands on the x axis, and the interval about it

@@ -5,13 +5,12 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from bench.errors import InputError
-from bench.records import Record, Run
+from bench.records import Run
 from reports import columns
 from reports.column import Column
 from reports.marks import marks
-from reports.numbers import EXACT, NONE, fixed, integer
-from reports.rows import Codec, Material, materials
+from reports.numbers import EXACT, NONE, fixed, integer, interval
+from reports.rows import Codec, materials
 from reports.table import Table
 
 if TYPE_CHECKING:
@@ -20,10 +19,10 @@ if TYPE_CHECKING:
 
 def summary_table(run: Run, intervals: bool = True) -> Table | None:
     """A row a codec; None where fewer than two codecs were measured. Without `intervals` no slice is read."""
-    from bench.compare.standings import standings  # loads NumPy, which a table of one material does without
+    from reports.standing import against_the_best, standing  # loads NumPy, which a table of one material does without
 
     found = [material for material in materials(run) if material.measured]
-    stand = standings({material.name: _jobs(material) for material in found})
+    stand = standing(run)
     if len(stand) < 2:
         return None
     chosen = columns.summary(found)
@@ -39,10 +38,10 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         scores.append([None, None, *_scores(each, chosen, means)])
     notes = _NOTES
     if intervals:
-        best, against = _against(run, stand)
+        against = against_the_best(run)
         headers.append(("against the best", "dB a slice"))
-        rows = [[*row, against.get(row[0], NONE)] for row in rows]
-        notes = [*_NOTES, _PAIRED.format(best)] if against else _NOTES
+        rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
+        notes = [*_NOTES, _PAIRED.format(against.first)] if against.over else _NOTES
     names = ", ".join(material.name for material in found)
     title = f"Summary over {len(found)} material{'s' * (len(found) > 1)}: {names}"
     return Table("summary", title, headers, rows, notes, marks=marks(rows, scores))
@@ -57,26 +56,6 @@ _PAIRED = (
     "Against {}: the mean paired difference of PSNR a slice, with the 95 % interval of a bootstrap over materials, "
     "seeds and pairs; the two are told apart where it holds no 0."
 )
-
-
-def _against(run: Run, stand: Sequence["Standing"]) -> tuple[str, dict[str, str]]:
-    """The best codec that has an error, and by how much the others differ from it, slice by slice."""
-    from bench.compare import paired
-
-    best = next((each.label for each in stand if each.rank is not None and math.isfinite(each.psnr)), "")
-    found = {}
-    for each in stand:
-        try:
-            interval = paired.codecs(run, best, each.label) if best and each.label != best else None
-        except InputError:  # a run's records are worth reading without its bulky parts
-            interval = None
-        if interval:
-            found[each.label] = f"{interval.mean:+.2f} ({interval.low:+.2f} to {interval.high:+.2f})".replace("-", "−")
-    return best, found
-
-
-def _jobs(material: Material) -> dict[str, list[Record]]:
-    return {codec.label: [row.job for row in codec.measured] for codec in material.codecs if codec.measured}
 
 
 def _standing(each: "Standing", of: int) -> list[str]:

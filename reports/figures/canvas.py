@@ -22,7 +22,7 @@ DPI = 110
 
 @dataclass(frozen=True)
 class Figure:
-    """A drawn figure: the material it shows, its kind, its title, its PNG; its SVG, where that is kept too."""
+    """A drawn figure: the material it shows, "" for all; its kind, its title, its PNG; its SVG, where it is kept."""
 
     material: str
     kind: str
@@ -36,7 +36,7 @@ class Figure:
         plain = re.sub("[^A-Za-z0-9.=_-]+", "-", self.material)
         if plain != self.material:
             plain += f"-{hashlib.sha256(self.material.encode()).hexdigest()[:6]}"
-        return f"{self.kind}-{plain}.png"
+        return f"{self.kind}-{plain}.png" if self.material else f"{self.kind}.png"
 
 
 @contextmanager

@@ -98,7 +98,7 @@
 
     axes(width, xs, ys, h, v) {
       const text = (at, words, more) => this.svg.append(drawn("text", { ...at, ...more }, words));
-      let marks = this.plot.x.log ? logarithmic(...xs) : linear(...xs);
+      let marks = this.plot.x.ticks || (this.plot.x.log ? logarithmic(...xs) : linear(...xs));
       while (marks.length > width / 60) marks = marks.filter((_, i) => i % 2 === 0);
       for (const mark of marks) {
         this.svg.append(drawn("line", { x1: h(mark), x2: h(mark), y1: TOP, y2: HEIGHT - BOTTOM, class: "grid" }));
@@ -140,7 +140,7 @@
           this.svg.append(drawn("line", { x1: h(low), x2: h(high), y1: at.y, y2: at.y, stroke: colourOf(label) }));
         }
         const highest = each.step && b === Math.max(...points.map((p) => p[1]));
-        if (!each.step || highest) this.svg.append(marker(label, at.x, at.y, each.line ? 2.6 : 5.5));
+        if (!each.step || highest) this.svg.append(marker(label, at.x, at.y, each.line && points.length > 8 ? 2.6 : 5.5));
         this.points.push(at);
       }
     }

@@ -191,6 +191,19 @@ BAD = [
 ]
 
 
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1e19, 10**400, True, "1", [1.0], {"a": 1.0}])
+def test_one_bad_number_among_many_good_ones_is_named(value, tmp_path):
+    metrics = {metric: dict.fromkeys("abcd", 1.5) | {"n": 4, "none": None} for metric in ("one", "two", "three")}
+    metrics["two"]["c"] = value
+    (tmp_path / FILE).write_text(line(job("x", scores={"heldout": {"metrics": metrics}})))
+    with pytest.raises(InputError, match=r"line 1: scores/heldout/metrics/two/c.* must be a finite number or null"):
+        load_run(tmp_path)
+    (tmp_path / FILE).write_text(line(timing("x", 1) | {"samples_ns": [1.0, 2.0, value, None]}))
+    if value.__class__ is float or value.__class__ is int:
+        with pytest.raises(InputError, match="line 1: samples_ns must be"):
+            load_run(tmp_path)
+
+
 @pytest.mark.parametrize(("record", "message"), BAD, ids=[message[:40] for _, message in BAD])
 def test_a_record_written_by_hand_is_refused_by_file_line_and_field(record, message, tmp_path):
     (tmp_path / FILE).write_text(line(job("fine")) + line(record))

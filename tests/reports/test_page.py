@@ -95,6 +95,21 @@ def test_codecs_that_were_seen_at_other_pairs_are_left_out_of_the_slices(made):
     assert ([codec["label"] for codec in found["codecs"]], found["left_out"]) == (["one"], ["two"])
 
 
+def test_level_of_detail_has_a_tick_at_each_footprint(made):
+    plots = data_of(page_of(made.job()), "data")["plots"]
+    (found,) = [plot for plot in plots if plot["kind"] == "footprints"]
+    assert found["x"]["ticks"] == [1, 2, 4, 8]
+    assert [each["points"] for each in found["series"]] == [[[1, 30.0], [2, 30.0], [4, 30.0], [8, 30.0]]]
+
+
+def test_what_is_over_all_materials_stands_before_them(made):
+    for material in ("satin", "brick"):
+        made.job("pca", material=material).job("vq", material=material, psnr=28.0)
+    write_report(made.folder)
+    page = (made.folder / "report.html").read_text()
+    assert 0 < page.index("all 2 materials: mean paired difference to pca") < page.index('id="m0"')
+
+
 def test_figures_that_the_page_draws_itself_are_not_in_it_twice(made):
     from reports.page import page
 

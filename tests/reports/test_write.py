@@ -12,12 +12,12 @@ def contents(folder):
 
 
 def test_a_report_is_tables_figures_and_a_page(made):
-    written = write_report(made.job().timing().trade("pca").folder)
+    written = write_report(made.job().job("vq").timing().trade("pca").folder)
     names = {str(path.relative_to(made.folder)) for path in written.files}
     assert {"tables/main.md", "tables/main.tex", "tables/results.csv", "report.html"} <= names
-    kinds = ("contact", "rate", "speed", "angles", "polar", "abrdf", "fits", "trade")
+    kinds = ("contact", "rate", "speed", "angles", "polar", "abrdf", "fits", "trade", "footprints", "significance")
     assert {f"figures/{kind}-satin.png" for kind in kinds} == {name for name in names if name.endswith(".png")}
-    assert {"figures/trade-satin.svg", "figures/fits-satin.svg", "tables/trade.csv"} <= names
+    assert {"figures/trade-satin.svg", "figures/significance-satin.svg", "tables/trade.csv"} <= names
     for path in made.folder.glob("figures/*.png"):
         with Image.open(path) as picture:
             picture.verify()

@@ -1,13 +1,47 @@
 import io
+import json
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from bench.compare.paired import Interval
 from bench.records import load_run
 from reports import figures
 from reports.artefacts import arrays
-from reports.figures import contact
+from reports.figures import contact, latents
+from reports.figures.significance import _caption as caption
+from reports.rows import footprint_curves, materials
+from reports.shaders.program import read
+
+
+@pytest.fixture
+def made(made):
+    """A run whose jobs have drawings, too."""
+    plain = made.job
+
+    def job(*words, **changes):
+        store(made.folder / "drawing.npz")
+        plain(*words, **({"drawing": "drawing.npz"} | changes))
+        return made
+
+    made.job = job
+    return made
+
+
+def store(path):
+    """A program that looks up a texture by the place, and a table with as many rows by the light."""
+    lookup = {"operation": "embedding_bag_forward_only", "shape": [1, 2], "kind": "float"}
+    steps = [
+        {"name": "row", "operation": "mul", "arguments": [{"of": "uv"}, 8.0], "shape": [1, 2], "kind": "float"},
+        {"name": "found", "arguments": [{"of": "texture"}, {"of": "row"}, 1, [{"of": "row"}]]} | lookup,
+        {"name": "lit", "arguments": [{"of": "lights"}, {"of": "wi"}]} | lookup,
+    ]
+    says = {"size": [8, 8], "steps": steps, "result": "found"}
+    texture = np.zeros((64 + 16 + 4 + 1, 2), np.float32)  # a pyramid
+    texture[:8, 1], texture[64:] = 1.0, 9.0
+    content = {"program": np.frombuffer(json.dumps(says).encode(), np.uint8), "texture": texture}
+    np.savez(path, **content, lights=np.ones((64, 2), np.float32))
 
 
 def drawn(made, draw):
@@ -55,7 +89,7 @@ def test_odd_labels_are_drawn(made, draw):
 
 @pytest.mark.parametrize("draw", figures.ALL)
 def test_exact_codecs_stop_no_figure(made, draw):
-    made.job("table", psnr=None).timing("table").job().timing().trade("table", "pca")
+    made.job("table", psnr=None).timing("table").job().job("vq").timing().trade("table", "pca")
     assert len(drawn(run_of(made), draw)) == 1
     list(draw(run_of(made)))
 
@@ -75,12 +109,12 @@ def test_artefacts_that_are_gone_cost_only_their_figure(made, draw):
 
 @pytest.mark.parametrize("draw", figures.ALL)
 def test_what_is_not_comparable_is_not_drawn(made, draw):
-    made.job("vq", run="0", exposure=3.0).job("pca").timing("pca").trade("pca")
+    made.job("vq", run="0", exposure=3.0).job("pca").job("neumip").timing("pca").trade("pca")
     alone = drawn(run_of(made), draw)
     (name, picture), *_ = alone.items()
     made.folder = made.folder.parent / "other"
     made.__init__(made.folder)
-    other = drawn(run_of(made.start().job("pca").timing("pca").trade("pca")), draw)
+    other = drawn(run_of(made.start().job("pca").job("neumip").timing("pca").trade("pca")), draw)
     np.testing.assert_array_equal(other[name], picture)
 
 
@@ -88,4 +122,45 @@ def test_what_is_not_comparable_is_not_drawn(made, draw):
 def test_several_seeds_are_drawn_once(made, draw):
     for seed in (0, 1, 2):
         made.job("pca", seed=seed, psnr=30.0 + seed).timing("pca").job("table", seed=seed, psnr=None)
+        made.job("vq", seed=seed)
     assert len(drawn(run_of(made.trade("pca")), draw)) == 1
+
+
+def test_intervals_are_drawn_over_all_materials_and_on_each_and_say_of_what_they_are(made):
+    for material in ("satin", "brick"):
+        for seed in (0, 1):
+            made.job("pca", material=material, seed=seed).job("vq", material=material, seed=seed, psnr=28.0)
+    found = list(figures.significance(run_of(made)))
+    assert [figure.name for figure in found] == [
+        "significance.png",
+        "significance-satin.png",
+        "significance-brick.png",
+    ]
+    assert found[0].title == "all 2 materials: mean paired difference to pca"
+    both = {"a": Interval(-1.0, -2.0, 0.5, 2, 3, 900), "b": Interval(1.0, 0.5, 2.0, 1, 3, 450)}
+    assert "over materials, seeds and pairs: 2 materials, 3 seeds, 900 slices." in caption(both)
+    alone = caption({"a": Interval(-1.0, -2.0, 0.5, 1, 1, 150)})
+    assert "over pairs: 150 slices. Of one seed: how much another fit would differ is not in it." in alone
+
+
+def test_channels_are_those_of_textures_that_are_looked_up_by_the_place(made):
+    run = run_of(made.job())
+    (texture,) = latents.textures(read(run.folder / "drawing.npz"))
+    assert texture.shape == (8, 8, 2)
+    assert set(np.unique(texture)) == {0.0, 1.0}  # the finest level
+    picture = drawn(run, figures.latent_channels)["latents-satin.png"]
+    constant, other = (
+        picture[latents._TOP : latents._TOP + 64, left : left + 64, 0]
+        for left in (latents._LEFT, latents._LEFT + latents._CELL + latents._GAP)
+    )
+    assert set(np.unique(constant)) == {128}
+    assert (other[:8] > other[8:].max()).all()  # its first row of texels is brighter
+    assert not list(figures.latent_channels(run_of(made.job(drawing="gone.npz"))))
+
+
+def test_level_of_detail_is_the_mean_over_seeds_at_each_footprint(made):
+    for seed in (0, 1):
+        stats = {str(side): {"psnr_display": 30.0 + seed - side} for side in (8, 1, 2)}
+        made.job("pca", seed=seed, footprints=stats | {"4": {"psnr_display": 31.0 if seed else None}})
+    (codec,) = materials(run_of(made))[0].codecs
+    assert footprint_curves(codec) == [(1, 29.5), (2, 28.5), (8, 22.5)]  # at 4 a seed has no error

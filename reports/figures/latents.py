@@ -1,0 +1,109 @@
+"""The channels of each codec's texture, as pictures of the texels."""
+
+from collections.abc import Iterator, Sequence
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from bench.errors import InputError
+from bench.records import Record, Run
+from reports.figures.canvas import Figure, Sheet, enlarged, short, style
+from reports.rows import Material, materials
+from reports.shaders.program import Program, read
+
+_CELL, _GAP, _LINE, _LEFT, _TOP, _MOST = 64, 4, 16, 250, 52, 48  # pixels; channels a line, and a texture
+
+
+def latent_channels(run: Run) -> Iterator[Figure]:
+    """For each material: every channel of the textures that the first seed's decoders read, a block a codec."""
+    for material in materials(run):
+        found = [(row.label, _of(run, row.job)) for row in material.shown]
+        found = [(label, each) for label, each in found if each]
+        if found:
+            yield _figure(material, found)
+
+
+Textures = list[np.ndarray]
+
+
+def _of(run: Run, job: Record) -> Textures:
+    try:
+        return textures(read(run.folder / job["drawing"]))
+    except (InputError, KeyError):  # a run's records are worth reading without its bulky parts
+        return []
+
+
+def textures(program: Program) -> Textures:
+    """The textures (H, W, D) of a program, the finest level of a pyramid: what it interpolates by the place `uv`.
+
+    A table with a row a texel may be one of directions, by chance; that one is looked up without `uv`.
+    """
+    height, width = program.size
+    levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
+    by_place, found = {"uv"}, []
+    for step in program.steps:
+        if not by_place.isdisjoint(names := set(_names(step["arguments"]))):
+            by_place.add(step["name"])
+            for name in names & program.constants.keys() if "embedding" in step["operation"] else ():
+                table = program.constants[name]
+                if table.ndim == 2 and len(table) in accumulate(levels):
+                    found.append(table[: height * width].reshape(height, width, -1))
+    return [each for i, each in enumerate(found) if not any(np.array_equal(each, other) for other in found[:i])]
+
+
+def _names(arguments: Any) -> Iterator[str]:
+    """The constants and results that arguments name."""
+    if isinstance(arguments, dict):
+        yield arguments["of"]
+    elif isinstance(arguments, list):
+        for each in arguments:
+            yield from _names(each)
+
+
+def _standardised(texture: np.ndarray) -> np.ndarray:
+    """A texture with each channel at mean 0 and variance 1, through a sigmoid, as the NeuBTF paper shows it; uint8."""
+    flat = texture.reshape(-1, texture.shape[-1]).astype(np.float64)
+    deviation = flat.std(0)
+    deviation[deviation <= 1e-6 * abs(flat).max(0)] = np.inf  # a constant channel is grey
+    shown = 255 / (1 + np.exp(-(flat - flat.mean(0)) / deviation))
+    return np.round(shown).astype(np.uint8).reshape(texture.shape)
+
+
+def _figure(material: Material, found: Sequence[tuple[str, Textures]]) -> Figure:
+    title = f"{material.name}: channels of each codec's texture"
+    blocks = [(label, _counted(each), _cells(np.concatenate(each, -1))) for label, each in found]
+    cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP
+    lines = [-(-len(cells) // _LINE) for *_, cells in blocks]
+    with style():
+        sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + sum(lines) * (cell + _GAP))
+        sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
+        sheet.text(_GAP, 34, "each channel at mean 0 and variance 1, through a sigmoid: black to white", color="0.35")
+        top = _TOP
+        for (label, count, cells), height in zip(blocks, lines, strict=True):
+            sheet.text(_GAP, top + 12, short(label, 40))
+            sheet.text(_GAP, top + 28, count, color="0.35")
+            for number, picture in enumerate(cells):
+                line, column = divmod(number, _LINE)
+                sheet.picture(_LEFT + column * cell, top + line * cell, picture[..., None].repeat(3, -1))
+            top += height * (cell + _GAP)
+        return Figure(material.name, "latents", title, sheet.png())
+
+
+def _counted(found: Textures) -> str:
+    """How many channels each texture has."""
+    counts = [texture.shape[-1] for texture in found]
+    more = f", {_MOST} shown" if sum(counts) > _MOST else ""
+    return f"{' + '.join(map(str, counts))} channel{'s' * (sum(counts) > 1)}{more}"
+
+
+def _cells(texture: np.ndarray) -> np.ndarray:
+    """The channels (n, h, w) as pictures of about `_CELL` pixels: means over squares of texels, or enlarged."""
+    shown = _standardised(texture[..., :_MOST])
+    height, width, count = shown.shape
+    if (factor := max(height, width) // _CELL) > 1:
+        factor = min(factor, height, width)
+        rows, columns = height // factor, width // factor
+        whole = shown[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, count)
+        shown = whole.mean((1, 3)).astype(np.uint8)
+    return enlarged(shown, max(1, -(-_CELL // max(shown.shape[:2])))).transpose(2, 0, 1)

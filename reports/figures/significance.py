@@ -1,0 +1,68 @@
+"""How far each codec lies from the best one, slice by slice, and whether the two are told apart."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from bench.records import Run
+from reports.figures.canvas import Figure, new, png, short, style, svg
+from reports.looks import Looks
+from reports.numbers import interval
+from reports.rows import materials
+from reports.standing import against_the_best
+
+if TYPE_CHECKING:
+    from bench.compare.paired import Interval
+
+    Found = Mapping[str, Interval]
+
+
+def significance(run: Run) -> Iterator[Figure]:
+    """The paired differences to the best codec with their intervals: over all materials, then on each."""
+    found, looks = against_the_best(run), Looks(run)
+    parts = {material.name: found.on[material.name] for material in materials(run) if material.name in found.on}
+    if len(parts) > 1:
+        yield _figure("", f"all {len(parts)} materials", found.first, found.over, looks)
+    for name, part in parts.items():
+        yield _figure(name, name, found.first, part, looks)
+
+
+def _figure(material: str, where: str, best: str, found: "Found", looks: Looks) -> Figure:
+    title = f"{where}: mean paired difference to {short(best, 40)}"
+    found = dict(sorted(found.items(), key=lambda item: -item[1].mean))
+    with style():
+        height = 1.45 + 0.24 * (len(found) + 1)
+        drawing = new(9.6, height)
+        axes = drawing.add_axes((0.27, 0.95 / height, 0.46, 1 - 1.25 / height))
+        _draw(axes, best, found, looks)
+        drawing.text(0.012, 1 - 0.18 / height, title, va="center")
+        drawing.text(0.012, 0.1 / height, _caption(found), fontsize=8, color="0.3", va="bottom")
+        return Figure(material, "significance", title, png(drawing), svg(drawing))
+
+
+def _draw(axes: Any, best: str, found: "Found", looks: Looks) -> None:
+    axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
+    axes.plot(0, 0, **looks.of(best) | {"linestyle": "none"}, markersize=6)
+    for row, (label, each) in enumerate(found.items(), 1):
+        look = looks.of(label) | {"linestyle": "none"}
+        axes.plot([each.low, each.high], [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
+        axes.plot(each.mean, row, **look, markersize=6)
+        told = "" if each.decided else ", not told apart"
+        axes.text(1.02, row, interval(each) + told, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
+    axes.set_yticks(range(len(found) + 1), [short(label, 38) for label in (best, *found)], fontsize=8)
+    axes.set(ylim=(len(found) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better than it)")
+    axes.grid(axis="y", visible=False)
+
+
+def _caption(found: "Found") -> str:
+    """What the intervals are of; the largest numbers, where codecs were measured on different ones."""
+    materials, seeds, slices = (
+        max(getattr(each, name) for each in found.values()) for name in ("materials", "seeds", "slices")
+    )
+    drawn = ["materials"] * (materials > 1) + ["seeds"] * (seeds > 1) + ["pairs"]
+    words = " and ".join(filter(None, [", ".join(drawn[:-1]), drawn[-1]]))
+    counts = [f"{materials} materials"] * (materials > 1) + [f"{seeds} seeds"] * (seeds > 1) + [f"{slices:,} slices"]
+    alone = "" if seeds > 1 else " Of one seed: how much another fit would differ is not in it."
+    return (
+        f"Bars: 95 % interval of a bootstrap over {words}: {', '.join(counts)}.{alone}\n"
+        "Both codecs at the same pairs; slices without any error in either are left out."
+    )

@@ -1,0 +1,31 @@
+"""How the codecs of a run stand over its materials, and how far each lies from the best. Nothing is computed twice."""
+
+import math
+from functools import lru_cache
+
+from bench.compare.paired import Against, against
+from bench.compare.standings import Standing, standings
+from bench.records import Run
+from reports.rows import materials
+
+
+@lru_cache(maxsize=1)
+def standing(run: Run) -> list[Standing]:
+    """Every measured codec, the best first."""
+    return standings(
+        {
+            material.name: {
+                codec.label: [row.job for row in codec.measured] for codec in material.codecs if codec.measured
+            }
+            for material in materials(run)
+            if material.measured
+        }
+    )
+
+
+@lru_cache(maxsize=1)
+def against_the_best(run: Run) -> Against:
+    """The paired differences to the best codec that has an error; empty where nothing can be compared."""
+    stand = standing(run)
+    best = next((each.label for each in stand if each.rank is not None and math.isfinite(each.psnr)), "")
+    return against(run, best, [each.label for each in stand if each.label != best])
