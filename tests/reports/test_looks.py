@@ -1,13 +1,15 @@
 import itertools
+import tomllib
+from pathlib import Path
 
 from bench.records import load_run
 from reports.looks import COLOURS, KNOWN, Looks
 
 
 def look(looks, name):
-    """What tells points of a figure apart, lines aside: colour, marker, and whether it is hollow."""
+    """What tells codecs of a figure apart: colour and marker. Lines, and hollow markers, tell settings apart."""
     found = looks.of(name)
-    return found["color"], found["marker"], found["markerfacecolor"] == "white"
+    return found["color"], found["marker"]
 
 
 def test_a_codec_looks_the_same_in_every_run_and_material(made):
@@ -22,11 +24,18 @@ def test_a_codec_looks_the_same_in_every_run_and_material(made):
 
 
 def test_no_two_of_the_codecs_look_alike(made):
-    for i in range(4):
+    for i in range(40):
         made.job(f"outside{i}")
     looks = Looks(load_run(made.folder))
-    names = [*KNOWN, *(f"outside{i}" for i in range(4))]
+    names = [*KNOWN, *(f"outside{i}" for i in range(40))]
     assert len({look(looks, name) for name in names}) == len(names)
+    compared = ("neubtf-direct", "neubtf", "neumip", "rainer2019", "relief", "pca")
+    assert len({looks.of(name)["color"] for name in compared}) == len(compared)
+
+
+def test_every_codec_that_is_installed_here_has_a_look_of_its_own_in_every_run():
+    with (Path(__file__).parents[2] / "pyproject.toml").open("rb") as file:
+        assert set(tomllib.load(file)["project"]["entry-points"]["neubtf_bench.codecs"]) <= set(KNOWN)
 
 
 def test_the_palette_is_told_apart_without_red_green_or_blue():
