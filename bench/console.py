@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 
 class _Left(ProgressColumn):
-    """The time left at the mean pace since the bar appeared; nothing before it has moved."""
+    """The time left at the mean pace since the bar appeared; nothing before it moved, or where its remark says it."""
 
     def render(self, task: Task) -> Text:
         steps = task.completed - task.fields["start_at"]
-        if steps <= 0 or task.elapsed is None or task.total is None:
+        if task.description.endswith(" left") or steps <= 0 or task.elapsed is None or task.total is None:
             return Text("")
         idle = time.monotonic() - task.fields["moved_at"]
         pace, more = (task.elapsed - idle) / steps, task.total - task.completed
@@ -72,8 +72,9 @@ class Console:
         self.out.print(text, markup=False, soft_wrap=True)
 
     def ended(self, outcome: "Outcome") -> None:
-        """Print a finished job in one line."""
-        self.say(job_line(outcome.record, outcome.cached))
+        """Print a finished job in one line, with the progress of the run where no bar shows it."""
+        line = job_line(outcome.record, outcome.cached)
+        self.say(line if self.out.is_terminal or not outcome.progress else f"{line} ({outcome.progress})")
 
 
 def job_line(record: dict[str, Any], cached: str) -> str:

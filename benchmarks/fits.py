@@ -1,14 +1,16 @@
 """How good fits are and how long they take: scored on validation and on test pairs, each kept in a log.
 
-    python benchmarks/fits.py LOG [--material NAME ...] [--seeds 0 1 2] [--beside CODEC] [CODEC[:SETTING=VALUE,...] ...]
+    python benchmarks/fits.py LOG [--material NAME ...] [--seeds 0 1 2] [--splits validation test] [--beside CODEC]
+        [CODEC[:SETTING=VALUE,...] ...]
 
 `former/CODEC` is the fit of 10,000 steps that a codec had before it started at principal components, was stepped by
 Muon and saw the half vector. `--beside` prints, too, how far that codec, one of them, lies above each of the others.
 
 64² texels, 25 × 25 training pairs, one thread; a material is a name or a path, looked up under `$NEUBTF_DATA` too, and
 measured data are shrunk to about 100 texels a side. What is in the log already is not fitted again, so a stopped run
-goes on. Test pairs are drawn anew for each seed. Seconds are the processor's, of the fit alone. Prints Markdown
-tables: means ± standard deviations over the seeds.
+goes on. Test pairs are drawn anew for each seed. Validation pairs of measured data are views and lights of those that
+the test leaves for training, others for each seed; so each set of pairs has a fit of its own there. Seconds are the
+processor's, of one fit alone. Prints Markdown tables: means ± standard deviations over the seeds.
 """
 
 import argparse
@@ -50,13 +52,11 @@ SIDE = 100  # texels a side that measured data are shrunk to
 
 
 class Workbench:
-    """A material with its two sets of held-out pairs; measured data have test pairs alone."""
+    """A material with the sets of held-out pairs to score at."""
 
-    def __init__(self, name: str):
-        self.name, self.spec, self._scorers = name, named(name), dict[tuple[Split, int], Scorer]()
-        btf = self._open("test", 0)
-        self.sets = SPLITS if draw_of(self.spec, Preparation(), 1) else SPLITS[1:]
-        self.training = btf.subset(btf.split().train)
+    def __init__(self, name: str, splits: list[Split]):
+        self.name, self.spec, self.splits = name, named(name), splits
+        self._scorers = dict[tuple[Split, int], tuple[Scorer, BTF, np.ndarray]]()
 
     def _open(self, split: Split, seed: int) -> BTF:
         data = Preparation(split=split)
@@ -64,39 +64,39 @@ class Workbench:
         factor = round(max(btf.shape) / SIDE)
         return btf.downsample(factor) if factor > 1 else btf
 
-    def _scorer(self, split: Split, seed: int) -> Scorer:
-        draw = seed if split == "test" else 0
-        key = split, draw
-        if key not in self._scorers:
-            btf = self._open(split, draw)
-            training = btf.subset(btf.split().train)
-            if training.fingerprint != self.training.fingerprint:
-                raise AssertionError(f"{self.name}: the training pairs of {split} pairs are others")
-            self._scorers[key] = Scorer(btf, [METRIC], sampled=training, threads=1)
-        return self._scorers[key]
+    def _scorer(self, split: Split, seed: int) -> tuple[Scorer, BTF, np.ndarray]:
+        """The scorer of a set of pairs, the training pairs that go with it, and the pairs that it scores."""
+        if (split, seed) not in self._scorers:
+            btf = self._open(split, seed)
+            parted = btf.split(seed if split == "validation" else 0)  # where the data declare pairs, these
+            training = btf.subset(parted.train)
+            scorer = Scorer(btf, [METRIC], sampled=training, threads=1)
+            self._scorers[split, seed] = scorer, training, next(iter(parted.heldout.values()))
+        return self._scorers[split, seed]
 
     def measure(self, text: str, seed: int) -> dict[str, Any]:
         """Bytes, processor seconds, and of each set of pairs the pooled PSNR and that of every slice, in dB."""
-        codec = parse(text)
+        codec, fitted = parse(text), dict[str, Material]()
+        found: dict[str, Any] = {"material": self.name, "codec": text, "seed": seed, "version": codec.version}
+        found["settings"] = dataclasses.asdict(codec.settings)
         with torch_threads(1), tempfile.TemporaryDirectory() as folder:
-            start = time.process_time()
-            parts = codec.encode(self.training, Fit(threads=1, seed=seed))
-            seconds = time.process_time() - start
-            header = container.save(Path(folder) / "file", codec, parts)
-            material = loading.load(header.path)[1]
-            found = {"material": self.name, "codec": text, "seed": seed, "version": codec.version}
-            found |= {"settings": dataclasses.asdict(codec.settings), "bytes": header.file_bytes, "seconds": seconds}
-            found["height"] = "height" in parts.texture
-            for split in self.sets:
-                raw = self._errors(self._scorer(split, seed), material)
+            for split in self.splits:
+                scorer, training, pairs = self._scorer(split, seed)
+                if training.fingerprint not in fitted:
+                    start = time.process_time()
+                    parts = codec.encode(training, Fit(threads=1, seed=seed))
+                    found["seconds"] = time.process_time() - start
+                    header = container.save(Path(folder) / split, codec, parts)
+                    found |= {"bytes": header.file_bytes, "height": "height" in parts.texture}
+                    fitted[training.fingerprint] = loading.load(header.path)[1]
+                raw = self._errors(scorer, pairs, fitted[training.fingerprint])
                 found[split] = {"pooled": decibels(raw.mean()), "slices": [decibels(value) for value in raw]}
         return found
 
     @staticmethod
-    def _errors(scorer: Scorer, material: Material) -> np.ndarray:
-        """The mean squared error (n,) of each held-out slice in display space."""
+    def _errors(scorer: Scorer, pairs: np.ndarray, material: Material) -> np.ndarray:
+        """The mean squared error (n,) in display space of the slices of some pairs."""
         wo, wi = scorer.btf.wo, scorer.btf.wi
-        pairs = next(iter(scorer.btf.split().heldout.values()))
         return scorer.score(pairs, lambda i: material.slice(wo[i].tolist(), wi[i].tolist()).numpy()).raw[METRIC]
 
 
@@ -119,11 +119,12 @@ def read(log: Path) -> dict[tuple[str, str, int], dict[str, Any]]:
     return {(cell["material"], cell["codec"], cell["seed"]): cell for cell in map(json.loads, lines)}
 
 
-def fill(log: Path, materials: list[str], codecs: list[str], seeds: list[int]) -> None:
+def fill(log: Path, chosen: argparse.Namespace) -> None:
     """Fit, and append to the log, what it has not yet."""
-    for name in materials:
-        missing = [(text, seed) for seed in seeds for text in codecs if (name, text, seed) not in read(log)]
-        workbench = Workbench(name) if missing else None
+    for name in chosen.material:
+        cells = itertools.product(chosen.seeds, chosen.codecs)
+        missing = [(text, seed) for seed, text in cells if (name, text, seed) not in read(log)]
+        workbench = Workbench(name, chosen.splits) if missing else None
         for text, seed in missing:
             assert workbench
             cell = workbench.measure(text, seed)
@@ -171,11 +172,12 @@ def main() -> None:
     parser.add_argument("codecs", nargs="*", default=CODECS, metavar="CODEC[:SETTING=VALUE,...]")
     parser.add_argument("--material", nargs="+", default=MATERIALS)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--beside", metavar="CODEC")
+    parser.add_argument("--splits", nargs="+", choices=SPLITS, default=SPLITS, help="of a log all the same")
+    parser.add_argument("--beside", metavar="CODEC", help="compares at test pairs")
     parser.add_argument("--read", action="store_true", help="print what the log holds, and fit nothing")
     chosen = parser.parse_intermixed_args()
     if not chosen.read:
-        fill(chosen.log, chosen.material, chosen.codecs, chosen.seeds)
+        fill(chosen.log, chosen)
     cells = read(chosen.log)
     print("\n".join(rows(cells, chosen)))
     if chosen.beside:

@@ -7,6 +7,7 @@ from reports import KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
 from reports.marks import marks
+from reports.missing import not_run
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE, fixed
 from reports.paper import paper_table
@@ -118,14 +119,16 @@ def rate_points(run: Run, material: Material) -> Table | None:
 
 
 def unfinished_table(run: Run) -> Table | None:
-    """Jobs without numbers, and why."""
+    """Jobs without numbers, and why; those that were planned and not run, too."""
     words = {"failed": "failed", "unavailable": "not available"}
     rows = [
         [row.job["material"], row.name, words.get(row.job["status"], row.job["status"]), _one_line(row.job)]
-        for material in materials(run)
-        for row in material.rows
+        for each in materials(run)
+        for row in each.rows
         if row.job["status"] != "ok"
     ]
+    for material, label, seeds in not_run(run):
+        rows.append([material, label, "not run", f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"])
     headers = [("material", ""), ("codec", ""), ("state", ""), ("why", "")]
     return Table("unfinished", "Jobs without a result", headers, rows, words=4) if rows else None
 

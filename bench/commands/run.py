@@ -82,7 +82,9 @@ def run(options: argparse.Namespace) -> int:
     with Console() as console:
         for line in described_changes(suite, changes):
             console.say(line)
-        settings = runner.Options(folder, device, options.fresh, options.retry_failed, console.show, workers)
+        settings = runner.Options(
+            folder, device, options.fresh, options.retry_failed, console.show, console.say, workers
+        )
         try:
             for outcome in runner.run(suite, settings):
                 outcomes.append(outcome)

@@ -20,7 +20,7 @@ from typing import Any
 import torch
 
 from bench import atomic, records
-from bench.codec import Codec, Fit, Progress, silent
+from bench.codec import REMARK, Codec, Fit, Progress, silent
 from bench.codecs import container, shared
 from bench.codecs.registry import from_outside, make_codec
 from bench.data.spec import MaterialSpec
@@ -29,6 +29,7 @@ from bench.records import Record, Run
 from bench.runs.executors import Workers, in_process, one_process
 from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, Task, WantsFiles, blamed, failed, work
 from bench.runs.lock import locked
+from bench.runs.outlook import Outlook
 from bench.runs.pretraining import ready
 from bench.runs.programs import Programs, permit
 from bench.runs.provenance import provenance
@@ -51,6 +52,7 @@ class Options:
     fresh: bool = False  # fit and score everything again
     retry_failed: bool = False
     show: Progress = silent
+    say: Callable[[str], None] = lambda text: None  # is told before the first job how many are left, and for how long
     workers: Callable[[], AbstractContextManager[Workers]] | None = None  # None: see `_workers`
 
 
@@ -60,6 +62,7 @@ class Outcome:
 
     record: Record
     cached: str = ""
+    progress: str = ""  # of the run after it, in words
 
 
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
@@ -183,13 +186,22 @@ class _Session:
         done = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
         unsound = [task for task in order if task.codec.label in self.faults]
         results = itertools.chain(((task, failed(task, self.faults[task.codec.label])) for task in unsound), done)
+        outlook = self._outlook(workers)
+        self.options.say(outlook.first)
         self.options.show("jobs", 0, len(self.tasks))
         for count, (task, result) in enumerate(results, 1):
             outcome = self._outcome(task, result)
-            self.options.show("jobs", count, len(self.tasks))
+            outlook.ended(outcome.record, outcome.cached)
+            outcome = dataclasses.replace(outcome, progress=outlook.progress)
+            self.options.show(f"jobs{REMARK}{outlook.left}" if outlook.left else "jobs", count, len(self.tasks))
             if outcome.record["status"] == "ok":
                 self.done[task.name] = outcome.record
             yield outcome
+
+    def _outlook(self, workers: Workers) -> Outlook:
+        """The jobs ahead; those whose records agree with their files are expected to hold."""
+        holds = {task.name for task in self.tasks if self._earlier(task.name) is not None}
+        return Outlook(self.tasks, holds, self.options.folder.absolute(), workers.at_once)
 
     def _told(self, task: Task) -> dict[str, Any]:
         """The fields of a task that a worker cannot look up."""

@@ -1,4 +1,5 @@
 import argparse
+import re
 from contextlib import nullcontext
 
 import pytest
@@ -35,6 +36,10 @@ def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch,
     assert "interrupted: 1 of 2 jobs are done; the same command goes on" in shown.out
     assert shown.err == ""
     assert not (tmp_path / "run" / "lock").exists()
+    part = str(tmp_path / "part.jsonl")
+    assert cli.main(["results", "add", str(tmp_path / "run"), part]) == 0  # what is finished can be published
+    assert cli.main(["table", "main", part]) == cli.main(["table", "unfinished", part]) == 0
+    assert re.search(r"satin +table +not run +seed 0", capsys.readouterr().out)
     assert cli.main(words) == 0
     assert "2 jobs: 2 ok; 1 cached whole" in capsys.readouterr().out
 
@@ -81,3 +86,16 @@ def test_workers_that_make_no_sense_are_bad_usage(words, message, tmp_path, caps
     assert cli.main([*WORDS, "--out", str(tmp_path / "run"), *words]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "run" / "records.jsonl").exists()
+
+
+def test_a_run_says_first_what_is_left_and_after_each_job_how_far_it_is(tmp_path, capsys):
+    assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
+    said = capsys.readouterr().out.splitlines()
+    jobs = [line for line in said if line.startswith("satin/")]
+    assert [line.split("(")[-1] for line in jobs] == ["1 of 2 jobs)", "2 of 2 jobs)"]
+    started = "2 jobs: 2 left, no estimate, since no fit of mean-colour, table is on record here"
+    assert said.index(started) < said.index(jobs[0])
+    assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
+    assert "2 jobs, all on record" in capsys.readouterr().out
+    assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "two")]) == 0  # a run beside it
+    assert re.search(r"2 jobs: 2 left, about .* of fits\n", capsys.readouterr().out)

@@ -1,0 +1,172 @@
+"""Says how many jobs of a run are left, and for about how long, from fits of the same codecs that are on record.
+
+A fit lasts as long as the most alike one on record, in proportion to its steps and batch or, without steps, to its
+data. On record are the fits of this folder and of the folders beside it, made on this processor. What a job takes
+besides its fit (opening, scoring) is known once one of this run has ended. A codec that was never fitted here has no
+estimate; its jobs are counted apart.
+"""
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.codec import settings_dict
+from bench.codecs.registry import make_codec
+from bench.errors import InputError
+from bench.records import FILE, Record, load_run
+from bench.runs.job import Task
+from bench.runs.provenance import processor
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit on record: of which job, how much work it was, and how long it took."""
+
+    codec: str
+    material: str
+    settings: Record
+    size: float  # values of its training pairs
+    seconds: float
+
+    @classmethod
+    def of(cls, job: Record) -> "Fitted":
+        rows, cols = job["shape"]
+        size = float(rows * cols * job["pairs"].get("train", 0))
+        return cls(job["codec"], job["material"], job["settings"], size, job["fit_seconds"])
+
+
+class Outlook:
+    """The jobs of a run that are left; `holds` are those whose records are expected to hold."""
+
+    def __init__(self, tasks: Iterable[Task], holds: set[str], folder: Path, at_once: int):
+        self.waiting = {task.name: task for task in tasks}
+        self.total, self.holds, self.at_once = len(self.waiting), holds, at_once
+        self.known: dict[str, list[Fitted]] = {}  # by codec; of those, the latest last
+        for fit in _on_record(folder):
+            self._keep(fit)
+        self.start = time.monotonic()
+        self.worked, self.spent = 0, 0.0  # jobs that were fitted or scored, and seconds of their fits
+
+    def ended(self, record: Record, cached: str) -> None:
+        """Take note of a job that ended, given its record and what of it was on record before."""
+        name = record["job"]
+        self.waiting.pop(name, None)
+        if cached == "record":
+            return
+        self.worked += 1
+        if name in self.holds:  # the code or the data changed: the other records will not hold either
+            self.holds = set()
+        if not cached and record["status"] == "ok":
+            self._keep(Fitted.of(record))
+            self.spent += record["fit_seconds"]
+
+    def _keep(self, fit: Fitted) -> None:
+        alike = self.known.setdefault(fit.codec, [])
+        alike[:] = [each for each in alike if (each.material, each.settings) != (fit.material, fit.settings)] + [fit]
+
+    @property
+    def first(self) -> str:
+        """What is said before the run starts."""
+        left = len(self._left)
+        recorded = f", {len(self.holds)} of them on record" if self.holds else ""
+        seconds, unknown = self._ahead()
+        names = ", ".join(sorted({task.codec.codec for task in unknown}))
+        if not left:
+            return f"{_jobs(self.total)}, all on record"
+        says = f"{_jobs(self.total)}{recorded}: {left} left, "
+        if len(unknown) == left:
+            return f"{says}no estimate, since no fit of {names} is on record here"
+        rest = f", and {_jobs(len(unknown))} of {names}, of which no fit is on record here" if unknown else ""
+        return f"{says}about {duration(seconds)} of fits{rest}"
+
+    @property
+    def left(self) -> str:
+        """What is said while the run goes on: the time left; "" where nothing is known."""
+        seconds, unknown = self._ahead()
+        left = len(self._left)
+        if not left or len(unknown) == left:
+            return ""
+        rest = f" and {_jobs(len(unknown))} of unknown time" if unknown else ""
+        return f"about {duration(seconds)}{rest} left"
+
+    @property
+    def progress(self) -> str:
+        """How many jobs are done, and the time left."""
+        return ", ".join(filter(None, [f"{self.total - len(self.waiting)} of {_jobs(self.total)}", self.left]))
+
+    @property
+    def _left(self) -> list[Task]:
+        return [task for name, task in self.waiting.items() if name not in self.holds]
+
+    def _ahead(self) -> tuple[float, list[Task]]:
+        """Seconds of the jobs left whose fits can be estimated, and the other ones."""
+        fits = dict[tuple[str, str], float | None]()
+        left = self._left
+        for task in left:
+            cell = task.material.name, task.codec.label
+            fits[cell] = fits[cell] if cell in fits else self._fit(task)
+        seconds = [fits[task.material.name, task.codec.label] for task in left]
+        known = [each + self._besides for each in seconds if each is not None]
+        unknown = [task for task, each in zip(left, seconds, strict=True) if each is None]
+        return sum(known) / min(self.at_once, max(1, len(left))), unknown
+
+    @property
+    def _besides(self) -> float:
+        """Seconds of a job besides its fit, as far as this run knows."""
+        apart = (time.monotonic() - self.start) * self.at_once - self.spent
+        return max(0.0, apart / self.worked) if self.worked else 0.0
+
+    def _fit(self, task: Task) -> float | None:
+        """Seconds of the fit of a job, after the one on record that is most like it; None without one."""
+        try:
+            settings = settings_dict(make_codec(task.codec.codec, task.codec.settings))
+        except InputError:  # it fails with this error
+            return 0.0
+        if not (alike := self.known.get(task.codec.codec)):
+            return None
+        likeness = lambda fit: (fit.settings == settings, fit.material == task.material.name)  # noqa: E731
+        nearest = max(reversed(alike), key=likeness)  # of several, the latest
+        return nearest.seconds * self._ratio(task, settings, nearest)
+
+    def _ratio(self, task: Task, settings: Record, fit: Fitted) -> float:
+        """How much more work a job's fit is than one on record."""
+        if "steps" in settings:
+            work = [float(each.get("steps", 0)) * float(each.get("batch", 1)) for each in (settings, fit.settings)]
+            return work[0] / work[1] if all(work) else 1.0
+        size = self._size(task)
+        return size / fit.size if size and fit.size else 1.0
+
+    def _size(self, task: Task) -> float:
+        """Values of a job's training pairs; 0 where the data must be opened to tell."""
+        data = task.data
+        if not task.material.path:
+            return float(data.size**2 * data.views * data.lights)
+        return max((fit.size for fits in self.known.values() for fit in fits if fit.material == task.material.name),
+                   default=0.0)  # fmt: skip
+
+
+def _on_record(folder: Path) -> Iterator[Fitted]:
+    """The fits of the runs beside a folder, then of its own, that this processor made."""
+    here, own = processor(), folder / FILE
+    for file in [*sorted(set(folder.parent.glob(f"*/{FILE}")) - {own}), *([own] if own.exists() else [])]:
+        try:
+            jobs = list(load_run(file.parent).jobs)
+        except InputError:  # the estimate does without it; a run goes on or stops by its own records elsewhere
+            continue
+        for job in jobs:
+            whole = job["status"] == "ok" and {"codec", "shape", "pairs", "settings", "fit_seconds"} <= job.keys()
+            if whole and job.get("machine", {}).get("processor") == here:
+                yield Fitted.of(job)
+
+
+def duration(seconds: float) -> str:
+    """A length of time in words, in minutes or hours."""
+    if seconds <= 30:
+        return "half a minute"
+    hours, rest = divmod(max(1, round(seconds / 60)), 60)
+    return f"{hours} h {rest} min" if hours and rest else f"{hours} h" if hours else f"{rest} min"
+
+
+def _jobs(count: int) -> str:
+    return f"{count} job" + "s" * (count != 1)

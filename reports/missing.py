@@ -1,0 +1,41 @@
+"""What a run, or a part of one, has no numbers of: which codecs on which materials, of those that it planned."""
+
+from collections.abc import Iterator
+
+from bench.records import Run, shown_label
+
+Cells = dict[tuple[str, str], list[int]]  # the seeds of each material and codec
+
+
+def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
+    """Material, codec and seeds of the jobs that a start of the run planned and that no record is of."""
+    labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
+    cells: Cells = {}
+    for name in dict.fromkeys(name for start in run.starts for name in start.get("jobs", [])):
+        material, _, rest = name.partition("/")
+        label, _, seed = rest.rpartition("/")
+        if run.job(name) is None and seed.isdecimal():
+            cells.setdefault((material, labels.get(label, label)), []).append(int(seed))
+    yield from ((material, label, seeds) for (material, label), seeds in cells.items())
+
+
+def missing_note(run: Run) -> str:
+    """The codecs and materials without any result, and those that lack some seeds; "" where there is none."""
+    done = {(job["material"], shown_label(job)) for job in run.jobs if job["status"] == "ok"}
+    lacking = [(job["material"], shown_label(job)) for job in run.jobs if job["status"] != "ok"]
+    lacking += [(material, label) for material, label, _ in not_run(run)]
+    without = _grouped([cell for cell in lacking if cell not in done])
+    fewer = _grouped([cell for cell in lacking if cell in done])
+    words = [f"No result: {without}." if without else "", f"Fewer seeds: {fewer}." if fewer else ""]
+    return " ".join(filter(None, words))
+
+
+def _grouped(cells: list[tuple[str, str]]) -> str:
+    """Codecs that lack the same materials together: `neubtf, neumip on brick; vq on satin`."""
+    materials: dict[str, dict[str, None]] = {}
+    for material, label in cells:
+        materials.setdefault(label, {})[material] = None
+    labels: dict[tuple[str, ...], list[str]] = {}
+    for label, lacks in materials.items():
+        labels.setdefault(tuple(sorted(lacks)), []).append(label)
+    return "; ".join(f"{', '.join(alike)} on {', '.join(lacks)}" for lacks, alike in labels.items())

@@ -1,0 +1,124 @@
+"""What a run says of the jobs and the time that are left. No test depends on how long anything took."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bench.data.spec import MaterialSpec, Preparation
+from bench.errors import InputError
+from bench.records import append
+from bench.runs import outlook
+from bench.runs.job import Task
+from bench.runs.outlook import Outlook, duration
+from bench.runs.provenance import processor
+from bench.runs.suite import CodecSpec
+
+DATA = Preparation(size=10, views=5, lights=4)
+PCA = {"components": 16, "center": True}
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(outlook.time, "monotonic", lambda: now[0])
+    return now
+
+
+def task(codec, material="satin", seed=0, **settings):
+    return Task("r", Path(), MaterialSpec(material), DATA, CodecSpec(codec, settings), seed, 1)
+
+
+def job(of, seconds, pairs=20, **settings):
+    """A record of a task whose fit took so long; its settings are the codec's own unless given."""
+    from bench.codec import settings_dict
+    from bench.codecs.registry import make_codec
+
+    found = settings_dict(make_codec(of.codec.codec, of.codec.settings)) | settings
+    return of.base | {
+        "status": "ok", "shape": [10, 10], "pairs": {"all": pairs, "train": pairs}, "settings": found,
+        "fit_seconds": seconds, "machine": {"processor": processor()},
+        "scores": {}, "metrics": {}, "bytes": {"total": 1}, "parameters": 0,
+    }  # fmt: skip
+
+
+def looked(folder, tasks, holds=(), at_once=1):
+    return Outlook(tasks, set(holds), folder, at_once)
+
+
+def test_without_records_there_is_no_estimate_and_it_says_so(tmp_path, clock):
+    found = looked(tmp_path / "run", [task("pca"), task("vq"), task("vq", seed=1)])
+    assert found.first == "3 jobs: 3 left, no estimate, since no fit of pca, vq is on record here"
+    assert found.progress == "0 of 3 jobs"
+
+
+def test_a_finished_job_tells_of_the_others_of_its_codec_and_of_what_a_job_takes_besides(tmp_path, clock):
+    tasks = [task("pca", seed=seed) for seed in range(4)] + [task("vq")]
+    found = looked(tmp_path / "run", tasks)
+    clock[0] += 160
+    found.ended(job(tasks[0], 100.0), "")
+    assert found.progress == "1 of 5 jobs, about 8 min and 1 job of unknown time left"  # 3 · (100 + 60) s
+    for each in tasks[1:4]:
+        clock[0] += 160
+        found.ended(job(each, 100.0), "")
+    assert found.progress == "4 of 5 jobs"
+    clock[0] += 20
+    found.ended(job(tasks[4], 10.0), "")
+    assert (found.progress, found.left) == ("5 of 5 jobs", "")
+
+
+def test_fits_on_record_are_scaled_by_steps_or_by_the_data(tmp_path, clock):
+    append_all(tmp_path / "run", job(task("neubtf-direct", steps=500), 30.0), job(task("pca", "brick"), 60.0, pairs=10))
+    assert looked(tmp_path / "run", [task("neubtf-direct", steps=4000)]).first.endswith("about 4 min of fits")
+    assert looked(tmp_path / "run", [task("pca")]).first.endswith("about 2 min of fits")  # twice the pairs
+    both = [task("neubtf-direct", steps=4000), task("pca")]
+    assert looked(tmp_path / "run", both, at_once=2).first.endswith("2 jobs: 2 left, about 3 min of fits")
+
+
+def test_the_fit_that_is_most_alike_counts(tmp_path, clock):
+    one, other = task("pca", "satin"), task("pca", "brick")
+    append_all(tmp_path / "beside", job(one, 60.0), job(other, 600.0))
+    assert looked(tmp_path / "run", [task("pca", "satin", seed=1)]).first.endswith("about 1 min of fits")
+    assert looked(tmp_path / "run", [task("pca", "brick", seed=1)]).first.endswith("about 10 min of fits")
+
+
+def test_another_processor_and_a_folder_that_cannot_be_read_tell_nothing(tmp_path, clock):
+    append_all(tmp_path / "far", job(task("pca"), 60.0) | {"machine": {"processor": "another"}})
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "records.jsonl").write_text(json.dumps({"kind": "job", "job": "x"}) + "\n")
+    assert "no estimate" in looked(tmp_path / "run", [task("pca")]).first
+
+
+def test_jobs_on_record_are_not_counted_until_one_is_fitted_anew(tmp_path, clock):
+    tasks = [task("pca", seed=seed) for seed in range(4)]
+    append_all(tmp_path / "run", *(job(each, 60.0) for each in tasks[:3]))
+    names = {each.name for each in tasks[:3]}
+    found = looked(tmp_path / "run", tasks, names)
+    assert found.first == "4 jobs, 3 of them on record: 1 left, about 1 min of fits"
+    found.ended(job(tasks[0], 60.0), "record")
+    assert found.left == "about 1 min left"
+    clock[0] += 60
+    found.ended(job(tasks[1], 60.0), "")  # its code has changed
+    assert found.progress == "2 of 4 jobs, about 2 min left"
+    assert looked(tmp_path / "run", tasks[:3], names).first == "3 jobs, all on record"
+
+
+def append_all(folder, *records):
+    folder.mkdir()
+    for record in records:
+        append(folder, record)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(4, "half a minute"), (50, "1 min"), (40, "1 min"), (3600, "1 h"), (4200, "1 h 10 min"), (89, "1 min")],
+)
+def test_a_time_is_told_in_minutes_and_hours(seconds, words):
+    assert duration(seconds) == words
+
+
+def test_a_codec_that_cannot_be_made_takes_no_time(tmp_path, clock):
+    wrong = task("pca", components=-1)
+    with pytest.raises(InputError):
+        job(wrong, 1.0)
+    assert looked(tmp_path / "run", [wrong]).first == "1 job: 1 left, about half a minute of fits"

@@ -1,0 +1,36 @@
+"""A part of a suite names what it has no results of."""
+
+from bench.records import append, load_run
+from reports import table_text
+from reports.missing import missing_note
+from reports.summary import summary_table
+
+
+def planned(made, *names):
+    append(made.folder, {"kind": "run", "run": "1", "suite": "made", "device": "cpu", "machine": {}, "jobs": [*names]})
+    return made
+
+
+def test_what_was_planned_and_has_no_result_is_named_by_codec_and_material(made):
+    every = [f"{m}/{c}/{s}" for m in ("brick", "satin") for c in ("pca", "vq components=4", "table") for s in (0, 1)]
+    planned(made, *every).job("pca", material="brick").job("pca", material="brick", seed=1)
+    made.job("pca", material="satin").job("table", material="satin").unfinished("failed", "why", "table", "brick")
+    run = load_run(made.folder)
+    says = "No result: table on brick; vq components=4 on brick, satin. Fewer seeds: pca, table on satin."
+    assert missing_note(run) == says
+    assert summary_table(run).notes[-1] == says
+    shown = table_text(made.folder, "markdown", "unfinished")
+    rows = [[cell.strip() for cell in line.split("|")[1:5]] for line in shown.splitlines() if "not run" in line]
+    assert rows == [
+        ["brick", "vq components=4", "not run", "seeds 0, 1"],
+        ["brick", "table", "not run", "seed 1"],
+        ["satin", "pca", "not run", "seed 1"],
+        ["satin", "vq components=4", "not run", "seeds 0, 1"],
+        ["satin", "table", "not run", "seed 1"],
+    ]
+
+
+def test_a_whole_run_lacks_nothing(made):
+    planned(made, "satin/pca/0", "satin/vq/0").job("pca").job("vq")
+    assert missing_note(load_run(made.folder)) == ""
+    assert table_text(made.folder, kind="unfinished") == ""
