@@ -22,10 +22,14 @@ _END = 9_223_372_036_854_775_807  # the end of a slice without one
 
 
 class Traced:
-    """A program that Dr.Jit records; `kind` is its module of arrays, such as `drjit.llvm`."""
+    """A program that Dr.Jit records; `kind` is its module of arrays, such as `drjit.llvm`.
 
-    def __init__(self, program: Program, kind: ModuleType):
-        absent = {step.operation for step in program.steps} - OPERATIONS.keys()
+    `more` computes operations that are the caller's own.
+    """
+
+    def __init__(self, program: Program, kind: ModuleType, more: "dict[str, Operation] | None" = None):
+        self.operations = OPERATIONS | (more or {})
+        absent = {step.operation for step in program.steps} - self.operations.keys()
         if absent:
             raise InputError(f"no kernel can do {min(absent)!r} yet, which this material's evaluate uses")
         self.program, self.kind = program, kind
@@ -34,10 +38,10 @@ class Traced:
     def __call__(self, uv: Sequence[Scalar], wo: Sequence[Scalar], wi: Sequence[Scalar], footprint: Scalar) -> Any:
         """The RGB of queries above the horizon: three Dr.Jit arrays, not yet clamped at 0."""
         given = ([list(uv)], [list(wo)], [list(wi)], [footprint])
-        values = {name: _array(value) for name, value in zip(INPUTS, given, strict=True)} | self.program.constants
+        values = {name: as_array(value) for name, value in zip(INPUTS, given, strict=True)} | self.program.constants
         for step in self.program.steps:
             arguments = [_resolved(values, each) for each in step.arguments]
-            found = OPERATIONS[step.operation](_Call(self, step.shape, step.kind), *arguments)
+            found = self.operations[step.operation](_Call(self, step.shape, step.kind), *arguments)
             values[step.name] = found.reshape(step.shape)
         return list(values[self.program.result].reshape(-1))
 
@@ -51,7 +55,8 @@ class Traced:
                 hit = index == number
                 chosen = [dr.select(hit, other, known) for other, known in zip(rows[number], chosen, strict=True)]
             return chosen
-        table, first = self._table(rows, of), self.kind.UInt(index) * rows.shape[1]
+        # An altered file must not read other memory.
+        table, first = self._table(rows, of), dr.minimum(self.kind.UInt(index), len(rows) - 1) * rows.shape[1]
         return [dr.gather(type(table), table, first + channel) for channel in range(rows.shape[1])]
 
     def _table(self, rows: Array, of: str) -> Scalar:
@@ -95,13 +100,13 @@ def _resolved(values: dict[str, Array], argument: Any) -> Any:
     return [_resolved(values, each) for each in argument] if isinstance(argument, list) else argument
 
 
-def _array(values: Any) -> Array:
+def as_array(values: Any) -> Array:
     """An array of objects; Dr.Jit arrays are not looked into."""
     if not isinstance(values, list):
         found = np.empty((), object)
         found[()] = values
         return found
-    inner = [_array(each) for each in values]
+    inner = [as_array(each) for each in values]
     made = np.empty((len(inner), *(inner[0].shape if inner else ())), object)
     for number, each in enumerate(inner):
         made[number] = each[()] if each.ndim == 0 else each
@@ -265,7 +270,7 @@ def _product(call: _Call, *arguments: Array) -> Array:
     starts = [0.0] * math.prod(call.shape) if bias is None else _listed(np.broadcast_to(bias, call.shape))
     pairs = [(row, column) for a, b in zip(left, right, strict=True) for row in a for column in b.T]
     found = [_dot(_listed(a), _listed(b), start) for (a, b), start in zip(pairs, starts, strict=True)]
-    return _array(found)
+    return as_array(found)
 
 
 def _groups(items: Array, axes: Any) -> list[list[Scalar]]:
@@ -279,7 +284,7 @@ def _groups(items: Array, axes: Any) -> list[list[Scalar]]:
 
 
 def _reduced(combine: Callable[[list[Scalar]], Scalar]) -> Operation:
-    return lambda call, items, axes=None, *_: _array([combine(row) for row in _groups(items, axes)])
+    return lambda call, items, axes=None, *_: as_array([combine(row) for row in _groups(items, axes)])
 
 
 def _folded(function: Callable[[Scalar, Scalar], Scalar]) -> Callable[[list[Scalar]], Scalar]:
@@ -319,7 +324,7 @@ OPERATIONS |= {
 def _norm(call: _Call, items: Array, order: float, axes: Any = None, *_: Any) -> Array:
     if order != 2:
         raise InputError(f"no kernel can do a norm of order {order} yet")
-    return _array([dr.sqrt(_dot(row, row)) for row in _groups(items, axes)])
+    return as_array([dr.sqrt(_dot(row, row)) for row in _groups(items, axes)])
 
 
 # Look-ups.
@@ -329,7 +334,7 @@ def _norm(call: _Call, items: Array, order: float, axes: Any = None, *_: Any) ->
 def _index_select(call: _Call, table: Array, axis: int, index: Array) -> Array:
     lead = np.moveaxis(table, axis, 0)
     rows = lead.reshape(len(lead), -1)
-    found = _array([call.traced.row(rows, i, call.kind) for i in _listed(index)])
+    found = as_array([call.traced.row(rows, i, call.kind) for i in _listed(index)])
     return np.moveaxis(found.reshape(index.size, *lead.shape[1:]), 0, axis)
 
 
@@ -351,7 +356,7 @@ def _index(call: _Call, table: Array, indices: list[Array | None]) -> Array:
         for number, length in zip(place, lead, strict=True):
             flat = flat * length + (number if length > 1 else 0)
         results.append(call.traced.row(rows, flat, call.kind))
-    return _array(results)
+    return as_array(results)
 
 
 @_operation("embedding_bag_forward_only")
@@ -360,7 +365,7 @@ def _bag(call: _Call, table: Array, index: Array, bags: int, shares: Array | Non
         raise InputError("no kernel can add up several bags yet")
     rows = [call.traced.row(table, i, call.kind) for i in _listed(index)]
     weights = [1.0] * len(rows) if shares is None else _listed(shares)
-    return _array([_dot(weights, channel) for channel in zip(*rows, strict=True)])
+    return as_array([_dot(weights, channel) for channel in zip(*rows, strict=True)])
 
 
 @_operation("gather")
@@ -371,4 +376,4 @@ def _gather(call: _Call, source: Array, axis: int, index: Array, *_: Any) -> Arr
         where[axis % source.ndim] = slice(None)
         options = source[tuple(where)].reshape(-1, 1)
         results.append(call.traced.row(options, index[place], call.kind)[0])
-    return _array(results)
+    return as_array(results)

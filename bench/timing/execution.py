@@ -4,7 +4,10 @@
 | --- | --- |
 | `eager` | PyTorch's operations one by one, in chunks that fit the cache: the default of a material |
 | `compiled` | `evaluate` through torch.compile, on the network folded by `bench.timing.fused.lean` |
-| `fused` | the network and the fetch before it as one kernel: Dr.Jit with literal weights on the CPU, Triton on a GPU |
+| `fused` | on the CPU all of `evaluate` as one kernel, by Dr.Jit; on a GPU the network and its fetch, by Triton |
+
+Where `evaluate` cannot be recorded, or LLVM is too old for what codecs do beside their network, `fused` on the CPU is
+the network and its fetch, too.
 
 Precisions are those of textures, weights and products; places and directions stay float32. `TOLERANCES` says how far
 the network's answer may lie from float64's.
@@ -23,6 +26,7 @@ from torch import Tensor, nn
 
 from bench.codecs.decoder import Decoder
 from bench.errors import InputError, did_you_mean
+from bench.llvm import drjit, unusable
 from bench.material import Material
 
 EXECUTIONS = ("eager", "compiled", "fused")
@@ -105,26 +109,49 @@ def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
 
 
 def _fused(material: Material, variant: Variant) -> Material:
-    make: Callable[[Decoder], nn.Module]
-    if material.device.type == "cuda":
-        try:
-            from bench.timing.fused.with_triton import TritonNetwork
-        except ImportError as error:
-            raise InputError(f"fused on a GPU needs Triton: pip install triton ({error})") from error
-
-        def make(network: Decoder) -> nn.Module:
-            return TritonNetwork(network, tf32=variant.precision == "tf32")
-
-    elif variant.precision != "float32":
-        raise InputError(f"fused on the CPU computes in float32, not {variant.precision}: use compiled")
-    else:
-        from bench.timing.fused.with_drjit import DrJitNetwork, drjit
-
-        drjit()
-        make, material.chunk = DrJitNetwork, FUSED_CHUNK
-    if not _replaced(material, make):
-        raise InputError("fused computes decoder networks, and this codec has none: use eager")
+    if material.device.type != "cuda":
+        if variant.precision != "float32":
+            raise InputError(f"fused on the CPU computes in float32, not {variant.precision}: use compiled")
+        return _fused_on_cpu(material)
+    try:
+        from bench.timing.fused.with_triton import TritonNetwork
+    except ImportError as error:
+        raise InputError(f"fused on a GPU needs Triton: pip install triton ({error})") from error
+    if not _replaced(material, lambda network: TritonNetwork(network, tf32=variant.precision == "tf32")):
+        raise InputError("fused on a GPU computes decoder networks, and this codec has none: use eager")
     return material
+
+
+def _fused_on_cpu(material: Material) -> Material:
+    """All of `evaluate` as one kernel, or else the networks alone."""
+    from bench.timing.fused.with_drjit import DrJitNetwork
+
+    drjit()
+    why = unusable(plugins=True)
+    if not why:
+        try:
+            return _whole(material)
+        except InputError as error:
+            why = str(error)
+    material.chunk = FUSED_CHUNK
+    if not _replaced(material, DrJitNetwork):
+        raise InputError(f"fused has no kernel for this codec, nor has it a decoder network ({why}): use eager")
+    return material
+
+
+def _whole(material: Material) -> Material:
+    from bench.timing.fused.whole import Placeholder, Whole
+
+    marked, decoders = copy.deepcopy(material), list[Decoder]()
+
+    def placeholder(decoder: Decoder) -> nn.Module:
+        decoders.append(decoder)
+        return Placeholder(len(decoders) - 1, decoder.architecture.outputs)
+
+    _replaced(marked, placeholder)
+    fused = Whole(material, marked, decoders)
+    fused.chunk = FUSED_CHUNK
+    return fused
 
 
 class _Around(Material):

@@ -11,12 +11,12 @@ Dr.Jit would order the code output by output, and each multiply-add would read i
 of a block of outputs grow together, one input after the other: with AVX2 a sixth faster.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from bench.codecs.decoder import LEAK, Decoder, Network
 from bench.errors import InputError
@@ -26,6 +26,44 @@ from bench.timing.native import features
 
 MOST_PARAMETERS = 10_000  # beyond, the code outgrows every cache, and compiling it takes minutes
 BLOCK, LARGE_BLOCK = 12, 24  # sums of products that grow side by side, in 16 registers and in the 32 of AVX-512
+
+
+Kernels = dict[int, Callable[..., Any]]  # recorded calls by the size they hold for
+
+
+def batched(
+    kernels: Kernels,
+    kernel: Callable[..., Sequence[Any]],
+    queries: tuple[Tensor, ...],
+    whole: tuple[Tensor, ...] = (),
+    tables: Sequence[Any] = (),
+) -> Tensor:
+    """The answers (n, outputs) of a kernel to queries (n, …): `kernel(n, *flat)` gives arrays (n,) of row-major inputs.
+
+    `whole` are inputs that are no queries, as textures; `tables` are Dr.Jit arrays that the kernel reads besides. Each
+    size is recorded once.
+    """
+    dr, n = drjit(), len(queries[0])
+    if dr.thread_count() != torch.get_num_threads():
+        dr.set_thread_count(torch.get_num_threads())
+    size = 1 << max(n - 1, 15).bit_length()  # whole powers of two: few recordings, whatever the batches
+
+    def recorded(*flat: Any) -> Any:
+        answer = kernel(size, *flat)
+        out = dr.empty(dr.llvm.Float, size * len(answer))
+        # One packet: a store a channel would compute the whole network again for each.
+        dr.scatter(out, dr.llvm.ArrayXf(answer), dr.arange(dr.llvm.UInt32, size))
+        return out
+
+    if size not in kernels:
+        kernels[size] = dr.freeze(recorded, state_fn=lambda *_: list(tables))
+    # Copies of the last query fill the rest: zeros would be no directions.
+    padded = [x.float() if size == n else torch.cat([x, x[-1:].expand(size - n, -1)]).float() for x in queries]
+    out = kernels[size](*(dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in (*padded, *whole)))
+    dr.eval(out)
+    dr.sync_thread()
+    found: Tensor = out.torch().reshape(size, -1)[:n].to(queries[0].dtype)
+    return found
 
 
 class DrJitNetwork(Network):
@@ -41,8 +79,7 @@ class DrJitNetwork(Network):
             )
         self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
         self.block = LARGE_BLOCK if "avx512f" in (features() or ()) else BLOCK
-        # A recorded call holds for one size, and for one of the texture.
-        self.kernels: dict[tuple[int, tuple[int, ...] | None], Any] = {}
+        self.kernels: dict[tuple[int, ...] | None, Kernels] = {}  # by the shape of the texture
 
     def forward(self, inputs: Tensor) -> Tensor:
         return self._run(inputs)
@@ -52,35 +89,24 @@ class DrJitNetwork(Network):
 
     def _run(self, inputs: Tensor, texture: Tensor | None = None) -> Tensor:
         """The outputs of inputs, or of (uv, other inputs) for a texture (H, W, C)."""
-        dr, n = self.dr, len(inputs)
-        if dr.thread_count() != torch.get_num_threads():
-            dr.set_thread_count(torch.get_num_threads())
-        size = 1 << max(n - 1, 15).bit_length()  # whole powers of two: few recordings, whatever the batches
-        padded = inputs.float() if size == n else functional.pad(inputs.float(), (0, 0, 0, size - n))
         shape = None if texture is None else tuple(texture.shape)
-        if (size, shape) not in self.kernels:
-            self.kernels[size, shape] = dr.freeze(lambda *flat: self._kernel(size, shape, *flat))
-        tensors = (padded,) if texture is None else (padded, texture)
-        out = self.kernels[size, shape](*(dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in tensors))
-        dr.eval(out)
-        dr.sync_thread()
-        return out.torch().reshape(size, -1)[:n].to(inputs.dtype)
+        kernels = self.kernels.setdefault(shape, {})
+        given = () if texture is None else (texture,)
+        return batched(kernels, partial(self._kernel, shape), (inputs,), given)
 
-    def _kernel(self, n: int, shape: tuple[int, ...] | None, flat: Any, texture: Any = None) -> Any:
-        """Row-major inputs, or (uv, other inputs), of n samples → row-major outputs (n · outputs)."""
-        dr, packet = self.dr, self.dr.llvm.ArrayXf
-        row = dr.arange(dr.llvm.UInt32, n)
+    def _kernel(self, shape: tuple[int, ...] | None, n: int, flat: Any, texture: Any = None) -> Sequence[Any]:
+        """Row-major inputs, or (uv, other inputs), of n samples → outputs (n,) each."""
+        row = self.dr.arange(self.dr.llvm.UInt32, n)
         if shape is None:
-            x = self._rows(flat, row, self.inputs)
-        else:
-            u, v, *others = self._rows(flat, row, 2 + self.inputs - shape[2])
-            x = [*self._fetch(texture, shape, u, v), *others]
+            return self.within(row, self._rows(flat, row, self.inputs))
+        u, v, *others = self._rows(flat, row, 2 + self.inputs - shape[2])
+        return self.within(row, [*self._fetch(texture, shape, u, v), *others])
+
+    def within(self, row: Any, inputs: Sequence[Any]) -> tuple[Any, ...]:
+        """The outputs of inputs inside of a kernel over samples `row`."""
         # A switch of one case; its number, 0, must not be known before, else the function would be put into the loop.
-        answer = dr.switch(row >> 31, [self._network], *x)
-        out = dr.empty(dr.llvm.Float, n * len(answer))
-        # One packet: a store a channel would compute the whole network again for each.
-        dr.scatter(out, packet(answer), row)
-        return out
+        found: tuple[Any, ...] = self.dr.switch(row >> 31, [self._network], *inputs)
+        return found
 
     def _fetch(self, texture: Any, shape: tuple[int, ...], u: Any, v: Any) -> Sequence[Any]:
         """A texture (H, W, C) at a place, bilinear and periodic, as `bench.material.sample_texture`."""

@@ -79,12 +79,31 @@ def test_fused_answers_the_same():
     assert_same(fused(), 1e-5)
 
 
-def test_fused_is_found_however_deep_the_network_is(monkeypatch):
+@pytest.mark.short
+def test_fused_is_the_network_alone_where_the_rest_cannot_be_recorded(monkeypatch):
+    class Branching(Textured):
+        def evaluate(self, uv, wo, wi, footprint):
+            return super().evaluate(uv, wo, wi, footprint) if uv.sum() > 0 else uv
+
+    fused()  # skips where there is no Dr.Jit
+    found = prepared(Branching(), Variant("fused"))
+    assert type(found) is Branching
+    assert type(found.network).__name__ == "DrJitNetwork"
+    assert_same(found, 1e-5)
+
+
+@pytest.fixture
+def old_llvm(monkeypatch):
+    """An LLVM for networks alone."""
+    monkeypatch.setattr(execution, "drjit", lambda: None)
+    monkeypatch.setattr(execution, "unusable", lambda plugins: "too old" if plugins else "")
+
+
+def test_fused_is_found_however_deep_the_network_is(old_llvm, monkeypatch):
     material = Textured()
     material.network = torch.nn.ModuleDict({"inner": torch.nn.ModuleList([material.network])})
     assert len(networks(material)) == 1
     made = []
-    monkeypatch.setattr("bench.timing.fused.with_drjit.drjit", lambda: None)
     monkeypatch.setattr(
         "bench.timing.fused.with_drjit.DrJitNetwork", lambda network: made.append(network) or torch.nn.Identity()
     )
@@ -93,7 +112,7 @@ def test_fused_is_found_however_deep_the_network_is(monkeypatch):
     assert isinstance(fused.network["inner"][0], torch.nn.Identity)
 
 
-def test_what_cannot_be_computed_is_refused_with_the_remedy(monkeypatch):
+def test_what_cannot_be_computed_is_refused_with_the_remedy(old_llvm, monkeypatch):
     with pytest.raises(InputError, match="NVIDIA"):
         prepared(Textured(), Variant("eager", "tf32"))
     with pytest.raises(InputError, match="float32, not bfloat16"):
@@ -103,8 +122,7 @@ def test_what_cannot_be_computed_is_refused_with_the_remedy(monkeypatch):
         prepared(Textured(), Variant("compiled"))
     table = Textured()
     del table.network
-    monkeypatch.setattr("bench.timing.fused.with_drjit.drjit", lambda: None)
-    with pytest.raises(InputError, match="this codec has none"):
+    with pytest.raises(InputError, match=r"nor has it a decoder network \(too old\): use eager"):
         prepared(table, Variant("fused"))
 
 

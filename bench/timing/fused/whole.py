@@ -1,0 +1,103 @@
+"""A whole material as one kernel on the CPU: its recorded program, and its networks as `with_drjit` computes them.
+
+What a codec does before and after its network (marches, fetches, frames) is recorded by `bench.codecs.program`, in
+which each network is one operation. So nothing between the queries and RGB goes through memory.
+"""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from bench.codecs.decoder import Decoder, Network
+from bench.codecs.program import Program, program_of
+from bench.codecs.traced import Traced, as_array
+from bench.errors import InputError
+from bench.llvm import drjit
+from bench.material import Material
+from bench.timing.fused.with_drjit import DrJitNetwork, Kernels, batched
+
+WIDTHS = (2, 3, 3, 1)  # of uv, wo, wi, footprint
+MOST_PRODUCTS = 10_000  # of matrices outside of networks: their code is not made to stay in registers
+
+
+@torch.library.custom_op("neubtf::network", mutates_args=())
+def _network(inputs: Tensor, number: int, outputs: int) -> Tensor:
+    """The operation that stands for network `number` of a material in a program."""
+    raise NotImplementedError("stands for a network in a program, which computes nothing")
+
+
+@_network.register_fake
+def _(inputs: Tensor, number: int, outputs: int) -> Tensor:
+    return inputs.new_empty(len(inputs), outputs)
+
+
+class Placeholder(Network):
+    """Stands for a decoder network while its material is recorded."""
+
+    def __init__(self, number: int, outputs: int):
+        super().__init__()
+        self.number, self.outputs = number, outputs
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        found: Tensor = torch.ops.neubtf.network(inputs, self.number, self.outputs)
+        return found
+
+
+class Whole(Material):
+    """A material whose `evaluate` is one kernel. `InputError` where it cannot be recorded, or is too large."""
+
+    def __init__(self, material: Material, marked: Material, decoders: list[Decoder]):
+        """`marked` is a copy of the material, with placeholders for its networks."""
+        super().__init__(material.size, material.cost)
+        self.inner, self.dr = material, drjit()
+        self.networks = [DrJitNetwork(decoder) for decoder in decoders]
+        program = program_of(marked)
+        if (products := _products(program)) > MOST_PRODUCTS:
+            raise InputError(
+                f"fused on the CPU holds up to {MOST_PRODUCTS:,} products outside of networks, this codec asks for "
+                f"{products:,}: use compiled"
+            )
+        self.traced = Traced(program, self.dr.llvm, {"network": self._answered})
+        self.kernels: Kernels = {}
+        self._recorded()
+
+    def modules(self) -> list[torch.nn.Module]:
+        return list(self.inner.modules())
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return batched(self.kernels, self._kernel, (uv, wo, wi, footprint[:, None]), tables=self.tables)
+
+    def _recorded(self) -> None:
+        """Records the program once for nothing, which shows the tables that its kernels are given."""
+        self.row = self.dr.arange(self.dr.llvm.UInt32, 1)
+        self.traced(*([self.dr.llvm.Float(0.5)] * width for width in WIDTHS[:3]), self.dr.llvm.Float(0))
+        self.tables = [table for _, table in self.traced.tables.values()]
+
+    def _kernel(self, n: int, *flat: Any) -> list[Any]:
+        self.row = self.dr.arange(self.dr.llvm.UInt32, n)
+        gather, kind = self.dr.gather, self.dr.llvm.Float
+        uv, wo, wi, (footprint,) = (
+            [gather(kind, each, self.row * width + k) for k in range(width)]
+            for each, width in zip(flat, WIDTHS, strict=True)
+        )
+        found: list[Any] = self.traced(uv, wo, wi, footprint)
+        return found
+
+    def _answered(self, call: Any, inputs: Any, number: int, outputs: int) -> Any:
+        """What a network outputs for the inputs (1, D) of the program."""
+        kind = self.dr.llvm.Float
+        given = [kind(value) for value in inputs.reshape(-1)]
+        return as_array([list(self.networks[number].within(self.row, given))])
+
+
+def _products(program: Program) -> int:
+    """Multiply-adds of the matrix products of a program."""
+    shapes = {step.name: step.shape for step in program.steps}
+    shapes |= {name: each.shape for name, each in program.constants.items()}
+    return sum(
+        math.prod(step.shape) * shapes[step.arguments[-1]["of"]][-2]
+        for step in program.steps
+        if step.operation in ("mm", "addmm", "bmm")
+    )

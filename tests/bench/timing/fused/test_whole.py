@@ -1,0 +1,81 @@
+"""A whole material as one kernel answers as the material does, whatever the codec."""
+
+import numpy as np
+import pytest
+import torch
+
+import bench
+from bench import llvm
+from bench.codecs.decoder import Architecture, Decoder
+from bench.errors import InputError
+from bench.hemisphere import uniform
+from bench.material import DecoderCost, Material, parameters
+from bench.timing.execution import TOLERANCES, Variant, prepared
+
+pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
+pytestmark = pytest.mark.short
+CODECS = {
+    "relief": {"steps": 5, "width": 8},
+    "relief without a height": {"steps": 5, "width": 8, "relief": False},
+    "neubtf-direct": {"steps": 5, "width": 8},
+    "neumip": {"steps": 5},
+    "pca": {"components": 3},
+    "hsh": {},
+}
+
+
+@pytest.fixture(scope="module")
+def btf():
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
+    return bench.open("cable-knit", size=12, views=9, lights=9, heldout=8)
+
+
+def queries(count, seed=0):
+    rng = np.random.default_rng(seed)
+    wo, wi = (torch.from_numpy(uniform(rng, count)) for _ in range(2))
+    uv = torch.from_numpy(rng.uniform(-1, 2, (count, 2)).astype(np.float32))
+    return uv, wo, wi, torch.from_numpy(rng.uniform(0, 0.3, count).astype(np.float32))
+
+
+@pytest.mark.parametrize("name", CODECS)
+def test_each_codec_answers_as_in_eager(tmp_path, btf, name):
+    file = tmp_path / "a.nbtf"
+    bench.encode(btf, name.split()[0], file, **CODECS[name])
+    material = bench.load(file)
+    if name.startswith("relief"):
+        assert (material.relief is None) == ("without" in name)
+    whole = prepared(material, Variant("fused"))
+    assert type(whole).__name__ == "Whole"
+    assert (parameters(whole), whole.cost, whole.size) == (parameters(material), material.cost, material.size)
+    absolute, relative = TOLERANCES["float32"]
+    for count in (1, 3000):
+        expected, found = material.query(*queries(count)), whole.query(*queries(count))
+        error = (found - expected).abs().amax(1)
+        # A march may step over an edge of the height by the last bit.
+        assert (error > absolute + relative * expected.max()).float().mean() <= 1e-3
+    assert expected.std() > 0.01
+
+
+class Mixed(Material):
+    """A network between matrices of constants."""
+
+    def __init__(self, width):
+        super().__init__((4, 4), DecoderCost())
+        generator = torch.Generator().manual_seed(0)
+        self.matrix = torch.randn(6, width, generator=generator)
+        self.network = Decoder(Architecture(width, (8,)), generator).requires_grad_(False)
+
+    def evaluate(self, uv, wo, wi, footprint):
+        return self.network(torch.cat([wo, wi], 1) @ self.matrix).square()
+
+
+def test_too_many_products_outside_of_networks_are_refused_or_left_to_pytorch(btf):
+    from bench.timing.fused.whole import MOST_PRODUCTS, Whole
+
+    assert isinstance(prepared(Mixed(20), Variant("fused")), Whole)
+    large = Mixed(MOST_PRODUCTS // 6 + 1)
+    large.network = None
+    large.evaluate = lambda uv, wo, wi, footprint: (torch.cat([wo, wi], 1) @ large.matrix)[:, :3]
+    with pytest.raises(InputError, match=r"up to 10,000 products .* asks for 10,002.*: use eager"):
+        prepared(large, Variant("fused"))
