@@ -72,7 +72,8 @@ class Whole(Material):
     def _recorded(self) -> None:
         """Records the program once for nothing, which shows the tables that its kernels are given."""
         self.row = self.dr.arange(self.dr.llvm.UInt32, 1)
-        self.traced(*([self.dr.llvm.Float(0.5)] * width for width in WIDTHS[:3]), self.dr.llvm.Float(0))
+        half = self.dr.llvm.Float(0.5)
+        self.traced([half] * 2, [half] * 3, [half] * 3, half)
         self.tables = [table for _, table in self.traced.tables.values()]
 
     def _kernel(self, n: int, *flat: Any) -> list[Any]:

@@ -57,13 +57,17 @@ def batched(
 
     if size not in kernels:
         kernels[size] = dr.freeze(recorded, state_fn=lambda *_: list(tables))
-    # Copies of the last query fill the rest: zeros would be no directions.
-    padded = [x.float() if size == n else torch.cat([x, x[-1:].expand(size - n, -1)]).float() for x in queries]
+    padded = [x if size == n else torch.cat([x, _filler(x).expand(size - n, -1)]) for x in queries]
     out = kernels[size](*(dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in (*padded, *whole)))
     dr.eval(out)
     dr.sync_thread()
     found: Tensor = out.torch().reshape(size, -1)[:n].to(queries[0].dtype)
     return found
+
+
+def _filler(x: Tensor) -> Tensor:
+    """What fills a batch (n, …): its last row, since zeros are no directions; of an empty one, zeros."""
+    return x[-1:] if len(x) else x.new_zeros(1, *x.shape[1:])
 
 
 class DrJitNetwork(Network):
