@@ -10,8 +10,8 @@ from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
+from baselines.planes import Difference, blurred, blurring, half_and_difference, places
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.decoder import Architecture, Decoder, load_vector, to_vector
@@ -35,8 +35,6 @@ from bench.training import (
 
 WIDTHS = (32, 32, 32)
 PLANES = ("half", "difference")  # of directions
-
-Difference = Literal["rusinkiewicz", "nearest"]
 
 
 class TriplePlane(Codec):
@@ -89,30 +87,6 @@ class TriplePlane(Codec):
         return TriplePlaneMaterial(network, texture, planes, gain, self.settings.difference).to(device)
 
 
-def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tensor, Tensor]:
-    """The half vector, and the light in a frame about it: unit vectors (n, 3) of the upper hemisphere.
-
-    As published (Rusinkiewicz 1998) the half vector is turned to z about z and then y, which jumps where it passes z.
-    The shortest turn does not.
-    """
-    h = functional.normalize(wo + wi, dim=1)
-    if kind == "nearest":
-        # The turn that takes h to z: w − (w · (h + z)) / (1 + h_z) (h + z) + 2 (w · h) z.
-        z = torch.zeros_like(h).index_fill_(1, torch.tensor([2], device=h.device), 1)
-        along = (wi * (h + z)).sum(1, keepdim=True) / (1 + h[:, 2:])
-        return h, wi - along * (h + z) + 2 * (wi * h).sum(1, keepdim=True) * z
-    sine = torch.linalg.vector_norm(h[:, :2], dim=1, keepdim=True)
-    cos_phi, sin_phi = torch.where(sine > 0, h[:, :2] / sine, h.new_tensor([1.0, 0.0])).unbind(1)
-    x = cos_phi * wi[:, 0] + sin_phi * wi[:, 1]
-    y = cos_phi * wi[:, 1] - sin_phi * wi[:, 0]
-    return h, torch.stack([h[:, 2] * x - sine[:, 0] * wi[:, 2], y, (wi * h).sum(1)], 1)
-
-
-def places(directions: Tensor, resolution: int) -> Tensor:
-    """The uv (n, 2) of unit directions (n, 3) in a plane: −1 … 1 from its first texel to its last, so nothing wraps."""
-    return (directions[:, :2].clamp(-1, 1) * (1 - 1 / resolution) + 1) / 2
-
-
 class Fitting(Objective):
     """The three planes and the network, all free."""
 
@@ -130,10 +104,8 @@ class Fitting(Objective):
                 ..., :channels
             ]
         self.free = nn.Parameter(first)
-        distance_of = torch.arange(side)[:, None] - torch.arange(side)
-        kernel = (-0.5 * (distance_of / max(settings.blur, 1e-3)) ** 2).exp()
         self.kernel: Tensor
-        self.register_buffer("kernel", kernel / kernel.sum(1, keepdim=True), persistent=False)
+        self.register_buffer("kernel", blurring(side, settings.blur), persistent=False)
         uv = [places(w, side).cpu() for w in half_and_difference(samples.wo, samples.wi, settings.difference)]
         corners = [texel_corners((side, side), each) for each in uv]
         self.texel: Tensor
@@ -149,9 +121,7 @@ class Fitting(Objective):
 
     def planes(self) -> Tensor:
         """The planes (2, side, side, C) over the half and the difference vector, blurred."""
-        # One side after the other: einsum would multiply out all four indices of both kernels first.
-        rows = torch.einsum("ia,pabc->pibc", self.kernel, self.free)
-        return torch.einsum("jb,pibc->pijc", self.kernel, rows)
+        return blurred(self.free, self.kernel)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         texel, weight = self.texel[batch.pair], self.weight[batch.pair]

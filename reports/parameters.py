@@ -40,6 +40,9 @@ PUBLISHED = {
     ),
     "zeltner2024": Published("Zeltner 2024", 1_923, 8, "8 latents"),
     "triple-plane": Published("Triple plane", 3_011, 8, "8 latents of the plane over the texels"),
+    "biplane": Published(
+        "Biplane", 136_451, 18, "6 latents of the plane over the texels, a matrix (9) and an offset (3)"
+    ),
 }  # by codec
 
 

@@ -17,7 +17,9 @@ def test_ours_stand_beside_the_paper_s_with_the_difference():
         ["Rainer 2020", "rainer2020", "38,269", "38,269", "0", "38", "38", "0"],
     ]
     assert "Channels of Rainer 2020: 32 latents, and the mean and the deviation" in " ".join(table.notes)
-    assert table.notes[-1].endswith("Rainer 2019, Zeltner 2024, Triple plane: no codec of it has been measured.")
+    assert table.notes[-1].endswith(
+        "Rainer 2019, Zeltner 2024, Triple plane, Biplane: no codec of it has been measured."
+    )
 
 
 def test_decoders_that_differ_are_told_apart_and_equal_ones_are_one_row():

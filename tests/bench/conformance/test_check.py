@@ -19,7 +19,18 @@ from bench.records import FILE, append
 
 OURS = [
     *("mean-colour", "table", "pca", "vq", "hsh", "tucker"),
-    *("rainer2019", "rainer2020", "neumip", "neubtf", "neubtf-direct", "zeltner2024", "triple-plane", "bcf", "ntc"),
+    *(
+        "rainer2019",
+        "rainer2020",
+        "neumip",
+        "neubtf",
+        "neubtf-direct",
+        "zeltner2024",
+        "triple-plane",
+        "bcf",
+        "ntc",
+        "biplane",
+    ),
 ]
 
 

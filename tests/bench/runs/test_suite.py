@@ -46,7 +46,7 @@ def test_a_codec_may_be_run_on_some_of_the_materials_but_the_command_line_asks_f
 
 
 def test_the_standard_suite_pretrains_what_it_needs_and_quick_takes_what_is_there():
-    assert load_suite("standard").pretrain == ("rainer2020",)
+    assert load_suite("standard").pretrain == ("rainer2020", "biplane")
     assert load_suite("quick").pretrain == ()
     assert "rainer2020" in {spec.codec for spec in load_suite("quick").codecs}
 

@@ -1,0 +1,200 @@
+"""Biplane: one plane of features over half vectors, one over texels, and a decoder shared by all materials (Fan 2023).
+
+Fan et al., "Neural biplane representation for BTF rendering and acquisition" (SIGGRAPH 2023). The decoder is trained
+once (`neubtf-bench pretrain biplane`) and kept in a file of its own. A material is its two planes and, for each texel,
+a matrix and an offset that colour the decoder's answer; they are fitted while the decoder stays. Facts are from the
+authors' code, which answers with radiance up to 1; here log radiance is answered. See docs/recipes.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from baselines.biplane_decoder import COLOURS, FEATURES, MATRIX, BiplaneDecoder, coloured
+from baselines.planes import Difference, blurred, blurring, half_and_difference, places
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts, SharedNetwork
+from bench.decoder import load_vector, to_vector
+from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
+from bench.quantise import Precision, WeightPrecision, pack, unpack
+from bench.settings import BatchSize, Count, Natural, NotNegative, Positive
+from bench.training import RANDOM_SPREAD, Batch, Loss, Objective, Samples, distance, gain_of, train
+
+SIDE = 20  # texels of the plane over half vectors
+PAIRS = 400  # of each material that the decoder is trained on
+BLOCK = 256  # texels read at once
+ASKED = 64  # pairs of a material at which the decoder's answers are held against the mean of each texel
+
+
+@dataclass(frozen=True)
+class PlaneSettings:
+    """How planes are fitted, with the decoder or without."""
+
+    steps: Natural = 1_000  # of the fit
+    batch: BatchSize = 2_048  # samples a step
+    difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
+    blur: NotNegative = 2.0  # σ in texels of the plane over half vectors
+    plane_rate: Positive = 2e-2  # highest learning rate of planes, matrices and offsets
+    loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+
+
+class BiplaneNetwork(SharedNetwork):
+    """The decoder of all materials."""
+
+    name, version = "biplane", 1
+
+    @dataclass(frozen=True)
+    class Settings(PlaneSettings):
+        steps: Natural = 4_000  # of the training
+        kept: Count = 128  # texels of each material that are trained on
+        rate: Positive = 2e-3  # highest learning rate of the decoder
+        weights: WeightPrecision = "half"  # of the stored decoder
+
+    def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
+        pool, decoder = Pool(btfs, self.settings.kept, fit), BiplaneDecoder(fit.generator())
+        train(Fitting(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
+        return Parts(decoder=pack("weights", to_vector(decoder), self.settings.weights))
+
+    def brief(self) -> "BiplaneNetwork":
+        return BiplaneNetwork(**(vars(self.settings) | {"steps": 300, "batch": 256}))
+
+
+class Biplane(Codec):
+    """Biplane: planes over half vectors and over texels, and one wide decoder for all materials, in its own file."""
+
+    name, version = "biplane", 1
+    network = BiplaneNetwork
+
+    @dataclass(frozen=True)
+    class Settings(PlaneSettings):
+        precision: Precision = "int8"  # of the stored planes, matrices and offsets
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        network, gain, precision = fit.shared(self.name), gain_of(btf, fit), self.settings.precision
+        decoder = BiplaneDecoder()
+        load_vector(unpack("weights", network.parts.decoder), decoder)
+        fitting = Fitting(Samples(btf, gain, fit), decoder.requires_grad_(False), self.settings, fit.generator())
+        train(fitting, fit, self.settings.steps)
+        texture = torch.cat([fitting.texture, fitting.told()], 1).reshape(*btf.shape, -1)
+        return Parts(
+            decoder=pack("half", fitting.planes()[0], precision),
+            texture=pack("texels", texture, precision),
+            other={"gain": torch.tensor([gain])},
+            network=network,
+        )
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        if parts.network is None:
+            raise ValueError("the file names no shared network")
+        decoder = BiplaneDecoder()
+        load_vector(unpack("weights", parts.network.parts.decoder), decoder)
+        texture, half = unpack("texels", parts.texture), unpack("half", parts.decoder)
+        if texture.shape[2] != FEATURES + COLOURS or half.shape[2] != FEATURES:
+            raise ValueError(f"planes of {half.shape[2]} and {texture.shape[2]} channels")
+        return BiplaneMaterial(decoder, texture, half, float(parts.other["gain"]), self.settings.difference).to(device)
+
+
+class Pool(Samples):
+    """Some texels and pairs of many BTFs: texel t is of BTF `material[t]`, which has `PAIRS` rows of `wo` and `wi`."""
+
+    def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
+        generator, kept, wo, wi, material = fit.generator(), [], [], [], []
+        for number, btf in enumerate(fit.progress(btfs, "materials")):
+            texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
+            order = torch.randperm(len(btf), generator=generator)
+            pair = order[torch.arange(PAIRS) % len(btf)]
+            samples = Samples(btf, gain_of(btf.subset(btf.split().train), fit), fit)
+            kept += [samples.abrdfs(block)[:, pair].half() for block in texel.split(BLOCK)]
+            wo.append(samples.wo[pair])
+            wi.append(samples.wi[pair])
+            material += [number] * len(texel)
+        self.device, self.kept, self.pairs = fit.device, torch.cat(kept), PAIRS
+        self.texels, self.material = len(material), torch.tensor(material, device=fit.device)
+        self.wo, self.wi = torch.cat(wo), torch.cat(wi)
+
+
+class Fitting(Objective):
+    """Planes, matrices and offsets of one material or of a pool, and the decoder, where it is free."""
+
+    def __init__(self, samples: Samples, decoder: BiplaneDecoder, settings: Any, generator: torch.Generator):
+        super().__init__(samples)
+        self.decoder, self.settings = decoder, settings
+        material = samples.material if isinstance(samples, Pool) else torch.zeros(samples.texels, dtype=torch.long)
+        count = int(material.max()) + 1
+        self.texture = nn.Parameter(RANDOM_SPREAD * torch.randn(samples.texels, FEATURES, generator=generator))
+        self.free = nn.Parameter(RANDOM_SPREAD * torch.randn(count, SIDE, SIDE, FEATURES, generator=generator))
+        colours = torch.full((samples.texels, COLOURS), 1 / 3)
+        blocks = torch.arange(samples.texels, device=samples.device).split(BLOCK)
+        colours[:, MATRIX:] = torch.cat([samples.abrdfs(block).mean(1) for block in blocks]).cpu() - 0.5
+        self.colours = nn.Parameter(colours)
+        h, d = half_and_difference(samples.wo, samples.wi, settings.difference)
+        corner, weight = texel_corners((SIDE, SIDE), places(h, SIDE))
+        named = {"corner": corner, "weight": weight, "d": d[:, :2], "kernel": blurring(SIDE, settings.blur)}
+        for name, values in (named | {"material": material}).items():
+            self.register_buffer(name, values, persistent=False)
+
+    material: Tensor  # (texels,)
+    corner: Tensor  # (pairs, 4), as the next
+    weight: Tensor
+    d: Tensor  # (pairs, 2)
+    kernel: Tensor
+
+    def groups(self) -> list[dict[str, Any]]:
+        planes = [{"params": [self.texture, self.free, self.colours], "lr": self.settings.plane_rate}]
+        shared = [p for p in self.decoder.parameters() if p.requires_grad]
+        return [*planes, {"params": shared, "lr": self.settings.rate}] if shared else planes
+
+    def planes(self) -> Tensor:
+        """The planes (materials, SIDE, SIDE, 6) over half vectors, blurred."""
+        return blurred(self.free, self.kernel)
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        material = self.material[batch.texel]
+        row = batch.pair + material * PAIRS
+        corner = self.corner[row] + (material * SIDE**2)[:, None]
+        rows = self.planes().flatten(0, 2).index_select(0, corner.flatten()).unflatten(0, corner.shape)
+        half = (rows * self.weight[row][..., None]).sum(1)
+        answer = self.decoder(torch.cat([self.d[row], half, self.texture.index_select(0, batch.texel)], 1))
+        return coloured(answer, self.colours.index_select(0, batch.texel))
+
+    @torch.no_grad()
+    def told(self) -> Tensor:
+        """The matrices and offsets (texels, 12); of a texel whose mean is nearer than the answers, the mean alone."""
+        colours, pairs = self.colours.detach().clone(), self.samples.pairs
+        asked = torch.linspace(0, pairs - 1, min(pairs, ASKED)).round().long().to(colours.device)
+        for texel in torch.arange(len(colours), device=colours.device).split(BLOCK):
+            abrdfs = self.samples.abrdfs(texel)
+            mean, truth = abrdfs.mean(1), abrdfs[:, asked]
+            each = Batch(texel.repeat_interleave(len(asked)), asked.repeat(len(texel)), truth)
+            errors = [
+                (x - truth).square().mean((1, 2)) for x in (self.predict(each, 1.0).reshape(truth.shape), mean[:, None])
+            ]
+            plain = torch.cat([torch.zeros_like(colours[texel, :MATRIX]), mean], 1)
+            colours[texel] = torch.where((errors[0] < errors[1])[:, None], colours[texel], plain)
+        return colours
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        batch = self.samples.draw(self.settings.batch, generator)
+        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
+
+
+class BiplaneMaterial(Material):
+    """A texture (H, W, 6 + 12) of features and colours, a plane (SIDE, SIDE, 6) over half vectors, and the decoder."""
+
+    def __init__(self, decoder: BiplaneDecoder, texture: Tensor, half: Tensor, gain: float, difference: Difference):
+        count = sum(p.numel() for p in decoder.parameters())
+        cost = DecoderCost.of_texture(texture, count, decoder.flops + 2 * 9 + 3 + 2 * 4 * FEATURES)
+        super().__init__((texture.shape[0], texture.shape[1]), cost)
+        self.decoder, self.texture, self.half = decoder, texture, half
+        self.gain, self.difference = gain, difference
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        h, d = half_and_difference(wo, wi, self.difference)
+        # Weights of halves may add up to a little more than 1.
+        half = saturated(sample_texture(self.half, places(h, SIDE)))
+        features, colours = saturated(sample_texture(self.texture, uv)).tensor_split([FEATURES], dim=1)
+        answer = self.decoder(torch.cat([d[:, :2], half.to(d.dtype), features.to(d.dtype)], 1))
+        return to_radiance(coloured(answer, colours.to(answer.dtype)), self.gain)

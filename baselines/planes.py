@@ -1,0 +1,47 @@
+"""Planes over directions, as `triple-plane` and `biplane` have them: half and difference vectors, places, blur."""
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+Difference = Literal["rusinkiewicz", "nearest"]
+
+
+def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tensor, Tensor]:
+    """The half vector, and the light in a frame about it: unit vectors (n, 3) of the upper hemisphere.
+
+    As published (Rusinkiewicz 1998) the half vector is turned to z about z and then y, which jumps where it passes z.
+    The shortest turn does not.
+    """
+    h = functional.normalize(wo + wi, dim=1)
+    if kind == "nearest":
+        # The turn that takes h to z: w − (w · (h + z)) / (1 + h_z) (h + z) + 2 (w · h) z.
+        z = torch.zeros_like(h).index_fill_(1, torch.tensor([2], device=h.device), 1)
+        along = (wi * (h + z)).sum(1, keepdim=True) / (1 + h[:, 2:])
+        return h, wi - along * (h + z) + 2 * (wi * h).sum(1, keepdim=True) * z
+    sine = torch.linalg.vector_norm(h[:, :2], dim=1, keepdim=True)
+    cos_phi, sin_phi = torch.where(sine > 0, h[:, :2] / sine, h.new_tensor([1.0, 0.0])).unbind(1)
+    x = cos_phi * wi[:, 0] + sin_phi * wi[:, 1]
+    y = cos_phi * wi[:, 1] - sin_phi * wi[:, 0]
+    return h, torch.stack([h[:, 2] * x - sine[:, 0] * wi[:, 2], y, (wi * h).sum(1)], 1)
+
+
+def places(directions: Tensor, resolution: int) -> Tensor:
+    """The uv (n, 2) of unit directions (n, 3) in a plane: −1 … 1 from its first texel to its last, so nothing wraps."""
+    return (directions[:, :2].clamp(-1, 1) * (1 - 1 / resolution) + 1) / 2
+
+
+def blurring(side: int, sigma: float) -> Tensor:
+    """The kernel (side, side) that blurs one side of a plane by a Gaussian of σ texels; nothing wraps."""
+    apart = torch.arange(side)[:, None] - torch.arange(side)
+    kernel = (-0.5 * (apart / max(sigma, 1e-3)) ** 2).exp()
+    return kernel / kernel.sum(1, keepdim=True)
+
+
+def blurred(planes: Tensor, kernel: Tensor) -> Tensor:
+    """Planes (p, side, side, C) blurred along both sides."""
+    # One side after the other: einsum would multiply out all four indices of both kernels first.
+    rows = torch.einsum("ia,pabc->pibc", kernel, planes)
+    return torch.einsum("jb,pibc->pijc", kernel, rows)
