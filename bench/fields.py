@@ -133,6 +133,7 @@ _JOB = Fields(
         "provenance": Each(ANYTHING),
         "fitted": Each(maybe(TEXT)),
         "scored": Each(maybe(TEXT)),
+        "program": Fields({"queries": COUNT, "ns_per_query": NOT_NEGATIVE}, ("queries", "ns_per_query")),
         "scene": Fields(
             {"name": TEXT, "queries": COUNT, "frames": Several(COUNT, 3), "metrics": _STATISTICS},
             ("name", "queries", "frames", "metrics"),

@@ -1,6 +1,7 @@
 """Footnotes of tables: the meaning of the numbers, omissions, and the conditions of timings."""
 
 from collections.abc import Iterator
+from statistics import fmean
 
 from bench.records import PSNR, Record, Run, gate
 from reports.rows import Material, Row
@@ -21,7 +22,8 @@ def quality_notes(material: Material) -> list[str]:
 def cost_notes(material: Material) -> list[str]:
     """Footnotes that define the columns of size and time."""
     bytes_note = "Bytes are those of the whole file; “other” includes its header."
-    return [bytes_note, *_shared(material), *_timing(material), *_not_comparable(material)] if material.first else []
+    notes = [bytes_note, *_shared(material), *_timing(material), *_programs(material), *_not_comparable(material)]
+    return notes if material.first else []
 
 
 def _shared(material: Material) -> Iterator[str]:
@@ -88,6 +90,17 @@ def _timing(material: Material) -> Iterator[str]:
     for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):
         labels = ", ".join(row.name for row in material.measured if row.timing_obstacle == reason)
         yield f"{labels}: {reason}."
+
+
+def _programs(material: Material) -> Iterator[str]:
+    """The time of codecs that are programs: shown apart, since it holds what passes between two programs."""
+    for codec in material.codecs:
+        times = [row.job["program"]["ns_per_query"] for row in codec.measured if "program" in row.job]
+        if times:
+            yield (
+                f"{codec.label}: its program took {fmean(times):,.0f} ns of wall time a query while it was scored, "
+                "files between two programs included: not to be compared with a column of times."
+            )
 
 
 def _exact(material: Material) -> Iterator[str]:

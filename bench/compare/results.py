@@ -17,7 +17,7 @@ _START = ("kind", "run", "suite", "text", "device", "threads", "seeds", "data", 
 _JOB = (
     *("kind", "job", "run", "material", "codec", "label", "curve", "seed", "split", "status", "error", "shape"),
     *("pairs", "settings", "bytes", "parameters", "cost", "metrics", "footprints", "scene", "fit_seconds", "history"),
-    *("fitted", "scored"),
+    *("fitted", "scored", "program"),
 )
 _FIT = ("codec", "version", "settings", "training", "torch", "code", "libraries", "shared")
 _SCORE = ("sha256", "btf", "exposure", "metrics", "footprints", "demand")

@@ -31,6 +31,7 @@ from bench.metrics.scoring import (
 )
 from bench.records import FLIP, PSNR, Record, gate, metric_of
 from bench.runs.identity import identity
+from bench.runs.programs import ProgramMaterial
 from bench.runs.workbench import Workbench
 from bench.threads import torch_threads
 
@@ -93,10 +94,16 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
         "scores": summary,
         "footprints": {"1": one} | summarise_footprints(coarse),
         **({"scene": scene} if scene else {}),
+        **({"program": _answered(material)} if isinstance(material, ProgramMaterial) else {}),
         "slices": keep(f"slices/{header.path.stem}.npz", _slices(bench, scores) | _footprints(bench, coarse)),
         "angular": keep(f"angular/{header.path.stem}.json", angular),
         "pictures": keep(f"pictures/{header.path.stem}.npz", pictures),
     }
+
+
+def _answered(material: ProgramMaterial) -> Record:
+    """How long a program took to answer what it was scored by: no decoder's time, since files pass in between."""
+    return {"queries": material.queries, "ns_per_query": 1e9 * material.waited / max(1, material.queries)}
 
 
 def drawing(file: Loaded, keep: Keep) -> Record:

@@ -18,6 +18,7 @@ import shlex
 import shutil
 import subprocess
 import tempfile
+import time
 import weakref
 from contextlib import suppress
 from dataclasses import dataclass
@@ -144,6 +145,7 @@ class ProgramMaterial(Material):
     def __init__(self, size: tuple[int, int], contents: dict[str, bytes], command: str, seconds: float):
         super().__init__(size, DecoderCost())
         self.chunk, self.command, self.seconds, self.asked = BATCH, command, seconds, 0
+        self.queries, self.waited = 0, 0.0  # answered so far, and seconds from each question to its answer
         scratch = tempfile.TemporaryDirectory(prefix="neubtf-command-")
         self.folder = Path(scratch.name)
         (self.folder / "files").mkdir()
@@ -166,7 +168,10 @@ class ProgramMaterial(Material):
         queries, answers = (self.folder / f"{what}-{self.asked}.npy" for what in ("queries", "answers"))
         rows = torch.cat([uv, wo, wi, footprint[:, None]], 1).float().cpu().numpy()
         np.save(queries, rows)
+        start = time.perf_counter()
         self._ask(queries, answers)
+        self.waited += time.perf_counter() - start
+        self.queries += len(rows)
         try:
             found = np.load(answers, allow_pickle=False)
         except (OSError, ValueError, EOFError) as error:

@@ -74,9 +74,14 @@ def test_programs_are_scored_as_a_codec_is(tmp_path, capsys):
     assert mine["parameters"] is None
     assert run.timing(mine) is None
     assert run.timing(known)["ns_per_sample"] > 0
+    assert mine["program"]["queries"] >= 12 * 12 * (25 + 8)  # every slice, and the coarser ones
+    assert mine["program"]["ns_per_query"] > 0
+    assert "program" not in known
     capsys.readouterr()
-    assert cli.main(["table", "main", str(tmp_path / "run")]) == 0
-    assert "mine" in capsys.readouterr().out
+    assert cli.main(["results", "add", str(tmp_path / "run"), str(tmp_path / "kept.jsonl")]) == 0
+    assert cli.main(["table", "main", str(tmp_path / "kept.jsonl")]) == 0
+    shown = capsys.readouterr().out
+    assert f"mine: its program took {mine['program']['ns_per_query']:,.0f} ns" in " ".join(shown.split())
 
 
 def test_a_changed_program_is_not_answered_from_earlier_files(tmp_path):
