@@ -2,8 +2,8 @@
 
     python benchmarks/report.py RUN [RECORDS] [MATERIALS] [CODECS]
 
-The promise, for 2,000 records on a quiet machine: a report in 20 s and 300 MB, a comparison in 3 s. On a busy one the
-time of the processor says more, and decides: the exit code is 1 where it exceeds the promise.
+The aim, for 2,000 records on a quiet machine: a report in 20 s and 300 MB, a comparison in 3 s. On a busy one the
+time of the processor says more, and decides: the exit code is 1 where it exceeds the aim.
 """
 
 import os

@@ -192,7 +192,7 @@ def _packed(name: str, text: str) -> str:
 
 def _image(figure: Figure) -> str:
     """A figure as WebP: half as large as its PNG, without loss but where it shows slices or texels."""
-    lossy = {"contact": 90, "latents": 70}.get(figure.kind)
+    lossy = {"contact": 90, "abrdf": 90, "latents": 70}.get(figure.kind)
     how = {"quality": lossy, "method": 0} if lossy else {"lossless": True, "quality": 30, "method": 1}
     out = io.BytesIO()
     with Image.open(io.BytesIO(figure.png)) as picture:

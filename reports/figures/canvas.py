@@ -95,8 +95,8 @@ class Sheet:
         box = (left / self.width, 1 - (top + size[1]) / self.height, size[0] / self.width, size[1] / self.height)
         return self.drawing.colorbar(ScalarMappable(cmap=colours, **look), cax=self.drawing.add_axes(box))
 
-    def png(self) -> bytes:
-        """The sheet as PNG; the same sheet gives the same bytes."""
+    def png(self, mode: str = "RGB") -> bytes:
+        """The sheet as PNG, grey in mode "L"; the same sheet gives the same bytes."""
         self.drawing.patch.set_alpha(0)
         self.drawing.canvas.draw()
         drawn = np.asarray(self.drawing.canvas.buffer_rgba())  # type: ignore[attr-defined]
@@ -104,7 +104,7 @@ class Sheet:
         alpha = drawn[used][:, 3:] / 255
         self.pixels[used] = np.round(drawn[used][:, :3] * alpha + self.pixels[used] * (1 - alpha)).astype(np.uint8)
         out = io.BytesIO()
-        Image.fromarray(self.pixels).save(out, "png", compress_level=4)
+        Image.fromarray(self.pixels).convert(mode).save(out, "png", compress_level=4)
         return out.getvalue()
 
 
@@ -134,7 +134,7 @@ def svg(drawing: Drawing) -> bytes:
     return out.getvalue()
 
 
-def short(label: str, length: int = 34) -> str:
+def short(label: str, length: int = 38) -> str:
     """A label that fits, and that no legend takes for a hidden one."""
     label = label if len(label) <= length else label[: length - 1] + "…"
     return f" {label}" if label.startswith("_") else label

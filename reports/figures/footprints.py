@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from matplotlib.ticker import NullLocator
 
 from bench.records import Run
-from reports.figures.canvas import Figure, legend, plots, png, style, svg
+from reports.figures.canvas import Figure, legend, plots, png, style
 from reports.looks import Looks
 from reports.rows import Material, footprint_curves, materials
 
@@ -37,4 +37,4 @@ def _figure(material: Material, curves: dict[str, list[tuple[int, float]]], look
     if absent := [codec.label for codec in material.codecs if codec.exact and codec.measured]:
         drawing.supxlabel("not drawn, without any error: " + ", ".join(absent), fontsize=8)
     legend(axes, handles, list(curves))
-    return Figure(material.name, "footprints", title, png(drawing), svg(drawing))
+    return Figure(material.name, "footprints", title, png(drawing))

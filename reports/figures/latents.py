@@ -87,7 +87,7 @@ def _figure(material: Material, found: Sequence[tuple[str, Textures]]) -> Figure
                 line, column = divmod(number, _LINE)
                 sheet.picture(_LEFT + column * cell, top + line * cell, picture[..., None].repeat(3, -1))
             top += height * (cell + _GAP)
-        return Figure(material.name, "latents", title, sheet.png())
+        return Figure(material.name, "latents", title, sheet.png("L"))
 
 
 def _counted(found: Textures) -> str:

@@ -48,7 +48,7 @@ def _draw(axes: Any, best: str, found: "Found", looks: Looks) -> None:
         axes.plot(each.mean, row, **look, markersize=6)
         told = "" if each.decided else ", not told apart"
         axes.text(1.02, row, interval(each) + told, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
-    axes.set_yticks(range(len(found) + 1), [short(label, 38) for label in (best, *found)], fontsize=8)
+    axes.set_yticks(range(len(found) + 1), [short(label) for label in (best, *found)], fontsize=8)
     axes.set(ylim=(len(found) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better than it)")
     axes.grid(axis="y", visible=False)
 

@@ -140,7 +140,7 @@
           this.svg.append(drawn("line", { x1: h(low), x2: h(high), y1: at.y, y2: at.y, stroke: colourOf(label) }));
         }
         const highest = each.step && b === Math.max(...points.map((p) => p[1]));
-        if (!each.step || highest) this.svg.append(marker(label, at.x, at.y, each.line && points.length > 8 ? 2.6 : 5.5));
+        if (!each.step || highest) this.svg.append(marker(label, at.x, at.y, this.plot.kind === "fits" ? 2.6 : 5.5));
         this.points.push(at);
       }
     }
