@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bench.records import Record
+    from bench.records import Record, Run
 
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
@@ -105,3 +105,13 @@ def write_report(run_folder: str | Path) -> Written:
     from reports.write import write
 
     return write(Path(run_folder))
+
+
+def write_history(runs: Sequence["Run"], folder: Path) -> list[Path]:
+    """Draw quality, bytes and time of each codec over the revisions of runs: figures, and `history.html` with all.
+
+    Returns the files written, the page last.
+    """
+    from reports.write import write_history
+
+    return write_history(runs, folder)

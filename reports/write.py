@@ -1,11 +1,13 @@
 """Writes the report of a run: tables, figures, and one page that holds both."""
 
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 
 from bench.atomic import replacing
 from bench.records import Run, load_run
 from reports import KINDS, Written, figures, trade
+from reports.figures.history import history_figures
 from reports.latex import latex
 from reports.page import page
 from reports.raw import csv_text
@@ -31,6 +33,28 @@ def write(folder: Path) -> Written:
     with replacing(files[-1]) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
         file.writelines(page(run, narrow, drawn))
     return Written(terminal(run), files)
+
+
+def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
+    """See `reports.write_history`."""
+    files, pieces = [], []
+    for figure in history_figures(runs):
+        path = folder / figure.name
+        files += [put(path, figure.png), put(path.with_suffix(".svg"), figure.svg)]
+        inline = "<svg" + figure.svg.decode().partition("<svg")[2]  # without its XML declaration
+        pieces.append(f"<h2>{escape(figure.material)}</h2>\n{inline}")
+    page = _HISTORY.format("\n".join(pieces))
+    return [*files, put(folder / "history.html", page.encode())]
+
+
+_HISTORY = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>From revision to revision</title>
+<body style="font-family: sans-serif; max-width: 60em; margin: auto">
+<h1>Quality, bytes and time from revision to revision</h1>
+<p>Means over seeds. Times are multiples of the floor, timed in the same run. A codec without any error has no PSNR.</p>
+{}
+</body></html>
+"""
 
 
 def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Sequence[Table]) -> list[Path]:

@@ -1,11 +1,14 @@
-"""collect the records of many runs: one table, CSV or Parquet
+"""collect the records of many runs: one table, CSV or Parquet, or plots over revisions
 
-Prints how each codec did from run to run. With `--out` every number of every job goes into a file: FILE.csv, or
-FILE.parquet where pyarrow is installed. In a notebook, `bench.load_runs(paths)` gives the same as a pandas frame.
+Prints how each codec did from run to run. With `--plot` quality, bytes and time of each codec over the revisions go
+into a folder: a figure a material as PNG and SVG, and a page, history.html. With `--out` every number of every job goes
+into a file: FILE.csv, or FILE.parquet where pyarrow is installed. In a notebook, `bench.load_runs(paths)` gives the
+same as a pandas frame.
 
 examples:
   neubtf-bench history runs/*
   neubtf-bench history runs/* -o all.csv
+  neubtf-bench history runs/* --plot plots
 """
 
 import argparse
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs, or files of records (.jsonl)")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="write everything as FILE.csv or FILE.parquet")
+    parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw each codec over the revisions")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -45,9 +49,23 @@ def run(options: argparse.Namespace) -> int:
     if options.out:
         _write(frame, options.out)
         print(f"wrote {options.out}: {len(frame):,} jobs, {len(frame.columns):,} columns")
-    else:
+    if options.plot:
+        _plot(options.runs, options.plot)
+    if not (options.out or options.plot):
         print(_table(frame))
     return FINE
+
+
+def _plot(runs: list[str], folder: Path) -> None:
+    from bench.errors import InputError
+    from bench.records import load_run
+    from reports import write_history
+
+    try:
+        written = write_history([load_run(run) for run in runs], folder)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another --plot") from error
+    print("\n".join(f"wrote {path}" for path in written))
 
 
 def _write(frame: "pd.DataFrame", path: Path) -> None:

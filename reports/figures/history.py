@@ -1,0 +1,84 @@
+"""Quality, bytes and time of each codec over the revisions of several runs: one figure a material."""
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from statistics import fmean
+
+from bench.records import PSNR, Record, Records, Run, shown_label, stats_of
+from reports.figures.canvas import Figure, legend, log_ticks, new, png, style, svg
+from reports.looks import Looks
+
+Measured = tuple[Record, Record | None]  # a job and its timing
+Codecs = dict[str, dict[str, list[Measured]]]  # by label and start
+QUANTITIES = ("display PSNR, dB", "bytes of the file", "time a sample, × floor")
+
+
+def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
+    """One figure for each material with results. Starts stand in the order of their times, named by revision.
+
+    A point is the mean over seeds; a codec without an error, without a size or without a time has none.
+    """
+    looks, starts = Looks(_together(runs)), {start["run"]: start for run in runs for start in run.starts}
+    for material, codecs in _materials(runs).items():
+        order = sorted({when for found in codecs.values() for when in found})
+        with style():
+            title = f"{material}: from revision to revision"
+            drawing = new(8.2, 7.5)
+            for number, (axes, quantity) in enumerate(
+                zip(drawing.subplots(3, 1, sharex=True), QUANTITIES, strict=True)
+            ):
+                handles = []
+                for label, found in codecs.items():
+                    values = [_mean(number, found.get(when, [])) for when in order]
+                    handles += axes.plot(range(len(order)), values, **looks.of(label), markersize=4, linewidth=1)
+                axes.set_ylabel(quantity, fontsize=8)
+                if number:
+                    axes.set_yscale("log")
+                    log_ticks(axes.yaxis, "B" if number == 1 else "")
+                else:
+                    axes.set_title(title, loc="left")
+                    legend(axes, handles, list(codecs))
+            axes.set_xticks(
+                range(len(order)), [_name(starts.get(when, {}), when) for when in order], rotation=30, ha="right"
+            )
+            yield Figure(material, "history", title, png(drawing), svg(drawing))
+
+
+def _together(runs: Sequence[Run]) -> Run:
+    """All jobs in one run, for what depends on their labels alone."""
+    jobs = Records()
+    for number, run in enumerate(runs):
+        for job in run.jobs:
+            jobs.put((number, job["job"]), job)
+    return Run(Path(), jobs=jobs)
+
+
+def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
+    found: dict[str, Codecs] = {}
+    for run in runs:
+        for job in run.jobs:
+            if job["status"] == "ok":
+                codec = found.setdefault(job["material"], {}).setdefault(shown_label(job), {})
+                codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job)))
+    return found
+
+
+def _mean(number: int, jobs: Sequence[Measured]) -> float:
+    """The mean of a quantity over the seeds that have it; NaN, which is not drawn, where none has."""
+    values = [_value(number, job, timing) for job, timing in jobs]
+    known = [value for value in values if value is not None]
+    return fmean(known) if known else math.nan
+
+
+def _value(number: int, job: Record, timing: Record | None) -> float | None:
+    if number == 0:
+        return stats_of(job, PSNR).get("pooled")
+    if number == 1:
+        return float(job["bytes"]["total"])
+    return timing.get("ratio_to_floor") if timing else None
+
+
+def _name(start: Record, when: str) -> str:
+    """A start as an axis names it: its revision, or the day of its time."""
+    return str(start.get("git") or when[:8])[:12]
