@@ -10,7 +10,7 @@ from bench.demand.text_scene import TextScene
 from bench.errors import InputError
 from bench.metrics import get
 
-pytestmark = pytest.mark.short
+short = pytest.mark.short
 with_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None,
     reason='Mitsuba 3 is optional and not installed: pip install "neubtf-bench[mitsuba]"',
@@ -69,6 +69,7 @@ def of(path, bsdf="cloth"):
     return collect(MitsubaScene(path, bsdf), 10**6)
 
 
+@short
 @with_mitsuba
 def test_a_plane_a_camera_and_a_light_ask_the_same_as_in_toml(tmp_path):
     demand = of(written(tmp_path, CAMERA, CLOTH, PLANE, LAMP))
@@ -79,6 +80,7 @@ def test_a_plane_a_camera_and_a_light_ask_the_same_as_in_toml(tmp_path):
         np.testing.assert_allclose(getattr(demand, name), getattr(expected, name), atol=2e-6)
 
 
+@short
 @with_mitsuba
 @pytest.mark.parametrize("extra", ["", BLOCKER])
 def test_the_sum_over_the_demand_is_the_frame_of_the_direct_integrator(tmp_path, extra):
@@ -98,6 +100,72 @@ def test_the_sum_over_the_demand_is_the_frame_of_the_direct_integrator(tmp_path,
     assert flip.score(flip.prepare(frame, 4.0), summed) <= 0.03
 
 
+SKY = '<emitter type="constant"><rgb name="radiance" value="0.4,0.5,0.6"/></emitter>'
+PICTURE = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
+PANEL = """
+<shape type="rectangle">
+  <transform name="to_world"><scale x="0.5" y="0.3"/><rotate x="1" angle="180"/><translate x="1" z="2"/></transform>
+  <emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter>
+</shape>
+"""
+GLOBE = """
+<shape type="sphere">
+  <point name="center" x="1" y="-1" z="2"/><float name="radius" value="0.3"/>
+  <emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter>
+</shape>
+"""
+BALL = '<shape type="sphere"><float name="radius" value="0.4"/><ref id="cloth"/></shape>'
+TUBE = """
+<shape type="cylinder">
+  <point name="p0" x="-0.6" y="0" z="0"/><point name="p1" x="0.6" y="0" z="0"/><float name="radius" value="0.3"/>
+  <ref id="cloth"/>
+</shape>
+"""
+
+
+def sky(folder):
+    """An environment with a bright patch, so that a wrong direction of it is seen."""
+    import mitsuba as mi
+
+    radiance = np.full((16, 32, 3), 0.2, np.float32)
+    radiance[3:6, 10:14] = 6.0
+    mi.set_variant("llvm_ad_rgb")
+    mi.Bitmap(radiance).write(str(folder / "sky.exr"))
+
+
+@with_mitsuba
+@pytest.mark.parametrize("light", [SKY, PICTURE, PANEL, GLOBE], ids=["constant", "envmap", "panel", "globe"])
+@pytest.mark.parametrize("shape", [PLANE, BALL, TUBE], ids=["plane", "ball", "tube"])
+def test_light_from_all_sides_and_curved_shapes(shape, light, tmp_path, monkeypatch):
+    """The demand's frames of a diffuser are those of the direct integrator, within the noise of 128 samples a pixel."""
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
+    sky(tmp_path)
+    from bench.demand import mitsuba_scene
+
+    monkeypatch.setattr(mitsuba_scene, "SAMPLES", 128)
+    import mitsuba as mi
+
+    path = written(tmp_path, CAMERA, CLOTH, shape, light)
+    demand = of(path)
+    frame = np.asarray(mi.render(mi.load_file(str(path)), spp=256), np.float64)[..., :3]
+    summed = demand.pictures(np.repeat(demand.wi[:, 2:] * 0.5 / np.pi, 3, 1))[0]
+    seen = inside(np.isin(np.arange(800), demand.pixel).reshape(20, 40))
+    assert seen.sum() > 50
+    ours, theirs = summed[seen], frame[seen]
+    np.testing.assert_allclose(ours.mean(0), theirs.mean(0), rtol=0.02)
+    assert np.sqrt(np.square(ours - theirs).mean()) < 0.15 * theirs.mean()
+    assert np.corrcoef(ours[:, 0], theirs[:, 0])[0, 1] > 0.9 or theirs[:, 0].std() < 0.1 * theirs[:, 0].mean()
+
+
+def inside(seen):
+    """Pixels all of whose neighbours show the material too: at a rim, a ray through the middle sees all or nothing."""
+    padded = np.pad(seen, 1, constant_values=True)
+    moved = [padded[1 + y : 21 + y, 1 + x : 41 + x] for y in (-1, 0, 1) for x in (-1, 0, 1)]
+    return np.logical_and.reduce(moved)
+
+
+@short
 @with_mitsuba
 def test_each_sensor_is_a_frame(tmp_path):
     higher = CAMERA.replace("0.3,-1.5,0.9", "0.3,-1.5,1.9")
@@ -107,6 +175,7 @@ def test_each_sensor_is_a_frame(tmp_path):
     assert demand.wo[later, 2].mean() > demand.wo[~later, 2].mean() + 0.1
 
 
+@short
 @with_mitsuba
 def test_what_will_not_do_says_why(tmp_path):
     away = CAMERA.replace('target="0,0,0"', 'target="0.3,-3,0.9"')
@@ -121,6 +190,7 @@ def test_what_will_not_do_says_why(tmp_path):
             of(written(tmp_path, *parts), bsdf)
 
 
+@short
 @with_mitsuba
 def test_a_mesh_without_texture_coordinates_is_refused(tmp_path):
     import mitsuba as mi
@@ -136,6 +206,7 @@ def test_a_mesh_without_texture_coordinates_is_refused(tmp_path):
         _chosen(mi.load_file(str(path)), path, "cloth")
 
 
+@short
 @with_mitsuba
 def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch):
     import drjit as dr
@@ -151,6 +222,7 @@ def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch)
     assert "DRJIT_LIBLLVM_PATH" in said
 
 
+@short
 def test_the_command_says_what_it_lacks(tmp_path, capsys, monkeypatch):
     path, out = written(tmp_path), str(tmp_path / "a.npz")
     assert cli.main(["demand", str(path), "-o", out]) == 2

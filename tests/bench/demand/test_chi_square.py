@@ -1,0 +1,106 @@
+"""Directions drawn for every codec and material come as often as their density says."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import pytest
+import torch
+
+import bench
+from bench import llvm
+from bench.codecs import container
+from bench.codecs.registry import codec_entries, load_codec, make_codec
+from bench.conformance.stability.case import subject_of
+from bench.data import materials
+from bench.demand.lobes import NAME, Lobe, fitted, noise
+
+mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
+dr = pytest.importorskip("drjit")
+CODECS = sorted(set(codec_entries()) - {"command"})  # which is any program, named by its settings
+SIGNIFICANCE = 0.01  # of all tests together: Bonferroni
+VIEWS = (25.0, 70.0)
+DRAWN = 60_000
+
+
+@pytest.fixture(scope="module", autouse=True)
+def plugin():
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
+    mi.set_variant("llvm_ad_rgb")
+    from bench.demand.mitsuba_bsdf import register
+
+    register()
+
+
+@cache
+def opened(material):
+    return bench.open(material, size=16, views=9, lights=9, heldout=4)
+
+
+def bsdf_of(lobes, folder):
+    """The plug-in with lobes. Directions do not depend on what is answered, so that any small file holds them."""
+    path = folder / "a.nbtf"
+    if not path.exists():
+        bench.encode(opened("satin"), "mean-colour", path)
+    header, parts = container.read_header(path), container.read_parts(path)[1]
+    out = folder / "b.nbtf"
+    container.save(out, make_codec(header.codec, header.settings), replace(parts, sampling={NAME: lobes}))
+    return mi.load_dict({"type": "neubtf", "filename": str(out)})
+
+
+def surface(uv, theta_deg, count):
+    found, theta = dr.zeros(mi.SurfaceInteraction3f, count), math.radians(theta_deg)
+    found.uv, found.wi = mi.Point2f(*uv), mi.Vector3f(math.sin(theta), 0.0, math.cos(theta))
+    return found
+
+
+def misfit(bsdf, uv, theta_deg, tests, other=None):
+    """Why the drawn directions are not those of the density, or of another's; "" where they are."""
+    context = mi.BSDFContext()
+
+    def draw(sample):
+        found = bsdf.sample(context, surface(uv, theta_deg, DRAWN), sample.x, mi.Point2f(sample.y, sample.z))[0]
+        return found.wo, dr.select(found.pdf > 0, mi.Float(1), 0)  # below the horizon nothing is drawn
+
+    def density(wo):
+        return (other or bsdf).pdf(context, surface(uv, theta_deg, dr.width(wo)), wo)
+
+    test = mi.chi2.ChiSquareTest(
+        mi.chi2.SphericalDomain(), draw, density, sample_dim=3, sample_count=DRAWN, res=31, ires=8
+    )
+    return "" if test.run(SIGNIFICANCE, tests) else test.messages
+
+
+def busiest(lobes):
+    """Where the texture's lobe is drawn most often."""
+    share = Lobe.of(lobes.float().reshape(-1, lobes.shape[2])).share.reshape(lobes.shape[:2])
+    row, col = divmod(int(share.argmax()), share.shape[1])
+    return (col + 0.5) / share.shape[1], 1 - (row + 0.5) / share.shape[0]
+
+
+@pytest.mark.parametrize("codec", [pytest.param(n, marks=pytest.mark.short if n == "pca" else ()) for n in CODECS])
+def test_chi_square(codec, tmp_path, record_property, request):
+    subject = subject_of(load_codec(codec), tmp_path)
+    short = {"steps": 10} if subject.fits else {}
+    names = sorted(materials.names())
+    if request.config.getoption("-m") == "short":
+        names = ["leather"]
+    for name in names:
+        decoded = subject.encode(opened(name), **short).material
+        lobes = fitted(decoded, cells=2, steps=40)
+        bsdf, uv = bsdf_of(lobes, tmp_path), busiest(lobes)
+        for theta in VIEWS:
+            assert not misfit(bsdf, uv, theta, len(VIEWS) * len(CODECS) * len(materials.names())), (name, theta)
+        record_property(f"largest albedo of {name}", noise(decoded, lobes.float(), lights=256).largest_albedo)
+
+
+@pytest.mark.short
+def test_the_chi_square_finds_a_density_that_is_slightly_off(tmp_path):
+    def made(name, roughness):
+        (tmp_path / name).mkdir()
+        return bsdf_of(torch.tensor([[[1.0, roughness, -1.0, 0.0, 0.0]]]).half(), tmp_path / name)
+
+    one, other = made("a", -1.0), made("b", -0.9)
+    assert not misfit(one, (0.5, 0.5), 25.0, 270)
+    assert misfit(one, (0.5, 0.5), 25.0, 270, other)
