@@ -88,7 +88,7 @@ def test_chi_square(codec, tmp_path, record_property, request):
         names = ["leather"]
     for name in names:
         decoded = subject.encode(opened(name), **short).material
-        lobes = fitted(decoded, cells=2, steps=40)
+        lobes = fitted(decoded, cells=2, steps=20)
         bsdf, uv = bsdf_of(lobes, tmp_path), busiest(lobes)
         for theta in VIEWS:
             assert not misfit(bsdf, uv, theta, len(VIEWS) * len(CODECS) * len(materials.names())), (name, theta)
