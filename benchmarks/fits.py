@@ -28,7 +28,7 @@ import numpy as np
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, silent
-from bench.codecs import container, loading
+from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
 from bench.compare.paired import Cell, interval
 from bench.data.open import draw_of, open_material
@@ -77,6 +77,7 @@ class Workbench:
     def measure(self, text: str, seed: int) -> dict[str, Any]:
         """Bytes, processor seconds, and of each set of pairs the pooled PSNR and that of every slice, in dB."""
         codec, fitted = parse(text), dict[str, Material]()
+        network = shared.find_for(codec)
         found: dict[str, Any] = {"material": self.name, "codec": text, "seed": seed, "version": codec.version}
         found["settings"] = dataclasses.asdict(codec.settings)
         with torch_threads(1), tempfile.TemporaryDirectory() as folder:
@@ -84,7 +85,7 @@ class Workbench:
                 scorer, training, pairs = self._scorer(split, seed)
                 if training.fingerprint not in fitted:
                     start = time.process_time()
-                    parts = codec.encode(training, Fit(threads=1, seed=seed))
+                    parts = codec.encode(training, Fit(threads=1, seed=seed, network=network))
                     found["seconds"] = time.process_time() - start
                     header = container.save(Path(folder) / split, codec, parts)
                     found |= {"bytes": header.file_bytes, "height": "height" in parts.texture}

@@ -1,9 +1,9 @@
 """What must hold of every decoder wherever it is asked, and of every fit however it goes."""
 
-import dataclasses
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
 import torch
@@ -159,20 +159,20 @@ def diverges(subject: Subject) -> None:
 
 def _fit_wildly(subject: Subject, path: Path) -> None:
     codec, network = subject.bench.codec, subject.bench.codec.network
-    if wild := _wild_rates(type(codec)):
+    if wild := wild_rates(type(codec)):
         wild_codec = subject.codec(**wild)
         container.save(path, wild_codec, wild_codec.encode(ordinary(), subject.fit()))
-    elif network is not None and (wild := _wild_rates(network)):
+    elif network is not None and (wild := wild_rates(network)):
         wild_network = network(**settings_dict(network().brief()) | wild)
         shared.make(wild_network, check.others(ordinary()), subject.fit(), path)
     else:
         raise NotApplicable("no learning rate")
 
 
-def _wild_rates(kind: type[Configured]) -> dict[str, float]:
+def wild_rates(kind: type[Configured]) -> dict[str, float]:
     """The learning rates among the settings, each far too high."""
-    fields = [field for field in dataclasses.fields(kind.Settings) if field.type in (float, "float")]
-    return {f.name: HIGH_RATE for f in fields if f.name == "rate" or f.name.endswith("_rate")}
+    kinds = get_type_hints(kind.Settings)  # without the ranges that types of settings may say
+    return {name: HIGH_RATE for name in kinds if kinds[name] is float and (name == "rate" or name.endswith("_rate"))}
 
 
 def same(test: Callable[[check.Bench], None]) -> Callable[[Subject], None]:

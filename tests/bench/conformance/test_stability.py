@@ -17,6 +17,7 @@ from bench.codecs.training import DivergedError
 from bench.conformance import stability
 from bench.conformance.stability import metrics, properties
 from bench.conformance.stability.case import SHORT, shortened, subject_of
+from bench.conformance.stability.invariants import wild_rates
 from bench.errors import InputError
 from bench.material import Material
 from bench.records import load_run
@@ -135,6 +136,11 @@ def test_how_long_a_fit_is_asked_for_changes_no_extreme(steps, tmp_path):
 def test_a_fit_that_says_that_it_diverged_passes(fate, tmp_path, monkeypatch):
     codec = type("Says", (Fitted,), {"fate": fate})
     assert verdicts(codec, ["a fit that diverges"], tmp_path, monkeypatch)["a fit that diverges"].verdict == "pass"
+
+
+@pytest.mark.parametrize(("name", "rates"), [("zeltner2024", 3), ("rainer2019", 3), ("triple-plane", 3), ("pca", 0)])
+def test_learning_rates_are_found_though_their_types_say_ranges(name, rates):
+    assert len(wild_rates(load_codec(name))) == rates
 
 
 def test_what_does_not_apply_has_a_reason(tmp_path, monkeypatch):
