@@ -52,7 +52,7 @@ def _start(start: Record) -> Record:
 def _job(job: Record, folder: Path) -> Record:
     line = {key: job[key] for key in _JOB if key in job}
     if "error" in line:
-        line["error"] = str(line["error"])[:_TOLD]
+        line["error"] = _public(str(line["error"]))[:_TOLD]
     if job["status"] != "ok":
         return line
     line["machine"] = {"processor": job.get("machine", {}).get("processor")}
@@ -63,6 +63,12 @@ def _job(job: Record, folder: Path) -> Record:
     if (slices := decibels(folder, job)) is not None:
         line["slices"] = {PSNR: packed(slices)}
     return line
+
+
+def _public(error: str) -> str:
+    """An error without the name of a home folder, which often is a person's."""
+    home = str(Path.home())
+    return error.replace(home, "~") if len(Path(home).parts) > 1 else error
 
 
 def _shown(scores: Record) -> Iterator[tuple[str, Record]]:

@@ -1,0 +1,19 @@
+"""Records that are kept beside a document."""
+
+import json
+from pathlib import Path
+
+from bench.compare.results import kept
+from bench.records import Run
+
+
+def test_what_is_published_names_no_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/somebody"))
+    job = {"kind": "job", "job": "satin/pca/0", "run": "1", "status": "failed", "error": "/home/somebody/a.nbtf: short"}
+    fine = {"kind": "job", "job": "satin/vq/0", "run": "1", "status": "ok", "scores": {"all": {}}}
+    fine |= {"fit_key": {}, "score_key": {}, "provenance": {}, "file": "files/a.nbtf"}
+    run = Run(tmp_path)
+    for record in (fine, job):
+        run.jobs.put(record["job"], record)
+    lines = [json.loads(line) for line in kept(run).splitlines()]
+    assert [line.get("error") for line in lines] == [None, "~/a.nbtf: short"]
