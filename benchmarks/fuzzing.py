@@ -60,7 +60,8 @@ def attacked(
 ) -> tuple[Counter[str], float, dict[str, int]]:
     """How often each outcome came, the longest seconds of the processor, and the first attack of each outcome.
 
-    A reading is given up after `patience` seconds, for which the process needs a handler of SIGALRM; 0: never.
+    A reading is given up after `patience` seconds, for which the process needs a handler of SIGALRM; 0: never. Then
+    none is called slow either, since tests depend on no speed.
     """
     found: Counter[str] = Counter()
     slowest, first = 0.0, {}
@@ -78,7 +79,7 @@ def attacked(
             finally:
                 _alarm(0.0 if patience else None)
             seconds = time.process_time() - begin
-        word = "slow" if seconds > SECONDS and word in (READ, REFUSED) else word
+        word = "slow" if patience and seconds > SECONDS and word in (READ, REFUSED) else word
         found[word] += 1
         first.setdefault(word, index)
         slowest = max(slowest, seconds)

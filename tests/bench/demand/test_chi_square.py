@@ -8,7 +8,6 @@ import pytest
 import torch
 
 import bench
-from bench import llvm
 from bench.codecs import container
 from bench.codecs.registry import codec_entries, load_codec, make_codec
 from bench.conformance.stability.case import subject_of
@@ -17,20 +16,11 @@ from bench.demand.lobes import NAME, Lobe, fitted, noise
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
 dr = pytest.importorskip("drjit")
+pytestmark = pytest.mark.usefixtures("plugin")
 CODECS = sorted(set(codec_entries()) - {"command"})  # which is any program, named by its settings
 SIGNIFICANCE = 0.01  # of all tests together: Bonferroni
 VIEWS = (25.0, 70.0)
 DRAWN = 60_000
-
-
-@pytest.fixture(scope="module", autouse=True)
-def plugin():
-    if reason := llvm.unusable(plugins=True):
-        pytest.skip(reason)
-    mi.set_variant("llvm_ad_rgb")
-    from bench.demand.mitsuba_bsdf import register
-
-    register()
 
 
 @pytest.fixture(autouse=True)

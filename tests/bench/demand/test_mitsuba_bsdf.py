@@ -8,24 +8,14 @@ import pytest
 import torch
 
 import bench
-from bench import cli, llvm
+from bench import cli
 from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
 from bench.demand.lobes import NAME, Lobe
 from bench.errors import InputError
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
-pytestmark = pytest.mark.short
-
-
-@pytest.fixture(scope="module", autouse=True)
-def variant():
-    if reason := llvm.unusable(plugins=True):
-        pytest.skip(reason)
-    mi.set_variant("llvm_ad_rgb")
-    from bench.demand.mitsuba_bsdf import register
-
-    register()
+pytestmark = [pytest.mark.short, pytest.mark.usefixtures("plugin")]
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import bench
-from bench import llvm
 from bench.demand import still
 from bench.demand.scene import parse_scene
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
+pytestmark = pytest.mark.usefixtures("plugin")
 CODECS = {
     "pca": {"components": 6},
     "vq": {"codes": 64},
@@ -55,16 +55,6 @@ WALL = """
   <emitter type="directional"><vector name="direction" value="0.3,0,-1"/><rgb name="irradiance" value="1"/></emitter>
 </scene>
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def plugin():
-    if reason := llvm.unusable(plugins=True):
-        pytest.skip(reason)
-    mi.set_variant("llvm_ad_rgb")
-    from bench.demand.mitsuba_bsdf import register
-
-    register()
 
 
 @pytest.fixture(scope="module")
