@@ -16,12 +16,12 @@ from torch import Tensor, nn
 from baselines import bc1
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import COUNTS, Architecture, Decoder, Directions, direction_inputs, load_vector, to_vector
+from bench.decoder import COUNTS, Architecture, Decoder, Directions, TextureMaterial, load_vector, to_vector
 from bench.errors import InputError
-from bench.material import DecoderCost, Material, to_radiance
+from bench.material import Material
 from bench.quantise import WeightPrecision, pack, unpack
 from bench.settings import Layers, Width
-from bench.training import Batch, FitSettings, Samples, TextureObjective, first_latents, gain_of, train
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, gain_of, train
 
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # of the steps: from there on latents are those of real blocks
@@ -68,7 +68,7 @@ class BCF(Codec):
             raise InputError(f"blocks that are not those of {size[0]} × {size[1]} texels: encode it again")
         codes = decoded(parts.texture["blocks"].view(-1, textures, bc1.BYTES), size)
         texture = low + span * (codes.flatten(2) / 255)
-        return BCFMaterial(network, texture, float(parts.other["gain"]), self.settings.directions).to(device)
+        return TextureMaterial(network, texture, float(parts.other["gain"]), self.settings.directions).to(device)
 
 
 def across(size: tuple[int, ...]) -> tuple[int, int]:
@@ -94,13 +94,11 @@ def decoded(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
     return picture[: size[0], : size[1]]
 
 
-class Fitting(TextureObjective):
+class Fitting(DirectedObjective):
     """The ends (2, B, T, 3) of each block's lines, each texel's share (H · W, T) of the way, and the network."""
 
     def __init__(self, samples: Samples, settings: BCF.Settings, generator: torch.Generator):
-        super().__init__(samples, settings)
-        self.network: Decoder = Decoder(settings.architecture, generator)
-        self.network.start_at(samples.mean(generator))
+        super().__init__(samples, settings, generator)
         within = members(samples.shape)
         latents = first_latents(samples, 3 * settings.textures, settings.start, generator).unflatten(1, (3, -1))
         ends, shares = lines(latents.mT[within])
@@ -111,8 +109,7 @@ class Fitting(TextureObjective):
         places, order = within.flatten().flip(0), torch.arange(within.numel()).flip(0)
         block[places], share[places] = order // within.shape[1], shares.flatten(0, 1)[order]
         self.share = nn.Parameter(share)
-        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
-        for name, values in (("block", block), ("within", within), ("directions", seen)):
+        for name, values in (("block", block), ("within", within)):
             self.register_buffer(name, values, persistent=False)
         # The range of each channel's codes, once there are any; a span of 0 says not yet.
         self.register_buffer("low", torch.zeros(settings.textures, 3))
@@ -120,7 +117,6 @@ class Fitting(TextureObjective):
 
     block: Tensor
     within: Tensor
-    directions: Tensor
     low: Tensor
     span: Tensor
 
@@ -134,8 +130,7 @@ class Fitting(TextureObjective):
             with torch.no_grad():
                 change = self.rounded(first, second, share) - latents
             latents = latents + change
-        level: Tensor = self.network(torch.cat([latents.flatten(1), self.directions.index_select(0, batch.pair)], 1))
-        return level
+        return self.answers(latents.flatten(1), batch.pair)
 
     def codes(self, ends: Tensor) -> Tensor:
         """Ends (…, T, 3) in 5, 6 and 5 bits, int64; their range is found when they are first asked for."""
@@ -178,16 +173,3 @@ def lines(latents: Tensor) -> tuple[Tensor, Tensor]:
     low, high = along.amin(1).clamp(max=-LEAST), along.amax(1).clamp_min(LEAST)
     ends = torch.stack([middle[:, 0] + end[..., None] * axis for end in (low, high)])
     return ends, (along - low[:, None]) / (high - low)[:, None]
-
-
-class BCFMaterial(Material):
-    """A texture (H, W, 3 · T), decoded from blocks and fetched bilinearly, and the network."""
-
-    def __init__(self, network: Decoder, texture: Tensor, gain: float, directions: Directions):
-        architecture = network.architecture
-        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops)
-        super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.network, self.texture, self.gain, self.directions = network, texture, gain, directions
-
-    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return to_radiance(self.network.at(self.texture, uv, *direction_inputs(wo, wi, self.directions)), self.gain)

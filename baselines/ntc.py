@@ -29,7 +29,7 @@ from bench.errors import InputError
 from bench.material import DecoderCost, Material, texel_centres, texel_corners, to_radiance
 from bench.quantise import WeightPrecision, pack, pack_bits, unpack, unpack_bits
 from bench.settings import Count, Layers, Range, Width
-from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, first_latents, gain_of, train
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, distance, first_latents, gain_of, train
 
 OCTAVES, TILE, PLACE = 3, 8, 12  # of the encoding of places: it repeats after 8 texels, and has 12 numbers
 OMEGA = 2.0  # frequency of the sine, where the activation is one
@@ -135,23 +135,17 @@ class Reader(nn.Module):
         return torch.cat([near, wide, self.place[texel].to(near.dtype)], 1)
 
 
-class Fitting(TextureObjective):
+class Fitting(DirectedObjective):
     """Both grids, (points, features), and the network, all free."""
 
-    directions: Tensor
-
     def __init__(self, samples: Samples, settings: NTC.Settings, generator: torch.Generator):
-        super().__init__(samples, settings)
-        self.network: Decoder = Decoder(settings.architecture, generator)
-        self.network.start_at(samples.mean(generator))
+        super().__init__(samples, settings, generator)
         self.reader = Reader(samples.shape, settings.reduction)
         channels = [settings.fine, settings.coarse]
         first = first_latents(samples, sum(channels), settings.start, generator).T.unflatten(1, samples.shape)
         both = zip(first.split(channels), sizes(samples.shape, settings.reduction), strict=True)
         means = (functional.adaptive_avg_pool2d(part, size).flatten(1).T for part, size in both)
         self.free = nn.ParameterList([nn.Parameter(grid.clamp(-1, 1).contiguous()) for grid in means])
-        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
-        self.register_buffer("directions", seen, persistent=False)
 
     def grids(self, progress: float, generator: torch.Generator | None = None) -> list[Tensor]:
         """Both grids as they are read at some progress of the fit; a generator draws their noise."""
@@ -169,9 +163,7 @@ class Fitting(TextureObjective):
         return found
 
     def predict(self, batch: Batch, progress: float, generator: torch.Generator | None = None) -> Tensor:
-        seen = self.reader(batch.texel, *self.grids(progress, generator))
-        level: Tensor = self.network(torch.cat([seen, self.directions.index_select(0, batch.pair)], 1))
-        return level
+        return self.answers(self.reader(batch.texel, *self.grids(progress, generator)), batch.pair)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         batch = self.samples.draw(self.settings.batch, generator)

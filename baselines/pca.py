@@ -8,10 +8,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from baselines.components import ComponentsMaterial
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
-from bench.material import DecoderCost, Material, at_least_float32, sample_texture, saturated, to_radiance
+from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.metrics.display import exposure
 from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
@@ -60,32 +61,21 @@ class PCA(Codec):
         return PCAMaterial(texture, table, PairInterpolator(unpack_layout(parts.other, len(table))), gain).to(device)
 
 
-class PCAMaterial(Material):
+class PCAMaterial(ComponentsMaterial):
     """Coefficients (H, W, k) bilinear over texels, eigen-ABRDFs (N, 3, k + 1) interpolated over directions."""
 
     def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float | None):
-        height, width, components = texture.shape
-        row = table[0].numel()
+        components, row = texture.shape[2], table[0].numel()
         cost = DecoderCost(
             texture_channels=components,
             texture_floats=texture.numel(),
             flops_per_sample=2 * (4 * components + interpolator.reads * row + row),
             bytes_per_sample=4 * (4 * components + interpolator.reads * row),
         )
-        super().__init__((height, width), cost)
-        self.texture, self.table = texture, table.flatten(1)
-        self.interpolator, self.gain = interpolator, gain
+        super().__init__(texture, interpolator, gain, cost)
+        self.table = table.flatten(1)
 
-    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)
-        if self.gain is None:
-            pair, weight = self.interpolator(wo, wi)
-            return self._combine(pair, weight, coefficients)
-        pair, share = self.interpolator.shares(wo, wi)
-        level = self._combine(pair, share, coefficients).clamp_min(0)
-        return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
-
-    def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
+    def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · table row · coefficients, (n, 3), without allocating the rows (n, pairs, 3, k)."""
         rows = functional.embedding_bag(pair, self.table, per_sample_weights=weight.to(self.table.dtype), mode="sum")
         rows = saturated(rows)  # shares of halves may add up to a little more than 1

@@ -14,10 +14,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from baselines.components import ComponentsMaterial
 from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
-from bench.material import DecoderCost, Material, at_least_float32, sample_texture, saturated, to_radiance
+from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Natural
 from bench.training import Factors, blocks, gain_of, truncated_svd
@@ -132,7 +133,7 @@ def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> 
     return texel, view, light, torch.cat([core[:1], torch.einsum("kjmc,kK->Kjmc", core[1:], texel)])
 
 
-class TuckerMaterial(Material):
+class TuckerMaterial(ComponentsMaterial):
     """Coefficients (H, W, K) bilinear over texels, components (N, J), (N, M) of pairs' views and lights, the core."""
 
     def __init__(
@@ -143,31 +144,18 @@ class TuckerMaterial(Material):
         interpolator: PairInterpolator,
         gain: float | None,
     ):
-        height, width, components = texture.shape
-        joined = core.shape[0] * core.shape[1]
+        components, joined = texture.shape[2], core.shape[0] * core.shape[1]
         directions = interpolator.reads * (core.shape[0] + core.shape[1])
-        super().__init__(
-            (height, width),
-            DecoderCost(
-                texture_channels=components,
-                texture_floats=texture.numel(),
-                flops_per_sample=2 * (4 * components + interpolator.reads * joined + core.numel() + 3 * components),
-                bytes_per_sample=4 * (4 * components + directions + core.numel()),
-            ),
+        cost = DecoderCost(
+            texture_channels=components,
+            texture_floats=texture.numel(),
+            flops_per_sample=2 * (4 * components + interpolator.reads * joined + core.numel() + 3 * components),
+            bytes_per_sample=4 * (4 * components + directions + core.numel()),
         )
-        self.texture, self.core, self.view, self.light = texture, core.flatten(2).flatten(0, 1), *modes
-        self.interpolator, self.gain = interpolator, gain
+        super().__init__(texture, interpolator, gain, cost)
+        self.core, self.view, self.light = core.flatten(2).flatten(0, 1), *modes
 
-    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)
-        if self.gain is None:
-            pair, weight = self.interpolator(wo, wi)
-            return self._combine(pair, weight, coefficients)
-        pair, share = self.interpolator.shares(wo, wi)
-        level = self._combine(pair, share, coefficients).clamp_min(0)
-        return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
-
-    def _combine(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
+    def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · view ⊗ light of pairs, through the core to eigen-ABRDFs, times the coefficients: (n, 3)."""
         if len(pair) > 1 and pair.stride(0) == weight.stride(0) == 0:  # a slice: one pair of directions
             pair, weight = pair[:1], weight[:1]

@@ -3,6 +3,7 @@
 from bench.codecs.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
 from bench.codecs.frames import Frames
 from bench.codecs.inputs import COUNTS, Directions, direction_inputs
+from bench.codecs.texture_material import TextureMaterial
 
 __all__ = [
     "COUNTS",
@@ -13,6 +14,7 @@ __all__ = [
     "Directions",
     "Frames",
     "Network",
+    "TextureMaterial",
     "direction_inputs",
     "load_vector",
     "to_vector",

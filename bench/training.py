@@ -4,7 +4,7 @@ from bench.codecs.blocks import blocks
 from bench.codecs.optimiser import Optimiser, groups_of
 from bench.codecs.start import RANDOM_SPREAD, Start, components, first_latents
 from bench.codecs.svd import Factors, truncated_svd
-from bench.codecs.texture_fit import FitSettings, TextureObjective
+from bench.codecs.texture_fit import DirectedObjective, FitSettings, TextureObjective
 from bench.codecs.training import (
     Batch,
     DivergedError,
@@ -21,6 +21,7 @@ from bench.codecs.training import (
 __all__ = [
     "RANDOM_SPREAD",
     "Batch",
+    "DirectedObjective",
     "DivergedError",
     "Factors",
     "FitSettings",

@@ -11,9 +11,8 @@ from torch import Tensor, nn
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import Decoder, direction_inputs
 from bench.material import Material
-from bench.training import Batch, FitSettings, Samples, TextureObjective, first_latents, gain_of, train
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, gain_of, train
 from neubtf.renderer import RendererSettings, load, store
 
 
@@ -38,19 +37,12 @@ class NeuBTFDirect(Codec):
         return load(parts, self.settings).to(device)
 
 
-class Direct(TextureObjective):
+class Direct(DirectedObjective):
     """The neural texture (H · W, D) and the renderer, both free."""
 
     def __init__(self, samples: Samples, settings: NeuBTFDirect.Settings, generator: torch.Generator):
-        super().__init__(samples, settings)
-        self.network: Decoder = Decoder(settings.architecture, generator)
-        self.network.start_at(samples.mean(generator))
+        super().__init__(samples, settings, generator)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
-        self.directions: Tensor
-        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
-        self.register_buffer("directions", seen, persistent=False)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        latents, seen = self.texture.index_select(0, batch.texel), self.directions.index_select(0, batch.pair)
-        answer: Tensor = self.network(torch.cat([latents, seen], 1))
-        return answer
+        return self.answers(self.texture.index_select(0, batch.texel), batch.pair)

@@ -11,8 +11,16 @@ import torch
 from torch import Tensor
 
 from bench.codec import Parts
-from bench.decoder import COUNTS, Architecture, Decoder, Directions, direction_inputs, load_vector, to_vector
-from bench.material import DecoderCost, Material, to_radiance
+from bench.decoder import (
+    COUNTS,
+    Architecture,
+    Decoder,
+    Directions,
+    TextureMaterial,
+    direction_inputs,
+    load_vector,
+    to_vector,
+)
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import Layers, Positive, Width
 
@@ -66,14 +74,5 @@ def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
     return NeuBTFMaterial(renderer, texture, gain, settings.directions)
 
 
-class NeuBTFMaterial(Material):
-    """A neural texture (H, W, D), fetched bilinearly, and a renderer. It ignores the footprint."""
-
-    def __init__(self, renderer: Decoder, texture: Tensor, gain: float, directions: Directions):
-        architecture = renderer.architecture
-        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops)
-        super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.renderer, self.texture, self.gain, self.directions = renderer, texture, gain, directions
-
-    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return to_radiance(self.renderer.at(self.texture, uv, *direction_inputs(wo, wi, self.directions)), self.gain)
+class NeuBTFMaterial(TextureMaterial):
+    """What every NeuBTF file, and no other, decodes to."""

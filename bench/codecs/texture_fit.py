@@ -6,6 +6,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from bench.codecs.decoder import Decoder
+from bench.codecs.inputs import direction_inputs
 from bench.codecs.optimiser import Optimiser, groups_of
 from bench.codecs.start import Start
 from bench.codecs.training import Loss, Objective, Samples, distance
@@ -49,3 +51,24 @@ class TextureObjective(Objective):
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         batch = self.samples.draw(self.settings.batch, generator)
         return distance(self.predict(batch, progress), batch.target, self.settings.loss)
+
+
+class DirectedObjective(TextureObjective):
+    """The same with a `Decoder` of `settings.architecture`, which sees a texel's numbers and `settings.directions`.
+
+    The network starts at the mean of the data; its weights are the first numbers that the generator gives.
+    """
+
+    directions: Tensor  # (pairs, directions)
+
+    def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
+        super().__init__(samples, settings)
+        self.network: Decoder = Decoder(settings.architecture, generator)
+        self.network.start_at(samples.mean(generator))
+        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
+        self.register_buffer("directions", seen, persistent=False)
+
+    def answers(self, numbers: Tensor, pair: Tensor) -> Tensor:
+        """Log radiance (n, 3) of texels' numbers (n, D) at pairs (n,)."""
+        level: Tensor = self.network(torch.cat([numbers, self.directions.index_select(0, pair)], 1))
+        return level

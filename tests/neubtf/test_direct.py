@@ -83,7 +83,7 @@ def test_the_stored_texture_is_what_was_fitted() -> None:
     wo, wi = torch.tensor([[0.6, 0.0, 0.8]]), torch.tensor([[0.0, 0.0, 1.0]])
     latents = parts.texture["latents"][2, 5][None]
     with torch.no_grad():
-        expected = render(material.renderer, latents, wo, wi, "xyzh").expm1() / parts.other["gain"]  # type: ignore[attr-defined]
+        expected = render(material.network, latents, wo, wi, "xyzh").expm1() / parts.other["gain"]  # type: ignore[attr-defined]
     asked = material.query(torch.tensor([[5.5 / 8, 1 - 2.5 / 8]]), wo, wi)
     torch.testing.assert_close(asked, expected.clamp_min(0))
 

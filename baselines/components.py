@@ -1,0 +1,31 @@
+"""What codecs have in common whose material is coefficients of a texel times components interpolated over pairs."""
+
+from torch import Tensor
+from torch.nn import functional
+
+from bench.directions import PairInterpolator
+from bench.material import DecoderCost, Material, sample_texture, to_radiance
+
+
+class ComponentsMaterial(Material):
+    """Coefficients (H, W, k), fetched bilinearly, times components of pairs; the mean's, put before them, is 1.
+
+    With a `gain` they add up to log radiance, else to radiance. A codec writes `combined`.
+    """
+
+    def __init__(self, texture: Tensor, interpolator: PairInterpolator, gain: float | None, cost: DecoderCost):
+        super().__init__((texture.shape[0], texture.shape[1]), cost)
+        self.texture, self.interpolator, self.gain = texture, interpolator, gain
+
+    def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
+        """Σ weight · components of pair · coefficients: (n, P), (n, P), (n, k + 1) → (n, 3)."""
+        raise NotImplementedError
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)
+        if self.gain is None:
+            pair, weight = self.interpolator(wo, wi)
+            return self.combined(pair, weight, coefficients)
+        pair, share = self.interpolator.shares(wo, wi)
+        level = self.combined(pair, share, coefficients).clamp_min(0)
+        return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
