@@ -50,7 +50,7 @@ LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.
 class NeuMIP(Codec):
     """NeuMIP: a pyramid of latents, a parallax offset and a decoder; answers at any footprint."""
 
-    name, version = "neumip", 2
+    name, version = "neumip", 3
     sizes = ("channels",)
     recipes: ClassVar = {
         "paper": {"directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
@@ -62,7 +62,7 @@ class NeuMIP(Codec):
         batch: BatchSize = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
-        start: Start = "components"  # of the finest latents: principal components of the log ABRDFs, or random
+        start: Start = "components"  # of finest latents and offsets: components of the log ABRDFs; or random, and zeros
         optimiser: Optimiser = "muon"  # of hidden matrices; all else is Adam's
         hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         rate: Positive = 1e-2  # highest learning rate
@@ -235,7 +235,9 @@ class Fitting(Objective):
         self.networks.start_at(self.samples.mean(generator))
         finest = first_latents(self.samples, settings.channels, settings.start, generator)
         self.table = nn.Parameter(self._levels(finest, generator))
-        self.offset = nn.Parameter(torch.zeros(self.samples.texels, settings.channels)) if settings.offset else None
+        # What tells texels apart tells their heights apart, too: from zeros the offset is found late or never.
+        first = torch.zeros_like(finest) if settings.start == "random" else finest.clone()
+        self.offset = nn.Parameter(first) if settings.offset else None
 
     def _levels(self, finest: Tensor, generator: torch.Generator) -> Tensor:
         """The first latents of all levels: box averages of the finest ones, or random as they are."""
