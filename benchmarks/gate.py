@@ -1,12 +1,13 @@
 """Renews the guard: the reference of the suite `ci`, what its tests replay, and how well it guards, measured.
 
-    python benchmarks/gate.py [--out runs/gate] [--seeds 9] [--jobs 2] [--only-read]
+    python benchmarks/gate.py [--out runs/gate] [--seeds 9] [--jobs 2] [--codec NAME] [--only-read]
 
 Runs the suite with so many seeds, three of them again as other processors compute, and with faults planted in fits:
 half of the steps, and ReLU for the sine. Then it writes `bench/compare/references/ci.jsonl` and
 `tests/bench/compare/seeds.json`, and prints three tables: the margin of each row, which is the smallest loss that it
 sees; how often a run that lost nothing would be stopped, estimated on seeds that the reference does not hold; and what
-became of the planted faults. Finished jobs are not done again; `--only-read` runs nothing and reads what is there.
+became of the planted faults. Finished jobs are not done again; `--only-read` runs nothing and reads what is there. With
+`--codec` only that codec is run and its rows are renewed; the others stand as they are in both files.
 """
 
 import argparse
@@ -44,23 +45,30 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/gate"))
     parser.add_argument("--seeds", type=int, default=9)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--codec", help="renew the rows of this codec alone")
     parser.add_argument("--only-read", action="store_true")
     options = parser.parse_args()
+    only = ("--codec", options.codec) if options.codec else ()
     if not options.only_read:
-        drawing = [word for codec in _steps() for word in ("--codec", codec)] + ["--codec", "vq"]
+        drawing = [word for codec in (*_steps(), "vq") for word in ("--codec", codec)]
         for seed in range(options.seeds):
-            _run(options.out / "native", seed, options.jobs, *(drawing if seed not in COMPARED else ()))
-        for name, words in _planted().items():
+            _run(options.out / "native", seed, options.jobs, *(only or (drawing if seed not in COMPARED else ())))
+        for name, words in _planted(options.codec).items():
             for seed in COMPARED:
                 _run(options.out / name, seed, options.jobs, *words)
         for name in PROCESSORS:
             for seed in COMPARED:
-                _run(options.out / name, seed, options.jobs, processor=name)
+                _run(options.out / name, seed, options.jobs, *only, processor=name)
     runs = {path.name: load_run(path) for path in sorted(options.out.iterdir()) if (path / "records.jsonl").is_file()}
     native = runs.pop("native")
-    committed(SUITE).write_text(reference(native))
-    faults = {name: _relabelled(runs.pop(name), native) for name in _planted() if name in runs}
-    REPLAYS.write_text(json.dumps(_values(native, runs, faults), indent=None, separators=(",", ":")) + "\n")
+    faults = {name: _relabelled(runs.pop(name), native) for name in _planted(options.codec) if name in runs}
+    text, values = reference(native), _values(native, runs, faults)
+    if options.codec:
+        text = _renewed(committed(SUITE).read_text(), text, options.codec)
+        before = json.loads(REPLAYS.read_text())
+        values = {name: {**rows, **values.get(name, {})} for name, rows in before.items()}
+    committed(SUITE).write_text(text)
+    REPLAYS.write_text(json.dumps(values, indent=None, separators=(",", ":")) + "\n")
     base = load_run(committed(SUITE))
     _print_margins(base)
     _print_alarms(base, runs)
@@ -73,13 +81,14 @@ def _steps() -> dict[str, int]:
     return {spec.codec: spec.settings["steps"] for spec in load_suite(SUITE).codecs if "steps" in spec.settings}
 
 
-def _planted() -> dict[str, list[str]]:
-    """By name, how a fault is planted: choices of codecs and settings on the command line."""
-    steps = _steps()
+def _planted(only: str | None) -> dict[str, list[str]]:
+    """By name, how a fault is planted, in `only` or in all: choices of codecs and settings on the command line."""
+    steps = {codec: count for codec, count in _steps().items() if only in (None, codec)}
     half = [word for codec in steps for word in ("--codec", codec)]
     half += [word for codec, count in steps.items() for word in ("--set", f"{codec}.steps={count // 2}")]
-    relu = [word for codec in RELU for word in ("--codec", codec)]
-    return {"half": half, "relu": [*relu, "--set", "activation=relu"]}
+    relu = [word for codec in RELU if only in (None, codec) for word in ("--codec", codec)]
+    planted = {"half": half, "relu": [*relu, "--set", "activation=relu"] if relu else []}
+    return {name: words for name, words in planted.items() if words}
 
 
 def _run(folder: Path, seed: int, jobs: int, *words: str, processor: str = "") -> None:
@@ -87,6 +96,27 @@ def _run(folder: Path, seed: int, jobs: int, *words: str, processor: str = "") -
     print(" ".join(command[3:]), processor, flush=True)
     environment = os.environ | PROCESSORS.get(processor, {})
     subprocess.run([*command, "--out", str(folder)], env=environment, check=True, stdout=subprocess.DEVNULL)
+
+
+def _renewed(before: str, now: str, codec: str) -> str:
+    """The text of a reference whose rows of one codec are those of another reference, in their old places."""
+    old, new = ([json.loads(line) for line in text.splitlines()] for text in (before, now))
+
+    def rows(line: Record) -> bool:
+        return line["kind"] != "run" and line["job"].split("/")[1].split()[0] == codec
+
+    places: dict[tuple[str, str], int] = {}
+    for line in [*old, *new]:
+        places.setdefault(_place(line), len(places))
+    # The other rows were timed in another start of the suite, whose floor is not this one's.
+    fresh = [line | ({"run": codec} if line["kind"] == "timing" else {}) for line in new if rows(line)]
+    lines = sorted([*(line for line in old if not rows(line)), *fresh], key=lambda line: places[_place(line)])
+    return "".join(json.dumps(line, sort_keys=True, separators=(",", ":")) + "\n" for line in lines)
+
+
+def _place(line: Record) -> tuple[str, str]:
+    """Its kind and its row, by which a reference is ordered."""
+    return line["kind"], line.get("job", "").rpartition("/")[0]
 
 
 def _relabelled(run: Run, native: Run) -> Run:
