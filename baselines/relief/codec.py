@@ -14,6 +14,7 @@ from torch import Tensor
 from baselines.relief import latents as coding
 from baselines.relief import sweep
 from baselines.relief.fitting import Fitting
+from baselines.relief.geometry import LOWEST
 from baselines.relief.geometry import Relief as Surface
 from baselines.relief.material import ReliefMaterial
 from baselines.relief.network import Network
@@ -27,14 +28,13 @@ from bench.quantise import WeightPrecision, pack, unpack
 from bench.settings import BatchSize, Layers, Natural, Positive, Range, Width
 from bench.training import Loss, Optimiser, Samples, Start, gain_of, train
 
-HEIGHT_BITS = 8
-HEIGHT_MIDDLE = 2 ** (HEIGHT_BITS - 1)  # the code of z = 0
+HEIGHT_STEP = 2 / 3  # texels that a step of the height moves a look-up by at the steepest slope; rounding half of it
 
 
 class Relief(Codec):
     """Relief: heights found in the slices and marched, latents of few bits, directions in learned shading frames."""
 
-    name, version = "relief", 1
+    name, version = "relief", 2
     sizes = ("latents", "width")
 
     @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Relief(Codec):
         steps: Natural = 2_600  # of the fit
         batch: BatchSize = 4_096  # samples a step
         latents: Width = 14  # channels of the neural texture
-        bits: Annotated[int, Range(2, 8)] = 5  # of each stored latent
+        bits: Annotated[int, Range(0, 8)] = 0  # of a stored latent in the mean; 0: as few as add little to the error
         layers: Layers = 3  # hidden layers of the network
         width: Width = 32  # channels of each hidden layer
         omega: Positive = 2.0  # frequency of the sine
@@ -64,7 +64,7 @@ class Relief(Codec):
         fitting = Fitting(levels, height, self.settings, fit)
         train(fitting, fit, self.settings.steps)
         codes, low, step = fitting.coded()
-        bits = self.settings.bits
+        bits = fitting.bits.tolist()
         texture |= {"latents": coding.compress(codes.reshape(*btf.shape, -1), bits), "low": low, "step": step}
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         return Parts(pack("weights", to_vector(fitting.network), self.settings.weights), texture, other=other)
@@ -74,23 +74,25 @@ class Relief(Codec):
         found = sweep.find(btf, gain, fit) if self.settings.relief else None
         if found is None or not found.stands:
             return {}, None
-        unit = found.height.abs().max() / (HEIGHT_MIDDLE - 1)
-        codes = (found.height / unit).round() + HEIGHT_MIDDLE
-        texture = {"height": coding.compress(codes[..., None], HEIGHT_BITS), "height.unit": unit[None]}
-        return texture, (codes - HEIGHT_MIDDLE) * unit
+        low, high = found.height.aminmax()
+        step = torch.maximum(torch.tensor(HEIGHT_STEP * LOWEST / btf.shape[1]), (high - low) / 255)
+        codes = ((found.height - low) / step).round()
+        bits = max(1, int(codes.max()).bit_length())
+        texture = {"height": coding.compress(codes[..., None], [bits]), "height.range": torch.stack([low, step])}
+        return texture, codes * step + low
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         height, width = parts.other["size"].tolist()
         surface = None
         if "height" in parts.texture:
-            codes = coding.expand(parts.texture["height"], (height, width, 1), HEIGHT_BITS)[..., 0]
+            codes = coding.expand(parts.texture["height"], (height, width, 1))[..., 0]
+            low, step = parts.texture["height.range"]
             # Heights beyond those that are looked for were altered: a search through them must end all the same.
-            unit = parts.texture["height.unit"].clamp(max=2 * REACH / HEIGHT_MIDDLE)
-            surface = Surface((codes - HEIGHT_MIDDLE) * unit)
+            surface = Surface((codes * step + low).nan_to_num(0).clamp(-2 * REACH, 2 * REACH))
         network = Network(self.settings, surface is not None)
         load_vector(unpack("weights", parts.decoder), network)
         shape = (height, width, self.settings.latents)
-        latents = coding.expand(parts.texture["latents"], shape, self.settings.bits)
+        latents = coding.expand(parts.texture["latents"], shape)
         latents = latents * parts.texture["step"] + parts.texture["low"]
         gain = float(parts.other["gain"])
         return ReliefMaterial(network, (height, width), latents.flatten(0, 1), surface, gain).to(device)

@@ -17,6 +17,8 @@ from bench.training import Batch, Objective, Samples, distance, first_latents, g
 
 COARSE_SHARE = 8  # one sample in so many is of a coarser level
 ROUNDED_FROM = 0.5  # of the steps: from there on the latents are those that the file will hold
+BEARABLE = 0.005  # share of the fit's squared error that rounding may add, where the bits are left to the fit
+PROBED = 4  # bits that a channel is rounded to alone, to see what its rounding adds
 
 
 class Rectified(Samples):
@@ -43,7 +45,7 @@ class Fitting(Objective):
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
         super().__init__(levels[0])
-        self.levels, self.settings = levels, settings
+        self.levels, self.settings, self.fit = levels, settings, fit
         generator = fit.generator()
         self.network = Network(settings, height is not None, generator)
         self.network.start_at(self.samples.mean(generator))
@@ -54,9 +56,11 @@ class Fitting(Objective):
         # How the latents are rounded, once they are: lowest value and step of each channel; a step of 0 says not yet.
         self.register_buffer("low", torch.zeros(settings.latents))
         self.register_buffer("step", torch.zeros(settings.latents))
+        self.register_buffer("bits", torch.zeros(settings.latents, dtype=torch.long))
 
     low: Tensor
     step: Tensor
+    bits: Tensor
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
@@ -68,17 +72,44 @@ class Fitting(Objective):
         latents: Tensor = self.latents
         if progress >= ROUNDED_FROM:
             if not self.step.any():
-                low, step = coding.steps_for(latents, self.settings.bits)
+                self.bits.copy_(self._bits())
+                low, step = coding.steps_for(latents, self.bits)
                 self.low.copy_(low)
                 self.step.copy_(step)
-            latents = coding.rounded(latents, self.low, self.step, self.settings.bits)
+            latents = coding.rounded(latents, self.low, self.step, self.bits)
         return self.pyramid.table(latents)
+
+    @torch.no_grad()
+    def _bits(self) -> Tensor:
+        """How many bits each channel is rounded to; the error that a channel adds is the square of its rounding's."""
+        batch = self.samples.draw(self.settings.batch, self.fit.generator())
+        queries = next(self._queries([(0, batch)]))
+
+        def answers(latents: Tensor) -> Tensor:
+            return answer(self.network, self.pyramid, self.relief, self.pyramid.table(latents), queries)
+
+        changes = [self._rounding(bits) for bits in range(1, coding.MOST_BITS + 1)]
+        exact, felt = answers(self.latents), list[Tensor]()
+        for channel in range(self.settings.latents):
+            moved = self.latents.clone()
+            moved[:, channel] += changes[PROBED - 1][:, channel]
+            felt.append((answers(moved) - exact).square().mean())
+        spread = torch.stack([change.square().mean(0) for change in changes], 1)
+        noise = spread * (torch.stack(felt) / spread[:, PROBED - 1].clamp_min(1e-30))[:, None]
+        bits = self.settings.bits
+        bearable = 0.0 if bits else BEARABLE * float((exact - batch.target).square().mean())
+        return coding.shared_out(noise.cpu(), (bits or coding.MOST_BITS) * len(noise), bearable)
+
+    def _rounding(self, bits: int) -> Tensor:
+        """What rounding each channel to some bits changes of the latents."""
+        counts = torch.full_like(self.bits, bits)
+        return coding.rounded(self.latents, *coding.steps_for(self.latents, counts), counts) - self.latents
 
     @torch.no_grad()
     def coded(self) -> tuple[Tensor, Tensor, Tensor]:
         """The codes (H · W, D) of the latents, and lowest value and step of each channel."""
         self.table(1.0)
-        return coding.codes_of(self.latents, self.low, self.step, self.settings.bits), self.low, self.step
+        return coding.codes_of(self.latents, self.low, self.step, self.bits), self.low, self.step
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         queries = next(self._queries([(0, batch)]))

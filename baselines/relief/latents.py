@@ -1,4 +1,4 @@
-"""Textures in two to eight bits a number: the steps they are rounded to, and the bytes that a file holds.
+"""Textures in one to eight bits a number: which channel takes how many, the steps of each, and the bytes of a file.
 
 Codes are stored plane by plane in the shortest of three ways, which the first byte names: their bits alone, or LZMA's
 range coder, whose odds adapt to each plane, without context or with the code before as context. LZMA comes with Python.
@@ -12,12 +12,13 @@ from torch import Tensor
 
 from bench.errors import InputError
 
+MOST_BITS = 8
 RANGES = 29  # shares of a channel's range, from 0.3 to all of it, that are tried: rounding finer, clipping more
 PACKED, ALONE, AFTER = range(3)  # the ways; LZMA's context are the high bits of the byte before
 
 
-def steps_for(values: Tensor, bits: int) -> tuple[Tensor, Tensor]:
-    """Lowest value and step (C,) of values (n, C) that round them with the least squared error, range by range."""
+def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
+    """Lowest value and step (C,) of values (n, C) that round them to bits (C,) with the least squared error of each."""
     values = values.detach()
     low, high = values.amin(0), values.amax(0)
     middle, half, top = (low + high) / 2, (high - low) / 2, 2**bits - 1
@@ -32,48 +33,70 @@ def steps_for(values: Tensor, bits: int) -> tuple[Tensor, Tensor]:
     return found
 
 
-def codes_of(values: Tensor, low: Tensor, step: Tensor, bits: int) -> Tensor:
+def shared_out(noise: Tensor, total: int, bearable: float) -> Tensor:
+    """The bits (C,) of each channel, 1 to `MOST_BITS`, of what rounding it to 1, 2 … bits adds to an error (C, 8).
+
+    Each bit goes to the channel that adds most, until all together add no more than is bearable, or `total` are spent.
+    """
+    bits = torch.ones(len(noise), dtype=torch.long)
+    while bits.sum() < min(total, MOST_BITS * len(noise)):
+        added = noise.gather(1, bits[:, None] - 1)[:, 0]
+        if added.sum() <= bearable:
+            break
+        bits[torch.where(bits < MOST_BITS, added, -torch.inf).argmax()] += 1
+    return bits
+
+
+def codes_of(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
     """Codes, as floats, of values (…, C)."""
-    return ((values - low) / step).round().clamp(0, 2**bits - 1)
+    return ((values - low) / step).round().clamp_min(0).minimum(2.0**bits - 1)
 
 
-def rounded(values: Tensor, low: Tensor, step: Tensor, bits: int) -> Tensor:
+def rounded(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
     """Values (…, C) as they come back from a file; the gradient passes as if they were not rounded."""
     with torch.no_grad():
         change = low + step * codes_of(values, low, step, bits) - values
     return values + change
 
 
-def compress(codes: Tensor, bits: int) -> Tensor:
-    """Codes (H, W, C) below 2^bits as bytes (n,), uint8, without loss."""
-    planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).transpose(2, 0, 1)).reshape(-1)
-    shifted = planes << np.uint8(8 - bits)
+def compress(codes: Tensor, bits: list[int]) -> Tensor:
+    """Codes (H, W, C), those of each channel below 2^bits, as bytes (n,), uint8, without loss."""
+    planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).transpose(2, 0, 1)).reshape(len(bits), -1)
+    shifted = planes << (MOST_BITS - np.array(bits, np.uint8))[:, None]
+    flags = [np.unpackbits(plane[:, None], axis=1)[:, :each] for plane, each in zip(shifted, bits, strict=True)]
     ways = {
-        PACKED: np.packbits(np.unpackbits(shifted[:, None], axis=1)[:, :bits]).tobytes(),
+        PACKED: np.packbits(np.concatenate([each.reshape(-1) for each in flags])).tobytes(),
         ALONE: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(ALONE, planes.size)),
         AFTER: lzma.compress(shifted.tobytes(), lzma.FORMAT_RAW, filters=_coder(AFTER, planes.size)),
     }
     way = min(ways, key=lambda each: len(ways[each]))
-    return torch.frombuffer(bytearray([way]) + ways[way], dtype=torch.uint8)
+    return torch.frombuffer(bytearray([way, *bits]) + ways[way], dtype=torch.uint8)
 
 
-def expand(data: Tensor, shape: tuple[int, int, int], bits: int) -> Tensor:
+def expand(data: Tensor, shape: tuple[int, int, int]) -> Tensor:
     """The codes (H, W, C), as floats, of what `compress` gave; memory stays within that shape."""
     height, width, channels = shape
-    count = height * width * channels
-    way, payload = int(data[0]), data[1:].numpy().tobytes()
+    count, size = height * width * channels, height * width
+    way, bits, payload = int(data[0]), data[1 : 1 + channels].numpy(), data[1 + channels :].numpy().tobytes()
+    if len(bits) < channels or not ((bits >= 1) & (bits <= MOST_BITS)).all():
+        raise InputError("a texture of this file does not say its bits: encode it again")
     if way == PACKED:
-        flags = np.unpackbits(np.frombuffer(payload, np.uint8), count=count * bits)
-        planes = np.packbits(flags.reshape(-1, bits), axis=1).reshape(-1) >> np.uint8(8 - bits)
+        flags = np.unpackbits(np.frombuffer(payload, np.uint8))
+        ends = np.cumsum(bits.astype(int) * size)
+        parts = np.split(flags, ends)[:-1] if len(flags) >= ends[-1] else []
+        each = [np.packbits(part.reshape(size, -1), axis=1)[:, 0] for part in parts]
+        planes = np.concatenate(each) if each else np.empty(0, np.uint8)
     else:
         try:
             decoder = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=_coder(way, count))
             planes = np.frombuffer(decoder.decompress(payload, max_length=count), np.uint8)
         except lzma.LZMAError as error:
             raise InputError(f"a texture of this file does not expand ({error}): encode it again") from error
-        planes = planes >> np.uint8(8 - bits) if way == AFTER else planes
     if len(planes) != count:
         raise InputError(f"a texture of this file holds {len(planes)} codes, not {count}: encode it again")
+    planes = planes.reshape(channels, -1)
+    if way != ALONE:
+        planes = planes >> (MOST_BITS - bits)[:, None]
     return torch.from_numpy(planes.reshape(channels, height, width).transpose(1, 2, 0).astype(np.float32))
 
 
