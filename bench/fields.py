@@ -186,10 +186,16 @@ _RUN = Fields(
         "threads": COUNT,
     }
 )
+_COSINE_AND_LOBES = Several(NOT_NEGATIVE, 2)
+_NOISE = Fields(
+    {"scene": TEXT, "samples": _COSINE_AND_LOBES, "seconds": _COSINE_AND_LOBES}, ("scene", "samples", "seconds")
+)
 _CHOICE = Fields(
     {
         **dict.fromkeys(("material", "label"), NAME),
         **dict.fromkeys(("job", "codec", "execution", "precision", "device", "error", "unrest", "sha256"), TEXT),
+        "noise": _NOISE,
+        "noise_error": TEXT,
         "settings": Each(SETTING),
         **dict.fromkeys(("psnr", "worst", "flip"), maybe(NUMBER)),
         **dict.fromkeys(("bytes", "parameters", "batch", "threads"), COUNT),

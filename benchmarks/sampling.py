@@ -21,6 +21,7 @@ CODECS = {
     "neubtf-direct": {"steps": 650},
     "neumip": {"steps": 650},
     "relief": {"steps": 650},
+    "bcf": {"steps": 650},
 }
 
 

@@ -3,6 +3,7 @@
 examples:
   neubtf-bench trade --material satin
   neubtf-bench trade --material satin --codec neumip
+  neubtf-bench trade --material satin --codec pca --noise
 """
 
 import argparse
@@ -23,6 +24,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--emulated", action="store_true", help="measure precisions that the processor only emulates too"
     )
+    parser.add_argument(
+        "--noise",
+        action="store_true",
+        help="path-trace each file with Mitsuba: samples and seconds to 1 %% noise, a minute or two a file more",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -39,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
         for line in described_changes(suite, changes):
             console.say(line)
         run_options = Options(folder, device, show=console.show)
-        states = run_and_measure(suite, run_options, console.ended, options.full, options.emulated)
+        states = run_and_measure(suite, run_options, console.ended, options.full, options.emulated, options.noise)
         if "ok" not in states:
             return NOTHING
         from reports import table_text, write_report

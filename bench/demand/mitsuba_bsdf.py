@@ -20,6 +20,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import torch
+from torch import Tensor
 
 from bench.codecs.container import read_parts
 from bench.codecs.loading import load
@@ -120,8 +121,11 @@ class _Answers:
         self.m_components, self.m_flags = [flags], flags
         file = load(self.file)
         self.answer = Traced(program_of(file.material), _arrays(mi.variant()))
-        stored = checked(read_parts(self.file)[1].sampling)
-        self.lobes = None if stored is None else _Lobes(stored.numpy(), self.repeat)
+        self.draw_from(checked(read_parts(self.file)[1].sampling))
+
+    def draw_from(self, lobes: Tensor | None) -> None:
+        """Draw directions from lobes (cells, cells, 5) instead of the file's own; from None by the cosine."""
+        self.lobes = None if lobes is None else _Lobes(lobes.float().numpy(), self.repeat)
 
     def sample(self, context: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
         view = self._turned(si, si.wi)

@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ import torch
 from bench import atomic, timing
 from bench.archive import MAX_FILE, read_arrays
 from bench.codec import Progress, silent
+from bench.codecs.loading import load
 from bench.data.spec import MaterialSpec
+from bench.demand.lobes import fitted
 from bench.errors import InputError
 from bench.material import Material
 from bench.metrics.scoring import summarise
@@ -40,7 +43,7 @@ from bench.runs.suite import Suite, canonical
 from bench.runs.workbench import Workbench, workbench
 from bench.threads import torch_threads
 from bench.timing import native
-from bench.timing.execution import Variant, exists_on, networks, prepared
+from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
 from bench.timing.machine import unrest
 from bench.timing.profile import profile
 from bench.timing.queries import Queries
@@ -58,6 +61,7 @@ def run_and_measure(
     tell: Callable[[runner.Outcome], None],
     full: bool = False,
     emulated: bool = False,
+    noise: bool = False,
 ) -> list[str]:
     """Run a suite, then score and time its choices into `trade.json`; returns the status of each job.
 
@@ -65,24 +69,32 @@ def run_and_measure(
     """
     for variant in suite.variants:
         Variant.parse(variant)  # a wrong word stops here
+    if noise:
+        _path_tracer()  # and what is not installed
     load_trade(options.folder)  # an unreadable file stops here
     states = []
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
-        found = measure(suite, load_run(options.folder), options.device, full, options.show, emulated)
+        found = measure(suite, load_run(options.folder), options.device, full, options.show, emulated, noise)
         write(options.folder, merged(load_trade(options.folder), found))
     return states
 
 
 def measure(
-    suite: Suite, run: Run, device: str, full: bool = False, show: Progress = silent, emulated: bool = False
+    suite: Suite,
+    run: Run,
+    device: str,
+    full: bool = False,
+    show: Progress = silent,
+    emulated: bool = False,
+    noise: bool = False,
 ) -> dict[str, Any]:
     """Score and time every choice of a finished run of a suite; what `trade.json` holds.
 
     `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more; `emulated` measures precisions
-    that the processor only emulates too.
+    that the processor only emulates too; `noise` how noisy a path tracer is that wears each file.
     """
     suite = canonical(suite)  # jobs are recorded under the names of that
     there = [text for text in suite.variants if exists_on(Variant.parse(text), torch.device(device))]
@@ -102,7 +114,8 @@ def measure(
         jobs = _jobs(suite, spec, run)
         if jobs:
             with workbench("trade", spec, suite.data, None, show, "", suite.seeds[0], suite.metrics) as bench:
-                result["choices"] += _choices(bench, jobs, suite, run, device, ceilings, show)
+                choices = _choices(bench, jobs, suite, run, device, ceilings, show)
+            result["choices"] += [row | _noise(run, row, show) for row in choices] if noise else choices
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             found = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, _batches(full))
             result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in found]
@@ -202,8 +215,11 @@ def _choices(
 
 
 def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
-    """Those of the suite, for a material with a network whose entry sweeps nothing."""
-    return [Variant.parse(text) for text in suite.variants] if _plain(suite, job) and networks(material) else []
+    """Those of the suite, for a material whose entry sweeps nothing; without a network only those of whole codecs."""
+    if not _plain(suite, job):
+        return []
+    found = [Variant.parse(text) for text in suite.variants]
+    return found if networks(material) else [variant for variant in found if is_whole(variant, material.device)]
 
 
 def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
@@ -239,6 +255,33 @@ def _figures(metrics: dict[str, Any], squared: np.ndarray) -> dict[str, float | 
         "flip": metrics[flip]["mean"] if flip else None,
         "worst": -10 * float(np.log10(worst)) if worst > 0 else None,
     }
+
+
+def _path_tracer() -> ModuleType:
+    """The module that measures noise. `InputError` where Mitsuba is not installed, or cannot run here."""
+    try:
+        from bench.demand import mitsuba_scene, noise
+    except ImportError as error:
+        remedy = "install it, pip install neubtf-bench[mitsuba], or leave out --noise"
+        raise InputError(f"--noise path-traces with Mitsuba 3: {remedy} ({error})") from error
+    mitsuba_scene.set_variant()
+    return noise
+
+
+def _noise(run: Run, row: dict[str, Any], show: Progress) -> dict[str, Any]:
+    """How noisy a path tracer is whose surface answers from the file of a choice, or why it cannot; {} where the file
+    is computed otherwise than by default, which changes no noise."""
+    if "sha256" not in row or (row["execution"], row["precision"]) != (Variant().execution, Variant().precision):
+        return {}
+    path_tracer = _path_tracer()
+    file = run.folder / (run.job(row["job"]) or {})["file"]
+    try:
+        lobes = fitted(load(file).material, show=show)
+        found = path_tracer.reached(file, [None, lobes])
+    except InputError as error:
+        return {"noise_error": str(error)}
+    both = {"samples": [each.samples for each in found], "seconds": [each.seconds for each in found]}
+    return {"noise": {"scene": path_tracer.EVEN, **both}}
 
 
 def _mark(rows: list[dict[str, Any]]) -> None:

@@ -71,6 +71,11 @@ def exists_on(variant: Variant, device: torch.device) -> bool:
     return device.type == "cuda" or not of_gpus
 
 
+def is_whole(variant: Variant, device: torch.device) -> bool:
+    """Whether a variant computes codecs without a network otherwise than by PyTorch's operations one by one."""
+    return variant.execution == "fused" and variant.precision == "float32" and device.type == "cpu"
+
+
 def prepared(material: Material, variant: Variant) -> Material:
     """A copy of a material that is computed in a variant. `InputError` says what is missing or unsupported."""
     if variant.precision == "tf32" and material.device.type != "cuda":

@@ -1,12 +1,13 @@
 import argparse
 import shutil
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 import torch
 
-from bench import timing
+from bench import cli, timing
 from bench.commands import choose as choose_command
 from bench.conformance.check import tiny_btf
 from bench.data.spec import MaterialSpec, Preparation
@@ -42,7 +43,7 @@ def measured(tmp_path_factory):
     folder = tmp_path_factory.mktemp("trade")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
-        patch.setattr("bench.timing.fused.with_drjit.drjit", without_drjit)
+        patch.setattr("bench.timing.execution.drjit", without_drjit)
         patch.setattr(timing, "SAMPLES", 3)
         patch.setattr("bench.timing.clock.SPAN_NS", 10_000)
         patch.setattr(trade, "BATCH", 256)
@@ -62,9 +63,9 @@ def by_name(found):
 
 def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(measured):
     names = list(by_name(measured[1]))
-    plain = ["mean-colour", "pca components=2", "neubtf-direct steps=20"]
-    variants = ["neubtf-direct steps=20 [eager bfloat16]", "neubtf-direct steps=20 [fused float32]"]
-    assert names == [*plain, *variants, timing.FLOOR]
+    without_network = ["mean-colour", "mean-colour [fused float32]", "pca components=2"]
+    with_one = [f"neubtf-direct steps=20{how}" for how in ("", " [eager bfloat16]", " [fused float32]")]
+    assert names == [*without_network, *with_one, timing.FLOOR]
 
 
 def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_file(measured):
@@ -80,9 +81,10 @@ def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_fil
 
 
 def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
-    row = by_name(measured[1])["neubtf-direct steps=20 [fused float32]"]
-    assert "pip install neubtf-bench[mitsuba]" in row["error"]
-    assert "ns_per_sample" not in row
+    for label in ("mean-colour", "neubtf-direct steps=20"):
+        row = by_name(measured[1])[f"{label} [fused float32]"]
+        assert "pip install neubtf-bench[mitsuba]" in row["error"]
+        assert "ns_per_sample" not in row
 
 
 def test_a_choice_is_on_a_front_where_nothing_is_as_good_for_less():
@@ -195,6 +197,57 @@ def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(measure
     text = table_text(tmp_path, kind="trade")
     assert "[eager bfloat16, emulated]" in text
     assert "only emulates" not in text
+
+
+@pytest.fixture
+def path_traced(measured, monkeypatch):
+    """What is measured with noise by a path tracer that stands in for Mitsuba's, and cannot record one codec."""
+
+    def reached(file, drawn):
+        assert drawn[0] is None
+        assert drawn[1].shape[2] == 5
+        if "mean-colour" in file.name:
+            raise InputError("cannot be recorded")
+        return [SimpleNamespace(samples=40_000.0, seconds=3.0), SimpleNamespace(samples=9_876.0, seconds=1.5)]
+
+    stands_in = SimpleNamespace(EVEN="ball, even sky", reached=reached)
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
+    monkeypatch.setattr(trade, "_path_tracer", lambda: stands_in)
+    monkeypatch.setattr(trade, "fitted", lambda material, show: torch.zeros(1, 1, 5))
+    monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
+    monkeypatch.setattr(trade, "profile", lambda *_: [])
+    monkeypatch.setattr(trade, "BATCH", 256)
+    monkeypatch.setattr(timing, "SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
+    suite = replace(SUITE, variants=("eager bfloat16",))
+    return trade.measure(suite, load_run(measured[0]), "cpu", noise=True)
+
+
+def test_noise_is_of_each_file_and_stands_in_columns_of_its_own(measured, path_traced, tmp_path):
+    rows = by_name(path_traced)
+    assert rows["neubtf-direct steps=20"]["noise"] == {
+        "scene": "ball, even sky", "samples": [40_000.0, 9_876.0], "seconds": [3.0, 1.5]
+    }  # fmt: skip
+    assert rows["mean-colour"]["noise_error"] == "cannot be recorded"
+    bare = ("neubtf-direct steps=20 [eager bfloat16]", timing.FLOOR)  # the same file, and none
+    assert not any("noise" in rows[name] or "noise_error" in rows[name] for name in bare)
+    assert "noise" not in table_text(measured[0], kind="trade")
+    shutil.copy(measured[0] / "records.jsonl", tmp_path)
+    trade.write(tmp_path, path_traced)
+    text = table_text(tmp_path, kind="trade")
+    (line,) = (line for line in text.splitlines() if line.startswith("pca components=2 "))
+    assert line.split()[-4:] == ["40,000", "9,876", "3.00", "1.50"]
+    (line,) = (line for line in text.splitlines() if line.startswith("mean-colour "))
+    assert line.split()[-4:] == ["—"] * 4
+    assert "mean-colour: no noise: cannot be recorded." in " ".join(text.split())
+    assert "ball, even sky" in text
+
+
+def test_noise_without_mitsuba_is_refused_before_any_work(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "bench.demand.noise", None)
+    assert cli.main(["trade", "--noise", "--material", "satin", "--out", str(tmp_path / "run")]) == 2
+    assert "pip install neubtf-bench[mitsuba], or leave out --noise" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "run").exists()
 
 
 def test_another_material_is_measured_beside_those_that_are_there(measured):
