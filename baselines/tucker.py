@@ -62,12 +62,13 @@ class Tucker(Codec):
         scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)
         core[1:] *= scale[:, None, None, None]
         core[0] /= shape[1] ** 0.5
+        core = core.permute(1, 2, 3, 0).contiguous()
+        if settings.weights == "int8":
+            core = with_zero(core)
         fine: Precision = "float32" if settings.weights == "float32" else "half"
         return Parts(
             # One slice of the core a channel: their sizes differ by orders of magnitude.
-            decoder=pack("core", core.permute(1, 2, 3, 0).contiguous(), settings.weights)
-            | pack("view", view, fine)
-            | pack("light", light, fine),
+            decoder=pack("core", core, settings.weights) | pack("view", view, fine) | pack("light", light, fine),
             texture=pack("coefficients", (coefficients / scale).reshape(*btf.shape, -1), settings.precision),
             other={"gain": torch.tensor([gain]), **pack_layout(layout)},
         )
@@ -129,8 +130,35 @@ def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> 
         view = leading(torch.einsum("kvlc,lm->kvmc", kept, light), 1, ranks[1])
         light = leading(torch.einsum("kvlc,vj->kjlc", kept, view), 2, ranks[2])
         texel = leading(torch.einsum("kvlc,vj,lm->kjmc", tensor[1:], view, light), 0, ranks[0])
+    view, light, texel = _signed(view), _signed(light), _signed(texel)
     core = torch.einsum("kvlc,vj,lm->kjmc", tensor, view, light)
     return texel, view, light, torch.cat([core[:1], torch.einsum("kjmc,kK->Kjmc", core[1:], texel)])
+
+
+def _signed(basis: Tensor) -> Tensor:
+    """A basis (size, ≤ size) of which each vector has the sign that is positive along 1, ½, ⅓, …
+
+    A decomposition gives either sign, as it rounds, and eight bits would divide another range.
+    """
+    along = 1 / torch.arange(1, len(basis) + 1, dtype=basis.dtype, device=basis.device)
+    return basis * torch.where(along @ basis < 0, -1.0, 1.0)
+
+
+def with_zero(values: Tensor) -> Tensor:
+    """Values (…, C) whose range is moved, by at most half a step, so that 0 is one of each channel's 256 levels.
+
+    Most numbers of a core are nearly 0. Were 0 between two levels, all of them would be off to the same side.
+    """
+    flat = values.flatten(0, -2)
+    low, high = flat.amin(0), flat.amax(0)
+    step = ((high - low) / 255).clamp_min(1e-12)
+    off = torch.where((low < 0) & (high > 0), -low - (-low / step).round() * step, 0.0)
+    channel, places = torch.arange(flat.shape[1], device=flat.device), (flat.argmin(0), flat.argmax(0))
+    low, high = low + off, high + off
+    flat = flat.clamp(low, high)
+    for place, extreme in zip(places, (low, high), strict=True):
+        flat[place, channel] = extreme
+    return flat.reshape(values.shape)
 
 
 class TuckerMaterial(ComponentsMaterial):

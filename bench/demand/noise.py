@@ -73,7 +73,7 @@ def reached(
     file: Path,
     drawn: Sequence[Tensor | None],
     scene: str = EVEN,
-    picture: Picture = Picture(),  # noqa: B008
+    picture: Picture = Picture(),
 ) -> list[Reached]:
     """The figures of a codec file that draws from each of some lobes (cells, cells, 5), of None by the cosine.
 

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.tucker import Tucker, factored
+from baselines.tucker import Tucker, factored, with_zero
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import Material
+from bench.quantise import pack, unpack
 
 
 def decoded(btf: BTF, **settings: Any) -> Material:
@@ -137,3 +138,25 @@ def test_a_core_that_does_not_fit_is_refused() -> None:
     parts.decoder["core"] = parts.decoder["core"][:-1]
     with pytest.raises(ValueError, match="a core of"):
         codec.decode(parts, torch.device("cpu"))
+
+
+def test_eight_bits_of_a_core_hold_zero() -> None:
+    """Most numbers of a core are nearly 0: they must not all be off to one side."""
+    rng = np.random.default_rng(0)
+    values = torch.from_numpy(rng.normal(0, 1e-4, (40, 3)).astype(np.float32))
+    values[:2] = torch.tensor([[1.0, 0.3, 1.0], [-0.31, -1.0, 0.2]])  # the last has small numbers below 0 alone
+    moved, step = with_zero(values), (values.amax(0) - values.amin(0)) / 255
+    assert ((moved - values).abs() <= 0.51 * step).all()
+    stored = unpack("core", pack("core", moved, "int8"))
+    assert float(stored[2:].abs().max()) < 2e-7  # float32
+    same = torch.ones(3, 2)
+    assert torch.equal(with_zero(same), same)
+
+
+@pytest.mark.parametrize("factor", [1e-4, 0.7, 3.0])
+def test_the_scale_of_the_data_changes_nothing_in_eight_bits(factor: float) -> None:
+    """Rounding must not choose the signs of components, whose range eight bits divide."""
+    btf = tiny_btf()
+    scaled = BTF("scaled", btf.wo, btf.wi, ArraySource(np.stack(list(btf)) * np.float32(factor)), periodic=True)
+    plain, other = error(btf, decoded(btf)), error(scaled, decoded(scaled)) / factor
+    assert other == pytest.approx(plain, rel=0.01)
