@@ -240,7 +240,7 @@ def test_noise_is_of_each_file_and_stands_in_columns_of_its_own(measured, path_t
     (line,) = (line for line in text.splitlines() if line.startswith("mean-colour "))
     assert line.split()[-4:] == ["—"] * 4
     assert "mean-colour: no noise: cannot be recorded." in " ".join(text.split())
-    assert "ball, even sky" in text
+    assert "by Mitsuba (ball, even sky)" in " ".join(text.split())
 
 
 def test_noise_without_mitsuba_is_refused_before_any_work(tmp_path, monkeypatch, capsys):
