@@ -84,7 +84,7 @@ class NeuMIP(Codec):
         count = level_count(btf.shape)
         if fit.density:  # levels that the scene never sees are left out
             count = min(count, fit.density.levels(max(btf.shape)))
-        levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(count)]
+        levels = Samples.levels(btf, count, gain, fit)
         objective = Fitting(levels, self.settings, fit.generator())
         taken = train(objective, fit, self.settings.steps, self.settings.patience)
         pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=taken))

@@ -59,16 +59,23 @@ def finite(values: Array, label: str) -> Array:
 class Source:
     """Where the values of a BTF come from. A reader implements `slice` and `fingerprint`; the rest has defaults.
 
+    One that reads several slices faster than each by itself implements `slices`, and says `at_once` how many.
+
     The default `texels` and `gather` are for sources that can only read whole slices cheaply: they read a transposed
     half-float scratch file, which is made once and cached under the fingerprint.
     """
 
     shape: tuple[int, int]
     count: int
+    at_once: int = 1
 
     def slice(self, pair: int) -> Array:
         """The picture of one pair, (H, W, 3) float32."""
         raise NotImplementedError
+
+    def slices(self, pairs: Array) -> list[Array]:
+        """The pictures of some pairs, at best `at_once`."""
+        return [self.slice(int(pair)) for pair in pairs]
 
     def fingerprint(self) -> str:
         """A hex digest that changes with the content, found without reading all of it."""
@@ -146,7 +153,7 @@ class _BoxFiltered(Source):
     """Another source averaged over factor × factor texels; rows and columns that do not fill a box are left out."""
 
     def __init__(self, source: Source, factor: int):
-        self.source, self.factor, self.count = source, factor, source.count
+        self.source, self.factor, self.count, self.at_once = source, factor, source.count, source.at_once
         self.shape = (source.shape[0] // factor, source.shape[1] // factor)
 
     def _box(self, rows: Array, cols: Array) -> tuple[Array, Array]:
@@ -158,6 +165,9 @@ class _BoxFiltered(Source):
 
     def slice(self, pair: int) -> Array:
         return box_filter(self.source.slice(pair), self.factor)
+
+    def slices(self, pairs: Array) -> list[Array]:
+        return [box_filter(picture, self.factor) for picture in self.source.slices(pairs)]
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
         fine = self.source.texels(*self._box(rows, cols), pairs)
@@ -175,12 +185,15 @@ class _Cropped(Source):
     """A window of another source, which may reach around its border."""
 
     def __init__(self, source: Source, top: int, left: int, height: int, width: int):
-        self.source, self.count, self.shape = source, source.count, (height, width)
+        self.source, self.count, self.shape, self.at_once = source, source.count, (height, width), source.at_once
         self.rows = (top + np.arange(height)) % source.shape[0]
         self.cols = (left + np.arange(width)) % source.shape[1]
 
     def slice(self, pair: int) -> Array:
         return self.source.slice(pair)[self.rows[:, None], self.cols]
+
+    def slices(self, pairs: Array) -> list[Array]:
+        return [picture[self.rows[:, None], self.cols] for picture in self.source.slices(pairs)]
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
         return self.source.texels(self.rows[rows], self.cols[cols], pairs)
@@ -275,7 +288,10 @@ class BTF:
         return finite(self.source.slice(int(self.pairs[pair])), f"{self.name}: pair {pair}")
 
     def __iter__(self) -> Iterator[Array]:
-        return (self[i] for i in range(len(self)))
+        step = self.source.at_once
+        for start in range(0, len(self), step):
+            for pair, picture in enumerate(self.source.slices(self.pairs[start : start + step]), start):
+                yield finite(picture, f"{self.name}: pair {pair}")
 
     def texels(self, rows: ArrayLike, cols: ArrayLike) -> Array:
         """ABRDFs (n, N, 3) float32 of the n texels (rows[i], cols[i])."""

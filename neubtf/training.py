@@ -246,5 +246,4 @@ def pictures(values: Tensor, size: tuple[int, int]) -> Tensor:
 
 def slice_of(samples: Samples, pair: int) -> Tensor:
     """Log radiance (1, 3, H, W) of one pair."""
-    whole = torch.arange(samples.texels, device=samples.device)
-    return pictures(samples.at(whole, torch.full_like(whole, pair)).target, samples.shape)
+    return pictures(samples.slices(torch.tensor([pair]))[:, 0], samples.shape)

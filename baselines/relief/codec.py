@@ -59,7 +59,7 @@ class Relief(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
-        levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(_levels(btf, fit))]
+        levels = Samples.levels(btf, _levels(btf, fit), gain, fit)
         texture, height = self._relief(btf, gain, fit)
         fitting = Fitting(levels, height, self.settings, fit)
         train(fitting, fit, self.settings.steps)

@@ -92,8 +92,8 @@ def _read(btf: BTF, grid: np.ndarray, gain: float, fit: Fit) -> Tensor:
     """Log radiance (V, L, H, W) of pairs (V, L), the mean of the channels."""
     lights = max(2, MEMORY // (len(grid) * btf.shape[0] * btf.shape[1] * 4))
     grid = grid[:, :lights]
-    slices = fit.progress(grid.reshape(-1).tolist(), "sweeping")
-    logs = [torch.from_numpy(np.maximum(btf[pair], 0)).mul_(gain).log1p_().mean(-1) for pair in slices]
+    slices = fit.progress(btf.subset(grid.reshape(-1)), "sweeping", grid.size)
+    logs = [torch.from_numpy(np.maximum(each, 0)).mul_(gain).log1p_().mean(-1) for each in slices]
     return torch.stack(logs).reshape(*grid.shape, *btf.shape).to(fit.device)
 
 

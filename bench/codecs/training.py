@@ -8,6 +8,7 @@ versions and threads give the same parameters, whether or not the fit was interr
 import logging
 import math
 import time
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench import atomic
-from bench.btf import BTF
+from bench.btf import BTF, box_filter
 from bench.codec import REMARK, Fit
 from bench.codecs.optimiser import Optimisers
 from bench.errors import InputError
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 MEMORY_LIMIT = 640 << 20  # bytes of log radiance kept in memory; a larger BTF is read batch by batch
+COARSE_PAIRS = 2_048  # of a larger BTF, whose coarser levels of detail are kept
 PROBE = 8_192  # samples for the PSNR of the curve
 POINTS = 25  # of the curve
 WARMUP = 100  # steps, or a tenth of a short fit
@@ -90,11 +92,26 @@ class Samples:
             self.wo = torch.cat([self.wo, self.density.wo.to(fit.device)])
             self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
         self.kept: Tensor | None = None  # (texels, pairs, 3)
-        if self.texels * self.pairs * 6 <= memory_limit:
-            kept = torch.empty(self.texels, self.pairs, 3, dtype=torch.float16)
-            for pair, picture in enumerate(fit.progress(btf, total=len(btf))):
-                kept[:, pair] = self._log(picture).reshape(-1, 3)
-            self.kept = kept.to(fit.device)
+        if 6 * self.texels * self.pairs <= memory_limit:
+            self.kept = _filled({1: self}, fit.progress(btf, total=len(btf)))[0].to(fit.device)
+
+    @classmethod
+    def levels(cls, btf: BTF, count: int, gain: float, fit: Fit) -> "list[Samples]":
+        """The samples of the BTF at each level of detail, box-filtered over 2^level texels, by level.
+
+        The levels that fit into memory are made in one reading. Where the finest does not fit, the others are of
+        `COARSE_PAIRS` random pairs: reading a whole measurement takes minutes.
+        """
+        found = {1: cls(btf, gain, fit, memory_limit=0)}
+        if 6 * btf.shape[0] * btf.shape[1] * len(btf) > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
+            btf = btf.subset(torch.randperm(len(btf), generator=fit.generator())[:COARSE_PAIRS].sort().values.numpy())
+        found |= {2**level: cls(btf.downsample(2**level), gain, fit, memory_limit=0) for level in range(1, count)}
+        small = {factor: each for factor, each in found.items() if 6 * each.texels * each.pairs <= MEMORY_LIMIT}
+        if small:
+            tables = _filled(small, fit.progress(btf, total=len(btf)))
+            for each, table in zip(small.values(), tables, strict=True):
+                each.kept = table.to(fit.device)
+        return list(found.values())
 
     def _log(self, radiance: np.ndarray) -> Tensor:
         return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: a source may be read-only
@@ -140,13 +157,23 @@ class Samples:
         """The log radiance (texels, n, 3) of some pairs (n,)."""
         if self.kept is not None:
             return self.kept[:, pair.to(self.device)].float()
-        return torch.stack([self._log(self.btf[int(p)]).reshape(-1, 3) for p in pair], 1).to(self.device)
+        chosen = self.btf.subset(pair.cpu().numpy())
+        return torch.stack([self._log(picture).reshape(-1, 3) for picture in chosen], 1).to(self.device)
 
     def centres(self, texel: Tensor) -> Tensor:
         """uv (n, 2) of the centres of some texels (n,); see `bench.btf` for the frame."""
         height, width = self.shape
         row = texel.div(width, rounding_mode="floor")
         return torch.stack([(texel - row * width + 0.5) / width, 1 - (row + 0.5) / height], 1)
+
+
+def _filled(levels: dict[int, Samples], pictures: Iterable[np.ndarray]) -> list[Tensor]:
+    """The log radiance (texels, pairs, 3) of samples, in halves, from pictures to be averaged over each's factor."""
+    tables = [torch.empty(each.texels, each.pairs, 3, dtype=torch.float16) for each in levels.values()]
+    for pair, picture in enumerate(pictures):
+        for (factor, each), table in zip(levels.items(), tables, strict=True):
+            table[:, pair] = each._log(picture if factor == 1 else box_filter(picture, factor)).reshape(-1, 3)
+    return tables
 
 
 def gain_of(btf: BTF, fit: Fit) -> float:

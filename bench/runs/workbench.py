@@ -37,7 +37,7 @@ class Workbench:
     name: str
     scorers: int | None = None
     demand: Demand | None = None  # of a scene to judge by
-    training_scored: int = 0  # at most so many training pairs are scored; 0: all
+    most_scored: int = 0  # at most so many training pairs are scored, and of held-out views and lights; 0: all
     metrics: tuple[str, ...] = DEFAULTS  # as a suite names them
     split: Split = field(init=False)
 
@@ -89,13 +89,18 @@ class Workbench:
     def scored(self) -> np.ndarray:
         """The pairs that are scored: all, or the held-out ones and a fixed draw of the training pairs.
 
-        The weights of a scene's demand are of all pairs, so with one all are scored.
+        Held-out pairs that were drawn or declared are all scored. Whole views and lights of a measurement are thousands
+        of pairs, and a fixed draw of them is. The weights of a scene's demand are of all pairs: all are scored.
         """
-        train = self.split.train
-        if self.demand or not 0 < self.training_scored < len(train):
+        if self.demand or not self.most_scored:
             return self.groups["all"]
-        drawn = np.random.default_rng(0).choice(train, self.training_scored, replace=False)
-        return np.union1d(drawn, self.groups.get("heldout", drawn))
+        heldout, declared = self.groups.get("heldout", np.empty(0, int)), self.btf.heldout is not None
+        return np.union1d(self._drawn(self.split.train), heldout if declared else self._drawn(heldout))
+
+    def _drawn(self, pairs: np.ndarray) -> np.ndarray:
+        if len(pairs) <= self.most_scored:
+            return pairs
+        return np.random.default_rng(0).choice(pairs, self.most_scored, replace=False)
 
     @cached_property
     def sheet(self) -> np.ndarray:
@@ -117,7 +122,7 @@ class Workbench:
 
     @property
     def _deciding(self) -> np.ndarray:
-        return self.groups.get("heldout", self.groups["all"])
+        return np.intersect1d(self.scored, self.groups.get("heldout", self.groups["all"]))
 
 
 _latest: dict[object, Workbench] = {}  # holds one only: a scorer keeps hundreds of megabytes

@@ -35,6 +35,7 @@ SCALARS = {2: "<f2", 4: "<f4", 8: "<f8"}
 EPSILON = np.float32(1e-5)
 YUV_TO_RGB = np.array([[1, 0, 1.13983], [1, -0.39465, -0.58060], [1, 2.03211, 0]], np.float32)
 DENSE_BYTES = 1 << 30
+TOGETHER = 64 << 20  # bytes of slices that are multiplied at once: 16 of 400 × 400 take a third of the time of each
 
 
 class Cursor:
@@ -96,11 +97,12 @@ class Matrix:
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(self.stored[index], np.float32)
 
-    def times(self, vector: Array) -> Array:
-        """The product (rows,) with a vector (K,)."""
+    def times(self, factors: Array) -> Array:
+        """The products (n, rows) with some vectors (n, K)."""
         if self.expand:
-            return self.dense @ vector
-        return np.concatenate([self.rows(slice(i, i + 4096)) @ vector for i in range(0, len(self.stored), 4096)])
+            return factors @ self.dense.T
+        parts = [factors @ self.rows(slice(i, i + 4096)).T for i in range(0, len(self.stored), 4096)]
+        return np.concatenate(parts, 1)
 
 
 @dataclass
@@ -291,13 +293,20 @@ class FactorSource(Source):
     def __init__(self, path: Path, material: Material):
         self.path, self.material = path, material
         self.shape, self.count = material.shape, len(material.views) * len(material.lights)
+        self.at_once = max(1, TOGETHER // (24 * self.shape[0] * self.shape[1]))
 
     def slice(self, pair: int) -> Array:
+        return self.slices(np.array([pair]))[0]
+
+    def slices(self, pairs: Array) -> list[Array]:
         factors = zip(self.material.texels, self.material.pairs, strict=True)
         with np.errstate(over="ignore", invalid="ignore"):
-            channels = [texels.times(pairs.rows(np.array([pair]))[0]) for texels, pairs in factors]
-        picture = self._decode(channels).reshape(*self.shape, 3)[::-1]
-        return finite(np.ascontiguousarray(picture), f"{self.path}: slice of pair {pair}")
+            channels = [texels.times(each.rows(pairs)).reshape(-1, *self.shape) for texels, each in factors]
+        pictures = np.empty((len(pairs), *self.shape, 3), np.float32)
+        for i, picture, planes in zip(pairs, pictures, zip(*channels, strict=True), strict=True):
+            self._decode(planes, picture[::-1])  # the file counts from the bottom row
+            finite(picture, f"{self.path}: slice of pair {i}")
+        return list(pictures)
 
     def texels(self, rows: Array, cols: Array, pairs: Array, block: int = 64) -> Array:
         index = self._index(rows, cols)

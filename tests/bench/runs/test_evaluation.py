@@ -66,11 +66,12 @@ def test_the_stored_pairs_are_many_held_out_and_spread_and_hold_those_of_the_she
 
 def test_of_many_training_pairs_a_few_tell_and_every_held_out_pair_counts(tmp_path):
     btf = tiny_btf(16, 12, 12)
+    btf.heldout = np.isin(np.arange(len(btf)), btf.split().train, invert=True)
     codec = load_codec("mean-colour")()
     file = loading.load(container.save(tmp_path / "file", codec, codec.encode(btf, Fit())).path)
     kept = {}
     keep = lambda name, content: kept.update({name: content}) or name  # noqa: E731
-    whole, some = (Workbench(btf, "tiny", training_scored=count) for count in (0, 5))
+    whole, some = (Workbench(btf, "tiny", most_scored=count) for count in (0, 5))
     every, few = (evaluate(bench, file, 1, keep, lambda *_: None) for bench in (whole, some))
     assert few["scores"]["heldout"] == every["scores"]["heldout"]
     assert few["footprints"] == every["footprints"]
@@ -81,6 +82,16 @@ def test_of_many_training_pairs_a_few_tell_and_every_held_out_pair_counts(tmp_pa
     slices = kept[few["slices"]]
     assert {len(values) for name, values in slices.items() if name != "abrdf"} == {5 + few["pairs"]["heldout"]}
     assert score_key(whole, file.header) != score_key(some, file.header)
+
+
+def test_of_whole_views_and_lights_that_a_measurement_holds_out_a_few_tell_too():
+    btf = tiny_btf(16, 12, 12)
+    whole, some = (Workbench(btf, "tiny", most_scored=count) for count in (0, 5))
+    assert len(some.scored) == 10
+    for group in ("train", "heldout"):
+        assert len(np.intersect1d(some.scored, some.groups[group])) == 5 < len(whole.groups[group])
+    assert set(some.shown.tolist()) <= set(some.scored.tolist())
+    assert Workbench(btf, "tiny", most_scored=len(btf)).scored.tolist() == whole.scored.tolist()
 
 
 def loaded(material):

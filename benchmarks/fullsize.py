@@ -1,0 +1,138 @@
+"""Writes a measured BTF of full size, as UBO2014 and UBO2003 publish them, to try the suite on without the data.
+
+    python benchmarks/fullsize.py ubo2014 FILE.btf [--side 400] [--views 151 --lights 151]
+    python benchmarks/fullsize.py ubo2003 FILE.zip [--side 256] [--views 81 --lights 81]
+
+The reflectance is that of a built-in material (texture, gloss, shadows and parallax), rendered small, repeated over the
+picture and multiplied by a pattern that repeats nowhere. A `.btf` holds its factors, `--rank` a channel; a zip holds a
+JPEG for each pair. Neither is ever held in memory as a whole. Then, for instance:
+
+    neubtf-bench run standard --material FILE --codec pca --codec neubtf --codec relief --out runs/full
+"""
+
+import argparse
+import io
+import time
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+from ubo2014_write import write_ubo2014
+
+from bench.btf import BTF
+from bench.data.materials import load
+from bench.data.readers.ubo2014 import EPSILON, YUV_TO_RGB
+from bench.hemisphere import to_degrees
+from bench.metrics.display import encode_srgb, exposure
+from bench.training import truncated_svd
+
+Array = np.ndarray
+FULL = {"ubo2014": (400, 151), "ubo2003": (256, 81)}  # side, views and lights as published
+PASSES, BLOCK = 4, 256
+QUALITY = 92  # of the JPEGs
+
+
+def pattern(side: int, seed: int = 0) -> Array:
+    """Factors (side, side) around 1 on the reflectance of each texel: coarse stains and fine grain."""
+    rng = np.random.default_rng(seed)
+    grain = rng.standard_normal((side, side))
+    rows, cols = np.meshgrid(*[np.linspace(0, 2 * np.pi, side, endpoint=False)] * 2, indexing="ij")
+    stains = sum(
+        np.sin(rng.integers(1, 6) * rows + rng.uniform(0, 6)) * np.sin(rng.integers(1, 6) * cols + rng.uniform(0, 6))
+        for _ in range(6)
+    )
+    return np.exp(0.12 * stains + 0.06 * grain).astype(np.float32)
+
+
+def repeated(side: int, tile: int) -> Array:
+    """The texel (side · side,) of a tile that each texel of the picture repeats, row by row."""
+    place = np.arange(side) % tile
+    return (place[:, None] * tile + place).reshape(-1)
+
+
+def write_btf(path: Path, tile: BTF, side: int, rank: int) -> None:
+    """A DFMF of colour model 11 in half floats."""
+    stained = np.log(pattern(side))[::-1].reshape(-1, 1)
+    place = repeated(side, tile.shape[0]).reshape(side, side)[::-1].reshape(-1)
+    factors = []
+    for channel in range(3):
+        mean, basis, coefficients = _decomposed(_channel(tile, channel), rank - 2)
+        u = np.concatenate([mean[:, None], basis, np.full((len(tile), 1), float(channel == 0))], 1)
+        sv = np.concatenate([np.ones((len(place), 1)), coefficients.T[place], stained], 1)
+        factors.append((u, sv))
+    sides = [np.radians(np.stack(to_degrees(each), -1)) for each in (tile.layout.views, tile.layout.lights)]
+    write_ubo2014(path, *sides, (side, side), factors)
+
+
+def _channel(tile: BTF, channel: int) -> Array:
+    """One decorrelated channel (pairs, texels) float32: log Y, U / Y or V / Y."""
+    found = np.empty((len(tile), tile.shape[0] * tile.shape[1]), np.float32)
+    turn = np.linalg.inv(YUV_TO_RGB).T
+    for pair, picture in enumerate(tile):
+        yuv = np.maximum(picture, 0).reshape(-1, 3) @ turn
+        luminance = np.maximum(yuv[:, 0], 0) + EPSILON
+        found[pair] = np.log(luminance) if channel == 0 else (yuv[:, channel] - EPSILON) / luminance
+    return found
+
+
+def _decomposed(matrix: Array, rank: int) -> tuple[Array, Array, Array]:
+    """Mean (pairs,), basis (pairs, rank) and coefficients (rank, texels) of a matrix (pairs, texels)."""
+
+    def read(_: str) -> Iterator[torch.Tensor]:
+        for start in range(0, len(matrix), BLOCK):
+            yield torch.from_numpy(matrix[start : start + BLOCK].copy())
+
+    shape = (matrix.shape[0], matrix.shape[1])
+    found = truncated_svd(read, shape, rank, PASSES, torch.Generator().manual_seed(0), torch.device("cpu"))
+    return found.mean.numpy(), found.basis.numpy(), found.coefficients.numpy()
+
+
+def write_zip(path: Path, tile: BTF, side: int) -> None:
+    """A JPEG a pair, its angles in whole degrees in its name."""
+    from PIL import Image
+
+    stained = pattern(side)[..., None] * np.float32(exposure(tile))
+    place = repeated(side, tile.shape[0])
+    degrees = [np.round(np.stack(to_degrees(w), -1)).astype(int) for w in (tile.wi, tile.wo)]
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        for pair, picture in enumerate(tile):
+            whole = picture.reshape(-1, 3)[place].reshape(side, side, 3) * stained
+            codes = np.round(encode_srgb(np.clip(whole, 0, 1)) * 255).astype(np.uint8)
+            (theta_i, phi_i), (theta_o, phi_o) = (each[pair].tolist() for each in degrees)
+            angles = f"tl{theta_i:03d} pl{phi_i % 360:03d} tv{theta_o:03d} pv{phi_o % 360:03d}"
+            packed = io.BytesIO()
+            Image.fromarray(codes).save(packed, "JPEG", quality=QUALITY)
+            folder = f"generated/tv{theta_o:03d}_pv{phi_o % 360:03d}"
+            archive.writestr(f"{folder}/{pair:05d} {angles}.jpg", packed.getvalue())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("format", choices=FULL)
+    parser.add_argument("path", type=Path)
+    parser.add_argument("--side", type=int, help="texels a side (default: 400; 256 of ubo2003)")
+    parser.add_argument("--directions", choices=FULL, help="the set that is thinned (default: that of the format)")
+    parser.add_argument("--views", type=int, help="default: 151; 81 of ubo2003")
+    parser.add_argument("--lights", type=int, help="default: 151; 81 of ubo2003")
+    parser.add_argument("--material", default="leather", help="the built-in material")
+    parser.add_argument("--tile", type=int, default=48, help="texels a side at which it is rendered")
+    parser.add_argument("--rank", type=int, default=100, help="factors a channel of a .btf")
+    options = parser.parse_args()
+    start = time.process_time()
+    side, all_directions = FULL[options.format]
+    directions = options.directions or options.format
+    most = FULL[directions][1] if options.directions else all_directions
+    views, lights = options.views or most, options.lights or most
+    tile = load(options.material, options.tile, directions=directions, views=views, lights=lights, heldout=0)
+    if options.format == "ubo2014":
+        write_btf(options.path, tile, options.side or side, options.rank)
+    else:
+        write_zip(options.path, tile, options.side or side)
+    size = options.path.stat().st_size
+    print(f"{options.path}: {len(tile):,} pairs, {size / 1e6:,.0f} MB, {time.process_time() - start:.0f} processor s")
+
+
+if __name__ == "__main__":
+    main()
