@@ -16,21 +16,19 @@ A *pair* is one (ω_o, ω_i); a *slice* is the picture of one pair, (H, W, 3); a
 
 import hashlib
 import json
-import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench import atomic
+from bench import scratch
 from bench.atomic import cache_dir
 from bench.errors import InputError
 
-log = logging.getLogger(__name__)
+MANY_TEXELS = 4_096  # that are read at once: more are picked out of whole slices
 Array = np.ndarray
 
 
@@ -59,10 +57,10 @@ def finite(values: Array, label: str) -> Array:
 class Source:
     """Where the values of a BTF come from. A reader implements `slice` and `fingerprint`; the rest has defaults.
 
-    One that reads several slices faster than each by itself implements `slices`, and says `at_once` how many.
+    One that reads several slices faster than one by one implements `slices`, and says in `at_once` how many.
 
-    The default `texels` and `gather` are for sources that can only read whole slices cheaply: they read a transposed
-    half-float scratch file, which is made once and cached under the fingerprint.
+    The default `texels` (of few texels) and `gather` are for sources that can only read whole slices cheaply: they read
+    a half-float scratch file, which is made once and cached under the fingerprint.
     """
 
     shape: tuple[int, int]
@@ -83,11 +81,13 @@ class Source:
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
         """ABRDFs (n, len(pairs), 3) float32 of n texels at some pairs."""
-        return self._scratch[rows * self.shape[1] + cols][:, pairs].astype(np.float32)
+        if len(rows) > MANY_TEXELS:
+            return np.stack([self.slice(int(pair))[rows, cols] for pair in pairs], 1)
+        return scratch.scattered(self._scratch, pairs, (rows * self.shape[1] + cols)[:, None])
 
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
         """Single values (n, 3) float32 at n places."""
-        return self._scratch[row * self.shape[1] + col, pair].astype(np.float32)
+        return scratch.scattered(self._scratch, pair, row * self.shape[1] + col)
 
     def of(self, pairs: Array) -> "Source":
         """A source that must answer only these pairs, under the same indices; it may drop data of other pairs."""
@@ -95,33 +95,8 @@ class Source:
 
     @cached_property
     def _scratch(self) -> Array:
-        path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}.npy"
-        if not path.exists():
-            with atomic.alone(path):  # else each of a dozen workers would write its own, of many gigabytes
-                if not path.exists():
-                    _write_transposed(self, path)
-        return np.load(path, mmap_mode="r", allow_pickle=False)
-
-
-def _write_transposed(source: Source, path: Path, block_bytes: int = 64 << 20) -> None:
-    """Write (H · W, count, 3) in float16 (float32 where half would overflow), reading each slice once."""
-    with atomic.replacing(path) as partial:
-        any(_transposed(source, path, partial, dtype, block_bytes) for dtype in (np.float16, np.float32))
-
-
-def _transposed(source: Source, path: Path, partial: Path, dtype: type, block_bytes: int) -> bool:
-    """Fill `partial`; return False where a value is too large for the dtype."""
-    texels = source.shape[0] * source.shape[1]
-    size = texels * source.count * 3 * np.dtype(dtype).itemsize
-    log.warning("writing a scratch file of %.1f MB for scattered reads: %s", size / 1e6, path)
-    out = atomic.mapped(partial, dtype, (texels, source.count, 3))
-    step = max(1, block_bytes // (texels * 3 * 4))
-    for start in range(0, source.count, step):
-        block = np.stack([source.slice(i) for i in range(start, min(start + step, source.count))])
-        if dtype is np.float16 and np.abs(block).max(initial=0) > np.finfo(np.float16).max:
-            return False
-        out[:, start : start + len(block)] = block.reshape(len(block), texels, 3).swapaxes(0, 1)
-    return True
+        path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}-{scratch.TOGETHER}.npy"
+        return scratch.opened(path, self.slice, self.count, self.shape)
 
 
 class ArraySource(Source):
@@ -288,10 +263,9 @@ class BTF:
         return finite(self.source.slice(int(self.pairs[pair])), f"{self.name}: pair {pair}")
 
     def __iter__(self) -> Iterator[Array]:
-        step = self.source.at_once
-        for start in range(0, len(self), step):
-            for pair, picture in enumerate(self.source.slices(self.pairs[start : start + step]), start):
-                yield finite(picture, f"{self.name}: pair {pair}")
+        for start in range(0, len(self), self.source.at_once):
+            pictures = self.source.slices(self.pairs[start : start + self.source.at_once])
+            yield from (finite(each, f"{self.name}: pair {start + i}") for i, each in enumerate(pictures))
 
     def texels(self, rows: ArrayLike, cols: ArrayLike) -> Array:
         """ABRDFs (n, N, 3) float32 of the n texels (rows[i], cols[i])."""

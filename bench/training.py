@@ -3,7 +3,7 @@
 from bench.codecs.blocks import blocks
 from bench.codecs.optimiser import Optimiser, groups_of
 from bench.codecs.start import RANDOM_SPREAD, Start, components, first_latents
-from bench.codecs.svd import Factors, truncated_svd
+from bench.codecs.svd import Factors, strongest, truncated_svd
 from bench.codecs.texture_fit import DirectedObjective, FitSettings, TextureObjective
 from bench.codecs.training import (
     Batch,
@@ -39,6 +39,7 @@ __all__ = [
     "gain_of",
     "groups_of",
     "rate",
+    "strongest",
     "train",
     "truncated_svd",
 ]

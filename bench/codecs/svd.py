@@ -85,6 +85,19 @@ def truncated_svd(
     return _balanced(mean, projected @ turn, turn.T @ rows_of_space)
 
 
+def strongest(factors: Factors, rank: int) -> Factors:
+    """The `rank` strongest components of a product of factors, whose rows need not be orthogonal."""
+    if not len(factors.coefficients):
+        return factors
+    values, vectors = torch.linalg.eigh(_gram(factors.coefficients))
+    root = values.clamp_min(0).sqrt()
+    whole = factors.basis.double() @ (vectors * root)  # times orthonormal rows of coefficients
+    energies, turn = torch.linalg.eigh(whole.T @ whole)
+    turn = turn[:, _largest(energies, rank, 0.0)]
+    rows = (turn.T @ (vectors / root.clamp_min(EPSILON * root.max())).T).float() @ factors.coefficients
+    return _balanced(factors.mean, (whole @ turn).float(), rows)
+
+
 def _scaled(read: Blocks, root: Tensor, label: str) -> Iterator[Tensor]:
     start = 0
     for block in read(label):

@@ -16,7 +16,7 @@
     views = 25
     lights = 25
     heldout = 150
-    scored = 0                       # so many of the training pairs, drawn by seed, are scored; 0: all
+    scored = 0                       # so many training pairs, and of whole views and lights held out; 0: all
     split = "test"                   # held-out pairs to score: test, for tables, or validation, to choose settings
 
     [[codecs]]

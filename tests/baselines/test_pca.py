@@ -275,3 +275,21 @@ def test_directions_take_few_bytes() -> None:
     parts: Parts = PCA().encode(made(100, 20, 20, views=10), Fit())
     assert parts.other["pairs"].dtype == torch.uint8
     assert sum(t.numel() * t.element_size() for t in parts.other.values()) < 100 * 24 / 4
+
+
+def test_the_components_of_a_whole_measurement_are_found_in_a_part_of_it(monkeypatch, tmp_path):
+    """Four components and noise; a third of the pairs and half of the texels, which are more than enough for them."""
+    rng = np.random.default_rng(0)
+    mixed = np.einsum("prc,rhw->phwc", rng.random((49, 4, 3)), rng.random((4, 12, 12)))
+    btf = btf_of(mixed + 0.002 * rng.random((49, 12, 12, 3)), 7)
+    codec = PCA(components=4, domain="rgb", **FLOAT32)
+    whole = slices(stored(codec, btf, tmp_path), btf)
+    for name, value in (("LARGE", 0), ("PART_PAIRS", 16), ("PART_TEXELS", 72), ("PAIRS_AT_ONCE", 10), ("SPARE", 3)):
+        monkeypatch.setattr(f"baselines.pca.{name}", value)
+    part = slices(stored(codec, btf, tmp_path), btf)
+    truth = np.stack(list(btf))
+    errors = [np.square(found - truth).mean() for found in (whole, part)]
+    # Rows fitted by 8 numbers at 72 texels have an error 1 + 8 / 72 as large, coefficients of 48 rows some more.
+    assert errors[0] < errors[1] < 1.5 * errors[0]
+    flat = btf_of(np.full((49, 12, 12, 3), 0.25), 7)
+    np.testing.assert_allclose(slices(stored(codec, flat, tmp_path), flat), 0.25, rtol=1e-5)

@@ -171,3 +171,23 @@ def test_directions_must_match_the_pairs():
     btf, _ = product()
     with pytest.raises(ValueError, match="wo and wi must be"):
         BTF("short", btf.wo[:-1], btf.wi[:-1], btf.source)
+
+
+def test_the_scratch_file_of_more_pairs_than_a_block_holds_is_the_same_table(monkeypatch):
+    monkeypatch.setattr("bench.scratch.TOGETHER", 10)
+    btf, values = product(source=Slices)
+    pairs = np.arange(len(btf))
+    np.testing.assert_allclose(
+        btf.gather(pairs, pairs % 4, pairs % 6), values[pairs, pairs % 4, pairs % 6], rtol=2**-11
+    )
+    np.testing.assert_allclose(btf.texels([3, 1], [0, 5]), values[:, [3, 1], [0, 5]].swapaxes(0, 1), rtol=2**-11)
+
+
+def test_many_texels_are_read_out_of_slices_without_a_scratch_file(monkeypatch, caplog):
+    monkeypatch.setattr("bench.btf.MANY_TEXELS", 2)
+    btf, values = product(source=Slices)
+    rows, cols = np.array([0, 3, 2]), np.array([5, 0, 1])
+    some = btf.subset([4, 20])
+    np.testing.assert_array_equal(some.texels(rows, cols), values[[4, 20]][:, rows, cols].swapaxes(0, 1))
+    assert btf.source.reads == 2
+    assert "scratch" not in caplog.text

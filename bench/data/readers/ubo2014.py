@@ -35,7 +35,7 @@ SCALARS = {2: "<f2", 4: "<f4", 8: "<f8"}
 EPSILON = np.float32(1e-5)
 YUV_TO_RGB = np.array([[1, 0, 1.13983], [1, -0.39465, -0.58060], [1, 2.03211, 0]], np.float32)
 DENSE_BYTES = 1 << 30
-TOGETHER = 64 << 20  # bytes of slices that are multiplied at once: 16 of 400 × 400 take a third of the time of each
+MULTIPLIED = 64 << 20  # bytes at once: of 400 × 400 texels 17 slices, in half the time of one by one
 
 
 class Cursor:
@@ -293,7 +293,7 @@ class FactorSource(Source):
     def __init__(self, path: Path, material: Material):
         self.path, self.material = path, material
         self.shape, self.count = material.shape, len(material.views) * len(material.lights)
-        self.at_once = max(1, TOGETHER // (24 * self.shape[0] * self.shape[1]))
+        self.at_once = max(1, MULTIPLIED // (24 * self.shape[0] * self.shape[1]))
 
     def slice(self, pair: int) -> Array:
         return self.slices(np.array([pair]))[0]

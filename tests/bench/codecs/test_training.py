@@ -185,3 +185,30 @@ def test_distances_of_log_radiance() -> None:
     assert training.distance(ours, target, "l1").item() == pytest.approx(1)
     assert training.distance(ours, target, "l2").item() == pytest.approx(5 / 3)
     assert training.distance(ours, target, "both").item() == pytest.approx(8 / 3)
+
+
+def test_the_levels_of_detail_are_made_in_one_reading_and_are_those_made_one_by_one(btf: BTF) -> None:
+    labels: list[str] = []
+    levels = Samples.levels(
+        btf, 3, 2.5, Fit(show=lambda label, done, total: labels.append(label) if done == 0 else None)
+    )
+    assert len(labels) == 1
+    for level, samples in enumerate(levels):
+        alone = Samples(btf.downsample(2**level), 2.5, Fit())
+        assert samples.kept is not None
+        torch.testing.assert_close(samples.kept, alone.kept, rtol=0, atol=0)
+
+
+def test_coarser_levels_of_a_large_btf_are_kept_at_some_of_its_pairs(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "COARSE_PAIRS", 6)
+    monkeypatch.setattr(training, "MEMORY_LIMIT", 6 * (btf.shape[0] // 2) * (btf.shape[1] // 2) * 6)
+    finest, coarse, _ = Samples.levels(btf, 3, 2.5, Fit())
+    assert finest.kept is None
+    assert finest.pairs == len(btf)
+    assert coarse.kept is not None
+    assert coarse.pairs == 6
+    batch = coarse.draw(50, torch.Generator().manual_seed(0))
+    for texel, pair, target in zip(*batch, strict=True):
+        same = (np.abs(btf.wo - coarse.wo[pair].numpy()) + np.abs(btf.wi - coarse.wi[pair].numpy())).sum(1).argmin()
+        truth = np.log1p(2.5 * btf.downsample(2)[int(same)].reshape(-1, 3)[int(texel)])
+        np.testing.assert_allclose(target, truth, rtol=5e-4, atol=1e-6)

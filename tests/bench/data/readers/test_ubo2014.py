@@ -192,3 +192,24 @@ def test_values_that_overflow_are_named_when_read(tmp_path):
         btf.texels([0], [0])
     with pytest.raises(InputError, match=r"samples from 0: .* not finite"):
         btf.gather([0], [0], [0])
+
+
+@pytest.mark.parametrize("dense", [1 << 30, 0])
+def test_slices_that_are_multiplied_together_are_those_read_one_by_one(tmp_path, monkeypatch, dense):
+    monkeypatch.setattr(ubo2014, "MULTIPLIED", 24 * 20 * 4)  # four of the six pairs
+    monkeypatch.setattr(ubo2014, "DENSE_BYTES", dense)
+    expected, _, _ = make_tiny(tmp_path / "a.btf", "tiny_yuvlog")
+    btf = open_btf(tmp_path / "a.btf")
+    assert btf.source.at_once == 4
+    for each, level in ((btf, 1), (btf.downsample(2), 2), (btf.crop(1, 1, 3, 4), 0)):
+        one_by_one = np.stack([each[i] for i in range(len(each))])
+        np.testing.assert_allclose(np.stack(list(each)), one_by_one, rtol=1e-5, err_msg=str(level))
+    np.testing.assert_allclose(np.stack(list(btf)), expected.reshape(6, *SHAPE, 3), rtol=1e-4, atol=1e-5)
+
+
+def test_a_slice_that_is_not_finite_is_named_though_others_are_read_with_it(tmp_path):
+    given = factors(np.random.default_rng(1))
+    given[0][0][4] = 1e4  # log luminance of the fifth pair
+    write_ubo2014(tmp_path / "a.btf", VIEWS, LIGHTS, SHAPE, given, scalar=4)
+    with pytest.raises(InputError, match="slice of pair 4"):
+        list(open_btf(tmp_path / "a.btf"))

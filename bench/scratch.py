@@ -1,0 +1,52 @@
+"""A copy of slices on disk, in halves, for scattered reads: the values of a texel at some pairs lie together."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from bench import atomic
+
+log = logging.getLogger(__name__)
+Array = np.ndarray
+TOGETHER = 64  # pairs
+
+
+def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int]) -> Array:
+    """The copy at `path` of `count` slices (H, W, 3) that `read` gives, memory-mapped; made where it is not there."""
+    if not path.exists():
+        with atomic.alone(path):  # else each of a dozen workers would write its own, of many gigabytes
+            if not path.exists():
+                with atomic.replacing(path) as partial:
+                    any(_written(path, partial, read, count, shape, dtype) for dtype in (np.float16, np.float32))
+    found: Array = np.load(path, mmap_mode="r", allow_pickle=False)
+    return found
+
+
+def scattered(copy: Array, pair: Array, texel: Array) -> Array:
+    """Values (..., 3) float32 at pairs and texels, row · W + column, of shapes that broadcast."""
+    block, place = np.divmod(pair, TOGETHER)
+    return np.asarray(copy[block, texel, place], np.float32)
+
+
+def _written(
+    path: Path, partial: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int], dtype: type
+) -> bool:
+    """Fill (blocks, H · W, `TOGETHER`, 3), each slice read once; return False where a value is too large for the dtype.
+
+    The file is written from front to back, with one block in memory. Written by texel instead, a whole measurement
+    would bring every page of it back into memory hundreds of times.
+    """
+    starts = range(0, count, TOGETHER)
+    block: Array = np.zeros((shape[0] * shape[1], TOGETHER, 3), dtype)
+    log.warning("writing a scratch file of %.1f MB for scattered reads: %s", block.nbytes * len(starts) / 1e6, path)
+    out = atomic.mapped(partial, dtype, (len(starts), *block.shape))
+    for number, start in enumerate(starts):
+        for place in range(min(TOGETHER, count - start)):
+            picture = read(start + place)
+            if dtype is np.float16 and np.abs(picture).max(initial=0) > np.finfo(np.float16).max:
+                return False
+            block[:, place] = picture.reshape(-1, 3)
+        out[number] = block
+    return True
