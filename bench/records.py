@@ -351,17 +351,19 @@ def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:
     score = job.get("score_key", {})
     yield from ((name, score.get(name)) for name in ("btf", "exposure", "sha256"))
     versions = {name: metric["version"] for name, metric in job.get("metrics", {}).items()} | score.get("metrics", {})
-    yield from _flat("metric_version/", versions)
+    yield from _flat("metric_version/", versions, [])
     yield from zip(("height", "width"), job.get("shape", ()), strict=False)
-    yield from _flat("", {name: value for name, value in job.items() if name not in {*_HEAD, *_NO_NUMBERS}})
-    yield from _flat("timing/", {name: value for name, value in (timing or {}).items() if name not in _RAW_TIMING})
+    yield from _flat("", {name: value for name, value in job.items() if name not in {*_HEAD, *_NO_NUMBERS}}, [])
+    yield from _flat("timing/", {name: value for name, value in (timing or {}).items() if name not in _RAW_TIMING}, [])
 
 
-def _flat(prefix: str, values: Record) -> Iterator[tuple[str, Any]]:
+def _flat(prefix: str, values: Record, found: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
+    """Add the fields to those found: a generator in a generator would hand each number through every level."""
     for name, value in values.items():
         if isinstance(value, dict):
-            yield from _flat(f"{prefix}{name}/", value)
+            _flat(f"{prefix}{name}/", value, found)
         elif not isinstance(value, list):
-            yield prefix + name, value
+            found.append((prefix + name, value))
         elif len(value) <= _LONGEST and all(isinstance(item, int | float) for item in value):
-            yield from ((f"{prefix}{name}/{i}", item) for i, item in enumerate(value))
+            found += [(f"{prefix}{name}/{i}", item) for i, item in enumerate(value)]
+    return found

@@ -2,8 +2,9 @@
 
     python benchmarks/fuzz_codec_files.py [--count 2000] [--seed 0] [--only CODEC ...] [--again N]
 
-Each mutation changes the JSON header, the metadata or the tensors of a small file, and the hash is computed again. See
-`fuzzing.py` for limits and exit code.
+Each mutation changes the JSON header, the metadata or the tensors of a small file, and the hash is computed again. Of
+a codec with a network for all materials either file is changed, and the material names the network by its new hash.
+See `fuzzing.py` for limits and exit code.
 """
 
 import hashlib
@@ -17,7 +18,7 @@ from pathlib import Path
 from fuzzing import Reading, Target, main
 
 from bench.codec import Fit
-from bench.codecs import container, loading
+from bench.codecs import container, loading, shared
 from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.check import tiny_btf
 from bench.conformance.stability.case import short
@@ -27,10 +28,14 @@ TYPES = tuple(container.ITEM_BYTES)
 
 
 def small(name: str, folder: Path) -> None:
-    """Write a small file of a codec."""
-    kind = load_codec(name)
+    """Write a small file of a codec, and the network that it needs."""
+    kind, fit = load_codec(name), Fit(seed=1)
     codec = kind(**short(kind) | ({"steps": 1} if "steps" in short(kind) else {}))
-    container.save(folder / f"small-{name}.nbtf", codec, codec.encode(tiny_btf(5, 3, 3), Fit(seed=1)))
+    if kind.network:
+        network = kind.network(**vars(kind.network().brief().settings) | {"steps": 1})
+        shared.make(network, [tiny_btf(4, 3, 3)], fit, folder / f"{name}.nbtf")
+        fit = Fit(seed=1, network=shared.read(folder / f"{name}.nbtf"))
+    container.save(folder / f"small-{name}.nbtf", codec, codec.encode(tiny_btf(5, 3, 3), fit))
 
 
 def sealed(header: dict, says: dict, body: bytes) -> bytes:
@@ -42,11 +47,16 @@ def sealed(header: dict, says: dict, body: bytes) -> bytes:
     return data.replace(container.ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
 
 
+def parted(content: bytes) -> tuple[dict, dict, bytearray]:
+    """The header, the metadata and the tensors of a codec file."""
+    length = struct.unpack("<Q", content[:8])[0]
+    header = json.loads(content[8 : 8 + length])
+    return header, json.loads(header.pop("__metadata__")[container.KEY]), bytearray(content[8 + length :])
+
+
 def mutated(content: bytes, rng: random.Random) -> bytes:
     """The file with one to three changes that its author never made."""
-    length = struct.unpack("<Q", content[:8])[0]
-    header, body = json.loads(content[8 : 8 + length]), bytearray(content[8 + length :])
-    says = json.loads(header.pop("__metadata__")[container.KEY])
+    header, says, body = parted(content)
     for _ in range(rng.randint(1, 3)):
         rng.choice((_field, _setting, _entry, _shape, _renamed, _bytes, _numbers))(header, says, body, rng)
     return sealed(header, says, bytes(body))
@@ -107,9 +117,18 @@ def _numbers(header: dict, says: dict, body: bytearray, rng: random.Random) -> N
 
 
 def attack(sample: Path, scratch: Path, rng: random.Random) -> Reading:
-    """The reading of a mutated file."""
-    content = next(sample.glob("*.nbtf")).read_bytes()
+    """The reading of a mutated file, or of a sound one that needs a mutated network."""
+    content = next(sample.glob("small-*.nbtf")).read_bytes()
+    network = next((path for path in sample.glob("*.nbtf") if not path.name.startswith("small-")), None)
     path = scratch / "mutated.nbtf"
+    if network and rng.random() < 0.5:
+        changed = mutated(network.read_bytes(), rng)
+        (scratch / network.name).write_bytes(changed)
+        header, says, body = parted(content)
+        path.write_bytes(sealed(header, says | {"shared": parted(changed)[1]["sha256"]}, bytes(body)))
+        return partial(read, path)
+    if network:
+        (scratch / network.name).write_bytes(network.read_bytes())
     path.write_bytes(mutated(content, rng))
     return partial(read, path)
 
@@ -122,10 +141,7 @@ def read(path: Path) -> None:
         raise AssertionError("an answer is not finite")
 
 
-# Of every codec whose file needs no other.
-TARGETS = [
-    Target(name, partial(small, name), attack) for name in sorted(codec_entries()) if load_codec(name).network is None
-]
+TARGETS = [Target(name, partial(small, name), attack) for name in sorted(codec_entries())]
 
 if __name__ == "__main__":
     sys.exit(main(TARGETS, __file__, __doc__))

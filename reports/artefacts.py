@@ -1,7 +1,7 @@
 """The arrays and maps that a run stores beside its records."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,13 @@ from bench.records import Record
 Arrays = Mapping[str, np.ndarray]
 
 
-def arrays(folder: Path, job: Record, name: str) -> Arrays | None:
-    """The arrays of a job's artefact (`slices`, `pictures`); None where the file is gone or unreadable."""
+def arrays(folder: Path, job: Record, name: str, of: Collection[str] | None = None) -> Arrays | None:
+    """The arrays of a job's artefact (`slices`, `pictures`), or those of some names that it has.
+
+    None where the file is gone or one that is read is unreadable.
+    """
     try:
-        return read_arrays(folder / job[name], MAX_FILE)
+        return read_arrays(folder / job[name], MAX_FILE, of)
     except (OSError, KeyError, ValueError, TypeError):
         return None  # a run's records are worth reading without its bulky parts
 

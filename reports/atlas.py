@@ -28,7 +28,7 @@ class Atlases:
         self.step = max(1, -int(-per_pixel * pixels // BUDGET))  # every how manyth pair is shown
 
     def _pixels(self, material: Material) -> int:
-        if not material.shown or not (first := arrays(self.run.folder, material.shown[0].job, "pictures")):
+        if not material.shown or not (first := arrays(self.run.folder, material.shown[0].job, "pictures", ("truth",))):
             return 0
         return int(np.prod(first["truth"].shape[:3])) * (2 * len(material.shown) + 1)
 
@@ -65,14 +65,14 @@ class Atlases:
 
     def _numbers(self, row: Row, pictures: Arrays) -> dict[str, Any]:
         """PSNR and FLIP of each shown slice, from the stored numbers; null where there is no error."""
-        scores = arrays(self.run.folder, row.job, "slices")
+        name = row.metric(FLIP)
+        scores = arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, name))
         if not scores:
             return {}
         place = {int(pair): i for i, pair in enumerate(scores["pairs"])}
         rows = [place[int(pair)] for pair in pictures["pairs"][:: self.step]]
         error = scores[PSNR][rows]
         found = {"psnr": [round(float(-10 * np.log10(e)), 2) if e > 0 else None for e in error]}
-        name = row.metric(FLIP)
         return found | ({"flips": np.round(scores[name][rows], 4).tolist()} if name in scores else {})
 
     def _encoded(self, pictures: np.ndarray) -> str:

@@ -88,13 +88,13 @@ def judge(
 
     `draws` marks a random codec, even if the seeds of this quantity agree: see `agree`.
     """
+    before, after, known = ([quantity.value(job) for job in jobs] for jobs in (base, new, reference))
     if (
         quantity.tolerance is not None
-        and not _again(quantity, base, new)
+        and not _again(before, after)
         and len({job["score_key"]["btf"] for job in reference}) == 1
     ):
-        base = reference  # the same pairs for every seed: each tells as much as any
-    before, after, known = ([quantity.value(job) for job in jobs] for jobs in (base, new, reference))
+        base, before = reference, known  # the same pairs for every seed: each tells as much as any
     if reason := _obstacle(quantity, base[0], new[0], before, after):
         return Change(quantity, _mean(before), _mean(after), Verdict.UNLIKE, why=reason)
     spread = _spread(known)
@@ -103,25 +103,29 @@ def judge(
         return change
     values = [value for value in known if value is not None]
     chance = None
-    if (draws and quantity.metric) or not agree(quantity, reference):
+    if (draws and quantity.metric) or not _agree(quantity.tolerance, known):
         chance = scatter(values, [v for v in after if v is not None], len(base))
     room = margin(quantity.tolerance, values, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
 
 
-def _again(quantity: Quantity, base: Sequence[Record], new: Sequence[Record]) -> bool:
+def _again(base: Sequence[float | None], new: Sequence[float | None]) -> bool:
     """Whether the seeds of new gave the numbers of the base again, up to the rounding of a reference."""
-    pairs = list(zip(map(quantity.value, base), map(quantity.value, new), strict=False))
+    pairs = zip(base, new, strict=False)
     return len(base) == len(new) and all(a == b or (a and b and math.isclose(a, b, rel_tol=1e-5)) for a, b in pairs)
 
 
 def agree(quantity: Quantity, reference: Sequence[Record]) -> bool:
     """Whether all seeds of the base give the same up to rounding: then the codec is deterministic."""
-    values = [value for job in reference if (value := quantity.value(job)) is not None and math.isfinite(value)]
-    if quantity.tolerance is None or len(values) < 2:
+    return quantity.tolerance is None or _agree(quantity.tolerance, [quantity.value(job) for job in reference])
+
+
+def _agree(tolerance: Tolerance, known: Sequence[float | None]) -> bool:
+    values = [value for value in known if value is not None and math.isfinite(value)]
+    if len(values) < 2:
         return True
-    unit = abs(fmean(values)) if quantity.tolerance.relative else 1.0
-    return max(values) - min(values) <= AGREE * unit * quantity.tolerance.certain
+    unit = abs(fmean(values)) if tolerance.relative else 1.0
+    return max(values) - min(values) <= AGREE * unit * tolerance.certain
 
 
 def scatter(known: Sequence[float], new: Sequence[float], n: int) -> Chance | None:

@@ -14,7 +14,7 @@ from reports.rows import Material, materials
 def abrdf_maps(run: Run) -> Iterator[Figure]:
     """For each material: the squared log1p error of each texel over all pairs, one logarithmic scale for all codecs."""
     for material in materials(run):
-        stored = [(row.label, arrays(run.folder, row.job, "slices")) for row in material.shown]
+        stored = [(row.label, arrays(run.folder, row.job, "slices", ("abrdf",))) for row in material.shown]
         maps = [(label, scores["abrdf"]) for label, scores in stored if scores and "abrdf" in scores]
         if maps:
             yield _figure(material, maps)

@@ -11,14 +11,15 @@ from reports.looks import Looks
 from reports.rows import Row, materials
 
 EDGES_DEG = np.arange(0.0, 91.0, 15.0)
+_READ = {PSNR, "heldout", "wo_deg", "wi_deg"}
 
 
 def angle_curves(run: Run) -> Iterator[Figure]:
     """For each material: display PSNR, pooled over rings of 15° in θ_o and in θ_i, of the pairs that decide."""
     looks = Looks(run)
     for material in materials(run):
-        stored = [(row, arrays(run.folder, row.job, "slices")) for row in material.shown]
-        curves = [(row, scores) for row, scores in stored if scores and {"heldout", "wo_deg", "wi_deg"} <= set(scores)]
+        stored = [(row, arrays(run.folder, row.job, "slices", _READ)) for row in material.shown]
+        curves = [(row, scores) for row, scores in stored if scores and scores.keys() >= _READ]
         if not curves:
             continue
         title = f"{material.name}: quality by angle"
@@ -44,7 +45,7 @@ def _name(row: Row) -> str:
 
 def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:
     """Centres of the rings that hold a pair, and PSNR of the mean squared error there; no point where it is 0."""
-    chosen = scores["heldout"] if row.gate == "heldout" else np.ones(len(scores["pairs"]), bool)
+    chosen = scores["heldout"] if row.gate == "heldout" else np.ones(len(scores["heldout"]), bool)
     error, theta = scores[PSNR][chosen], scores[side][chosen, 0]
     ring = np.clip(np.searchsorted(EDGES_DEG, theta + 1e-4, side="right") - 1, 0, len(EDGES_DEG) - 2)
     means = {int(i): error[ring == i].mean() for i in np.unique(ring)}

@@ -65,7 +65,8 @@ def _angles(side: str, degrees: np.ndarray) -> str:
 
 def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
     """The FLIP of each shown slice, from the stored numbers."""
-    scores, name = arrays(run.folder, row.job, "slices"), row.metric(FLIP)
+    name = row.metric(FLIP)
+    scores = arrays(run.folder, row.job, "slices", ("pairs", name))
     if not scores or not name or "pairs" not in pictures:
         return [""] * len(pictures["decoded"])
     by_pair = dict(zip(scores["pairs"].tolist(), scores[name].tolist(), strict=True))

@@ -68,6 +68,13 @@ def test_records_that_have_no_room_are_said_to_be_elsewhere(made, monkeypatch):
     assert f"{4 - left} more rows have their records in records.jsonl alone" in page
 
 
+def test_a_model_that_is_surely_too_large_is_not_read(made, monkeypatch):
+    (made.folder / "drawing.npz").write_bytes(bytes(1000))
+    monkeypatch.setattr("reports.live.LARGEST", 700)
+    monkeypatch.setattr("reports.live.read", lambda path: pytest.fail(f"{path} was read"))
+    assert "Not live: pca: it takes more room than this page has" in page_of(made.job("pca", drawing="drawing.npz"))
+
+
 def test_slices_of_many_pairs_take_less_room_at_less_quality(made, monkeypatch):
     run = load_run(made.job().job("vq").folder)
     from reports.atlas import Atlases

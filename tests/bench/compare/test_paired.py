@@ -38,6 +38,14 @@ def test_seeds_that_differ_widen_the_interval_and_so_do_materials():
     assert several.mean == pytest.approx(2, abs=0.1)
 
 
+def test_an_interval_depends_on_no_other():
+    rng = np.random.default_rng(5)
+    long, short = ([Cell(m, 0, "a", rng.normal(0, 1, n)) for m in ("satin", "brick")] for n in (70, 50))
+    first = interval(long)
+    assert interval(short) != first
+    assert interval(long) == first == interval(long)
+
+
 def test_seeds_at_the_same_pairs_draw_the_same_ones():
     """A slice that is worse in every seed is one hard slice, not as many as there are seeds."""
     rng = np.random.default_rng(3)
