@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 PLACE = Path(__file__).parents[2] / "benchmarks"
-CODECS = ["mean-colour", "table", "pca", "vq", "rainer2019", "neumip", "neubtf-direct", "bcf", "ntc", "relief", "biplane"]
+CODECS = ["mean-colour", "table", "pca", "vq", "rainer2019", "neumip", "neubtf-direct"]
+CODECS += ["bcf", "ntc", "relief", "biplane"]
 READERS = ["folder-png", "rti-turned", "npz", "npz-compressed", "mean-abrdf", "ubo2014-log", "ubo2003", "utia-exr"]
 INPUTS = ["suites", "scenes", "demands", "records", "trades", "facts"]
 
