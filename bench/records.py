@@ -1,8 +1,8 @@
 """The records of a run: one JSON object per line, appended and synced as soon as it is known.
 
-`RUN/records.jsonl` holds five kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
-encoded, its bytes, its errors, or why it failed), `timing` (one codec timed beside the others of its material),
-`rate` (one codec's ladder of rates against that of log PCA) and `stress` (one extreme tried on one codec or metric).
+`RUN/records.jsonl` holds four kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
+encoded, its bytes, its errors, or why it failed), `timing` (one codec timed beside the others of its material) and
+`stress` (one extreme tried on one codec or metric).
 Paths in records are relative to the run's folder. Imports neither PyTorch nor pandas.
 
 A line begins with a checksum of the rest, its kind, and, for jobs and timings, the job's name. So cut or altered lines
@@ -139,7 +139,6 @@ class Run:
     starts: list[Record] = field(default_factory=list)
     jobs: Records = field(default_factory=Records)
     timings: Records = field(default_factory=Records)
-    rates: Records = field(default_factory=Records)
     stress: Records = field(default_factory=Records)
     unreadable: list[int] = field(default_factory=list)  # line numbers, from 1
 
@@ -190,8 +189,6 @@ def load_together(sources: Sequence[str | Path]) -> Run:
             found.jobs.put(job["job"], _anywhere(job, run.folder))
         for timing in run.timings:
             found.timings.put(timing["job"], timing)
-        for rate in run.rates:
-            found.rates.put((rate.get("material"), rate.get("curve")), rate)
         found.unreadable.extend(run.unreadable)
     return found
 
@@ -269,7 +266,7 @@ def _sort(run: Run, record: Record) -> bool:
         case {"kind": "timing", "job": name}:
             run.timings.put(name, record)
         case {"kind": "rate"}:
-            run.rates.put((record.get("material"), record.get("curve")), record)
+            pass
         case {"kind": "stress", "subject": subject, "extreme": extreme}:
             run.stress.put((subject, extreme), record)
         case _:

@@ -22,7 +22,7 @@ WHY_EMPTY = {
     "radiance": _NO_NUMBERS,
     "footprints": _NO_NUMBERS,
     "scene": "the run was not judged by a scene: give `run` the --demand of one",
-    "rate": "no codec was measured at several rates: sweep a setting in the suite, as `components = [8, 16]`",
+    "rate": "no two codecs were measured at three rates or more: sweep a setting of each, as `latents = [4, 8, 14]`",
     "fits": "no fit left a curve: codecs that are fitted in steps leave one",
     "trade": "no trade was measured: `neubtf-bench trade` does, into the folder of its run",
     "paper": "none of the materials of the paper's table is in this run: `neubtf-bench run paper` asks for them",

@@ -1,6 +1,7 @@
 """Builds the tables of a run as cells of text: columns, rows and footnotes. Other modules format them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 
 from bench.records import Record, Run
 from reports import KINDS, columns
@@ -9,9 +10,10 @@ from reports.fits import fit_tables
 from reports.marks import marks
 from reports.missing import not_run
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes
-from reports.numbers import NONE, NOT_COMPARABLE, fixed
+from reports.numbers import NONE, NOT_COMPARABLE
 from reports.paper import paper_table
 from reports.parameters import parameters_table
+from reports.rates import compared, rate_tables
 from reports.rows import Codec, Material, materials
 from reports.stress import stress_tables
 from reports.summary import summary_table
@@ -85,37 +87,9 @@ def scene_table(material: Material) -> Table | None:
     return _table("scene", material, about, columns.scene(material.first), [*notes, *common_notes(material)])
 
 
-def rate_tables(run: Run) -> Iterator[Table]:
-    """BD-rate and BD-PSNR of each ladder of rates, where the run has any."""
-    by_material: dict[str, list[Record]] = {}
-    for rate in run.rates:
-        by_material.setdefault(rate["material"], []).append(rate)
-    for name, rates in by_material.items():
-        headers = [("ladder", ""), ("rates", ""), ("BD-rate", "% ↓"), ("BD-PSNR", "dB ↑"), ("quality", "dB")]
-        headers += [("overlap", "%"), ("size", "bytes"), ("overlap", "%")]
-        notes = [f"{rate['curve']}: {rate['error']}" for rate in rates if "error" in rate]
-        anchor = rates[0]["anchor"]
-        notes.insert(
-            0, f"Against the ladder {anchor} at equal held-out {rates[0]['metric']}; rates are bytes of files."
-        )
-        rows = [_rate_cells(rate) for rate in rates]
-        yield Table("rate", f"{name}: rate against {anchor}", headers, rows, notes, material=name)
-
-
-def _rate_cells(rate: Record) -> list[str]:
-    cells = [rate["curve"], str(len(rate["points"]))]
-    if "error" in rate:
-        return cells + [NONE] * 6
-    cells += [f"{rate['bd_rate_percent']:+.1f}", f"{rate['bd_psnr_db']:+.2f}"]
-    cells += ["{:.2f} to {:.2f}".format(*rate["quality_db"]), fixed(100 * rate["quality_overlap"], 0)]
-    return [*cells, "{:,.0f} to {:,.0f}".format(*rate["bytes"]), fixed(100 * rate["bytes_overlap"], 0)]
-
-
-def rate_points(run: Run, material: Material) -> Table | None:
-    """Size and quality of every codec of a material that has ladders of rates."""
-    if material.name not in {rate["material"] for rate in run.rates}:
-        return None
-    return _table("rate", material, "rates", columns.RATES, common_notes(material))
+def rate_points(material: Material) -> Table | None:
+    """Size and quality of every codec of a material that has fronts to compare."""
+    return _table("rate", material, "rates", columns.RATES, common_notes(material)) if compared(material) else None
 
 
 def unfinished_table(run: Run) -> Table | None:
@@ -199,7 +173,7 @@ _OF_KIND: dict[str, Callable[[Run, list[Material]], Made]] = {
     "radiance": lambda _, found: map(radiance_table, found),
     "footprints": lambda _, found: map(footprint_table, found),
     "scene": lambda _, found: map(scene_table, found),
-    "rate": lambda run, found: [*(rate_points(run, material) for material in found), *rate_tables(run)],
+    "rate": lambda _, found: [*map(rate_points, found), *chain.from_iterable(map(rate_tables, found))],
     "fits": lambda run, _: fit_tables(run),
     "trade": lambda run, _: trade_tables(run.folder),
     "paper": lambda run, _: [paper_table(run)],

@@ -1,15 +1,17 @@
 """A run for a terminal of 120 columns: the main tables in short, where the error lies, what failed."""
 
 from dataclasses import replace
+from itertools import chain
 
 from bench.records import Run
 from reports import columns
 from reports.notes import run_notes
+from reports.rates import rate_tables
 from reports.rows import Material, materials
 from reports.stress import summary
 from reports.summary import summary_table
 from reports.table import Table
-from reports.tables import main_table, rate_tables, scene_table, unfinished_table
+from reports.tables import main_table, scene_table, unfinished_table
 from reports.text import plain, wrapped
 
 
@@ -19,7 +21,8 @@ def terminal(run: Run) -> str:
     tables = [summary_table(run, intervals=False)] if len(found) > 1 else []
     for material in found:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
-    shown = [table for table in (*tables, *rate_tables(run), unfinished_table(run)) if table]
+    tables += chain.from_iterable(map(rate_tables, found))
+    shown = [table for table in (*tables, unfinished_table(run)) if table]
     main = [table.notes for table in shown if table.kind == "main"]
     shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []
     shown = [replace(table, notes=[note for note in table.notes if note not in shared]) for table in shown]

@@ -26,7 +26,7 @@ _TOLD = 500  # characters of an error
 
 
 def kept(run: Run) -> str:
-    """The text of the file: a line for each start that made something, each job, timing and rate.
+    """The text of the file: a line for each start that made something, each job and timing.
 
     `InputError` if nothing was measured.
     """
@@ -35,7 +35,7 @@ def kept(run: Run) -> str:
     jobs, timings = [_job(job, run.folder) for job in run.jobs], [_timing(timing) for timing in run.timings]
     made = {line["run"] for line in (*jobs, *timings)}
     starts = [_start(start) for start in run.starts if start["run"] in made]
-    lines = [*_latest(starts), *jobs, *timings, *run.rates]
+    lines = [*_latest(starts), *jobs, *timings]
     return "".join(json.dumps(rounded(line), allow_nan=False) + "\n" for line in lines)
 
 

@@ -13,7 +13,7 @@ from bench.errors import InputError
 
 Array = np.ndarray
 
-FEWEST = 4
+FEWEST = 3  # four were for a cubic through all; a piecewise one has a shape from three on
 
 
 class Delta(NamedTuple):
@@ -34,7 +34,7 @@ def bd_rate(anchor: Array, test: Array) -> Delta:
     """How many percent more bytes the test needs for equal quality.
 
     Each curve is (n, 2): rate (positive, any unit, the same in both) and quality (PSNR in dB, or any other number
-    that is better when higher), n ≥ 4, in any order. Raises `InputError` for fewer points, values that are not
+    that is better when higher), n ≥ 3, in any order. Raises `InputError` for fewer points, values that are not
     finite, two points of equal quality, or curves that share no quality.
     """
     (rate, quality), (test_rate, test_quality) = _curve(anchor, "anchor"), _curve(test, "test")

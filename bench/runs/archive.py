@@ -36,7 +36,7 @@ AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 def chosen(run: Run, codecs: list[str]) -> Run:
     """The jobs of a run that have a result, or those of some codecs, with their timings. `InputError` if none has."""
-    part = dataclasses.replace(run, jobs=records.Records(), timings=records.Records(), rates=records.Records())
+    part = dataclasses.replace(run, jobs=records.Records(), timings=records.Records())
     for job in run.jobs:
         if job["status"] == "ok" and (not codecs or job["codec"] in codecs):
             part.jobs.put(job["job"], job)

@@ -33,7 +33,6 @@ from bench.runs.outlook import Outlook
 from bench.runs.pretraining import ready
 from bench.runs.programs import Programs, permit
 from bench.runs.provenance import provenance
-from bench.runs.rates import rate_records
 from bench.runs.suite import Suite, canonical
 from bench.runs.timed import timings
 from bench.runs.workbench import demand_of
@@ -83,7 +82,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
                 yield from session.jobs(workers)
         finally:
             _tidy(options.folder)
-        session.compare()
+        session.time()
 
 
 def _made(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
@@ -229,16 +228,14 @@ class _Session:
         self.record(result.record)
         return Outcome(result.record, result.cached)
 
-    def compare(self) -> None:
-        """Time the decoders of each material in turns, and compare its rate–distortion curves."""
-        timed = self._can_time()
+    def time(self) -> None:
+        """Time the decoders of each material in turns."""
+        if not self._can_time():
+            return
         for material in self.suite.materials:
             names = [task.name for task in self.tasks if task.material.name == material.name]
-            jobs = [self.done[name] for name in names if name in self.done]
-            if jobs and timed:
+            if jobs := [self.done[name] for name in names if name in self.done]:
                 self._time(jobs)
-            for record in rate_records(jobs):
-                self.record(record | {"material": material.name, "run": self.run_id})
 
     def _can_time(self) -> bool:
         if torch.device(self.options.device).type != "cuda" or torch.cuda.is_available():

@@ -49,7 +49,7 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     assert cli.main(["report", str(tmp_path / "run")]) == 0
     capsys.readouterr()
     assert cli.main(["table", "rate", str(tmp_path / "run")]) == 4
-    assert "no such table: no codec was measured at several rates" in capsys.readouterr().err
+    assert "no such table: no two codecs were measured at three rates" in capsys.readouterr().err
     assert cli.main(["table", "unfinished", str(tmp_path / "run")]) == 0
     assert "every job has a result" in capsys.readouterr().err
     (tmp_path / "runs").mkdir()

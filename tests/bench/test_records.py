@@ -180,7 +180,6 @@ BAD = [
     ({"kind": "job", "job": ["x"]} | DONE, "job must be a text, not a list of 1"),
     (timing("x", 0), "ns_per_sample must be a finite number > 0, not 0"),
     (timing("x", 1) | {"interval95_ns": [1]}, "interval95_ns must be a list of 2"),
-    ({"kind": "rate", "material": "a", "curve": "b"}, "bd_rate_percent is missing"),
     ({"kind": "run", "seeds": 3}, "seeds must be a list, not 3"),
     ({"kind": "run", "packages": [1]}, "packages must be an object, not a list of 1"),
     (

@@ -175,18 +175,6 @@ def test_the_best_of_a_column_is_bold_and_the_second_underlined(made):
     assert "<" not in shown["text"]
 
 
-def test_rates_are_shown_with_their_overlap_or_the_reason_that_there_is_none(made):
-    rate = {"kind": "rate", "material": "satin", "anchor": "pca", "metric": "psnr_display", "points": [[1, 2]] * 5}
-    numbers = {"bd_rate_percent": -12.34, "bd_psnr_db": 0.5, "quality_db": [20, 30], "quality_overlap": 0.5}
-    append(made.job().folder, rate | numbers | {"curve": "vq", "bytes": [1000, 2000], "bytes_overlap": 1.0})
-    append(made.folder, rate | {"curve": "bad", "error": "the curves are disjoint"})
-    points, table = tables(made, "rate")
-    assert [name for name, _ in points.headers] == ["codec", "total", "bits per", "PSNR pooled"]
-    assert table.rows[0] == ["vq", "5", "-12.3", "+0.50", "20.00 to 30.00", "50", "1,000 to 2,000", "100"]
-    assert table.rows[1] == ["bad", "5"] + ["—"] * 6
-    assert "bad: the curves are disjoint" in table.notes
-
-
 def test_a_folder_without_a_run_is_an_error_of_input(tmp_path):
     with pytest.raises(InputError, match="no run here"):
         table_text(tmp_path)

@@ -67,7 +67,7 @@ def test_points_may_come_in_any_order():
 @pytest.mark.parametrize(
     ("test", "message"),
     [
-        (ANCHOR[:3], "test has 3 points.*at least 4"),
+        (ANCHOR[:2], "test has 2 points.*at least 3"),
         (raised(50), "share no quality"),
         (ANCHOR * [0, 1], "positive rates"),
         (raised(np.inf), "finite qualities"),

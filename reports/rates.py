@@ -1,0 +1,52 @@
+"""Tables of what each codec is worth against each other, over their fronts of rate and distortion."""
+
+from collections.abc import Iterator
+
+from bench.compare.rates import Deltas, deltas, fronts
+from bench.metrics.bd import FEWEST, Array, Delta
+from reports.numbers import NONE
+from reports.rows import Material
+from reports.table import Table
+
+LITTLE = 0.25  # share of what two fronts cover below which their delta rests on little
+
+
+def compared(material: Material) -> dict[str, Array]:
+    """The fronts of a material's codecs that are long enough to be compared; empty if fewer than two are."""
+    long = {
+        name: points for name, points in fronts(row.job for row in material.measured).items() if len(points) >= FEWEST
+    }
+    return long if len(long) > 1 else {}
+
+
+def rate_tables(material: Material) -> Iterator[Table]:
+    """BD-rate and BD-PSNR of each codec against each other, where two or more have fronts."""
+    if not (found := compared(material)):
+        return
+    worth = deltas(found)
+    for kind, unit, digits, about in (
+        ("BD-rate", "% ↓", 0, "bytes in % of the column's at equal PSNR: negative is less"),
+        ("BD-PSNR", "dB ↑", 2, "dB above the column's at equal bytes"),
+    ):
+        headers = [("codec", ""), ("files", ""), *((str(number), "") for number in range(1, len(found) + 1))]
+        rows = [
+            [f"{number} {test}", str(len(points)), *(_cell(worth, test, anchor, kind, digits) for anchor in found)]
+            for number, (test, points) in enumerate(found.items(), 1)
+        ]
+        notes = [
+            "A codec's front is those of its files that no smaller one of its own beats. A column is the codec of its "
+            f"number. {NONE}: the two share no {'PSNR' if kind == 'BD-rate' else 'size'}. In brackets: they share less "
+            "than a quarter of what they cover."
+        ]
+        yield Table("rate", f"{material.name}: {kind}, {unit}: {about}", headers, rows, notes, material=material.name)
+
+
+def _cell(worth: dict[tuple[str, str], Deltas], test: str, anchor: str, kind: str, digits: int) -> str:
+    if test == anchor:
+        return ""
+    both = worth[test, anchor]
+    delta: Delta | None = both.rate if kind == "BD-rate" else both.quality
+    if delta is None:
+        return NONE
+    text = f"{delta.value:+,.{digits}f}"
+    return text if delta.overlap >= LITTLE else f"({text})"
