@@ -1,21 +1,30 @@
 """Tables of what each codec is worth against each other, over their fronts of rate and distortion."""
 
+from collections import Counter
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from bench.compare.rates import Deltas, deltas, fronts
-from bench.metrics.bd import FEWEST, Array, Delta
 from reports.numbers import NONE
 from reports.rows import Material
 from reports.table import Table
 
+if TYPE_CHECKING:
+    from bench.compare.rates import Deltas
+    from bench.metrics.bd import Array
+
 LITTLE = 0.25  # share of what two fronts cover below which their delta rests on little
 
 
-def compared(material: Material) -> dict[str, Array]:
+def compared(material: Material) -> "dict[str, Array]":
     """The fronts of a material's codecs that are long enough to be compared; empty if fewer than two are."""
-    long = {
-        name: points for name, points in fronts(row.job for row in material.measured).items() if len(points) >= FEWEST
-    }
+    files = Counter(codec.label.split()[0] for codec in material.codecs if codec.measured)
+    if not files or files.most_common(1)[0][1] < 2:  # most tables have none, and are made without NumPy
+        return {}
+    from bench.compare.rates import fronts
+    from bench.metrics.bd import FEWEST
+
+    found = fronts(row.job for row in material.measured).items()
+    long = {name: points for name, points in found if len(points) >= FEWEST}
     return long if len(long) > 1 else {}
 
 
@@ -23,6 +32,8 @@ def rate_tables(material: Material) -> Iterator[Table]:
     """BD-rate and BD-PSNR of each codec against each other, where two or more have fronts."""
     if not (found := compared(material)):
         return
+    from bench.compare.rates import deltas
+
     worth = deltas(found)
     for kind, unit, digits, about in (
         ("BD-rate", "% ↓", 0, "bytes in % of the column's at equal PSNR: negative is less"),
@@ -41,11 +52,11 @@ def rate_tables(material: Material) -> Iterator[Table]:
         yield Table("rate", f"{material.name}: {kind}, {unit}: {about}", headers, rows, notes, material=material.name)
 
 
-def _cell(worth: dict[tuple[str, str], Deltas], test: str, anchor: str, kind: str, digits: int) -> str:
+def _cell(worth: "dict[tuple[str, str], Deltas]", test: str, anchor: str, kind: str, digits: int) -> str:
     if test == anchor:
         return ""
     both = worth[test, anchor]
-    delta: Delta | None = both.rate if kind == "BD-rate" else both.quality
+    delta = both.rate if kind == "BD-rate" else both.quality
     if delta is None:
         return NONE
     text = f"{delta.value:+,.{digits}f}"
