@@ -3,10 +3,12 @@
     python benchmarks/silhouette.py [--material cable-knit] [--size 64] [--picture docs/images/silhouette.jpg]
 
 The left ball is the material's own height field as a displaced mesh with the reflectance of the suite's renderer, lit
-directly, by Mitsuba. On the others, which are round, codecs answer for the material. Needs the extra [mitsuba].
+directly, by Mitsuba. On the others, which are round, codecs answer for the material. First the reflectance is held to
+the suite's renderer on a plane without height. Needs the extra [mitsuba].
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,10 @@ import bench
 from bench.data.bake.path_brdf import lobes, reflect
 from bench.data.materials import recipe
 from bench.data.materials.maps import Maps
+from bench.data.materials.renderer import render
 from bench.demand.mitsuba_bsdf import register
 from bench.demand.mitsuba_scene import set_variant
+from bench.hemisphere import uniform
 from bench.metrics.display import exposure_of, to_display
 
 SIDE, SAMPLES = 300, 64
@@ -62,15 +66,42 @@ class Truth(mi.BSDF):
         return "Truth[]"
 
 
+def on_a_plane(maps: Maps, pairs: int = 20) -> float:
+    """How far the reflectance lies from the suite's renderer where both see the maps without height: the largest
+    difference over the largest value, over all texels of some pairs."""
+    rng = np.random.default_rng(0)
+    wo, wi = (uniform(rng, pairs, 80.0) for _ in range(2))
+    wanted = render(replace(maps, height=0.0), wo, wi, maps.shape, sub_points=1)
+    rows, columns = (x.ravel() for x in np.mgrid[: maps.shape[0], : maps.shape[1]])
+    bsdf, si = Truth(maps), dr.zeros(mi.SurfaceInteraction3f, len(rows))
+    si.uv = mi.Point2f((columns + 0.5) / maps.shape[1], 1 - (rows + 0.5) / maps.shape[0])
+    worst = 0.0
+    for view, light, slice_ in zip(wo, wi, wanted, strict=True):
+        si.wi = mi.Vector3f(*view.tolist())
+        found = np.asarray(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(*light.tolist()))).T
+        worst = max(worst, float(np.abs(found - slice_.reshape(-1, 3)).max()))
+    return worst / float(wanted.max())
+
+
+def between(picture: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
+    """A periodic picture (H, W) at fractional rows and columns, linear between the centres of its cells."""
+    (H, W), top, left = picture.shape, np.floor(row).astype(int), np.floor(col).astype(int)
+    down, right = row - top, col - left
+    upper, lower = (
+        picture[r % H, left % W] * (1 - right) + picture[r % H, (left + 1) % W] * right for r in (top, top + 1)
+    )
+    return upper * (1 - down) + lower * down
+
+
 def ball(bsdf: mi.BSDF, height: np.ndarray) -> mi.Mesh:
     """A ball whose texture repeats upright, displaced by heights (H, W) in widths of the texture, row 0 at the top."""
     rows, columns = REPEAT[1] * FINE, REPEAT[0] * FINE
     u, v = np.meshgrid(np.arange(columns + 1) / FINE, np.linspace(0.02, REPEAT[1] - 0.02, rows + 1))
     rise = np.asarray(Image.fromarray(height.astype(np.float32)).resize((FINE, FINE), Image.Resampling.BOX))
-    row, col = (np.floor((1 - v) * FINE - 0.5).astype(int) % FINE, np.round(u * FINE - 0.5).astype(int) % FINE)
+    rise = between(rise, (1 - v) * FINE - 0.5, u * FINE - 0.5)
     phi, theta = (u / REPEAT[0] - 0.5) * 2 * np.pi, (v / REPEAT[1] - 0.5) * np.pi
     outward = np.stack([np.cos(phi) * np.cos(theta), np.sin(phi) * np.cos(theta), np.sin(theta)], -1)
-    place = outward * (RADIUS + rise[row, col] * 2 * np.pi * RADIUS / REPEAT[0])[..., None]
+    place = outward * (RADIUS + rise * 2 * np.pi * RADIUS / REPEAT[0])[..., None]
     east, north = np.gradient(place, axis=1), np.gradient(place, axis=0)
     normal = np.cross(east, north)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -111,6 +142,7 @@ def main() -> None:
     options = parser.parse_args()
     register()
     maps = recipe(options.material).maps(0)
+    print(f"reflectance on a plane: within {on_a_plane(maps):.1e} of the largest value of the suite's renderer")
     flat = np.zeros_like(maps.height)
     found = [picture(Truth(maps), maps.height - maps.height.mean())]
     for codec, settings in CODECS.items():

@@ -1,7 +1,8 @@
 """The program of a decoded material as Dr.Jit operations, so that the kernel of a renderer evaluates any codec's file.
 
 A tensor of the program is a NumPy array of scalars, each a number or a Dr.Jit array over the queries. So NumPy does
-what only moves numbers, and weights become literals of the kernel. Tables are fetched from memory.
+what only moves numbers, and weights become literals of the kernel, or of functions that it calls if they are very many.
+Tables are fetched from memory.
 """
 
 import math
@@ -13,6 +14,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from bench.codecs.called import MOST_LITERALS, called_product, products
 from bench.codecs.program import INPUTS, Program
 from bench.errors import InputError
 
@@ -33,6 +35,7 @@ class Traced:
         if absent:
             raise InputError(f"no kernel can do {min(absent)!r} yet, which this material's evaluate uses")
         self.program, self.kind = program, kind
+        self.calls = products(program) > MOST_LITERALS
         self.tables: dict[tuple[int, int], tuple[Array, Scalar]] = {}  # by place and size in memory
 
     def __call__(self, uv: Sequence[Scalar], wo: Sequence[Scalar], wi: Sequence[Scalar], footprint: Scalar) -> Any:
@@ -267,9 +270,14 @@ def _listed(items: Array) -> list[Scalar]:
 def _product(call: _Call, *arguments: Array) -> Array:
     bias = arguments[0] if len(arguments) == 3 else None
     left, right = (each if each.ndim == 3 else each[None] for each in arguments[-2:])
-    starts = [0.0] * math.prod(call.shape) if bias is None else _listed(np.broadcast_to(bias, call.shape))
-    pairs = [(row, column) for a, b in zip(left, right, strict=True) for row in a for column in b.T]
-    found = [_dot(_listed(a), _listed(b), start) for (a, b), start in zip(pairs, starts, strict=True)]
+    starts = iter([0.0] * math.prod(call.shape) if bias is None else _listed(np.broadcast_to(bias, call.shape)))
+    found: list[Scalar] = []
+    for row, matrix in ((row, matrix) for rows, matrix in zip(left, right, strict=True) for row in rows):
+        if call.traced.calls and matrix.dtype != object:
+            sums = called_product(call.traced.kind, _listed(row), matrix)
+            found += [total + start for total, start in zip(sums, starts, strict=False)]
+        else:
+            found += [_dot(_listed(row), _listed(column), next(starts)) for column in matrix.T]
     return as_array(found)
 
 

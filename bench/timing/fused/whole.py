@@ -4,14 +4,14 @@ What a codec does before and after its network (marches, fetches, frames) is rec
 which each network is one operation. So nothing between the queries and RGB goes through memory.
 """
 
-import math
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from bench.codecs.called import products
 from bench.codecs.decoder import Decoder, Network
-from bench.codecs.program import Program, program_of
+from bench.codecs.program import program_of
 from bench.codecs.traced import Traced, as_array
 from bench.errors import InputError
 from bench.llvm import drjit
@@ -54,10 +54,10 @@ class Whole(Material):
         self.inner, self.dr = material, drjit()
         self.networks = [DrJitNetwork(decoder) for decoder in decoders]
         program = program_of(marked)
-        if (products := _products(program)) > MOST_PRODUCTS:
+        if (count := products(program)) > MOST_PRODUCTS:
             raise InputError(
                 f"fused on the CPU holds up to {MOST_PRODUCTS:,} products outside of networks, this codec asks for "
-                f"{products:,}: use compiled"
+                f"{count:,}: use compiled"
             )
         self.traced = Traced(program, self.dr.llvm, {"network": self._answered})
         self.kernels: Kernels = {}
@@ -91,14 +91,3 @@ class Whole(Material):
         kind = self.dr.llvm.Float
         given = [kind(value) for value in inputs.reshape(-1)]
         return as_array([list(self.networks[number].within(self.row, given))])
-
-
-def _products(program: Program) -> int:
-    """Multiply-adds of the matrix products of a program."""
-    shapes = {step.name: step.shape for step in program.steps}
-    shapes |= {name: each.shape for name, each in program.constants.items()}
-    return sum(
-        math.prod(step.shape) * shapes[step.arguments[-1]["of"]][-2]
-        for step in program.steps
-        if step.operation in ("mm", "addmm", "bmm")
-    )

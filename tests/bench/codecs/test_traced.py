@@ -56,6 +56,29 @@ def test_each_codec_answers_alike(tmp_path, btf, codec):
     assert np.abs(traced(*([kind.Float(0.3)] * k for k in (2, 3, 3)), kind.Float(0))[0][0]) < np.inf
 
 
+def test_a_large_network_is_of_functions_that_the_kernel_calls(tmp_path, btf, monkeypatch):
+    """Whatever the number of outputs, which functions share out; a small network counts as large here."""
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
+    import drjit.llvm as kind
+
+    from bench.codecs import called, traced
+
+    monkeypatch.setattr(traced, "MOST_LITERALS", 10)
+    file, calls = tmp_path / "a.nbtf", []
+    bench.encode(btf, "neubtf-direct", file, steps=3, width=30)
+    product = called.called_product
+    monkeypatch.setattr(traced, "called_product", lambda *given: calls.append(given[2].shape) or product(*given))
+    material, (uv, wo, wi, footprint) = bench.load(file), queries(500)
+    columns = ([kind.Float(column) for column in each.T] for each in (uv, wo, wi))
+    kernel = traced.Traced(program_of(material), kind)
+    found = np.stack([np.asarray(dr.maximum(x, 0)) for x in kernel(*columns, kind.Float(footprint))], 1)
+    wanted = material.query(uv, wo, wi, footprint)
+    np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-5)
+    assert any(columns % called.BLOCK for _, columns in calls)
+    assert max(columns for _, columns in calls) > called.BLOCK
+
+
 def test_an_operation_that_no_kernel_knows_is_named(tmp_path, btf):
     from dataclasses import replace
 
