@@ -14,8 +14,8 @@ from torch import Tensor
 from baselines.relief import latents as coding
 from baselines.relief import sweep
 from baselines.relief.fitting import Fitting
-from baselines.relief.geometry import LOWEST
 from baselines.relief.geometry import Relief as Surface
+from baselines.relief.height import restored, stepped
 from baselines.relief.material import ReliefMaterial
 from baselines.relief.network import Network
 from baselines.relief.planes import REACH
@@ -27,8 +27,6 @@ from bench.material import Material
 from bench.quantise import WeightPrecision, pack, unpack
 from bench.settings import BatchSize, Layers, Natural, Positive, Range, Width
 from bench.training import Loss, Optimiser, Samples, Start, gain_of, train
-
-HEIGHT_STEP = 2 / 3  # texels that a step of the height moves a look-up by at the steepest slope; rounding half of it
 
 
 class Relief(Codec):
@@ -48,6 +46,7 @@ class Relief(Codec):
         omega: Positive = 2.0  # frequency of the sine
         relief: bool = True  # look for a height; it is written only where the slices show one
         frames: bool = True  # turn the directions into two learned shading frames
+        refine: bool = True  # the height, from half of the fit on
         shadow: bool = True  # march toward the light as well, where there is a height
         start: Start = "components"  # of the latents: principal components of the ABRDFs, or random
         optimiser: Optimiser = "muon"  # of the matrices between hidden layers
@@ -60,35 +59,30 @@ class Relief(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
         levels = Samples.levels(btf, _levels(btf, fit), gain, fit)
-        texture, height = self._relief(btf, gain, fit)
-        fitting = Fitting(levels, height, self.settings, fit)
+        fitting = Fitting(levels, self._height(btf, gain, fit), self.settings, fit)
         train(fitting, fit, self.settings.steps)
         codes, low, step = fitting.coded()
-        bits = fitting.bits.tolist()
-        texture |= {"latents": coding.compress(codes.reshape(*btf.shape, -1), bits), "low": low, "step": step}
+        latents = coding.compress(codes.reshape(*btf.shape, -1), fitting.bits.tolist())
+        texture = {"latents": latents, "low": low, "step": step}
+        if fitting.height is not None:
+            codes, extent, _ = stepped(fitting.height.detach().cpu())
+            bits = max(1, int(codes.max()).bit_length())
+            texture |= {"height": coding.compress(codes[..., None], [bits]), "height.range": extent}
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         return Parts(pack("weights", to_vector(fitting.network), self.settings.weights), texture, other=other)
 
-    def _relief(self, btf: BTF, gain: float, fit: Fit) -> tuple[dict[str, Tensor], Tensor | None]:
-        """The height as the file holds it, and as it is read back; nothing where there is none."""
+    def _height(self, btf: BTF, gain: float, fit: Fit) -> Tensor | None:
+        """The height (H, W) that the slices show, or none."""
         found = sweep.find(btf, gain, fit) if self.settings.relief else None
-        if found is None or not found.stands:
-            return {}, None
-        low, high = found.height.aminmax()
-        step = torch.maximum(torch.tensor(HEIGHT_STEP * LOWEST / btf.shape[1]), (high - low) / 255)
-        codes = ((found.height - low) / step).round()
-        bits = max(1, int(codes.max()).bit_length())
-        texture = {"height": coding.compress(codes[..., None], [bits]), "height.range": torch.stack([low, step])}
-        return texture, codes * step + low
+        return found.height if found is not None and found.stands else None
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         height, width = parts.other["size"].tolist()
         surface = None
         if "height" in parts.texture:
             codes = coding.expand(parts.texture["height"], (height, width, 1))[..., 0]
-            low, step = parts.texture["height.range"]
             # Heights beyond those that are looked for were altered: a search through them must end all the same.
-            surface = Surface((codes * step + low).nan_to_num(0).clamp(-2 * REACH, 2 * REACH))
+            surface = Surface(restored(codes, parts.texture["height.range"]).nan_to_num(0).clamp(-2 * REACH, 2 * REACH))
         network = Network(self.settings, surface is not None)
         load_vector(unpack("weights", parts.decoder), network)
         shape = (height, width, self.settings.latents)

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from baselines.relief import latents as coding
 from baselines.relief.geometry import Relief, slope, wrapped
+from baselines.relief.height import smoothed, stepped
 from baselines.relief.material import answer
 from baselines.relief.network import Network
 from baselines.relief.pyramid import Pyramid
@@ -19,6 +20,11 @@ COARSE_SHARE = 8  # one sample in so many is of a coarser level
 ROUNDED_FROM = 0.5  # of the steps: from there on the latents are those that the file will hold
 BEARABLE = 0.005  # share of the fit's squared error that rounding may add, where the bits are left to the fit
 PROBED = 4  # bits that a channel is rounded to alone, to see what its rounding adds
+REFINED_FROM = (
+    0.5  # of the steps: before, latents are still apart from where they belong, and pull the height with them
+)
+RENEWED = 10  # steps between two surfaces that are marched, while the height is refined
+HEIGHT_RATE = 0.02  # texels, the highest learning rate of the height
 
 
 class Rectified(Samples):
@@ -41,7 +47,7 @@ class Rectified(Samples):
 
 
 class Fitting(Objective):
-    """The latents of the finest level and the network; the relief is given, and stays."""
+    """The latents of the finest level, the network, and where a found height is refined."""
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
         super().__init__(levels[0])
@@ -50,7 +56,10 @@ class Fitting(Objective):
         self.network = Network(settings, height is not None, generator)
         self.network.start_at(self.samples.mean(generator))
         self.pyramid = Pyramid(self.samples.shape)
-        self.relief = None if height is None else Relief(height)
+        self.found = height
+        # How far the height that was found moves, in texels, before it is smoothed.
+        self.offset = nn.Parameter(torch.zeros_like(height)) if height is not None and settings.refine else None
+        self.relief = None if height is None else Relief(stepped(height)[2])
         source = self.samples if height is None else Rectified(self.samples, height)
         self.latents = nn.Parameter(first_latents(source, settings.latents, settings.start, generator))
         # How the latents are rounded, once they are: lowest value and step of each channel; a step of 0 says not yet.
@@ -65,7 +74,21 @@ class Fitting(Objective):
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
         networks = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
-        return [*networks, {"params": [self.latents], "lr": settings.latent_rate}]
+        refined = [] if self.offset is None else [{"params": [self.offset], "lr": HEIGHT_RATE}]
+        return [*networks, {"params": [self.latents], "lr": settings.latent_rate}, *refined]
+
+    @property
+    def height(self) -> Tensor | None:
+        """The height (H, W) as it is refined so far, not rounded; none where there is no relief."""
+        if self.found is None or self.offset is None:
+            return self.found
+        return self.found.to(self.offset) + smoothed(self.offset) / self.samples.shape[1]
+
+    @torch.no_grad()
+    def renew(self) -> None:
+        """March the height as it is now, in the steps that the file will hold."""
+        if self.offset is not None and self.height is not None:
+            self.relief = Relief(stepped(self.height)[2]).to(self.offset.device)
 
     def table(self, progress: float) -> Tensor:
         """The pyramid as it is looked up at some progress of the fit."""
@@ -109,6 +132,7 @@ class Fitting(Objective):
     def coded(self) -> tuple[Tensor, Tensor, Tensor]:
         """The codes (H · W, D) of the latents, and lowest value and step of each channel."""
         self.table(1.0)
+        self.renew()
         return coding.codes_of(self.latents, self.low, self.step, self.bits), self.low, self.step
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
@@ -123,7 +147,11 @@ class Fitting(Objective):
             batches.append((level, self.levels[level].draw(coarse, generator)))
         queries = [torch.cat(parts) for parts in zip(*self._queries(batches), strict=True)]
         uv, wo, wi, level_of = queries
-        ours = answer(self.network, self.pyramid, self.relief, self.table(progress), (uv, wo, wi, level_of))
+        height = self.height if self.offset is not None and progress >= REFINED_FROM else None
+        # By the number of the step: a fit that goes on after a stop marches the same surface.
+        if height is not None and round(progress * self.settings.steps) % RENEWED == 0:
+            self.renew()
+        ours = answer(self.network, self.pyramid, self.relief, self.table(progress), (uv, wo, wi, level_of), height)
         return distance(ours, torch.cat([batch.target for _, batch in batches]), self.settings.loss)
 
     def _queries(self, batches: list[tuple[int, Batch]]) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor]]:

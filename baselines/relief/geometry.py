@@ -16,6 +16,7 @@ LOWEST = 0.2  # cosine of a direction: nearer to the horizon (78.5°) its slope 
 FINENESS = 256  # texels a side at least of the height that is searched; beyond, it is searched as it is stored
 VIEW_STEPS, SECANTS = 16, 2  # of the search along the view
 LIGHT_STEPS = 12  # of the search toward the light
+LEAST_FACING = 0.3  # 1 − ∇h · along, 0 where a ray grazes the surface: below, a hit moves without bound
 MOST_PADDED = 32  # times its texels a copy grows by padding; a picture far wider than high would grow by thousands
 
 
@@ -91,6 +92,20 @@ class Relief(nn.Module):
             upper, before = torch.where(inside, upper, middle), torch.where(inside, before, found)
         z = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
         return wrapped(uv + along * z), z
+
+    def follow(self, height: Tensor, uv: Tensor, wo: Tensor) -> Tensor:
+        """Where rays toward wo (n, 3) meet the surface, uv (n, 2), unchanged, but with a gradient to a height (H, W).
+
+        The height is that of this surface, as it is refined. A ray meets it where h equals z, at a place that moves by
+        `along` with z. So z changes by dh / (1 − ∇h · along), and uv by that times `along`.
+        """
+        along = slope(wo, self.shape)
+        rise = sample_texture(height[..., None], uv)
+        with torch.no_grad():
+            half = along / (2 * self.shape[1])
+            ahead, behind = (sample_texture(self.height, wrapped(uv + move)) for move in (half, -half))
+            facing = (1 - (ahead - behind) * self.shape[1]).clamp_min(LEAST_FACING)
+        return uv + along * ((rise - rise.detach()) / facing)
 
     def excess(self, uv: Tensor, z: Tensor, wi: Tensor) -> Tensor:
         """How far, in texels, the surface rises at most (n, 1) over the rays from uv at height z (n, 1) toward wi.

@@ -11,8 +11,18 @@ from bench.material import DecoderCost, Material, to_radiance
 Queries = tuple[Tensor, Tensor, Tensor, Tensor]  # uv (n, 2) in [0, 1], wo and wi (n, 3), level of detail (n,)
 
 
-def answer(network: Network, pyramid: Pyramid, relief: Relief | None, table: Tensor, queries: Queries) -> Tensor:
-    """Log radiance (n, 3) of queries; what the fit and the decoded material share."""
+def answer(
+    network: Network,
+    pyramid: Pyramid,
+    relief: Relief | None,
+    table: Tensor,
+    queries: Queries,
+    height: Tensor | None = None,
+) -> Tensor:
+    """Log radiance (n, 3) of queries; what the fit and the decoded material share.
+
+    A `height` (H, W) is the one of the relief, in a fit that refines it.
+    """
     uv, wo, wi, level = queries
     excess = None
     if relief is not None:
@@ -20,6 +30,8 @@ def answer(network: Network, pyramid: Pyramid, relief: Relief | None, table: Ten
             uv, z = relief.meet(uv, wo)
             if network.shadow:
                 excess = relief.excess(uv, z, wi)
+        if height is not None:
+            uv = relief.follow(height, uv, wo)
     found: Tensor = network(pyramid.fetch(table, uv, level), level[:, None], wo, wi, excess)
     return found
 

@@ -116,11 +116,23 @@ def test_a_height_is_stored_as_finely_as_it_is_felt() -> None:
     btf, _ = bumps()
     found = sweep.find(btf, gain_of(btf, Fit()), Fit())
     assert found is not None
-    relief = fitted(btf).relief
+    relief = fitted(btf, refine=False).relief
     assert relief is not None
     stored = relief.height[..., 0]
     assert (stored - found.height).abs().max() * btf.shape[1] * 5 < 1 / 3 + 1e-3
     assert len(stored.unique()) < 64
+
+
+def test_a_height_is_refined_toward_the_truth() -> None:
+    btf, truth = bumps()
+
+    def error(**settings: Any) -> float:
+        relief = fitted(btf, steps=150, **settings).relief
+        assert relief is not None
+        found = relief.height[..., 0].numpy()
+        return float((found - found.mean() - truth).std())
+
+    assert error() < 0.95 * error(refine=False)
 
 
 def test_an_altered_height_is_searched_all_the_same() -> None:

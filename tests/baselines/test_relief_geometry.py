@@ -53,6 +53,35 @@ def test_rays_meet_the_surface_and_nothing_before(size: tuple[int, int]) -> None
     assert (apart < 3e-3).float().mean() > 0.97
 
 
+@pytest.mark.parametrize("size", [(64, 64), (32, 64)])
+def test_where_a_ray_hits_follows_the_height(size: tuple[int, int]) -> None:
+    """The gradient says where rays hit once the height has changed a little."""
+    rng = np.random.default_rng(0)
+    uv, wo = torch.from_numpy(rng.random((400, 2))).float(), torch.from_numpy(uniform(rng, 400, 60))
+    height = waves(size, 0.02).requires_grad_()
+    change = 5e-4 * waves(size, 1.0).roll(size[0] // 4, 0)
+    hits = Relief(height.detach()).meet(uv, wo)[0]
+    followed = Relief(height.detach()).follow(height, hits, wo)
+    torch.testing.assert_close(followed, hits)
+
+    def along(weight: torch.Tensor) -> torch.Tensor:  # the change of each hit, from the gradient of their weighted sum
+        (gradient,) = torch.autograd.grad((followed * weight).sum(), height, retain_graph=True)
+        return (gradient * change).sum()
+
+    moved = Relief(height.detach() + change).meet(uv, wo)[0] - hits
+    moved = moved - moved.round()  # across the edge of the picture
+    expected, found = [], []
+    for row in range(0, 400, 8):
+        for side in (0, 1):
+            weight = torch.zeros_like(hits)
+            weight[row, side] = 1
+            found.append(along(weight))
+            expected.append(moved[row, side])
+    # The change is finite, texels are bilinear and a secant ends near the surface: most rays must agree.
+    apart = (torch.stack(found) - torch.stack(expected)).abs()
+    assert apart.median() < 0.05 * torch.stack(expected).abs().median()
+
+
 def test_the_march_agrees_with_the_renderers() -> None:
     height = waves((64, 64))
     wo = from_degrees([60], [30])
