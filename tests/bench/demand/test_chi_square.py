@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 import torch
 
@@ -13,6 +14,7 @@ from bench.codecs.registry import codec_entries, load_codec, make_codec
 from bench.conformance.stability.case import subject_of
 from bench.data import materials
 from bench.demand.lobes import NAME, Lobe, fitted, noise
+from bench.hemisphere import uniform
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
 dr = pytest.importorskip("drjit")
@@ -89,6 +91,25 @@ def test_chi_square(codec, tmp_path, record_property, request):
         for theta in VIEWS:
             assert not misfit(bsdf, uv, theta, len(VIEWS) * len(CODECS) * len(materials.names())), (name, theta)
         record_property(f"largest albedo of {name}", noise(decoded, lobes.float(), lights=256).largest_albedo)
+
+
+@pytest.mark.parametrize("codec", ["mean-colour", "hsh", "neumip", "neubtf-direct", "relief", "bcf", "rainer2019"])
+def test_a_weight_is_the_answer_over_the_density(codec, tmp_path):
+    subject, count = subject_of(load_codec(codec), tmp_path), 2000
+    decoded = subject.encode(opened("satin"), **({"steps": 10} if subject.fits else {})).material
+    bsdf = mi.load_dict({"type": "neubtf", "filename": str(tmp_path / "stress.nbtf")})
+    bsdf.draw_from(torch.tensor([[[1.0, -2.0, -0.5, 0.2, -0.1]]]))
+    rng, si = np.random.default_rng(0), dr.zeros(mi.SurfaceInteraction3f, count)
+    uv, wo = rng.random((count, 2)).astype("f4"), uniform(rng, count, 85.0).astype("f4")
+    si.uv, si.wi = mi.Point2f(uv.T), mi.Vector3f(wo.T)
+    context, chance = mi.BSDFContext(), rng.random((3, count))
+    drawn, weight = bsdf.sample(context, si, mi.Float(chance[0]), mi.Point2f(chance[1:]))
+    density, wi = np.asarray(bsdf.pdf(context, si, drawn.wo)), np.asarray(drawn.wo).T
+    answer = decoded.query(uv, wo, np.ascontiguousarray(wi))
+    assert (density > 0).mean() > 0.8
+    off = np.abs((np.asarray(weight) * density).T - answer) > 1e-3 * answer + 1e-5
+    assert off.any(1).mean() <= 1e-3  # a march may step over an edge by the last bit
+    assert answer.std() > 0.01
 
 
 @pytest.mark.short
