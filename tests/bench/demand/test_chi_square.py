@@ -93,7 +93,21 @@ def test_chi_square(codec, tmp_path, record_property, request):
         record_property(f"largest albedo of {name}", noise(decoded, lobes.float(), lights=256).largest_albedo)
 
 
-@pytest.mark.parametrize("codec", ["mean-colour", "hsh", "neumip", "neubtf-direct", "relief", "bcf", "rainer2019"])
+@pytest.mark.parametrize(
+    "codec",
+    [
+        "mean-colour",
+        "hsh",
+        "neumip",
+        "neubtf-direct",
+        "relief",
+        "bcf",
+        "rainer2019",
+        "zeltner2024",
+        "ntc",
+        "triple-plane",
+    ],
+)
 def test_a_weight_is_the_answer_over_the_density(codec, tmp_path):
     subject, count = subject_of(load_codec(codec), tmp_path), 2000
     decoded = subject.encode(opened("satin"), **({"steps": 10} if subject.fits else {})).material
