@@ -30,7 +30,7 @@ OVERSAMPLED = 2  # components of the texels that the alternation chooses from, a
 class Tucker(Codec):
     """Tucker factorisation: components of texels, of views and of lights, and a core that joins them."""
 
-    name, version = "tucker", 1
+    name, version = "tucker", 2
     interpolates, sizes = True, ("components", "views", "lights")
     recipes: ClassVar = {"paper": {"domain": "rgb", "alternations": 0}}
 

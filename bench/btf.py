@@ -95,7 +95,7 @@ class Source:
 
     @cached_property
     def _scratch(self) -> Array:
-        path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}-{scratch.TOGETHER}.npy"
+        path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}-blocks.npy"
         return scratch.opened(path, self.slice, self.count, self.shape)
 
 
@@ -145,6 +145,11 @@ class _BoxFiltered(Source):
         return [box_filter(picture, self.factor) for picture in self.source.slices(pairs)]
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        # A few texels here are many there, for which whole slices would be read: they are read part by part.
+        most = max(1, MANY_TEXELS // self.factor**2)
+        if most < len(rows) <= MANY_TEXELS:
+            starts = range(0, len(rows), most)
+            return np.concatenate([self.texels(rows[i : i + most], cols[i : i + most], pairs) for i in starts])
         fine = self.source.texels(*self._box(rows, cols), pairs)
         return fine.reshape(len(rows), self.factor**2, len(pairs), 3).mean(1)
 

@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"neubtf-bench: {error}", file=sys.stderr)
         return USAGE
     except KeyboardInterrupt:
-        print("\nneubtf-bench: interrupted; what is finished is recorded", file=sys.stderr)
+        print("\nneubtf-bench: interrupted; what is finished is kept", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()

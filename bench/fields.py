@@ -121,7 +121,14 @@ _JOB = Fields(
         "footprints": Each(_STATISTICS),
         "fit_key": Fields({"codec": NAME, "version": COUNT, "settings": Each(SETTING), "libraries": Each(maybe(TEXT))}),
         "score_key": Fields(
-            {"sha256": TEXT, "btf": TEXT, "exposure": NUMBER, "metrics": Each(COUNT), "demand": maybe(TEXT)}
+            {
+                "sha256": TEXT,
+                "btf": TEXT,
+                "exposure": NUMBER,
+                "metrics": Each(COUNT),
+                "demand": maybe(TEXT),
+                "deciding": maybe(TEXT),
+            }
         ),
         "settings": Each(SETTING),
         "shape": Several(COUNT, 2),

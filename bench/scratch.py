@@ -10,7 +10,8 @@ from bench import atomic
 
 log = logging.getLogger(__name__)
 Array = np.ndarray
-TOGETHER = 64  # pairs
+TOGETHER = 64  # pairs of a block, at most
+BLOCK = 256 << 20  # bytes of a block, at most, where it holds more than one pair
 
 
 def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int]) -> Array:
@@ -26,24 +27,26 @@ def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[in
 
 def scattered(copy: Array, pair: Array, texel: Array) -> Array:
     """Values (..., 3) float32 at pairs and texels, row · W + column, of shapes that broadcast."""
-    block, place = np.divmod(pair, TOGETHER)
+    block, place = np.divmod(pair, copy.shape[2])
     return np.asarray(copy[block, texel, place], np.float32)
 
 
 def _written(
     path: Path, partial: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int], dtype: type
 ) -> bool:
-    """Fill (blocks, H · W, `TOGETHER`, 3), each slice read once; return False where a value is too large for the dtype.
+    """Fill (blocks, H · W, pairs of a block, 3), each slice read once; return False where a value is beyond the dtype.
 
     The file is written from front to back, with one block in memory. Written by texel instead, a whole measurement
     would bring every page of it back into memory hundreds of times.
     """
-    starts = range(0, count, TOGETHER)
-    block: Array = np.zeros((shape[0] * shape[1], TOGETHER, 3), dtype)
+    texels = shape[0] * shape[1]
+    together = max(1, min(TOGETHER, count, BLOCK // (3 * texels * np.dtype(dtype).itemsize)))
+    starts = range(0, count, together)
+    block: Array = np.zeros((texels, together, 3), dtype)
     log.warning("writing a scratch file of %.1f MB for scattered reads: %s", block.nbytes * len(starts) / 1e6, path)
     out = atomic.mapped(partial, dtype, (len(starts), *block.shape))
     for number, start in enumerate(starts):
-        for place in range(min(TOGETHER, count - start)):
+        for place in range(min(together, count - start)):
             picture = read(start + place)
             if dtype is np.float16 and np.abs(picture).max(initial=0) > np.finfo(np.float16).max:
                 return False

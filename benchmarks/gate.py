@@ -66,7 +66,8 @@ def main() -> None:
     if options.codec:
         text = _renewed(committed(SUITE).read_text(), text, options.codec)
         before = json.loads(REPLAYS.read_text())
-        values = {name: {**rows, **values.get(name, {})} for name, rows in before.items()}
+        renewed = {name: _merged(before[name], values[name], options.codec) for name in before.keys() & values.keys()}
+        values = {name: renewed.get(name, rows) for name, rows in before.items()}
     committed(SUITE).write_text(text)
     REPLAYS.write_text(json.dumps(values, indent=None, separators=(",", ":")) + "\n")
     base = load_run(committed(SUITE))
@@ -112,6 +113,15 @@ def _renewed(before: str, now: str, codec: str) -> str:
     fresh = [line | ({"run": codec} if line["kind"] == "timing" else {}) for line in new if rows(line)]
     lines = sorted([*(line for line in old if not rows(line)), *fresh], key=lambda line: places[_place(line)])
     return "".join(json.dumps(line, sort_keys=True, separators=(",", ":")) + "\n" for line in lines)
+
+
+def _merged(before: dict[str, Any], now: dict[str, Any], codec: str) -> dict[str, Any]:
+    """The rows of a run, of one codec those of now, of the others those of before."""
+
+    def of_codec(rows: dict[str, Any], wanted: bool) -> dict[str, Any]:
+        return {row: values for row, values in rows.items() if (row.split("/")[1].split()[0] == codec) == wanted}
+
+    return of_codec(before, False) | of_codec(now, True)
 
 
 def _place(line: Record) -> tuple[str, str]:

@@ -32,22 +32,27 @@ def rate_tables(material: Material) -> Iterator[Table]:
     """BD-rate and BD-PSNR of each codec against each other, where two or more have fronts."""
     if not (found := compared(material)):
         return
-    from bench.compare.rates import deltas
+    from bench.compare.rates import codec_of, deltas
 
-    worth = deltas(found)
+    worth, measured = deltas(found), Counter(codec_of(row.job) for row in material.measured)
     for kind, unit, digits, about in (
         ("BD-rate", "% ↓", 0, "bytes in % of the column's at equal PSNR: negative is less"),
         ("BD-PSNR", "dB ↑", 2, "dB above the column's at equal bytes"),
     ):
         headers = [("codec", ""), ("files", ""), *((str(number), "") for number in range(1, len(found) + 1))]
         rows = [
-            [f"{number} {test}", str(len(points)), *(_cell(worth, test, anchor, kind, digits) for anchor in found)]
+            [
+                f"{number} {test}",
+                f"{len(points)} of {measured[test]}",
+                *(_cell(worth, test, anchor, kind, digits) for anchor in found),
+            ]
             for number, (test, points) in enumerate(found.items(), 1)
         ]
         notes = [
             "A codec's front is those of its files that no smaller one of its own beats. A column is the codec of its "
             f"number. {NONE}: the two share no {'PSNR' if kind == 'BD-rate' else 'size'}. In brackets: they share less "
-            "than a quarter of what they cover."
+            "than a quarter of what they cover. Files: on the front, of those measured. Bytes are of a material's own "
+            "file, without a network that is shared over materials."
         ]
         yield Table("rate", f"{material.name}: {kind}, {unit}: {about}", headers, rows, notes, material=material.name)
 

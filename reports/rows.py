@@ -165,7 +165,12 @@ def _difference(key: Record, wanted: Record) -> str:
 
 
 _NEEDED = ("run", "codec", "score_key", "shape", "pairs/train", "cost/texture_channels")
-_SHARED = {"btf": "BTF (its fingerprint differs)", "exposure": "exposure", "demand": "demand of a scene"}
+_SHARED = {
+    "btf": "BTF (its fingerprint differs)",
+    "deciding": "choice of held-out pairs",
+    "exposure": "exposure",
+    "demand": "demand of a scene",
+}
 
 
 def _timing_obstacle(timing: Record, latest: Record) -> str:

@@ -103,7 +103,8 @@ def _of_noise(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
         yield (
             f"1 % noise: samples a pixel until the standard deviation of a pixel is 1 % of the mean of a picture by "
             f"Mitsuba ({scene}), with light directions drawn by the cosine, and from lobes fitted to the file. Equal "
-            "error: the processor's seconds that they take for 24 × 24 pixels, beside what the codec errs."
+            "error: the processor's seconds that they take for 24 × 24 pixels. Pixels beside the surface count, too; "
+            "the codec's own error is not in it."
         )
     yield from (f"{_name(row)}: no noise: {row['noise_error']}." for row in rows if "noise_error" in row)
 

@@ -13,12 +13,11 @@ from torch import Tensor
 
 from baselines.relief import latents as coding
 from baselines.relief import sweep
-from baselines.relief.fitting import Fitting
+from baselines.relief.fitting import HIGHEST, Fitting
 from baselines.relief.geometry import Relief as Surface
 from baselines.relief.height import restored, stepped
 from baselines.relief.material import ReliefMaterial
 from baselines.relief.network import Network
-from baselines.relief.planes import REACH
 from baselines.relief.pyramid import level_count
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
@@ -40,7 +39,7 @@ class Relief(Codec):
         steps: Natural = 2_600  # of the fit
         batch: BatchSize = 4_096  # samples a step
         latents: Width = 14  # channels of the neural texture
-        bits: Annotated[int, Range(0, 8)] = 0  # of a stored latent in the mean; 0: as few as add little to the error
+        bits: Annotated[int, Range(0, 8)] = 0  # of a stored latent on average; 0: as few as add little to the error
         layers: Layers = 3  # hidden layers of the network
         width: Width = 32  # channels of each hidden layer
         omega: Positive = 2.0  # frequency of the sine
@@ -82,7 +81,7 @@ class Relief(Codec):
         if "height" in parts.texture:
             codes = coding.expand(parts.texture["height"], (height, width, 1))[..., 0]
             # Heights beyond those that are looked for were altered: a search through them must end all the same.
-            surface = Surface(restored(codes, parts.texture["height.range"]).nan_to_num(0).clamp(-2 * REACH, 2 * REACH))
+            surface = Surface(restored(codes, parts.texture["height.range"]).nan_to_num(0).clamp(-HIGHEST, HIGHEST))
         network = Network(self.settings, surface is not None)
         load_vector(unpack("weights", parts.decoder), network)
         shape = (height, width, self.settings.latents)

@@ -11,6 +11,7 @@ from baselines.relief.geometry import Relief, slope, wrapped
 from baselines.relief.height import smoothed, stepped
 from baselines.relief.material import answer
 from baselines.relief.network import Network
+from baselines.relief.planes import REACH
 from baselines.relief.pyramid import Pyramid
 from bench.codec import Fit
 from bench.material import sample_texture
@@ -20,10 +21,10 @@ COARSE_SHARE = 8  # one sample in so many is of a coarser level
 ROUNDED_FROM = 0.5  # of the steps: from there on the latents are those that the file will hold
 BEARABLE = 0.005  # share of the fit's squared error that rounding may add, where the bits are left to the fit
 PROBED = 4  # bits that a channel is rounded to alone, to see what its rounding adds
-REFINED_FROM = (
-    0.5  # of the steps: before, latents are still apart from where they belong, and pull the height with them
-)
+# Of the steps. Before, latents are still apart from where they belong, and would pull the height with them.
+REFINED_FROM = 0.5
 RENEWED = 10  # steps between two surfaces that are marched, while the height is refined
+HIGHEST = 2 * REACH  # and −HIGHEST the lowest height, in widths of the picture: what a decoder reads
 HEIGHT_RATE = 0.02  # texels, the highest learning rate of the height
 
 
@@ -60,6 +61,7 @@ class Fitting(Objective):
         # How far the height that was found moves, in texels, before it is smoothed.
         self.offset = nn.Parameter(torch.zeros_like(height)) if height is not None and settings.refine else None
         self.relief = None if height is None else Relief(stepped(height)[2])
+        self.moved = False  # the surface that is marched is not the one that was found
         source = self.samples if height is None else Rectified(self.samples, height)
         self.latents = nn.Parameter(first_latents(source, settings.latents, settings.start, generator))
         # How the latents are rounded, once they are: lowest value and step of each channel; a step of 0 says not yet.
@@ -82,13 +84,15 @@ class Fitting(Objective):
         """The height (H, W) as it is refined so far, not rounded; none where there is no relief."""
         if self.found is None or self.offset is None:
             return self.found
-        return self.found.to(self.offset) + smoothed(self.offset) / self.samples.shape[1]
+        moved = self.found.to(self.offset) + smoothed(self.offset) / self.samples.shape[1]
+        return moved.clamp(-HIGHEST, HIGHEST)
 
     @torch.no_grad()
     def renew(self) -> None:
         """March the height as it is now, in the steps that the file will hold."""
-        if self.offset is not None and self.height is not None:
-            self.relief = Relief(stepped(self.height)[2]).to(self.offset.device)
+        height = self.height
+        if height is not None and height.isfinite().all():  # else the fit diverges, which its loop mends
+            self.relief = Relief(stepped(height)[2]).to(self.latents.device)
 
     def table(self, progress: float) -> Tensor:
         """The pyramid as it is looked up at some progress of the fit."""
@@ -104,7 +108,7 @@ class Fitting(Objective):
 
     @torch.no_grad()
     def _bits(self) -> Tensor:
-        """How many bits each channel is rounded to; the error that a channel adds is the square of its rounding's."""
+        """How many bits each channel is rounded to. The error that one adds grows with the square of its rounding."""
         batch = self.samples.draw(self.settings.batch, self.fit.generator())
         queries = next(self._queries([(0, batch)]))
 
@@ -132,10 +136,11 @@ class Fitting(Objective):
     def coded(self) -> tuple[Tensor, Tensor, Tensor]:
         """The codes (H · W, D) of the latents, and lowest value and step of each channel."""
         self.table(1.0)
-        self.renew()
         return coding.codes_of(self.latents, self.low, self.step, self.bits), self.low, self.step
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        if progress == 1 and self.offset is not None:
+            self.renew()
         queries = next(self._queries([(0, batch)]))
         return answer(self.network, self.pyramid, self.relief, self.table(progress), queries)
 
@@ -148,9 +153,11 @@ class Fitting(Objective):
         queries = [torch.cat(parts) for parts in zip(*self._queries(batches), strict=True)]
         uv, wo, wi, level_of = queries
         height = self.height if self.offset is not None and progress >= REFINED_FROM else None
-        # By the number of the step: a fit that goes on after a stop marches the same surface.
-        if height is not None and round(progress * self.settings.steps) % RENEWED == 0:
+        # By the number of the step: a fit that goes on after a stop marches the same surface. One that was set back to
+        # before the height moved marches the height as it was found.
+        if (height is not None or self.moved) and round(progress * self.settings.steps) % RENEWED == 0:
             self.renew()
+            self.moved = height is not None
         ours = answer(self.network, self.pyramid, self.relief, self.table(progress), (uv, wo, wi, level_of), height)
         return distance(ours, torch.cat([batch.target for _, batch in batches]), self.settings.loss)
 

@@ -77,6 +77,8 @@ def expand(data: Tensor, shape: tuple[int, int, int]) -> Tensor:
     """The codes (H, W, C), as floats, of what `compress` gave; memory stays within that shape."""
     height, width, channels = shape
     count, size = height * width * channels, height * width
+    if not len(data) or data[0] > AFTER:
+        raise InputError("a texture of this file does not say how it is stored: encode it again")
     way, bits, payload = int(data[0]), data[1 : 1 + channels].numpy(), data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or not ((bits >= 1) & (bits <= MOST_BITS)).all():
         raise InputError("a texture of this file does not say its bits: encode it again")

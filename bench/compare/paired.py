@@ -95,8 +95,8 @@ def cells(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]
 
 
 def _same(job: Record, other: Record) -> bool:
-    """Whether two jobs were scored on the same data."""
-    return bool(job["score_key"]["btf"] == other["score_key"]["btf"])
+    """Whether two jobs were scored at the same pairs of the same data."""
+    return all(job["score_key"].get(part) == other["score_key"].get(part) for part in ("btf", "deciding"))
 
 
 def _cell(job: Record, ours: Array | None, others: Array | None) -> Cell | None:

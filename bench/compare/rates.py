@@ -1,8 +1,9 @@
 """Compares the rate–distortion fronts of codecs: each with every other, at equal quality and at equal bytes.
 
-The rate is the bytes of the whole file, the quality the pooled PSNR in display space of the pairs that decide; both are
-means over the seeds. A codec's *front* is what it has been measured at and is not beaten at by a smaller file of its
-own, whatever settings made the file; a published recipe is a codec of its own.
+The rate is the bytes of the whole file, without a network that is shared over materials; the quality is the pooled PSNR
+in display space of the pairs that decide. Both are means over the seeds. A codec's *front* is what it has been measured
+at and is not beaten at by a smaller file of its own, whatever settings made the file; a published recipe is a codec of
+its own. Fronts are chosen by the quality that is shown, so scatter lifts that of a codec with more files a little more.
 """
 
 from collections import defaultdict
@@ -32,7 +33,7 @@ def fronts(jobs: Iterable[Record]) -> dict[str, Array]:
     for job in jobs:
         quality = stats_of(job, PSNR).get("pooled")
         if quality is not None:
-            seeds[_name(job)][job["label"]].append((job["bytes"]["total"], quality))
+            seeds[codec_of(job)][job["label"]].append((job["bytes"]["total"], quality))
     return {
         name: _front(np.array([np.mean(points, 0) for points in labels.values()])) for name, labels in seeds.items()
     }
@@ -49,7 +50,8 @@ def deltas(found: Mapping[str, Array]) -> dict[tuple[str, str], Deltas]:
     }
 
 
-def _name(job: Record) -> str:
+def codec_of(job: Record) -> str:
+    """The codec whose front a job is on: its name, with the recipe where that is not ours."""
     recipe = job.get("settings", {}).get("recipe", "ours")
     return str(job["codec"]) if recipe == "ours" else f"{job['codec']} recipe={recipe}"
 

@@ -20,7 +20,7 @@ FEW_SEEDS = 6  # of three, one deviation in five (1 − e^−¼) is less than ha
 _DIGITS = 7
 _PACKAGES = ("neubtf-bench", "torch", "numpy")
 _FIT = ("version", "settings", "training")
-_SCORE = ("btf", "exposure", FOOTPRINTS)
+_SCORE = ("btf", "exposure", "deciding", FOOTPRINTS)
 _DESCRIBED = ("unit", "direction", "version")
 
 

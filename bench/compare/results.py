@@ -20,7 +20,7 @@ _JOB = (
     *("fitted", "scored", "program"),
 )
 _FIT = ("codec", "version", "settings", "training", "torch", "code", "libraries", "shared")
-_SCORE = ("sha256", "btf", "exposure", "metrics", "footprints", "demand")
+_SCORE = ("sha256", "btf", "exposure", "metrics", "footprints", "demand", "deciding")
 _PROVENANCE = ("source", "material", "parameters", "renderer_version", "native", "split")
 _TOLD = 500  # characters of an error
 

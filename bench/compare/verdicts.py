@@ -191,6 +191,8 @@ def unlike(base: Record, new: Record) -> str:
         pass  # said, and the rest follows from it
     elif base["score_key"]["btf"] != new["score_key"]["btf"]:
         reasons.append("other data (their fingerprint differs)")
+    elif base["score_key"].get("deciding") != new["score_key"].get("deciding"):
+        reasons.append("other held-out pairs are scored")
     elif not math.isclose(base["score_key"]["exposure"], new["score_key"]["exposure"], rel_tol=SAME_EXPOSURE):
         reasons.append("another exposure")
     return ", ".join(reasons)

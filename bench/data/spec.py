@@ -27,9 +27,8 @@ class Preparation:
         "test"  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
     )
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
-    scored: Natural = (
-        0  # so many training pairs, drawn by seed, are scored, and of whole held-out views and lights; 0: all
-    )
+    # At most so many training pairs are scored, always the same ones, and of whole held-out views and lights; 0: all.
+    scored: Natural = 0
     repair: bool = False  # mask measured values that are not finite by the mean of their pair
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from bench.demand.mitsuba_bsdf import NAME, register
 from bench.demand.mitsuba_scene import set_variant
+from bench.errors import InputError
 
 NOISE = 0.01  # of the mean of the picture
 REPEAT = 3.0  # of the texture
@@ -108,6 +109,8 @@ def reached(
 
 def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
     """From pictures (n, H, W, 3) of so many samples a pixel, one of which takes some seconds for all pixels."""
+    if not pictures.mean() > 0:
+        raise InputError("the picture is black: it has no noise to measure")
     variance = pictures.mean(3).var(0, ddof=1).mean() * samples
     needed = float(variance / (NOISE * pictures.mean()) ** 2)
     return Reached(needed, needed * max(seconds, 0.0))

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,8 @@ def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
         key |= {"demand": bench.demand.fingerprint}
     if len(bench.scored) < len(bench.btf):
         key |= {"scored": len(bench.scored)}
+    if len(bench.deciding) < len(bench.groups[gate(bench.groups)]):
+        key |= {"deciding": sha256(bench.deciding.astype("<i8").tobytes()).hexdigest()[:16]}
     return key
 
 
@@ -69,10 +72,9 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
     groups, decides = dict(bench.groups), gate(bench.groups)
     if decides != "all" and len(bench.scored) < len(bench.btf):
         del groups["all"]  # where few training pairs are scored, a mean over all that are is of neither set
-    deciding = np.intersect1d(bench.scored, groups[decides])
     with torch_threads(threads):
         scores = bench.scorer.score(bench.scored, decoder.watched)
-        coarse = footprint_errors(bench.btf, deciding, decoder.slice, bench.exposure, COARSE)
+        coarse = footprint_errors(bench.btf, bench.deciding, decoder.slice, bench.exposure, COARSE)
         pictures = _pictures(bench, decoder)
         scene = bench.judge.record(material) if bench.judge else {}
     summary = summarise(scores, bench.btf.wo, bench.btf.wi, groups)

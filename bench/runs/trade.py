@@ -242,8 +242,8 @@ def _score(bench: Workbench, material: Material, threads: int, show: Progress) -
     """PSNR, FLIP and worst-slice PSNR of a material in another execution or precision, scored now."""
     decides = gate(bench.groups)
     with torch_threads(threads):
-        scores = bench.scorer.score(bench.groups[decides], Slices(bench, material, show).slice)
-    metrics = summarise(scores, bench.btf.wo, bench.btf.wi, {decides: bench.groups[decides]})[decides]["metrics"]
+        scores = bench.scorer.score(bench.deciding, Slices(bench, material, show).slice)
+    metrics = summarise(scores, bench.btf.wo, bench.btf.wi, {decides: bench.deciding})[decides]["metrics"]
     return _figures(metrics, scores.raw[PSNR])
 
 
@@ -278,8 +278,8 @@ def _noise(run: Run, row: dict[str, Any], show: Progress) -> dict[str, Any]:
     try:
         lobes = fitted(load(file).material, show=show)
         found = path_tracer.reached(file, [None, lobes])
-    except InputError as error:
-        return {"noise_error": str(error)}
+    except (InputError, RuntimeError) as error:  # the second is Mitsuba's: one file costs no figures of the others
+        return {"noise_error": " ".join(str(error).split())}
     both = {"samples": [each.samples for each in found], "seconds": [each.seconds for each in found]}
     return {"noise": {"scene": path_tracer.EVEN, **both}}
 

@@ -23,6 +23,7 @@ from bench.errors import InputError
 from bench.hemisphere import to_degrees
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
+from bench.records import gate
 
 OUTSIDE = "outside the scene"  # pairs that its demand does not touch
 STORED = 16  # slices that are stored as pictures, for the slice viewer of a report
@@ -105,24 +106,25 @@ class Workbench:
     @cached_property
     def sheet(self) -> np.ndarray:
         """The few pairs that a contact sheet shows; held-out pairs if there are any."""
-        theta = np.stack([to_degrees(self.btf.wo[self._deciding])[0], to_degrees(self.btf.wi[self._deciding])[0]], 1)
+        theta = np.stack([to_degrees(self.btf.wo[self.deciding])[0], to_degrees(self.btf.wi[self.deciding])[0]], 1)
         nearest = [int(np.linalg.norm(theta - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
-        return self._deciding[np.unique(nearest)]
+        return self.deciding[np.unique(nearest)]
 
     @cached_property
     def shown(self) -> np.ndarray:
         """The pairs whose slices are stored as pictures: those of `sheet`, and others far from them and each other."""
-        places = np.concatenate([self.btf.wo[self._deciding], self.btf.wi[self._deciding]], 1)
-        chosen = [int(i) for i in np.flatnonzero(np.isin(self._deciding, self.sheet))]
+        places = np.concatenate([self.btf.wo[self.deciding], self.btf.wi[self.deciding]], 1)
+        chosen = [int(i) for i in np.flatnonzero(np.isin(self.deciding, self.sheet))]
         distance = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(1)
         while len(chosen) < min(STORED, len(places)):
             chosen.append(int(distance.argmax()))
             distance = np.minimum(distance, np.linalg.norm(places - places[chosen[-1]], axis=1))
-        return np.sort(self._deciding[np.unique(chosen)])
+        return np.sort(self.deciding[np.unique(chosen)])
 
-    @property
-    def _deciding(self) -> np.ndarray:
-        return np.intersect1d(self.scored, self.groups.get("heldout", self.groups["all"]))
+    @cached_property
+    def deciding(self) -> np.ndarray:
+        """The pairs that decide a comparison: the held-out ones that are scored, or all where none are held out."""
+        return np.intersect1d(self.scored, self.groups[gate(self.groups)])
 
 
 _latest: dict[object, Workbench] = {}  # holds one only: a scorer keeps hundreds of megabytes

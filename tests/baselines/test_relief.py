@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from baselines.relief import sweep
 from baselines.relief.codec import Relief
+from baselines.relief.fitting import Fitting
 from baselines.relief.material import ReliefMaterial
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
@@ -201,6 +203,24 @@ def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.Mo
         codec.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
     resumed = codec.encode(btf, Fit(checkpoint=tmp_path / "state"))
     assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(btf, Fit()))
+
+
+def test_a_refined_height_that_diverges_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "KEEP_EVERY", 10)
+    poisoned, found = list[float](), Fitting.loss
+
+    def loss(self: Fitting, generator: torch.Generator, progress: float) -> Tensor:
+        if progress >= 0.5 and not poisoned:
+            assert self.offset is not None
+            self.offset.data[0, 0] = torch.nan
+            poisoned.append(progress)
+        return found(self, generator, progress)
+
+    monkeypatch.setattr(Fitting, "loss", loss)
+    codec, (btf, _) = Relief(steps=40, batch=64, bits=4), bumps()
+    parts = codec.encode(btf, Fit())
+    assert poisoned
+    assert codec.decode(parts, torch.device("cpu")).slice(btf.wo[:1], btf.wi[:1]).isfinite().all()
 
 
 def test_settings_without_sense_are_refused() -> None:

@@ -183,6 +183,28 @@ def test_the_scratch_file_of_more_pairs_than_a_block_holds_is_the_same_table(mon
     np.testing.assert_allclose(btf.texels([3, 1], [0, 5]), values[:, [3, 1], [0, 5]].swapaxes(0, 1), rtol=2**-11)
 
 
+def test_a_block_of_the_scratch_file_stays_small_whatever_the_picture(monkeypatch):
+    monkeypatch.setattr("bench.scratch.BLOCK", 6 * 4 * 6 * 3)
+    btf, values = product(source=Slices)
+    assert btf.source._scratch.shape == (-(-len(btf) // 3), 4 * 6, 3, 3)
+    pairs = np.arange(len(btf))
+    np.testing.assert_allclose(
+        btf.gather(pairs, pairs % 4, pairs % 6), values[pairs, pairs % 4, pairs % 6], rtol=2**-11
+    )
+
+
+def test_few_texels_of_a_coarser_level_are_read_from_the_scratch_file_part_by_part(monkeypatch):
+    monkeypatch.setattr("bench.btf.MANY_TEXELS", 6)
+    btf, values = product(source=Slices)
+    coarse, (rows, cols) = btf.downsample(2), np.array([[0, 1, 1], [2, 0, 1]])
+    coarse.texels(rows[:1], cols[:1])  # makes the file
+    reads = btf.source.reads
+    found = coarse.texels(rows, cols)
+    means = values.reshape(len(btf), 2, 2, 3, 2, 3).mean((2, 4))
+    np.testing.assert_allclose(found, means[:, rows, cols].swapaxes(0, 1), rtol=2**-9)
+    assert btf.source.reads == reads
+
+
 def test_many_texels_are_read_out_of_slices_without_a_scratch_file(monkeypatch, caplog):
     monkeypatch.setattr("bench.btf.MANY_TEXELS", 2)
     btf, values = product(source=Slices)

@@ -35,6 +35,7 @@ class RunMaker:
         psnr, run, seed = changes.pop("psnr", 30.0), changes.pop("run", "1"), changes.pop("seed", 0)
         key = {"btf": changes.pop("btf", "f"), "exposure": changes.pop("exposure", 1.5), "sha256": "0"}
         key["metrics"] = changes.pop("metrics", {name: metric["version"] for name, metric in METRICS.items()})
+        key |= {"deciding": changes.pop("deciding")} if "deciding" in changes else {}
         stem = f"{len(list(self.folder.rglob('*.npz')))}"
         job = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": run, "material": material, "label": label}
         job |= {"status": "ok", "codec": label.split()[0], "curve": label.split()[0], "seed": seed, "score_key": key}

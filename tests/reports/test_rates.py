@@ -7,14 +7,15 @@ def test_each_codec_is_compared_with_each_other_at_equal_quality_and_at_equal_by
         for codec, size, quality in (("pca", 1000, 20.0), ("vq", 500, 20.0), ("relief", 1000, 50.0)):
             made.job(f"{codec} size={i}", psnr=quality + 3 * i, bytes={"total": size << i})
     made.job("table", psnr=60.0)
+    made.job("vq beaten", psnr=20.5, bytes={"total": 1500})
     points, rates, quality = (table for table in all_tables(load_run(made.folder)) if table.kind == "rate")
     assert [name for name, _ in points.headers] == ["codec", "total", "bits per", "PSNR pooled"]
     assert [name for name, _ in rates.headers] == ["codec", "files", "1", "2", "3"]
     # Quality rises by 3 dB a doubling; relief reaches no quality of the others.
     assert rates.rows == [
-        ["1 pca", "5", "", "+100", "—"],
-        ["2 vq", "5", "-50", "", "—"],
-        ["3 relief", "5", "—", "—", ""],
+        ["1 pca", "5 of 5", "", "+100", "—"],
+        ["2 vq", "5 of 6", "-50", "", "—"],
+        ["3 relief", "5 of 5", "—", "—", ""],
     ]
     assert [row[2:] for row in quality.rows] == [
         ["", "-3.00", "-30.00"],

@@ -90,6 +90,7 @@ def test_an_unavailable_material_says_where_to_get_it(made):
         ({"metrics": {"psnr_display": 2}}, "psnr_display version 2 instead of version 1"),
         ({"exposure": 2.0}, "another exposure"),
         ({"btf": "g"}, "another BTF"),
+        ({"deciding": "d"}, "another choice of held-out pairs"),
     ],
 )
 def test_rows_that_measure_something_else_are_not_compared(made, change, reason):

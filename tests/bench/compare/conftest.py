@@ -28,6 +28,7 @@ class Maker:
         settings = get("settings", {"components": 8})
         record["fit_key"] = {"version": get("version", 1), "settings": settings, "training": get("training", "t")}
         record["score_key"] = {"btf": get("btf", "b"), "exposure": get("exposure", 1.5), "sha256": "0"}
+        record["score_key"] |= {"deciding": changes.pop("deciding")} if "deciding" in changes else {}
         versions = dict.fromkeys(METRICS, 1) | get("versions", {})
         record["metrics"] = {
             name: METRICS[name] | {"version": version} for name, version in versions.items() if version

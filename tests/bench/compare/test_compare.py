@@ -156,6 +156,7 @@ def test_sizes_that_differ_by_seed_are_of_compressed_payloads_and_have_one_per_c
         ({"training": "other"}, "other training data"),
         ({"btf": "other"}, "other data"),
         ({"exposure": 1.6}, "another exposure"),
+        ({"deciding": "other"}, "other held-out pairs"),
     ],
 )
 def test_another_codec_version_or_other_data_cannot_be_compared(make, changes, reason):

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 import bench
+from bench.errors import InputError
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
 pytestmark = [pytest.mark.short, pytest.mark.usefixtures("plugin")]
@@ -45,6 +46,13 @@ def test_each_way_to_draw_is_measured_for_itself(file):
     assert cosine.samples == again.samples
     assert abs(lobes.samples / cosine.samples - 1) > 0.2
     assert min(cosine.seconds, lobes.seconds) >= 0
+
+
+def test_a_black_picture_has_no_noise():
+    from bench.demand import noise
+
+    with pytest.raises(InputError, match="black"):
+        noise._figures(np.zeros((3, 2, 2, 3)), 1.0, 4)
 
 
 def test_a_light_is_drawn_too(file):

@@ -94,6 +94,14 @@ def test_of_whole_views_and_lights_that_a_measurement_holds_out_a_few_tell_too()
     assert Workbench(btf, "tiny", most_scored=len(btf)).scored.tolist() == whole.scored.tolist()
 
 
+def test_which_held_out_pairs_decide_is_in_the_key_where_not_all_do(tmp_path):
+    codec, btf = load_codec("mean-colour")(), tiny_btf(16, 12, 12)
+    header = loading.load(container.save(tmp_path / "file", codec, codec.encode(btf, Fit())).path).header
+    keys = [score_key(Workbench(btf, "tiny", most_scored=count), header).get("deciding") for count in (0, 5, 5, 6)]
+    assert keys[0] is None
+    assert keys[1] == keys[2] != keys[3]
+
+
 def loaded(material):
     return SimpleNamespace(material=material, header=SimpleNamespace(path=Path("files/waves.nbtf")))
 
