@@ -177,10 +177,11 @@ def faults(folder: Path, undisturbed: Path, jobs: int) -> Iterator[str]:
     if len(lines) != jobs or len(good) != jobs:
         yield f"{len(lines)} records of jobs, of {len(good)} good jobs; there should be {jobs}"
     said, wanted = shared_part(folder), shared_part(undisturbed)
-    for job in sorted(said.keys() & wanted.keys()):
-        for part in sorted(said[job].keys() | wanted[job].keys()):
-            if said[job].get(part) != wanted[job].get(part):
-                yield f"{job}: {part} is {said[job].get(part)!r}, undisturbed {wanted[job].get(part)!r}"[:500]
+    for job in sorted(said.keys() | wanted.keys()):
+        one, other = said.get(job, {}), wanted.get(job, {})
+        for part in sorted(one.keys() | other.keys()):
+            if one.get(part) != other.get(part):
+                yield f"{job}: {part} is {one.get(part)!r}, undisturbed {other.get(part)!r}"[:500]
     ours, theirs = contents(folder), contents(undisturbed)
     for name in sorted(ours.keys() ^ theirs.keys()):
         yield f"{name}: {'left behind' if name in ours else 'missing'}"

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from baselines.relief import sweep
+from baselines.relief import fitting, sweep
 from baselines.relief.codec import Relief
 from baselines.relief.fitting import Fitting
 from baselines.relief.material import ReliefMaterial
@@ -221,6 +221,29 @@ def test_a_refined_height_that_diverges_is_set_back(monkeypatch: pytest.MonkeyPa
     parts = codec.encode(btf, Fit())
     assert poisoned
     assert codec.decode(parts, torch.device("cpu")).slice(btf.wo[:1], btf.wi[:1]).isfinite().all()
+
+
+def test_a_fit_that_is_set_back_before_the_height_moved_marches_the_found_height(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(training, "KEEP_EVERY", 20)
+    monkeypatch.setattr(fitting, "HEIGHT_RATE", 1.0)
+    marched, found = dict[int, list[Tensor]](), Fitting.loss
+
+    def loss(self: Fitting, generator: torch.Generator, progress: float) -> Tensor:
+        step = round(progress * 50)
+        if step == 32 and len(marched[step - 1]) == 1:
+            self.latents.data[0, 0] = torch.nan  # the fit goes back to step 20; the height moves from 25 on
+        answer = found(self, generator, progress)
+        assert self.relief is not None
+        marched.setdefault(step, []).append(self.relief.height.clone())
+        return answer
+
+    monkeypatch.setattr(Fitting, "loss", loss)
+    Relief(steps=50, batch=64, bits=4).encode(bumps()[0], Fit())
+    before, again = marched[20]
+    assert not torch.equal(marched[31][0], before)
+    assert torch.equal(again, before)
 
 
 def test_settings_without_sense_are_refused() -> None:
