@@ -13,10 +13,10 @@ from typing import Any
 
 from bench.compare.quantities import FOOTPRINTS
 from bench.compare.slices import decibels, packed
+from bench.compare.verdicts import FEW_SEEDS
 from bench.errors import InputError
 from bench.records import CONDITIONS, FLIP, PSNR, Record, Run, gate, metric_of, metrics_of, stats_of
 
-FEW_SEEDS = 6  # of three, one deviation in five (1 − e^−¼) is less than half the true one; of six, one in sixteen
 _DIGITS = 7
 _PACKAGES = ("neubtf-bench", "torch", "numpy")
 _FIT = ("version", "settings", "training")

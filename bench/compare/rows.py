@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from bench.compare.quantities import SLICE, deciding, shown
 from bench.compare.timings import Advice
-from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, other_settings, unlike
+from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, one_file, other_settings, unlike
 from bench.records import Record
 
 if TYPE_CHECKING:
@@ -91,7 +91,8 @@ def compared(
     if obstacle:
         return Row(first["material"], first["label"], verdict or Verdict.UNLIKE, why or obstacle)
     quantities = deciding(base[0])
-    draws = not all(agree(quantity, base) for quantity in quantities if quantity.metric)
+    metrics = [quantity for quantity in quantities if quantity.metric]
+    draws = not one_file(base) and not all(agree(quantity, ours, theirs, base) for quantity in metrics)
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     changes = [replace(c, interval=between(ours, theirs)) if c.quantity.name == SLICE else c for c in changes]
     others = [judge(quantity, ours, theirs, base) for quantity in shown(base[0])]
