@@ -1,10 +1,12 @@
 """Footnotes of tables: the meaning of the numbers, omissions, and the conditions of timings."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from statistics import fmean
 
 from bench.records import PSNR, Record, Run, gate
 from reports.rows import Material, Row
+
+MUCH = 0.1  # of the squared error, for one slice
 
 
 def main_notes(material: Material) -> list[str]:
@@ -42,8 +44,8 @@ def _by_shared_bytes(material: Material) -> dict[int, list[Row]]:
 
 
 def common_notes(material: Material) -> list[str]:
-    """Footnotes common to all tables of a material: exact slices and rows that are not comparable."""
-    return [*_exact(material), *_not_comparable(material)]
+    """Footnotes common to all tables of a material: on exact slices, on one that decides, on rows left out."""
+    return [*_exact(material), *resting([material]), *_not_comparable(material)]
 
 
 def run_notes(run: Run) -> list[str]:
@@ -109,6 +111,18 @@ def _exact(material: Material) -> Iterator[str]:
         if stats and stats.get("exact"):
             counted = f"{stats['exact']:,} of {stats['slices']:,} slices"
             yield f"{row.name}: {counted} have no error in display space; mean ± std leave them out."
+
+
+def resting(materials: Sequence[Material]) -> list[str]:
+    """A footnote on the rows whose pooled PSNR rests on one slice; none of records that do not say."""
+    found = []
+    for material in materials:
+        for row in material.measured:
+            if (share := row.stats(row.gate, PSNR).get("largest") or 0) > MUCH:
+                where = f" on {material.name}" * (len(materials) > 1)
+                found.append(f"{row.name}{where} ({100 * share:.0f} %)")
+    told = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all slices alike)"
+    return [f"{told}: {', '.join(found)}."] if found else []
 
 
 def _not_comparable(material: Material) -> Iterator[str]:

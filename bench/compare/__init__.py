@@ -133,8 +133,8 @@ def check_whole(base: Run) -> None:
     """`InputError` where a line of the base is damaged: what it said would be judged by nothing."""
     if base.unreadable:
         raise InputError(
-            f"{base.folder}: line(s) {', '.join(map(str, base.unreadable))} of BASE cannot be read, and what they held "
-            "would not be judged: get the file again, measure it anew, or remove them where nothing is missing"
+            f"{base.folder}: line(s) {', '.join(map(str, base.unreadable))} of the records to compare with cannot be "
+            "read, and what they held would not be judged: get the file again, or remove them where nothing is missing"
         )
 
 

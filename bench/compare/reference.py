@@ -60,6 +60,14 @@ def few_seeds(run: Run) -> list[str]:
     return [name for name, values in rows.items() if len(values) < FEW_SEEDS and len(set(values)) != 1]
 
 
+def pairs_by_seed(run: Run) -> list[str]:
+    """The names of rows whose seeds are scored at pairs of their own: they differ because pairs do."""
+    rows: dict[str, set[object]] = {}
+    for job in run.jobs:
+        rows.setdefault(f"{job['material']}/{job['label']}", set()).add(job["score_key"]["btf"])
+    return [name for name, pairs in rows.items() if len(pairs) > 1]
+
+
 def _text(line: Record) -> str:
     return json.dumps(line, sort_keys=True, allow_nan=False, separators=(",", ":"))
 

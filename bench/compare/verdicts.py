@@ -110,14 +110,14 @@ def judge(
         base, before = reference, tells  # the same pairs for every seed: each tells as much as any
     if reason := _obstacle(quantity, base[0], new[0], before, after):
         return Change(quantity, _mean(before), _mean(after), Verdict.UNLIKE, why=reason)
-    spread = _spread(tells)
+    certain = bool(quantity.metric) and one_file(reference)
+    spread = 0.0 if certain else _spread(tells)
     change = Change(quantity, _mean(before), _mean(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:
         return change
     chance = None
     if draws if quantity.metric else not _agree(quantity.tolerance, tells):
         chance = _of_differences(tells) if quantity.metric and paired else scatter(tells, after, len(base))
-    certain = bool(quantity.metric) and one_file(reference)
     room = quantity.tolerance.certain if certain else margin(quantity.tolerance, tells, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
 

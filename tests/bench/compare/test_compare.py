@@ -338,7 +338,7 @@ def test_a_damaged_line_of_the_base_is_an_error(make):
     base, worse = make.run("base", *make.seeds([30.0] * 3)), make.run("new", *make.seeds([29.0] * 3))
     path = base.folder / "records.jsonl"
     path.write_text(path.read_text().replace('"job"', '"jbo"'))
-    with pytest.raises(InputError, match=r"line\(s\) 2, 3, 4 of BASE cannot be read"):
+    with pytest.raises(InputError, match=r"line\(s\) 2, 3, 4 of the records to compare with cannot be read"):
         compare(load_run(base.folder), worse)
 
 

@@ -80,7 +80,7 @@ def test_a_damaged_line_of_the_base_is_an_error(held, capsys):
     with open(held, "a") as file:
         file.write('{"kind": "stress", "subject": "pca", "extr')
     assert main(["compare", held, held]) == 2
-    assert "line(s) 3 of BASE cannot be read" in capsys.readouterr().err
+    assert "line(s) 3 of the records to compare with cannot be read" in capsys.readouterr().err
 
 
 def test_jobs_and_a_stress_test_in_one_file_are_refused(held, make, capsys):
