@@ -121,7 +121,7 @@ def resting(materials: Sequence[Material]) -> list[str]:
             if (share := row.stats(row.gate, PSNR).get("largest") or 0) > MUCH:
                 where = f" on {material.name}" * (len(materials) > 1)
                 found.append(f"{row.name}{where} ({100 * share:.0f} %)")
-    told = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all slices alike)"
+    told = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all alike)"
     return [f"{told}: {', '.join(found)}."] if found else []
 
 

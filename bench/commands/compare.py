@@ -14,7 +14,6 @@ examples:
 import argparse
 from pathlib import Path
 
-
 _OF_JOBS = ("material", "markdown", "junit", "tracker", "annotations")  # options without a meaning for stress tests
 
 

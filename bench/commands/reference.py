@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     if drawn := pairs_by_seed(after):
         print(
             "warning: each seed is scored at test pairs of its own, so that only seeds that a run shares with this "
-            "reference tell of a change, and margins are wide; write split = \"validation\" into [data] of the suite, "
+            'reference tell of a change, and margins are wide; write split = "validation" into [data] of the suite, '
             f"and run it anew: {', '.join(drawn)}"
         )
     return FINE

@@ -170,8 +170,8 @@ def _notes(base: Run, new: Run, rows: list[Row]) -> Iterator[str]:
             yield "not measured under the same conditions: " + "; ".join(changed)
     if alone := [row.name for row in rows if any(_alone(change) for change in row.deciding)]:
         yield (
-            "one seed in BASE, or one that NEW has at the same pairs, so that the spread is not known and the margin is "
-            f"a guess: {', '.join(alone)}"
+            "one seed in BASE, or one that NEW has at the same pairs, so that the spread is not known and the margin "
+            f"is a guess: {', '.join(alone)}"
         )
 
 

@@ -36,9 +36,10 @@ def _said(after: Record) -> str:
 
 
 def report(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str] = ()) -> tuple[str, int]:
-    """The changes as text, and the exit code: 1 where a cell got worse that `allow` does not name, 4 for no common cell.
+    """The changes as text, and the exit code.
 
-    `InputError` for a codec that neither has, and for a damaged base.
+    It is 1 where a cell got worse that `allow` does not name, 4 where the two have no cell in common. `InputError` for
+    a codec that neither has, and for a damaged base.
     """
     check_whole(base)
     subjects = [{record["subject"] for record in run.stress} for run in (base, new)]

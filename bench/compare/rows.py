@@ -54,7 +54,8 @@ class Row:
     def findings(self) -> list[tuple[Verdict, str]]:
         """A sentence for each difference of this row, and the verdict on it."""
         found = [(self.verdict, self.why)] if self.why else []
-        return found + [(c.verdict, sentence(c)) for c in self.deciding if c.verdict not in (Verdict.SAME, Verdict.SHOWN)]
+        told = [change for change in self.deciding if change.verdict not in (Verdict.SAME, Verdict.SHOWN)]
+        return found + [(change.verdict, sentence(change)) for change in told]
 
     def reasons(self) -> list[str]:
         """The sentences without gains: what speaks against this row."""

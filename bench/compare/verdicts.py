@@ -9,9 +9,9 @@ than chance and large enough to matter. The margin is the smallest loss that the
 If all seeds are scored at the same pairs, the base mean is over all its seeds; otherwise over the seeds that new has
 too. A row whose seeds give the numbers of the base again has not changed, whatever the other seeds give.
 
-Where each seed is scored at pairs of its own, scores differ because pairs do. Then the differences at equal seeds, whose
-pairs are equal, say how much a codec scatters: s is their standard deviation, and the margin is t · s / √n. A codec that
-wrote the same file with each seed draws nothing; its margin is the small tolerance.
+Where each seed is scored at pairs of its own, scores differ because pairs do. Then the differences at equal seeds,
+whose pairs are equal, say how much a codec scatters: s is their standard deviation, and the margin is t · s / √n. A
+codec that wrote the same file with each seed draws nothing; its margin is the small tolerance.
 """
 
 import math
@@ -139,8 +139,10 @@ def one_file(reference: Sequence[Record]) -> bool:
     return not _same_pairs(reference) and len(files) == 1 and None not in files
 
 
-def _telling(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]) -> Values:
-    """The numbers that differ as the seeds of a codec do: of all seeds or, where pairs differ too, what each changed."""
+def _telling(
+    quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]
+) -> list[float | None]:
+    """The numbers that differ as seeds of a codec do: of all seeds or, where pairs differ too, what each changed."""
     if not quantity.metric or _same_pairs(reference):
         return [quantity.value(job) for job in reference]
     after = {job["seed"]: quantity.value(job) for job in new}

@@ -211,7 +211,7 @@ def canonical(suite: Suite) -> Suite:
 
 
 def _told(spec: CodecSpec) -> dict[str, Any]:
-    """The settings of a codec that differ from its defaults, which are those of its recipe, as the codec parses them."""
+    """The settings of a codec that differ from its recipe's defaults, as the codec parses them."""
     from bench.codec import RECIPE, settings_dict
     from bench.codecs.registry import make_codec
 

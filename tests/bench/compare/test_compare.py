@@ -116,7 +116,7 @@ def test_more_seeds_with_pairs_of_their_own_hide_no_loss(make, seeds):
     pairs = HARD_AND_EASY[:seeds]
     for lost, files in ((-15.0, "01"), (-15.0, "00"), (-1.0, "01"), (-0.3, "00")):
         changed = [psnr + lost + 0.02 * seed for seed, psnr in enumerate(pairs)]
-        base, new = ([job for job in of_own_pairs(make, psnrs)] for psnrs in (pairs, changed))
+        base, new = (of_own_pairs(make, psnrs) for psnrs in (pairs, changed))
         for job in base:
             job["score_key"]["sha256"] = files[job["seed"] % 2]
         name = f"{lost}{files}"
