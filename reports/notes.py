@@ -45,7 +45,7 @@ def _by_shared_bytes(material: Material) -> dict[int, list[Row]]:
 
 def common_notes(material: Material) -> list[str]:
     """Footnotes common to all tables of a material: on exact slices, on one that decides, on rows left out."""
-    return [*_exact(material), *resting([material]), *_not_comparable(material)]
+    return [*_exact(material), *_resting(material), *_not_comparable(material)]
 
 
 def run_notes(run: Run) -> list[str]:
@@ -113,16 +113,26 @@ def _exact(material: Material) -> Iterator[str]:
             yield f"{row.name}: {counted} have no error in display space; mean ± std leave them out."
 
 
-def resting(materials: Sequence[Material]) -> list[str]:
-    """A footnote on the rows whose pooled PSNR rests on one slice; none of records that do not say."""
-    found = []
-    for material in materials:
-        for row in material.measured:
-            if (share := row.stats(row.gate, PSNR).get("largest") or 0) > MUCH:
-                where = f" on {material.name}" * (len(materials) > 1)
-                found.append(f"{row.name}{where} ({100 * share:.0f} %)")
+def resting_over(materials: Sequence[Material]) -> Iterator[str]:
+    """A footnote of several materials: on how many rows of each `_resting` speaks."""
+    found = {material.name: _shares(material) for material in materials}
+    most = {name: max(shares.values()) for name, shares in found.items() if shares}
+    counted = [f"{len(found[name])} of {name} (at most {100 * share:.0f} %)" for name, share in most.items()]
+    if counted:
+        yield f"Rows whose pooled PSNR rests on a single slice, see the tables by material: {', '.join(counted)}."
+
+
+def _resting(material: Material) -> Iterator[str]:
+    """The rows whose pooled PSNR rests on one slice; none of records that do not say."""
     told = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all alike)"
-    return [f"{told}: {', '.join(found)}."] if found else []
+    if shares := _shares(material):
+        yield f"{told}: {', '.join(f'{name} ({100 * share:.0f} %)' for name, share in shares.items())}."
+
+
+def _shares(material: Material) -> dict[str, float]:
+    """By row, the share of the squared error that one slice holds, where it is much."""
+    shares = {row.name: row.stats(row.gate, PSNR).get("largest") or 0.0 for row in material.measured}
+    return {name: share for name, share in shares.items() if share > MUCH}
 
 
 def _not_comparable(material: Material) -> Iterator[str]:

@@ -136,7 +136,7 @@ def test_tables_say_where_pooled_psnr_rests_on_one_slice(made):
     assert satin.endswith(": mirror (32 %).")
     assert brick == []
     ((summary,),) = said("summary")
-    assert summary.endswith(": mirror on satin (32 %).")
+    assert summary.endswith(": 1 of satin (at most 32 %).")
 
 
 def test_bands_follow_the_groups_of_the_record(made):
