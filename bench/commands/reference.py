@@ -47,9 +47,10 @@ def run(options: argparse.Namespace) -> int:
     after = load_run(path)
     print(_changes(before or after, after))
     print(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
-    if few := few_seeds(after):
+    drawn = pairs_by_seed(after)
+    if few := [name for name in few_seeds(after) if name not in drawn]:
         print(f"few seeds to tell a spread by; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
-    if drawn := pairs_by_seed(after):
+    if drawn:
         print(
             "warning: each seed is scored at test pairs of its own, so that only seeds that a run shares with this "
             'reference tell of a change, and margins are wide; write split = "validation" into [data] of the suite, '
