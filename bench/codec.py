@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 ZSTD, SCENE = COMMON = ("zstd", "scene")  # boolean settings that every codec has
+RECIPE = "recipe"  # the setting that chooses the defaults of others
 COMMON_MEANINGS = {
     ZSTD: "store each part compressed by Zstandard, without loss (extra neubtf-bench[zstd])",
     SCENE: "fit to the demand of a scene instead of to the whole BTF (see docs/scenes.md)",
@@ -133,7 +134,7 @@ class Configured:
         """
         self.zstd: bool = convert(self.name, ZSTD, bool, zstd)
         self.scene: bool = convert(self.name, SCENE, bool, scene)
-        recipe = self.recipes.get(settings.get("recipe", ""), {})
+        recipe = self.recipes.get(settings.get(RECIPE, ""), {})
         self.settings: Any = parse(self.name, self.Settings, {**recipe, **settings})
 
 

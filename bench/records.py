@@ -36,6 +36,8 @@ _NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": 
 
 PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
 
+OUTSIDE = "outside the scene"  # the group of pairs that the demand of a scene does not touch
+
 # Two timings are compared only if these fields agree.
 CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
 

@@ -55,7 +55,7 @@ def rates(maps: Maps, size: int, repeat: int) -> list[tuple[float, float]]:
 
 def agreement(maps: Maps) -> None:
     """Ratios of slice means to the built-in renderer's, at pairs up to 75°."""
-    wo, wi = Sampling(views=5, lights=5, heldout=25).everything("", 0)
+    wo, wi = Sampling(views=5, lights=5, heldout=25, split="validation").everything("", 0)
     ours = render(maps, wo, wi, (64, 64), SUB_POINTS).mean((1, 2, 3))
     for name, depth in (("direct light", 2), ("all light", MAX_DEPTH)):
         ratio = path_trace(maps, wo, wi, (64, 64), SUB_POINTS, depth=depth).mean((1, 2, 3)) / ours

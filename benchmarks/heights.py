@@ -70,7 +70,7 @@ def drawn(heights: dict[str, tuple[Array, Array]]) -> Figure:
 
 def failing(name: str, steps: int) -> Figure:
     """The validation slice of greatest error of a fit: truth, decoded, their difference."""
-    btf = load(name, SIZE)
+    btf = load(name, SIZE, split="validation")
     split = btf.split()
     codec = load_codec("relief")(steps=steps)
     material = codec.decode(codec.encode(btf.subset(split.train), Fit(threads=1)), torch.device("cpu"))

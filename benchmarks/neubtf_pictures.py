@@ -61,7 +61,7 @@ class Bench:
         self.out, self.keep = out, keep
 
     def btf(self, name: str) -> BTF:
-        return load(name, size=SIZE)
+        return load(name, size=SIZE, split="validation")
 
     def half(self, name: str, kind: str = "0", settings: dict[str, Any] = BRIEF) -> Source:
         """NeuBTF, fitted to the left half of a material."""
@@ -73,7 +73,7 @@ class Bench:
         path = self.keep / f"{name}-{SMALL}-{codec.name}.nbtf"
         curve = path.with_suffix(".json")
         if not curve.exists():
-            btf, fit = load(name, size=SMALL), Fit()
+            btf, fit = load(name, size=SMALL, split="validation"), Fit()
             container.save(path, codec, codec.encode(btf.subset(btf.split().train), fit))
             curve.write_text(json.dumps(fit.history))
         return loading.load(path)[1], json.loads(curve.read_text())
@@ -288,7 +288,7 @@ def draw_latents(bench: Bench) -> None:
 
 def draw_failure(bench: Bench) -> None:
     """Relief so strong that it hides itself: NeuBTF without parallax against NeuMIP, which shifts its texels."""
-    btf = load(FAILING, size=SMALL)
+    btf = load(FAILING, size=SMALL, split="validation")
     codecs = [load_codec(name)() for name in ("neubtf", "neubtf-direct", "neumip")]
     materials = [bench.whole(FAILING, codec)[0] for codec in codecs]
     ssim = metric_of(default_names(btf.periodic), SSIM)

@@ -90,7 +90,7 @@ def main() -> None:
     torch.set_num_threads(1)
     print("| material | codec | texture, weights | bytes · dB of each rung | BD-rate |\n|" + " --- |" * 5)
     for name in chosen.material:
-        btf = load(name, seed=chosen.seed)
+        btf = load(name, seed=chosen.seed, split="validation")
         scorer = Scorer(btf, ["psnr_display"], threads=1)
         for codec in chosen.codecs or ["pca", "vq"]:
             kind = load_codec(codec)

@@ -109,7 +109,7 @@ def compared(btf: BTF, material: NeuBTFMaterial) -> Errors:
 
 def row(name: str, size: int, settings: dict[str, Any], folder: Path, seed: int) -> tuple[str, float]:
     """The line of a material in the table, and its margin."""
-    btf, codec = load(name, size=size), NeuBTF(keep_encoder=True, **BRIEF | settings)
+    btf, codec = load(name, size=size, split="validation"), NeuBTF(keep_encoder=True, **BRIEF | settings)
     start = time.process_time()
     source = propagation.Source.read(fitted(left_half(btf), codec, folder / f"{name}-{size}-left-{seed}.nbtf", seed))
     seconds = time.process_time() - start

@@ -68,10 +68,10 @@ def main() -> None:
     head = "steps | CPU s | PSNR, dB | SSIM |"
     print(f"| material | recipe | {head}\n|" + " --- |" * 6)
     for name in chosen.material:
-        compared(Bench(load(name), 1), name, chosen.steps)
+        compared(Bench(load(name, split="validation"), 1), name, chosen.steps)
     if chosen.departures:
         print(f"\n| the paper's recipe, but | {head}\n|" + " --- |" * 5)
-        bench = Bench(load(chosen.departures, chosen.size), 1)
+        bench = Bench(load(chosen.departures, chosen.size, split="validation"), 1)
         for what, departure in DEPARTURES.items():
             settings = PAPER | departure | {"steps": chosen.steps}
             print(f"| {what} | {measured(bench, **settings)[0]} |", flush=True)

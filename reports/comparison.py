@@ -40,7 +40,7 @@ def terminal(comparison: Comparison) -> str:
         tables += [_deciding(material, rows), *_others(material, rows)]
     tables += [_deciding(comparison.means[0].material, comparison.means)] if comparison.means else []
     every = [*comparison.rows, *comparison.means]
-    findings = [_wrapped(f"{_word(row):<7} {row.name}: {text}") for row in every for text in _reasons(row)]
+    findings = [_wrapped(f"{_word(verdict):<7} {row.name}: {text}") for row in every for verdict, text in _told(row)]
     findings += [_wrapped(f"advice  {row.name}: {row.advice}") for row in comparison.rows if row.advice]
     legend = [_LEGEND] if any(row.deciding for row in comparison.rows) else []
     legend += [_UNLIKE] if comparison.having(Verdict.UNLIKE) else []
@@ -70,18 +70,19 @@ def _show(row: Row) -> list[Change]:
     return row.shown
 
 
-def _word(row: Row) -> str:
-    return NOT_COMPARABLE if row.verdict == Verdict.UNLIKE else row.verdict
+def _word(verdict: Verdict) -> str:
+    return NOT_COMPARABLE if verdict == Verdict.UNLIKE else verdict
 
 
-def _reasons(row: Row) -> list[str]:
-    return [*(row.reasons() if row.verdict not in (Verdict.SAME, Verdict.NEW) else []), *row.notes]
+def _told(row: Row) -> list[tuple[Verdict, str]]:
+    """Each difference of a row with its verdict, and its notes with that of the row."""
+    return [*row.findings(), *((row.verdict, note) for note in row.notes)]
 
 
 def _findings(comparison: Comparison) -> Iterator[str]:
     for row in (*comparison.rows, *comparison.means):
-        reasons = row.reasons() if row.verdict not in (Verdict.SAME, Verdict.NEW) else []
-        findings = [(_MARKS[row.verdict], text) for text in reasons] + [("ℹ️ note", text) for text in row.notes]
+        findings = [(_MARKS[verdict], text) for verdict, text in row.findings()]
+        findings += [("ℹ️ note", text) for text in row.notes]
         findings += [("⏱️ advice", row.advice)] if row.advice else []
         yield from (f"- {mark}: **{escaped(row.name)}**: {escaped(text)}" for mark, text in findings)
 
@@ -94,7 +95,7 @@ def _deciding(material: str, rows: Sequence[Row]) -> Table:
         headers += [(quantity.name, quantity.scale)] if quantity.name == "PSNR" else []
         headers += [(quantity.name, "±") if quantity.metric else (quantity.name, quantity.scale)]
     cells = [
-        [row.label, *(cell for q in quantities for cell in _cells(q, _find(row.deciding, q))), _word(row)]
+        [row.label, *(cell for q in quantities for cell in _cells(q, _find(row.deciding, q))), _word(row.verdict)]
         for row in rows
     ]
     return Table("compare", material, [*headers, ("verdict", "")], cells)

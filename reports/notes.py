@@ -1,10 +1,12 @@
 """Footnotes of tables: the meaning of the numbers, omissions, and the conditions of timings."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from statistics import fmean
 
 from bench.records import PSNR, Record, Run, gate
 from reports.rows import Material, Row
+
+MUCH = 0.1  # of the squared error, for one slice
 
 
 def main_notes(material: Material) -> list[str]:
@@ -42,8 +44,8 @@ def _by_shared_bytes(material: Material) -> dict[int, list[Row]]:
 
 
 def common_notes(material: Material) -> list[str]:
-    """Footnotes common to all tables of a material: exact slices and rows that are not comparable."""
-    return [*_exact(material), *_not_comparable(material)]
+    """Footnotes common to all tables of a material: on exact slices, on one that decides, on rows left out."""
+    return [*_exact(material), *_resting(material), *_not_comparable(material)]
 
 
 def run_notes(run: Run) -> list[str]:
@@ -109,6 +111,28 @@ def _exact(material: Material) -> Iterator[str]:
         if stats and stats.get("exact"):
             counted = f"{stats['exact']:,} of {stats['slices']:,} slices"
             yield f"{row.name}: {counted} have no error in display space; mean ± std leave them out."
+
+
+def resting_over(materials: Sequence[Material]) -> Iterator[str]:
+    """A footnote of several materials: on how many rows of each `_resting` speaks."""
+    found = {material.name: _shares(material) for material in materials}
+    most = {name: max(shares.values()) for name, shares in found.items() if shares}
+    counted = [f"{len(found[name])} of {name} (at most {100 * share:.0f} %)" for name, share in most.items()]
+    if counted:
+        yield f"Rows whose pooled PSNR rests on a single slice, see the tables by material: {', '.join(counted)}."
+
+
+def _resting(material: Material) -> Iterator[str]:
+    """The rows whose pooled PSNR rests on one slice; none of records that do not say."""
+    told = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all alike)"
+    if shares := _shares(material):
+        yield f"{told}: {', '.join(f'{name} ({100 * share:.0f} %)' for name, share in shares.items())}."
+
+
+def _shares(material: Material) -> dict[str, float]:
+    """By row, the share of the squared error that one slice holds, where it is much."""
+    shares = {row.name: row.stats(row.gate, PSNR).get("largest") or 0.0 for row in material.measured}
+    return {name: share for name, share in shares.items() if share > MUCH}
 
 
 def _not_comparable(material: Material) -> Iterator[str]:

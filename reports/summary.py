@@ -10,6 +10,7 @@ from reports import columns
 from reports.column import Column
 from reports.marks import marks
 from reports.missing import missing_note
+from reports.notes import resting_over
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import Codec, materials
 from reports.table import Table
@@ -43,6 +44,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         headers.append(("against the best", "dB a slice"))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
         notes = [*_NOTES, _PAIRED.format(against.first)] if against.over else _NOTES
+    notes = [*notes, *resting_over(found)]
     if missing := missing_note(run):
         notes = [*notes, missing]
     names = ", ".join(material.name for material in found)

@@ -3,7 +3,8 @@
 Parameters and bytes must be the same; PSNR of held-out pairs, pooled and slice by slice, at grazing directions and over
 footprints, and FLIP must be within a margin that the table shows, for each row, each codec over its materials and all
 codecs together. Everything else is shown, and times advise. Exit codes: 0 nothing got worse, 1 a regression, or what
-vanished or is not comparable and that --allow does not name, 3 a job failed, 4 nothing can be compared.
+vanished or is not comparable and that --allow does not name, 2 a damaged BASE, 3 a job failed, 4 nothing can be
+compared. Two stress tests are compared cell by cell, as text.
 
 examples:
   neubtf-bench compare bench/compare/references/ci.jsonl runs/ci
@@ -12,6 +13,8 @@ examples:
 
 import argparse
 from pathlib import Path
+
+_OF_JOBS = ("material", "markdown", "junit", "tracker", "annotations")  # options without a meaning for stress tests
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,14 +37,20 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.compare import compare
+    from bench.errors import InputError
     from bench.records import load_run
     from reports.comparison import markdown, terminal
 
     base, new = load_run(options.base), load_run(options.new)
-    if base.stress and not base.jobs:
+    for name, each in ((options.base, base), (options.new, new)):
+        if each.jobs and each.stress:
+            raise InputError(f"{name}: holds jobs and a stress test: compare each from a file of its own")
+    if base.stress:
         from bench.compare.extremes import report
 
-        text, code = report(base, new, options.codec, getattr(options, "allow", []))
+        if ignored := [f"--{name}" for name in _OF_JOBS if getattr(options, name)]:
+            raise InputError(f"{', '.join(ignored)}: not of stress tests, which are compared as text: leave it out")
+        text, code = report(base, new, options.codec, options.allow)
         print(text)
         return code
     found = compare(base, new, options.material, options.codec, options.allow)

@@ -27,7 +27,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.atomic import write
-    from bench.compare.reference import few_seeds, reference
+    from bench.compare import check_whole
+    from bench.compare.reference import few_seeds, pairs_by_seed, reference
     from bench.errors import InputError
     from bench.records import load_run
 
@@ -36,6 +37,8 @@ def run(options: argparse.Namespace) -> int:
     if path.suffix != ".jsonl":
         raise InputError(f"{path}: the name of a reference ends in .jsonl")
     before = load_run(path) if path.is_file() else None
+    if before:
+        check_whole(before)
     text = reference(measured, before)
     try:
         write(path, text.encode())
@@ -44,8 +47,15 @@ def run(options: argparse.Namespace) -> int:
     after = load_run(path)
     print(_changes(before or after, after))
     print(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
-    if few := few_seeds(after):
+    drawn = pairs_by_seed(after)
+    if few := [name for name in few_seeds(after) if name not in drawn]:
         print(f"few seeds to tell a spread by; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
+    if drawn:
+        print(
+            "warning: each seed is scored at test pairs of its own, so that only seeds that a run shares with this "
+            'reference tell of a change, and margins are wide; write split = "validation" into [data] of the suite, '
+            f"and run it anew: {', '.join(drawn)}"
+        )
     return FINE
 
 

@@ -69,7 +69,9 @@ def compare(
     codecs: Sequence[str] = (),
     allow: Sequence[str] = (),
 ) -> Comparison:
-    """Compare two runs: all rows, or those of some materials and codecs. `InputError` for a name that neither has.
+    """Compare two runs: all rows, or those of some materials and codecs.
+
+    `InputError` for a name that neither has, and for a damaged base.
 
     `allow` names rows that may be gone or not comparable: a codec, a label, a material, `material/label`, or a pattern.
     """
@@ -77,9 +79,10 @@ def compare(
     def wanted(job: Record) -> bool:
         return (not materials or job["material"] in materials) and (not codecs or _codec(job) in codecs)
 
+    check_whole(base)
     every = [*base.jobs, *new.jobs]
-    _known("material", materials, {job["material"] for job in every})
-    _known("codec", codecs, {_codec(job) for job in every})
+    check_names("material", materials, {job["material"] for job in every})
+    check_names("codec", codecs, {_codec(job) for job in every})
     before, after = ([_checked(job, run) for job in run.jobs if wanted(job)] for run in (base, new))
     before = _renamed(before, after)
     ours, theirs = (multiples(jobs, list(run.timings)) for jobs, run in ((before, base), (after, new)))
@@ -126,7 +129,17 @@ def _codec(job: Record) -> str:
     return name
 
 
-def _known(what: str, names: Sequence[str], known: set[str]) -> None:
+def check_whole(base: Run) -> None:
+    """`InputError` where a line of the base is damaged: what it said would be judged by nothing."""
+    if base.unreadable:
+        raise InputError(
+            f"{base.folder}: line(s) {', '.join(map(str, base.unreadable))} of the records to compare with cannot be "
+            "read, and what they held would not be judged: get the file again, or remove them where nothing is missing"
+        )
+
+
+def check_names(what: str, names: Sequence[str], known: set[str]) -> None:
+    """`InputError` for a name that neither run has."""
     for name in names:
         if name not in known:
             raise InputError(f"--{what} {name}: in neither run{did_you_mean(name, known)}")
@@ -148,16 +161,18 @@ def _by_row(jobs: list[Record]) -> dict[tuple[str, str], list[Record]]:
 
 def _notes(base: Run, new: Run, rows: list[Row]) -> Iterator[str]:
     """Notes on the comparison: unreadable lines, changed conditions, bases with one seed."""
-    for name, run in (("BASE", base), ("NEW", new)):
-        if run.unreadable:
-            yield f"{len(run.unreadable)} line(s) of {name} could not be read: {', '.join(map(str, run.unreadable))}"
+    if new.unreadable:
+        yield f"{len(new.unreadable)} line(s) of NEW could not be read: {', '.join(map(str, new.unreadable))}"
     if base.starts and new.starts:
         mine, theirs = _conditions(base.starts[-1]), _conditions(new.starts[-1])
         changed = [f"{key} {mine[key]} → {theirs[key]}" for key in mine if mine[key] != theirs[key]]
         if changed:
             yield "not measured under the same conditions: " + "; ".join(changed)
     if alone := [row.name for row in rows if any(_alone(change) for change in row.deciding)]:
-        yield f"one seed in BASE, so that the spread is not known and the margin is a guess: {', '.join(alone)}"
+        yield (
+            "one seed in BASE, or one that NEW has at the same pairs, so that the spread is not known and the margin "
+            f"is a guess: {', '.join(alone)}"
+        )
 
 
 def _alone(change: Change) -> bool:

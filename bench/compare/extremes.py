@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 
+from bench.compare import check_names, check_whole
 from bench.errors import FINE, NO, NOTHING
 from bench.records import Record, Run
 
@@ -14,16 +15,20 @@ def changes(base: Run, new: Run, codecs: Sequence[str] = ()) -> Iterator[tuple[s
 
     A cell of a codec of another version is compared like any other: an extreme that held must hold.
     """
-    found = {(record["subject"], record["extreme"]): record for record in new.stress}
+    found = {_cell(record): record for record in new.stress}
     for before in base.stress:
         subject, extreme = before["subject"], before["extreme"]
         if before["verdict"] != "pass" or (codecs and subject not in codecs):
             continue
-        after = found.get((subject, extreme))
+        after = found.get(_cell(before))
         if after is None:
             yield f"{subject}: {extreme}", GONE
         elif after["verdict"] != "pass":
             yield f"{subject}: {extreme}", _said(after)
+
+
+def _cell(record: Record) -> tuple[str, str]:
+    return record["subject"], record["extreme"]
 
 
 def _said(after: Record) -> str:
@@ -31,10 +36,19 @@ def _said(after: Record) -> str:
 
 
 def report(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str] = ()) -> tuple[str, int]:
-    """The changes as text, and the exit code: 1 where a cell got worse that `allow` does not name, 4 for no cell."""
-    held = sum(record["verdict"] == "pass" for record in new.stress)
-    if not held or not len(base.stress):
+    """The changes as text, and the exit code.
+
+    It is 1 where a cell got worse that `allow` does not name, 4 where the two have no cell in common. `InputError` for
+    a codec that neither has, and for a damaged base.
+    """
+    check_whole(base)
+    subjects = [{record["subject"] for record in run.stress} for run in (base, new)]
+    check_names("codec", codecs, set.union(*subjects))
+    wanted = set(codecs) or subjects[0]
+    ours, theirs = ([record for record in run.stress if record["subject"] in wanted] for run in (base, new))
+    if not {_cell(record) for record in ours} & {_cell(record) for record in theirs}:
         return "no cell of a stress test can be compared", NOTHING
+    held = sum(record["verdict"] == "pass" for record in theirs)
     worse = [change for change in changes(base, new, codecs) if not any(fnmatch(change[0], name) for name in allow)]
     lines = [f"{name} {what}" for name, what in worse]
     return "\n".join([*lines, f"{held} cells hold, {len(worse)} got worse"]), NO if worse else FINE

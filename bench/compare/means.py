@@ -44,7 +44,7 @@ def _merged(changes: list[Change], every: bool) -> Change:
     weights = _weights(changes, tolerance.common)
     chance = _together(changes, weights)
     least = tolerance.common if every else tolerance.drawn if chance else tolerance.certain
-    room = max(least, chance.margin(tolerance.chance) if chance else 0.0)
+    room = max(least, chance.margin(tolerance) if chance else 0.0)
     base, new = (
         math.fsum(weight * getattr(change, side) for weight, change in zip(weights, changes, strict=True))
         for side in ("base", "new")

@@ -13,10 +13,10 @@ from typing import Any
 
 from bench.compare.quantities import FOOTPRINTS
 from bench.compare.slices import decibels, packed
+from bench.compare.verdicts import FEW_SEEDS
 from bench.errors import InputError
 from bench.records import CONDITIONS, FLIP, PSNR, Record, Run, gate, metric_of, metrics_of, stats_of
 
-FEW_SEEDS = 6  # of three, one deviation in five (1 − e^−¼) is less than half the true one; of six, one in sixteen
 _DIGITS = 7
 _PACKAGES = ("neubtf-bench", "torch", "numpy")
 _FIT = ("version", "settings", "training")
@@ -58,6 +58,14 @@ def few_seeds(run: Run) -> list[str]:
         score = stats_of(job, PSNR).get("pooled")
         rows.setdefault(f"{job['material']}/{job['label']}", []).append(score)
     return [name for name, values in rows.items() if len(values) < FEW_SEEDS and len(set(values)) != 1]
+
+
+def pairs_by_seed(run: Run) -> list[str]:
+    """The names of rows whose seeds are scored at pairs of their own: they differ because pairs do."""
+    rows: dict[str, set[object]] = {}
+    for job in run.jobs:
+        rows.setdefault(f"{job['material']}/{job['label']}", set()).add(job["score_key"]["btf"])
+    return [name for name, pairs in rows.items() if len(pairs) > 1]
 
 
 def _text(line: Record) -> str:

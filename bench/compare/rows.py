@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from bench.compare.quantities import SLICE, deciding, shown
 from bench.compare.timings import Advice
-from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, other_settings, unlike
+from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, one_file, other_settings, unlike
 from bench.records import Record
 
 if TYPE_CHECKING:
@@ -51,10 +51,15 @@ class Row:
         times = f"{self.timing.base:.2f} → {self.timing.new:.2f} × mean-colour"
         return f"decodes {self.timing.words}, {times} (times advise only)"
 
+    def findings(self) -> list[tuple[Verdict, str]]:
+        """A sentence for each difference of this row, and the verdict on it."""
+        found = [(self.verdict, self.why)] if self.why else []
+        told = [change for change in self.deciding if change.verdict not in (Verdict.SAME, Verdict.SHOWN)]
+        return found + [(change.verdict, sentence(change)) for change in told]
+
     def reasons(self) -> list[str]:
-        """One sentence for each difference of this row."""
-        found = [self.why] if self.why else []
-        return found + [sentence(change) for change in self.deciding if change.verdict not in (Verdict.SAME, "")]
+        """The sentences without gains: what speaks against this row."""
+        return [text for verdict, text in self.findings() if verdict != Verdict.BETTER]
 
 
 def sentence(change: Change) -> str:
@@ -91,8 +96,11 @@ def compared(
     if obstacle:
         return Row(first["material"], first["label"], verdict or Verdict.UNLIKE, why or obstacle)
     quantities = deciding(base[0])
-    draws = not all(agree(quantity, base) for quantity in quantities if quantity.metric)
+    metrics = [quantity for quantity in quantities if quantity.metric]
+    draws = not one_file(base) and not all(agree(quantity, ours, theirs, base) for quantity in metrics)
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
+    if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
+        return Row(first["material"], first["label"], verdict or Verdict.UNLIKE, why or "no score in either record")
     changes = [replace(c, interval=between(ours, theirs)) if c.quantity.name == SLICE else c for c in changes]
     others = [judge(quantity, ours, theirs, base) for quantity in shown(base[0])]
     return Row(

@@ -8,13 +8,17 @@ than chance and large enough to matter. The margin is the smallest loss that the
 
 If all seeds are scored at the same pairs, the base mean is over all its seeds; otherwise over the seeds that new has
 too. A row whose seeds give the numbers of the base again has not changed, whatever the other seeds give.
+
+Where each seed is scored at pairs of its own, scores differ because pairs do. Then the differences at equal seeds,
+whose pairs are equal, say how much a codec scatters: s is their standard deviation, and the margin is t · s / √n. A
+codec that wrote the same file with each seed draws nothing; its margin is the small tolerance.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from statistics import NormalDist, fmean, stdev
+from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 from bench.compare.quantities import Quantity, Tolerance
@@ -23,8 +27,11 @@ from bench.records import Record
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
 
+Values = Sequence[float | None]  # a number a seed; None where it was not measured
 AGREE = 0.1  # of the tolerance: seeds of a deterministic codec may differ by this much, from rounding
-FEW_SEEDS = 6  # with fewer, the seeds of new help to estimate the scatter of a codec
+# With fewer, the seeds of new help to estimate the scatter of a codec, and `Chance.margin` has a limit. Of three seeds
+# one deviation in five (1 − e^−¼) is less than half the true one; of six, one in sixteen.
+FEW_SEEDS = 6
 SAME_EXPOSURE = 1e-4  # relative: 0.0004 dB of a gain; renderings may differ in a last bit from machine to machine
 
 
@@ -50,7 +57,7 @@ class Change:
     new: float | None
     verdict: Verdict
     margin: float | None = None
-    spread: float | None = None  # standard deviation over the seeds of the base; None where it has one
+    spread: float | None = None  # standard deviation over the seeds that tell of scatter; None where there is one
     why: str = ""
     chance: "Chance | None" = None  # of the difference, where seeds differ
     interval: "Interval | None" = None  # of the difference, over pairs and seeds; of the mean over slices
@@ -76,9 +83,17 @@ class Chance:
     error: float
     freedom: float
 
-    def margin(self, probability: float) -> float:
-        """The value that a difference exceeds by chance with this probability."""
-        return quantile(self.freedom, probability) * self.error
+    def margin(self, tolerance: Tolerance, unit: float = 1.0) -> float:
+        """The value that a difference exceeds by chance as seldom as the tolerance says.
+
+        Of two seeds it would be hundreds of errors, and hide any loss. So it is at most what the error would give if
+        it were known from `FEW_SEEDS` or, where that is more, the guess that serves for one seed.
+        """
+        own, enough = (
+            quantile(freedom, tolerance.chance) * self.error
+            for freedom in (self.freedom, max(self.freedom, FEW_SEEDS - 1))
+        )
+        return min(own, max(unit * tolerance.alone, enough))
 
 
 def judge(
@@ -88,89 +103,109 @@ def judge(
 
     `draws` marks a random codec, even if the seeds of this quantity agree: see `agree`.
     """
-    before, after, known = ([quantity.value(job) for job in jobs] for jobs in (base, new, reference))
-    if (
-        quantity.tolerance is not None
-        and not _again(before, after)
-        and len({job["score_key"]["btf"] for job in reference}) == 1
-    ):
-        base, before = reference, known  # the same pairs for every seed: each tells as much as any
+    before, after = ([quantity.value(job) for job in jobs] for jobs in (base, new))
+    tells = _telling(quantity, base, new, reference)
+    paired = not _same_pairs(reference)
+    if quantity.tolerance is not None and not paired and not _again(before, after):
+        base, before = reference, tells  # the same pairs for every seed: each tells as much as any
     if reason := _obstacle(quantity, base[0], new[0], before, after):
         return Change(quantity, _mean(before), _mean(after), Verdict.UNLIKE, why=reason)
-    spread = _spread(known)
+    certain = bool(quantity.metric) and one_file(reference)
+    spread = 0.0 if certain else _spread(tells)
     change = Change(quantity, _mean(before), _mean(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:
         return change
-    values = [value for value in known if value is not None]
     chance = None
-    if (draws and quantity.metric) or not _agree(quantity.tolerance, known):
-        chance = scatter(values, [v for v in after if v is not None], len(base))
-    room = margin(quantity.tolerance, values, chance)
+    if draws if quantity.metric else not _agree(quantity.tolerance, tells):
+        chance = _of_differences(tells) if quantity.metric and paired else scatter(tells, after, len(base))
+    room = quantity.tolerance.certain if certain else margin(quantity.tolerance, tells, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
 
 
-def _again(base: Sequence[float | None], new: Sequence[float | None]) -> bool:
+def _again(base: Values, new: Values) -> bool:
     """Whether the seeds of new gave the numbers of the base again, up to the rounding of a reference."""
     pairs = zip(base, new, strict=False)
     return len(base) == len(new) and all(a == b or (a and b and math.isclose(a, b, rel_tol=1e-5)) for a, b in pairs)
 
 
-def agree(quantity: Quantity, reference: Sequence[Record]) -> bool:
-    """Whether all seeds of the base give the same up to rounding: then the codec is deterministic."""
-    return quantity.tolerance is None or _agree(quantity.tolerance, [quantity.value(job) for job in reference])
+def _same_pairs(jobs: Sequence[Record]) -> bool:
+    """Whether all seeds are scored at the same pairs."""
+    return len({job["score_key"]["btf"] for job in jobs}) == 1
 
 
-def _agree(tolerance: Tolerance, known: Sequence[float | None]) -> bool:
-    values = [value for value in known if value is not None and math.isfinite(value)]
+def one_file(reference: Sequence[Record]) -> bool:
+    """Whether seeds that are scored at pairs of their own are known to have given the same file: they draw nothing."""
+    files = {job["score_key"].get("sha256") for job in reference}
+    return not _same_pairs(reference) and len(files) == 1 and None not in files
+
+
+def _telling(
+    quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]
+) -> list[float | None]:
+    """The numbers that differ as seeds of a codec do: of all seeds or, where pairs differ too, what each changed."""
+    if not quantity.metric or _same_pairs(reference):
+        return [quantity.value(job) for job in reference]
+    after = {job["seed"]: quantity.value(job) for job in new}
+    return [_gain(quantity.value(job), after[job["seed"]]) for job in base if job["seed"] in after]
+
+
+def _gain(base: float | None, new: float | None) -> float | None:
+    if base is None or new is None:
+        return None
+    return 0.0 if base == new else new - base
+
+
+def agree(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]) -> bool:
+    """Whether the seeds give the same up to rounding, or changed by the same: then the codec is deterministic."""
+    return quantity.tolerance is None or _agree(quantity.tolerance, _telling(quantity, base, new, reference))
+
+
+def _agree(tolerance: Tolerance, known: Values) -> bool:
+    values = _finite(known)
     if len(values) < 2:
         return True
     unit = abs(fmean(values)) if tolerance.relative else 1.0
     return max(values) - min(values) <= AGREE * unit * tolerance.certain
 
 
-def scatter(known: Sequence[float], new: Sequence[float], n: int) -> Chance | None:
+def _of_differences(differences: Values) -> Chance | None:
+    """The scatter of the mean of differences at equal seeds; None if unknown."""
+    finite = _finite(differences)
+    return Chance(stdev(finite) / math.sqrt(len(finite)), len(finite) - 1) if len(finite) > 1 else None
+
+
+def scatter(known: Values, new: Values, n: int) -> Chance | None:
     """The scatter of the difference between the means of `n` base seeds and of the new seeds; None if unknown.
 
     `known` holds the values of all seeds of the base.
     """
-    finite = [value for value in known if math.isfinite(value)]
+    finite, others = _finite(known), _finite(new)
     if len(finite) < 2 or not new:
         return None
-    groups = [finite]
-    if len(finite) < FEW_SEEDS and len(others := [value for value in new if math.isfinite(value)]) > 1:
-        groups.append(others)
+    groups = [finite, others] if len(finite) < FEW_SEEDS and len(others) > 1 else [finite]
     freedom = sum(len(group) - 1 for group in groups)
     variance = math.fsum((len(group) - 1) * stdev(group) ** 2 for group in groups) / freedom
     return Chance(math.sqrt(variance * (1 / n + 1 / len(new))), freedom)
 
 
-def margin(tolerance: Tolerance, known: Sequence[float], chance: Chance | None) -> float:
-    """The margin that a change must exceed to count, given the values of all seeds of the base; see the module."""
-    finite = [value for value in known if math.isfinite(value)]
+def _finite(values: Values) -> list[float]:
+    return [value for value in values if value is not None and math.isfinite(value)]
+
+
+def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
+    """The margin that a change must exceed to count, given the numbers that tell of its scatter; see the module."""
+    finite = _finite(known)
     unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
-    if len(known) == 1:
+    if len(known) < 2:
         return unit * tolerance.alone
-    return unit * tolerance.certain if chance is None else max(unit * tolerance.drawn, chance.margin(tolerance.chance))
+    return unit * tolerance.certain if chance is None else max(unit * tolerance.drawn, chance.margin(tolerance, unit))
 
 
 def quantile(freedom: float, probability: float) -> float:
-    """The value that Student's t exceeds with that probability; exact for 1 and 2 degrees of freedom, else to 6 %.
+    """The value that Student's t exceeds with that probability."""
+    from scipy.special import stdtrit  # as slow to import as all the rest together, and rarely needed
 
-    From the normal quantile, by the expansion of Abramowitz and Stegun (1964), 26.7.5.
-    """
-    if freedom < 1.5:
-        return 1 / math.tan(math.pi * probability)
-    if freedom < 2.5:
-        return (1 - 2 * probability) / math.sqrt(2 * probability * (1 - probability))
-    z, f = -NormalDist().inv_cdf(probability), freedom
-    return z + sum(
-        (
-            (z**3 + z) / (4 * f),
-            (5 * z**5 + 16 * z**3 + 3 * z) / (96 * f**2),
-            (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * f**3),
-            (79 * z**9 + 776 * z**7 + 1482 * z**5 - 1920 * z**3 - 945 * z) / (92160 * f**4),
-        )
-    )
+    return -float(stdtrit(freedom, probability))
 
 
 def fitted_unlike(base: Record, new: Record) -> str:
@@ -222,7 +257,7 @@ def verdict(loss: float, room: float) -> Verdict:
     return Verdict.BETTER if -loss > room else Verdict.SAME
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
+def _mean(values: Values) -> float | None:
     """The mean of the finite values, infinite if all are exact, so that losing one exact seed shows."""
 
     numbers = [value for value in values if value is not None]
@@ -231,6 +266,6 @@ def _mean(values: Sequence[float | None]) -> float | None:
     return fmean([value for value in numbers if math.isfinite(value)] or numbers)
 
 
-def _spread(values: Sequence[float | None]) -> float | None:
-    finite = [value for value in values if value is not None and math.isfinite(value)]
+def _spread(values: Values) -> float | None:
+    finite = _finite(values)
     return None if len(values) < 2 else stdev(finite) if len(finite) > 1 else 0.0

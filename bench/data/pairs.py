@@ -6,6 +6,7 @@ tables; they use another random stream and are drawn anew for each repetition an
 
 import hashlib
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from bench.errors import InputError
 from bench.hemisphere import DIRECTION_SETS, thin, uniform
 
 Array = np.ndarray
-SPLITS = ("test", "validation")
+Split = Literal["test", "validation"]
+SPLIT: Split = "test"  # the default, of suites and in Python
 
 
 @dataclass(frozen=True)
@@ -24,14 +26,14 @@ class Sampling:
     views: int = 25
     lights: int = 25
     heldout: int = 150
-    split: str = "validation"
+    split: Split = SPLIT
     draw: int = 0  # of the test pairs: the repetition
 
     def __post_init__(self) -> None:
         if self.heldout < 0:
             raise InputError(f"heldout must be at least 0, not {self.heldout}")
-        if self.split not in SPLITS:
-            raise InputError(f"split must be {' or '.join(SPLITS)}, not {self.split!r}")
+        if self.split not in get_args(Split):
+            raise InputError(f"split must be {' or '.join(get_args(Split))}, not {self.split!r}")
 
     def product(self) -> tuple[Array, Array]:
         """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, view-major."""

@@ -4,9 +4,9 @@ import dataclasses
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
-from bench.data.pairs import Sampling
+from bench.data.pairs import SPLIT, Sampling, Split
 from bench.errors import InputError, did_you_mean
 from bench.settings import Natural, Range, converted
 
@@ -23,9 +23,7 @@ class Preparation:
     views: Directions = 25
     lights: Directions = 25
     heldout: Annotated[int, Range(0, 100_000)] = 150  # further random pairs, uniform in solid angle up to 75°
-    split: Literal["test", "validation"] = (
-        "test"  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
-    )
+    split: Split = SPLIT  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     # At most so many training pairs are scored, always the same ones, and of whole held-out views and lights; 0: all.
     scored: Natural = 0

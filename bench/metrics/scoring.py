@@ -172,7 +172,8 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     - `slices` and `radiance`, the mean linear radiance of its references;
     - `metrics`: by name, `mean` and `std` over the slices with a finite value, `pooled` over all of them, `exact`, the
       number of slices without any error, and `slices`, the number that the metric applies to; `relative` for an error
-      in units of radiance: pooled over the group's `radiance`;
+      in units of radiance: pooled over the group's `radiance`; `largest` for a PSNR: the largest share of the group's
+      squared error that a single slice holds;
     - `bins`: by name, pooled numbers of θ_o × θ_i bins (`bench.metrics.angular.bins`).
 
     None stands for a value that is not finite: no slice to measure or, where `exact` equals `slices`, no error at all.
@@ -299,6 +300,8 @@ def _group(
         stats = _statistics(metric, raw[~np.isnan(raw)])
         if unit == "radiance":
             stats["relative"] = stats["pooled"] / radiance if radiance and stats["pooled"] is not None else None
+        if unit == "dB":
+            stats["largest"] = float(np.nanmax(raw) / np.nansum(raw)) if np.nansum(raw) else None
         result["metrics"][name] = stats
         result["bins"][name] = bins(wo[pairs], wi[pairs], raw, metric.pool)
     return result

@@ -211,12 +211,16 @@ def canonical(suite: Suite) -> Suite:
 
 
 def _told(spec: CodecSpec) -> dict[str, Any]:
-    """The settings of a codec that differ from its defaults, as the codec parses them."""
-    from bench.codec import settings_dict
+    """The settings of a codec that differ from its recipe's defaults, as the codec parses them."""
+    from bench.codec import RECIPE, settings_dict
     from bench.codecs.registry import make_codec
 
+    recipe = {key: value for key, value in spec.settings.items() if key == RECIPE}
     try:
-        given, default = (settings_dict(make_codec(spec.codec, settings)) for settings in (spec.settings, {}))
+        given = settings_dict(make_codec(spec.codec, spec.settings))
+        default = settings_dict(make_codec(spec.codec, {}))
+        if recipe:
+            default = settings_dict(make_codec(spec.codec, recipe)) | {RECIPE: default.get(RECIPE)}
     except CodecError:  # its jobs fail with this error
         return spec.settings
     return {key: given.get(key, value) for key, value in spec.settings.items() if given.get(key) != default.get(key)}

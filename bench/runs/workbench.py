@@ -23,9 +23,8 @@ from bench.errors import InputError
 from bench.hemisphere import to_degrees
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
-from bench.records import gate
+from bench.records import OUTSIDE, gate
 
-OUTSIDE = "outside the scene"  # pairs that its demand does not touch
 STORED = 16  # slices that are stored as pictures, for the slice viewer of a report
 SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
 

@@ -122,6 +122,23 @@ def test_a_shared_network_s_bytes_stand_apart_where_a_codec_has_one(made):
     assert any("rainer2020: its decoder needs the shared network too: 1,234 bytes" in note for note in table.notes)
 
 
+def test_tables_say_where_pooled_psnr_rests_on_one_slice(made):
+    """A record that does not know, as those of before, says nothing."""
+    for label, told in (("even", {"largest": 0.03}), ("mirror", {"largest": 0.321}), ("old", {})):
+        psnr = {"mean": 30.0, "std": 1.0, "pooled": 30.0, "exact": 0, "slices": 150} | told
+        made.job(label, scores={"heldout": {"slices": 150, "metrics": {"psnr_display": psnr}}})
+        made.job(label, material="brick")
+
+    def said(kind):
+        return [[note for note in table.notes if "rests on a single slice" in note] for table in tables(made, kind)]
+
+    (satin,), brick = said("main")
+    assert satin.endswith(": mirror (32 %).")
+    assert brick == []
+    ((summary,),) = said("summary")
+    assert summary.endswith(": 1 of satin (at most 32 %).")
+
+
 def test_bands_follow_the_groups_of_the_record(made):
     made.job()
     (angular,), (radiance,) = tables(made, "angular"), tables(made, "radiance")

@@ -68,10 +68,10 @@ def load(
 
     Pairs are those of a `Sampling`, or of one with the fields given by name: `load("satin", views=81, lights=81)`. They
     are the product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights + light),
-    then `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks: validation
-    pairs, or those of `split="test"`. `seed` shapes the material's random structure and the held-out pairs.
-    `show(label, done, pairs)` is called while rendering. Raises `InputError` for an unknown name or direction set and
-    for counts out of range.
+    then `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks: test pairs, or
+    those of `split="validation"`, to choose settings by. `seed` shapes the material's random structure and the held-out
+    pairs. `show(label, done, pairs)` is called while rendering. Raises `InputError` for an unknown name or direction
+    set and for counts out of range.
     """
     from bench.data.materials.store import load_or_render
     from bench.data.pairs import Sampling

@@ -82,7 +82,8 @@ def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
 
     kind, recipe = variation(number)
     # Seed 0 is that of the built-in materials, whose random structure must not be trained on.
-    return load_or_render(f"variation-{number}-{kind}", recipe, size, Sampling(heldout=heldout), number + 1)
+    pairs = Sampling(heldout=heldout, split="validation")
+    return load_or_render(f"variation-{number}-{kind}", recipe, size, pairs, number + 1)
 
 
 def _satin(rng: np.random.Generator) -> Satin:

@@ -27,7 +27,8 @@ class Maker:
         record |= {"label": label, "codec": label.split()[0], "seed": seed, "status": "ok", "parameters": 3011}
         settings = get("settings", {"components": 8})
         record["fit_key"] = {"version": get("version", 1), "settings": settings, "training": get("training", "t")}
-        record["score_key"] = {"btf": get("btf", "b"), "exposure": get("exposure", 1.5), "sha256": "0"}
+        record["score_key"] = {"btf": get("btf", "b"), "exposure": get("exposure", 1.5)}
+        record["score_key"]["sha256"] = get("sha256", "0")
         record["score_key"] |= {"deciding": changes.pop("deciding")} if "deciding" in changes else {}
         versions = dict.fromkeys(METRICS, 1) | get("versions", {})
         record["metrics"] = {

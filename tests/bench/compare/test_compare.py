@@ -3,7 +3,7 @@ import random
 import statistics
 
 import pytest
-from scipy import stats
+from scipy import integrate, stats
 
 from bench.compare import compare
 from bench.compare.verdicts import quantile
@@ -102,15 +102,64 @@ def test_seeds_of_different_pairs_are_compared_seed_by_seed(make):
     assert compare(base, other).rows[0].verdict == "not comparable"
 
 
+def of_own_pairs(make, psnrs, **changes):
+    """Jobs of a codec whose seeds are scored at pairs of their own."""
+    return [make.job("vq", seed=seed, psnr=psnr, btf=str(seed), **changes) for seed, psnr in enumerate(psnrs)]
+
+
+HARD_AND_EASY = [28.0, 31.0, 29.5]  # what the pairs of three seeds make of one codec
+
+
+@pytest.mark.parametrize("seeds", [1, 2, 3])
+def test_more_seeds_with_pairs_of_their_own_hide_no_loss(make, seeds):
+    """Of a codec that draws nothing, whose file is known to be the same, or not, as in a reference."""
+    pairs = HARD_AND_EASY[:seeds]
+    for lost, files in ((-15.0, "01"), (-15.0, "00"), (-1.0, "01"), (-0.3, "00")):
+        changed = [psnr + lost + 0.02 * seed for seed, psnr in enumerate(pairs)]
+        base, new = (of_own_pairs(make, psnrs) for psnrs in (pairs, changed))
+        for job in base:
+            job["score_key"]["sha256"] = files[job["seed"] % 2]
+        name = f"{lost}{files}"
+        found = compare(make.run(f"base{name}", *base), make.run(f"new{name}", *new))
+        assert (change(found, "PSNR").verdict, found.exit_code) == ("WORSE", 1)
+
+
+def test_the_margin_of_seeds_with_pairs_of_their_own_is_by_their_paired_differences(make):
+    psnrs = [28.0, 31.0, 29.5, 30.0, 27.0, 29.0, 32.0]
+    moved = [0.1, -0.2, 0.3, -0.1, 0.2, -0.3, 0.0]
+    base = make.run("base", *of_own_pairs(make, psnrs, sha256="1"), make.job("vq", seed=9, btf="9", psnr=10.0))
+    new = make.run("new", *of_own_pairs(make, [a + b for a, b in zip(psnrs, moved, strict=True)]), seeds=range(7))
+    found = change(compare(base, new), "PSNR")
+    expected = stats.t.isf(0.00025, 6) * statistics.stdev(moved) / math.sqrt(7)
+    assert (found.verdict, found.margin) == ("same", pytest.approx(expected))
+
+
+def test_a_codec_that_wrote_one_file_for_seeds_with_pairs_of_their_own_draws_nothing(make):
+    base = make.run("base", *of_own_pairs(make, HARD_AND_EASY))
+    lost = [psnr - loss for psnr, loss in zip(HARD_AND_EASY, (0.02, 0.05, 0.03), strict=True)]
+    found = compare(base, make.run("new", *of_own_pairs(make, lost)))
+    assert (change(found, "PSNR").margin, change(found, "PSNR").verdict) == (0.02, "WORSE")
+
+
+def test_two_seeds_that_scatter_do_not_hide_what_one_would_show(make):
+    """Student's t of two seeds is 1,273 errors; see `Chance.margin`."""
+    base = make.run("base", *make.seeds([30.0, 30.1]))
+    assert change(compare(base, make.run("same", *make.seeds([29.8, 29.95]))), "PSNR").verdict == "same"
+    assert change(compare(base, make.run("worse", *make.seeds([28.4, 28.6]))), "PSNR").verdict == "WORSE"
+
+
 @pytest.mark.parametrize(("freedom", "known"), [(1, 318.31), (2, 22.327), (4, 7.173), (8, 4.501), (20, 3.552)])
 def test_the_quantile_of_student_is_that_of_the_tables(freedom, known):
     assert quantile(freedom, 0.001) == pytest.approx(known, rel=0.01)
 
 
-@pytest.mark.parametrize("freedom", range(1, 30))
+@pytest.mark.parametrize("freedom", [*range(1, 30), 1.4, 1.6, 2.4, 3.7, 17.3])
 @pytest.mark.parametrize("probability", [0.001, 0.00025])
-def test_the_quantile_of_student_is_that_of_scipy(freedom, probability):
-    assert quantile(freedom, probability) == pytest.approx(stats.t.isf(probability, freedom), rel=0.06)
+def test_student_exceeds_its_quantile_as_seldom_as_asked(freedom, probability):
+    """At fractional degrees of freedom, too, which means of rows have."""
+    density = stats.t(freedom).pdf
+    beyond, _ = integrate.quad(density, quantile(freedom, probability), math.inf, epsrel=1e-9)
+    assert beyond == pytest.approx(probability, rel=1e-6)
 
 
 def test_a_small_spread_does_not_make_a_trifle_a_regression(make):
@@ -270,6 +319,27 @@ def test_an_empty_run_is_4_and_an_all_failed_one_3(make):
     failed = make.run("failed", make.unfinished("failed"), make.unfinished("failed", "vq"))
     assert compare(base, failed).exit_code == 3
     assert compare(base, make.run("other", make.job(material="brick"))).exit_code == 4
+
+
+def test_jobs_without_a_score_are_not_compared(make):
+    job = make.job() | {"scores": {}, "footprints": {}, "metrics": {}}
+    empty = make.run("empty", job)
+    found = compare(empty, empty)
+    assert (found.rows[0].verdict, found.exit_code) == ("not comparable", 4)
+    void = make.job() | {"footprints": {}}
+    void["scores"] = {"heldout": {"metrics": {name: {"pooled": None, "slices": 0} for name in void["metrics"]}}}
+    nothing = make.run("void", void)
+    assert compare(nothing, nothing).exit_code == 4
+    whole = [make.run(name, job, make.job("vq")) for name in ("a", "b")]
+    assert compare(*whole).exit_code == 1
+
+
+def test_a_damaged_line_of_the_base_is_an_error(make):
+    base, worse = make.run("base", *make.seeds([30.0] * 3)), make.run("new", *make.seeds([29.0] * 3))
+    path = base.folder / "records.jsonl"
+    path.write_text(path.read_text().replace('"job"', '"jbo"'))
+    with pytest.raises(InputError, match=r"line\(s\) 2, 3, 4 of the records to compare with cannot be read"):
+        compare(load_run(base.folder), worse)
 
 
 def test_a_failure_outweighs_a_regression(make):

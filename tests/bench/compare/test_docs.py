@@ -47,4 +47,6 @@ def test_every_command_of_the_page_exists(command):
 
 def test_the_suite_of_the_page_is_a_suite():
     (toml,) = blocks("toml")
-    assert parse_suite("tracking", toml).codecs[1].codec == "ptm"
+    suite = parse_suite("tracking", toml)
+    assert suite.codecs[1].codec == "ptm"
+    assert suite.data.split == "validation"  # or margins would be those of pairs, ten times those of fits

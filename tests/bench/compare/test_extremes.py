@@ -1,5 +1,7 @@
 """Two stress tests: an extreme that held must hold, and must be tried."""
 
+import json
+
 import pytest
 
 from bench.cli import main
@@ -23,6 +25,12 @@ def stress(folder, **verdicts):
     return str(folder)
 
 
+@pytest.fixture
+def held(tmp_path):
+    """A stress test that holds, under the path of its file."""
+    return stress(tmp_path / "held", dark="pass", bright="pass") + "/records.jsonl"
+
+
 @pytest.mark.parametrize(
     ("after", "code", "said"),
     [
@@ -41,3 +49,44 @@ def test_a_cell_that_held_must_hold(after, code, said, tmp_path, capsys):
 def test_what_is_allowed_may_go(tmp_path):
     base, new = stress(tmp_path / "base", dark="pass", bright="pass"), stress(tmp_path / "new", dark="pass")
     assert main(["compare", base, new, "--allow", "pca: bright"]) == 0
+
+
+def test_a_codec_that_neither_has_is_named_and_others_are_not_counted(held, tmp_path, capsys):
+    assert main(["compare", held, held, "--codec", "pcaa"]) == 2
+    assert "--codec pcaa: in neither run; did you mean 'pca'?" in capsys.readouterr().err
+    with open(held) as lines, open(tmp_path / "both.jsonl", "w") as both:
+        for line in lines:
+            record = json.loads(line)
+            del record["crc32"]
+            both.write(json.dumps(record) + "\n" + json.dumps(record | {"subject": "vq", "verdict": "fail"}) + "\n")
+            both.write(json.dumps(record | {"subject": "table"}) + "\n")
+    assert main(["compare", str(tmp_path / "both.jsonl"), str(tmp_path / "both.jsonl"), "--codec", "pca"]) == 0
+    assert "2 cells hold, 0 got worse" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("option", ["--material", "--junit", "--markdown", "--tracker", "--annotations"])
+def test_an_option_that_stress_tests_do_not_have_is_refused(option, held, tmp_path, capsys):
+    words = [option] if option == "--annotations" else [option, str(tmp_path / "a")]
+    assert main(["compare", held, held, *words]) == 2
+    assert f"{option}: not of stress tests" in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()
+
+
+def test_without_a_common_cell_nothing_is_compared(held, tmp_path):
+    assert main(["compare", held, stress(tmp_path / "new", other="pass")]) == 4
+
+
+def test_a_damaged_line_of_the_base_is_an_error(held, capsys):
+    with open(held, "a") as file:
+        file.write('{"kind": "stress", "subject": "pca", "extr')
+    assert main(["compare", held, held]) == 2
+    assert "line(s) 3 of the records to compare with cannot be read" in capsys.readouterr().err
+
+
+def test_jobs_and_a_stress_test_in_one_file_are_refused(held, make, capsys):
+    job = make.run("run", make.job()).folder / "records.jsonl"
+    with open(held, "a") as file:
+        file.write(job.read_text())
+    for words in ([held, str(job)], [str(job), held]):
+        assert main(["compare", *words]) == 2
+        assert f"{held}: holds jobs and a stress test" in capsys.readouterr().err

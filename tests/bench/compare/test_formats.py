@@ -50,6 +50,20 @@ def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
     assert text.splitlines()[-1] == ("8 rows: 1 failed, 1 gone, 2 worse, 1 not comparable, 1 better, 1 same, 1 new")
 
 
+def test_a_gain_beside_a_loss_is_no_finding_against_the_row(make):
+    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
+    found = compare(base, make.run("new", *(make.job(seed=seed, psnr=29.0, flip=0.05) for seed in range(3))))
+    (row,) = found.rows
+    assert row.verdict == "WORSE"
+    text = terminal(found)
+    assert re.search(r"^better +satin/pca: FLIP 0\.1000 → 0\.0500", text, re.M)
+    assert not re.search(r"^WORSE +satin/pca: FLIP", text, re.M)
+    assert "- ✅ better: **satin/pca**: FLIP" in markdown(found)
+    (error,) = annotations(found).splitlines()
+    assert "PSNR 30.00 → 29.00" in error
+    assert "FLIP" not in error
+
+
 def test_two_equal_runs_need_few_words(base):
     text = terminal(compare(base, base))
     assert "ssim" not in text

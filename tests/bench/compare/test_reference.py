@@ -77,6 +77,23 @@ def test_rows_that_scatter_over_few_seeds_are_named(run):
     assert few_seeds(run) == ["satin/vq"]
 
 
+def test_update_warns_of_seeds_with_test_pairs_of_their_own(make, tmp_path, capsys):
+    out = str(tmp_path / "a.jsonl")
+    for name, own in (("validation", False), ("test", True)):
+        run = make.run(name, *(make.job(seed=seed, btf=str(seed * own)) for seed in range(3)))
+        assert cli.main(["reference", "update", str(run.folder), "--out", out]) == 0
+        assert ('split = "validation"' in capsys.readouterr().out) == own
+
+
+def test_a_damaged_reference_is_not_updated(run, tmp_path, capsys):
+    path = tmp_path / "a.jsonl"
+    written(run, path)
+    path.write_text(damaged := path.read_text()[:-40])
+    assert cli.main(["reference", "update", str(run.folder), "--out", str(path)]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+    assert path.read_text() == damaged
+
+
 def test_update_writes_the_file_and_prints_what_changed(make, run, tmp_path, capsys):
     path = tmp_path / "kept" / "ours.jsonl"
     assert cli.main(["reference", "update", str(run.folder), "--out", str(path)]) == 0

@@ -222,6 +222,8 @@ def test_statistics_of_a_group():
     assert stats["metrics"]["psnr_display"]["pooled"] == pytest.approx(-10 * np.log10(mse.mean()))
     assert stats["metrics"]["psnr_display"]["mean"] == pytest.approx(np.mean(-10 * np.log10(mse)))
     assert stats["metrics"]["psnr_display"]["std"] == pytest.approx(np.std(-10 * np.log10(mse)))
+    assert stats["metrics"]["psnr_display"]["largest"] == pytest.approx(mse.max() / mse.sum())
+    assert "largest" not in stats["metrics"]["rmse_linear"]
     relative = np.sqrt(scores.raw["rmse_linear"][50:].mean()) / scores.radiance[50:].mean()
     assert stats["metrics"]["rmse_linear"]["relative"] == pytest.approx(relative)
     assert np.shape(stats["bins"]["ssim_periodic"]) == (6, 6)
@@ -238,6 +240,7 @@ def test_exact_slices_are_counted_and_left_out_of_the_mean():
     assert (found["exact"], found["slices"]) == (2, 4)
     assert found["mean"] == pytest.approx(-10 * np.log10(scores.raw["psnr_display"][2:]).mean())
     assert table["equal"]["metrics"]["psnr_display"]["pooled"] is None
+    assert table["equal"]["metrics"]["psnr_display"]["largest"] is None
     assert all(stats["exact"] == 2 for stats in table["equal"]["metrics"].values())
     assert table["none"]["slices"] == 0
     json.dumps(table, allow_nan=False)

@@ -1,6 +1,7 @@
 import pytest
 
 from bench import cli
+from bench.codecs.registry import load_codec, make_codec
 from bench.data.spec import named
 from bench.errors import InputError
 from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite, with_changes, with_metrics
@@ -53,7 +54,6 @@ def test_the_standard_suite_pretrains_what_it_needs_and_quick_takes_what_is_ther
 
 @pytest.mark.parametrize("name", builtin_suites())
 def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
-    from bench.codecs.registry import load_codec
     from bench.data.materials import names
 
     suite = load_suite(name)
@@ -120,6 +120,30 @@ def test_a_row_has_one_name_however_it_is_spelled():
         "pca domain=rgb",
     ]
     assert {spec.curve for spec in swept[1:]} == {"pca"}
+
+
+OURS = [("neubtf", "steps", 2500), ("neubtf", "optimiser", "muon"), ("neubtf-direct", "start", "components")]
+OURS += [("rainer2019", "directions", "xyzh"), ("neumip", "blur", False), ("ntc", "reduction", 1)]
+OURS += [("hsh", "cosine", True)]
+
+
+@pytest.mark.parametrize(("codec", "name", "value"), OURS)
+def test_no_setting_is_dropped_whose_default_the_recipe_has_changed(codec, name, value):
+    """One that is set back to the default of the class: what runs is what was asked for."""
+    assert getattr(load_codec(codec)().settings, name) == value
+    words = str(value).lower()
+    asked = {f"{codec}.recipe": "paper", f"{codec}.{name}": words}
+    (spec,) = canonical(with_changes(parse_suite("a", ""), [], [codec], asked, None)).codecs
+    assert set(spec.label.split()) == {codec, "recipe=paper", f"{name}={words}"}
+    assert getattr(make_codec(spec.codec, spec.settings).settings, name) == value
+
+
+def test_a_setting_that_is_the_default_of_its_recipe_is_not_named():
+    asked = {"neubtf.recipe": "paper", "neubtf.steps": "10000", "neubtf.latents": "14"}
+    (spec,) = canonical(with_changes(parse_suite("a", ""), [], ["neubtf"], asked, None)).codecs
+    assert spec.label == "neubtf recipe=paper"
+    (spec,) = canonical(with_changes(parse_suite("a", ""), [], ["neubtf"], {"neubtf.recipe": "ours"}, None)).codecs
+    assert spec.label == "neubtf"
 
 
 def test_an_unknown_suite_suggests_the_nearest_and_a_missing_file_is_named():

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from bench.codec import silent
 from bench.data import materials
 from bench.data.materials import store
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
+from bench.data.open import open_material
 from bench.data.pairs import Sampling
+from bench.data.spec import Preparation, named
 from bench.errors import InputError
 from bench.hemisphere import thin, to_degrees, ubo2003
 
@@ -126,7 +129,7 @@ def test_the_description_on_disk_is_the_provenance(cache):
 
 
 def test_another_draw_renders_its_pairs_and_no_product(cache, monkeypatch):
-    first = materials.load("satin", **SMALL)
+    first = materials.load("satin", **SMALL, split="validation")
     made = []
     monkeypatch.setattr(store, "render", lambda maps, wo, *rest: made.append(len(wo)) or render(maps, wo, *rest))
     tests = [materials.load("satin", **SMALL, split="test", draw=draw) for draw in (0, 1)]
@@ -135,6 +138,11 @@ def test_another_draw_renders_its_pairs_and_no_product(cache, monkeypatch):
         np.testing.assert_array_equal(btf.wo[:12], first.wo[:12])
         assert btf.subset(btf.split().train).fingerprint == first.subset(first.split().train).fingerprint
     assert len({btf.fingerprint for btf in (first, *tests)}) == 3
+
+
+def test_held_out_pairs_are_test_pairs_by_default_in_python_as_in_a_suite():
+    of_a_suite = open_material(named("satin"), Preparation(**SMALL), silent)
+    assert materials.load("satin", **SMALL).fingerprint == of_a_suite.fingerprint
 
 
 def test_no_two_draws_share_a_pair_and_validation_pairs_are_one_draw():
