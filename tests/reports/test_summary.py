@@ -51,5 +51,15 @@ def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
         made.job("pca", material=material, psnr=30.0).job("vq", material=material, psnr=28.5)
         made.job("table", material=material, psnr=None)
     table = summary_table(load_run(made.folder))
-    assert {row[0]: row[-1] for row in table.rows} == {"table": "—", "pca": "—", "vq": "−1.50 (−1.50 to −1.50)"}
-    assert any(note.startswith("Against pca: the mean paired difference") for note in table.notes)
+    assert {row[0]: row[-1] for row in table.rows} == {"table": "—", "pca": "—", "vq": "−1.50 (−1.50 to −1.50) *"}
+    (note,) = (note for note in table.notes if note.startswith("Against pca: the mean paired difference"))
+    assert "by Student's t over the means of up to 2 materials (1 seed: how much another fit would differ" in note
+    assert "1 of 1 told apart (*), by Holm's correction over the 1 pairs" in note
+
+
+def test_on_one_material_the_interval_is_of_its_pairs_and_tells_nothing_apart(made):
+    for seed in (0, 1):
+        made.job("pca", seed=seed).job("vq", seed=seed, psnr=28.5)
+    table = summary_table(load_run(made.folder))
+    assert table.rows[1][-1] == "−1.50 (−1.50 to −1.50)"
+    assert any("over seeds and pairs of this material alone (2 seeds)" in note for note in table.notes)
