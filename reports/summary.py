@@ -10,6 +10,7 @@ from reports import columns
 from reports.column import Column
 from reports.marks import marks
 from reports.missing import missing_note
+from reports.notes import unrest_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import Codec, materials
 from reports.table import Table
@@ -44,6 +45,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         headers.append(("against the best", "dB a slice"))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
         notes = [*_NOTES, _paired(against)] if against.over else _NOTES
+    notes = [*notes, *unrest_notes(row for material in found for row in material.measured if not row.timing_obstacle)]
     if missing := missing_note(run):
         notes = [*notes, missing]
     names = ", ".join(material.name for material in found)
