@@ -244,7 +244,8 @@ def rows(found: Found, judge: Judge, threads: int) -> list[dict[str, Any]]:
         {
             "model": name,
             "bytes": model.header.file_bytes,
-            "ns": timed[name],
+            "ns": timed[name]["ns_per_sample"],
+            "unrest": timed[name]["unrest"],
             "steps": model.steps,
             "seconds": model.seconds,
             "psnr": model.psnr,
@@ -256,8 +257,8 @@ def rows(found: Found, judge: Judge, threads: int) -> list[dict[str, Any]]:
     ]
 
 
-def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, float]:
-    """ns a sample of each model, whole queries of the scene in random order, in turns."""
+def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, dict[str, Any]]:
+    """The time of each model, whole queries of the scene in random order, in turns."""
     order = np.random.default_rng(0).permutation(len(demand))[: timing.BATCH]
     first = next(iter(models.values())).material
     device, size = first.device, first.size
@@ -265,4 +266,4 @@ def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, 
     asked = [torch.from_numpy(column[order]).to(device) for column in columns]
     calls = {name: partial(model.material.query, *asked) for name, model in models.items()}
     found = timing.in_turns(calls, len(order), size, threads, device)
-    return {name: float(found[name].summary()["ns_per_sample"]) for name in models}
+    return {name: found[name].summary() for name in models}
