@@ -5,8 +5,9 @@ Conventions, on which every docstring of the suite relies:
 - **Frame.** Seen from above with the picture upright, x points right (+u), y points up (+v) and the normal z
   toward the eye. `wo` points to the camera and `wi` to the light: unit vectors, float32, z > 0 above the
   surface. θ is measured from z, φ from +x counter-clockwise; radians, unless a name ends in `_deg`.
-- **Texels.** `uv` is in texture units, periodic. Row 0 is the top row of the picture: texel (row, col) has its
-  centre at u = (col + 0.5) / W, v = 1 − (row + 0.5) / H. A footprint is the side of a square box in texture units.
+- **Texels.** `uv` is in periods of the picture, u across and v up. Row 0 is the top row of the picture: texel (row,
+  col) has its centre at u = (col + 0.5) / W, v = 1 − (row + 0.5) / H. Texels are square: a period is W texels wide and
+  H high. A footprint is the side of a square box, in units of the longer side of the picture; see `periods`.
 - **Values.** Linear Rec. 709 RGB of f_r · cos θ_i: the radiance that leaves toward ω_o under a directional light
   of unit irradiance on a plane that faces it. Highlights are not clamped. `BTF.provenance` lists the conversions
     that the reader made.
@@ -184,6 +185,12 @@ class _Cropped(Source):
     def fingerprint(self) -> str:
         says = f"{self.source.fingerprint()} window {self.rows[0]} {self.cols[0]} {self.shape}"
         return hashlib.sha256(says.encode()).hexdigest()
+
+
+def periods(size: tuple[int, int]) -> tuple[float, float]:
+    """How many periods of a picture (H, W) its longer side is along u and along v: 1 and 1 of a square one."""
+    height, width = size
+    return max(size) / width, max(size) / height
 
 
 def box_filter(picture: Array, factor: int) -> Array:

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from bench.btf import periods
+
 COVERED = 0.999  # share of the demand to cover; the rest may fall outside the kept pairs and levels of detail
 
 
@@ -28,7 +30,7 @@ class Density:
     """A demand over the pairs of one layout and a window of texels; the share `uniform` of it is spread evenly."""
 
     uv: Tensor  # (n, 2) within the window
-    footprint: Tensor  # (n,) in units of the window
+    footprint: Tensor  # (n,) in units of the window's longer side
     wo: Tensor  # (n, 3)
     wi: Tensor  # (n, 3)
     cumulative: Tensor  # (n,) float64: running sums of the importance of the queries
@@ -58,7 +60,7 @@ class Density:
         height, width = shape
         chance = torch.rand(count, 4, generator=generator, dtype=torch.float64)
         query = torch.searchsorted(self.cumulative, chance[:, 0] * self.cumulative[-1]).clamp_max(len(self.uv) - 1)
-        side = self.footprint[query, None].clamp_min(1 / max(shape))
+        side = self.footprint[query, None].clamp_min(1 / max(shape)) * torch.tensor(periods(shape))
         place = self.uv[query] + (chance[:, 1:3].float() - 0.5) * side
         col = (place[:, 0] * width).floor().long().remainder(width)
         row = ((1 - place[:, 1]) * height).floor().long().remainder(height)

@@ -152,7 +152,7 @@ _MEASURED = ("scores", "metrics", "bytes", "parameters")
 _TIMING = Fields(
     {
         **dict.fromkeys(("job", "run", "dtype", "device", "execution", "queries", "unrest"), TEXT),
-        **dict.fromkeys(("ns_per_sample", "ratio_to_floor"), POSITIVE),
+        **dict.fromkeys(("ns_per_sample", "ratio_to_floor", "floor_ns", "floor_again"), POSITIVE),
         **dict.fromkeys(("interval95_ns", "ratio_interval95"), PAIR),
         **dict.fromkeys(("batch", "threads"), COUNT),
         "texture_fetch": FLAG,
@@ -195,7 +195,7 @@ _CHOICE = Fields(
         "settings": Each(SETTING),
         **dict.fromkeys(("psnr", "worst", "flip"), maybe(NUMBER)),
         **dict.fromkeys(("bytes", "parameters", "batch", "threads"), COUNT),
-        **dict.fromkeys(("ns_per_sample", "ratio_to_floor"), POSITIVE),
+        **dict.fromkeys(("ns_per_sample", "ratio_to_floor", "floor_ns", "floor_again"), POSITIVE),
         "ratio_interval95": PAIR,
         "of_limit": NUMBER,
         **dict.fromkeys(("fastest", "smallest", "emulated"), FLAG),

@@ -229,7 +229,7 @@ def load_trade(folder: Path) -> Record | None:
     if fault := fields.fault_of_trade(found):
         raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
     run = load_run(folder)
-    return found | {"choices": [row for row in found["choices"] if _stands(row, run)]}
+    return found | {"choices": [of_both_floors(row) for row in found["choices"] if _stands(row, run)]}
 
 
 def _stands(choice: Record, run: Run) -> bool:
@@ -283,7 +283,20 @@ def _checked(line: Line) -> Record:
         return {}
     if fault := fields.fault(record):
         raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")
-    return record
+    return of_both_floors(record) if kind == "timing" else record
+
+
+def of_both_floors(timing: Record) -> Record:
+    """A timing with ratios to the mean of the floor before and after; earlier versions took the one before alone."""
+    if "floors" in timing or "floor_again" not in timing or "ratio_to_floor" not in timing:
+        return timing
+    more = (1 + timing["floor_again"]) / 2
+    found = timing | {"ratio_to_floor": timing["ratio_to_floor"] / more, "floors": 2}
+    if "floor_ns" in timing:
+        found["floor_ns"] = timing["floor_ns"] * more
+    if "ratio_interval95" in timing:
+        found["ratio_interval95"] = [bound / more for bound in timing["ratio_interval95"]]
+    return found
 
 
 def _parsed(text: bytes) -> Record:

@@ -185,7 +185,7 @@ def attack_scene(sample: Path, scratch: Path, rng: random.Random) -> Reading:
 
 def read_a_scene(path: Path) -> None:
     demand = collect(TextScene(read_scene(path)), 500)
-    for values in (demand.uv, demand.footprint, demand.wo, demand.wi, demand.weight):
+    for values in (demand.place, demand.footprint, demand.wo, demand.wi, demand.weight):
         assert np.isfinite(values).all()
     summarise(demand)
 

@@ -106,6 +106,9 @@ PER_SLICE = _spread("PSNR per slice", "dB ↑", PSNR)
 _FIT = Column("fit", "s", lambda row: row.job.get("fit_seconds"), partial(significant, digits=2))
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
+_FUSED = Column(
+    "fused", "× floor", lambda row: row.fused["ratio_to_floor"] if row.fused else None, significant, sparse=True
+)
 
 SIZE = (
     _PARAMETERS,
@@ -117,7 +120,7 @@ SIZE = (
     _SHARED,
     _BITS,
 )
-TIME = (_FIT, _NS, _timed("95 % interval", "ns", "interval95_ns", _range), _FLOOR)
+TIME = (_FIT, _NS, _timed("95 % interval", "ns", "interval95_ns", _range), _FLOOR, _FUSED)
 
 
 def scored(material: Material) -> list[Column]:
@@ -128,7 +131,7 @@ def scored(material: Material) -> list[Column]:
 
 def short(material: Material) -> list[Column]:
     """Columns that fit a terminal."""
-    return means([*scored(material), _FIT, _NS, _FLOOR], HELDOUT)
+    return means([*scored(material), _FIT, _NS, _FLOOR, _FUSED], HELDOUT)
 
 
 def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
@@ -159,7 +162,8 @@ def summary(found: Sequence[Material]) -> list[Column]:
         for label, (name, each) in said.items()
         if name != PSNR and each["unit"] != "radiance"
     ]
-    return [*quality, _TOTAL, replace(_FLOOR, unit="× floor ↓")]
+    times = [_FLOOR, _FUSED] if any(row.fused for each in found for row in each.measured) else [_FLOOR]
+    return [*quality, _TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
 
 
 def _others(material: Material, make: Callable[..., Column] | None = None) -> Iterator[Column]:

@@ -1,6 +1,6 @@
 """Footnotes of tables: the meaning of the numbers, omissions, and the conditions of timings."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.records import PSNR, Record, Run, gate
@@ -87,11 +87,26 @@ def _timing(material: Material) -> Iterator[str]:
             f"{state.get('threads')} CPU thread(s), {state.get('device')}, {state.get('execution')}, {fetch}; "
             "floor: one bilinear fetch of a colour, in turns with the others."
         )
-    for reason in dict.fromkeys(row.timing["unrest"] for row in timed if row.timing and row.timing.get("unrest")):
-        yield f"The machine was not quiet while this was timed: {reason}."
+    yield from unrest_notes(timed)
+    if any(row.fused for row in material.measured):
+        yield "Fused: the whole query as one kernel, by `neubtf-bench trade`, as a multiple of the floor beside it."
     for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):
         labels = ", ".join(row.name for row in material.measured if row.timing_obstacle == reason)
         yield f"{labels}: {reason}."
+
+
+def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:
+    """Says how far a machine was from quiet while some rows were timed; nothing where it was quiet for all."""
+    times = [time for row in rows for time in (row.timing, row.fused) if time]
+    restless = [time for time in times if time.get("unrest")]
+    if not restless:
+        return
+    reasons = {time["unrest"] for time in restless}
+    again = max(abs(time.get("floor_again", 1.0) - 1) for time in restless)
+    others = max(time.get("others_cores") or 0.0 for time in restless)
+    most = f"the floor, timed twice, differed by up to {100 * again:.0f} %, others used up to {others:.1f} cores"
+    when = "while this was timed" if len(restless) == len(times) else f"for {len(restless)} of {len(times)} times"
+    yield f"The machine was not quiet {when}: {reasons.pop() if len(reasons) == 1 else most}."
 
 
 def _programs(material: Material) -> Iterator[str]:

@@ -54,8 +54,8 @@ def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
 
 
 def interval(found: "Interval") -> str:
-    """A mean difference with its interval: −1.50 (−1.62 to −1.41)."""
-    return f"{found.mean:+.2f} ({found.low:+.2f} to {found.high:+.2f})".replace("-", "−")
+    """A mean difference with its interval, and a mark where codecs are told apart: −1.50 (−1.62 to −1.41) *."""
+    return f"{found.mean:+.2f} ({found.low:+.2f} to {found.high:+.2f}){' *' * found.told}".replace("-", "−")
 
 
 def _without(stats: dict[str, Any]) -> str:

@@ -6,7 +6,19 @@ from functools import cached_property, lru_cache
 from statistics import fmean
 from typing import Any
 
-from bench.records import CONDITIONS, PSNR, Record, Run, gate, metric_of, metrics_of, require, shown_label, stats_of
+from bench.records import (
+    CONDITIONS,
+    PSNR,
+    Record,
+    Run,
+    gate,
+    load_trade,
+    metric_of,
+    metrics_of,
+    require,
+    shown_label,
+    stats_of,
+)
 
 NEW_RUN = "timed in an earlier run than its neighbours"
 
@@ -22,6 +34,7 @@ class Row:
     label: str
     name: str
     timing: Record | None = None
+    fused: Record | None = None  # its time as one kernel, where `neubtf-bench trade` took it
     obstacle: str = ""
     timing_obstacle: str = ""
 
@@ -145,13 +158,23 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
     timings = {job["job"]: run.timing(job) for job in scored}
     latest: Record = max((t for t in timings.values() if t), key=lambda timing: str(timing["run"]), default={})
     seeds = {job.get("seed") for job in jobs}
+    fused = _fused(run)
     for job in jobs:
         label = shown_label(job)
         name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
         timing = timings.get(job["job"])
         wanted = newest.get(job.get("seed"), {}).get("score_key", {})
         obstacle = _difference(job["score_key"], wanted) if job["status"] == "ok" else ""
-        yield Row(job, label, name, timing, obstacle, _timing_obstacle(timing, latest) if timing else "")
+        timing_obstacle = _timing_obstacle(timing, latest) if timing else ""
+        yield Row(job, label, name, timing, fused.get(job["job"]), obstacle, timing_obstacle)
+
+
+@lru_cache(maxsize=1)
+def _fused(run: Run) -> dict[str, Record]:
+    """What `neubtf-bench trade` timed of the jobs of a run as fused float32, by job."""
+    choices = (load_trade(run.folder) or {"choices": []})["choices"]
+    wanted = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
+    return {row["job"]: row for row in wanted if "job" in row and "ratio_to_floor" in row}
 
 
 def _difference(key: Record, wanted: Record) -> str:

@@ -10,12 +10,13 @@ from reports import columns
 from reports.column import Column
 from reports.marks import marks
 from reports.missing import missing_note
-from reports.notes import resting_over
+from reports.notes import resting_over, unrest_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import Codec, materials
 from reports.table import Table
 
 if TYPE_CHECKING:
+    from bench.compare.paired import Against
     from bench.compare.standings import Standing
 
 
@@ -43,8 +44,9 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         against = against_the_best(run)
         headers.append(("against the best", "dB a slice"))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
-        notes = [*_NOTES, _PAIRED.format(against.first)] if against.over else _NOTES
+        notes = [*_NOTES, _paired(against)] if against.over else _NOTES
     notes = [*notes, *resting_over(found)]
+    notes = [*notes, *unrest_notes(row for material in found for row in material.measured if not row.timing_obstacle)]
     if missing := missing_note(run):
         notes = [*notes, missing]
     names = ", ".join(material.name for material in found)
@@ -57,10 +59,26 @@ _NOTES = [
     "Decibels are of the pooled squared error of the pairs that decide, other metrics are means over their slices. "
     "Codecs that were measured on every material are ranked, among each other."
 ]
-_PAIRED = (
-    "Against {}: the mean paired difference of PSNR a slice, with the 95 % interval of a bootstrap over materials, "
-    "seeds and pairs; the two are told apart where it holds no 0."
-)
+
+
+def _paired(against: "Against") -> str:
+    """What the differences to the best are, what their intervals are of, and who is told apart."""
+    every = against.over.values()
+    materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
+    told = sum(each.told for each in every)
+    pairs = math.comb(len(every) + 1, 2)
+    fits = f"{seeds} seeds" if seeds > 1 else "1 seed: how much another fit would differ is not known apart"
+    start = f"Against {against.first}: the mean paired difference of PSNR a slice and its 95 % interval, "
+    if materials < 2:
+        drawn = "seeds and pairs" if seeds > 1 else "pairs"
+        return (
+            f"{start}by a bootstrap over {drawn} of this material alone ({fits}). It says nothing of other materials."
+        )
+    return start + (
+        f"by Student's t over the means of up to {materials} materials ({fits}): it speaks of materials like these. "
+        f"{f'{told} of {len(every)}' if told else 'None'} told apart (*), by Holm's correction over the {pairs} pairs "
+        "of codecs, since the best was found by the same numbers."
+    )
 
 
 def _standing(each: "Standing", of: int) -> list[str]:

@@ -20,6 +20,11 @@ from bench.errors import FINE, InputError
 if TYPE_CHECKING:
     from bench.demand.scene import Scene
 
+LIMITS: dict[str, tuple[float, float]] = {
+    **{"tiling": (1e-3, 1e3), "exposure": (1e-12, 1e12), "width": (1, 16_384), "rays": (1, 16)},
+    "samples": (1, 1 << 20),
+}
+
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
@@ -32,11 +37,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--samples", type=int, help="of a Mitsuba scene: a pixel (default: the scene's)")
     parser.add_argument("--frame", type=int, default=0, help="of a scene with a path of cameras (default: 0)")
     parser.add_argument("--lights", choices=("sun", "environment"), help="instead of the scene's own")
-    parser.add_argument("--tiling", type=float, default=1.0, help="factor on the texture's periods (default: 1)")
+    parser.add_argument("--tiling", type=float, default=1.0, help="times as many of the texture's periods (default: 1)")
     parser.add_argument("--width", type=int, help="of one picture in pixels (default: the scene's)")
-    parser.add_argument("--rays", type=int, default=2, help="along each side of a pixel (default: 2)")
+    parser.add_argument("--rays", type=int, help="along each side of a pixel (default: 2)")
     parser.add_argument("--exposure", type=float, help="factor on radiance (default: 0.8 over the 99th percentile)")
-    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--device", help="what answers (default: cpu)")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the picture, .png or .exr (linear)")
 
 
@@ -50,19 +55,22 @@ def run(options: argparse.Namespace) -> int:
     from bench.demand.judge import table_of
 
     still.check_ending(options.out)
+    _check_limits(options)
     if options.scene.endswith(".xml"):
         return _path_traced(options)
     scene = _scene(options)
     if not (options.files or options.truth):
         raise InputError("nothing to render: name a codec file, or a BTF with --truth")
-    device = usable_device(options.device)
+    if options.set and not options.truth:
+        raise InputError("--set: says how --truth is prepared: name it, too")
+    device = usable_device(options.device or "cpu")
     with Console() as console:
         sides = [still.of_material(load(file, device).material) for file in options.files]
         if options.truth:
             truth = open_named(options.truth, assignments(options.set), console.show)
             sides.insert(0, still.of_btf(table_of(truth)))
-        pictures = still.render(scene, sides, options.frame, options.rays, show=console.show)
-        exposure = options.exposure or still.exposure_for(pictures[0])
+        pictures = still.render(scene, sides, options.frame, options.rays or 2, show=console.show)
+        exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
         still.write(options.out, np.concatenate(list(pictures), 1), exposure)
         names = [*([options.truth] if options.truth else []), *(file.name for file in options.files)]
         console.say(f"wrote {options.out}: {', '.join(names)}; exposure {exposure:.6g}")
@@ -77,11 +85,14 @@ def _path_traced(options: argparse.Namespace) -> int:
 
     if not (options.files and options.bsdf):
         raise InputError("a Mitsuba scene needs codec files, and --bsdf ID: which of its BSDFs they replace")
-    own = {"--truth": options.truth, "--lights": options.lights, "--width": options.width, "--frame": options.frame}
-    if foreign := next((name for name, value in own.items() if value), None):
-        raise InputError(f"{foreign}: not with a Mitsuba scene, which says so itself")
-    if options.samples is not None and not 1 <= options.samples <= 1 << 20:
-        raise InputError(f"--samples {options.samples}: must be between 1 and {1 << 20}")
+    own = {
+        **{"--truth": "its files are codec files", "--set": "it has no --truth", "--lights": "its lights are its own"},
+        **{"--width": "its film says so", "--frame": "its first camera is rendered", "--rays": "give --samples"},
+        "--device": "Mitsuba's variant says so",
+    }
+    for name, reason in own.items():
+        if getattr(options, name[2:]):
+            raise InputError(f"{name}: not with a Mitsuba scene: {reason}")
     try:
         from bench.demand.path_traced import path_traced
     except ImportError as error:
@@ -90,21 +101,23 @@ def _path_traced(options: argparse.Namespace) -> int:
         ) from error
     scene = Path(options.scene)
     pictures = [path_traced(scene, options.bsdf, file, options.tiling, options.samples) for file in options.files]
-    exposure = options.exposure or still.exposure_for(pictures[0])
+    exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
     still.write(options.out, np.concatenate(pictures, 1), exposure)
     print(f"wrote {options.out}: {', '.join(file.name for file in options.files)}; exposure {exposure:.6g}")
     return FINE
+
+
+def _check_limits(options: argparse.Namespace) -> None:
+    for name, (low, high) in LIMITS.items():
+        value = getattr(options, name)
+        if value is not None and not low <= value <= high:
+            raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
 
 
 def _scene(options: argparse.Namespace) -> "Scene":
     from bench.demand import still
     from bench.demand.scene import named_scene
 
-    limits = {"tiling": (1e-3, 1e3), "width": (1, 16_384), "rays": (1, 16), "exposure": (1e-12, 1e12)}
-    for name, (low, high) in limits.items():
-        value = getattr(options, name)
-        if value is not None and not low <= value <= high:
-            raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
     for name in ("bsdf", "samples"):
         if getattr(options, name) is not None:
             raise InputError(f"--{name}: is of a Mitsuba scene, an .xml file; {options.scene} has one material")

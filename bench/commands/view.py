@@ -52,6 +52,8 @@ def _page(options: argparse.Namespace, folder: Path) -> str:
     from reports.shaders.program import read
     from reports.viewer.page import Model, page
 
+    if options.set and not options.truth:
+        raise InputError("--set: says how --truth is prepared: name it, too")
     changes = assignments(options.set)
     with Console() as console:
         models, shown = [], None

@@ -1,12 +1,15 @@
-"""Computes the mean difference of two results, slice by slice at the same pairs, with a bootstrap interval.
+"""Computes the mean difference of two results, slice by slice at the same pairs, with a 95 % interval.
 
 All codecs find the same slices hard, so the difference slice by slice is known far better than either mean. A *cell*
-holds the differences of one material and one seed. The bootstrap draws materials, then seeds of each material, then
-pairs of each seed, all with replacement; seeds that are scored at the same pairs draw the same ones.
+holds the differences of one material and one seed. Of several materials the interval is Student's over their means, in
+which all that differs between them is: materials, fits and pairs. It speaks of materials like these. Of one material it
+is a bootstrap's, which draws seeds, then pairs of each seed, with replacement; seeds that are scored at the same pairs
+draw the same ones. It speaks of that material alone, and of one seed it does not hold how fits scatter.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Any
 
@@ -17,6 +20,7 @@ from bench.errors import InputError
 from bench.records import Record, Run, shown_label
 
 Array = np.ndarray
+FALSE = 0.05  # the chance that a table of equal codecs tells any apart, at most
 DRAWS = 2000
 SEED = 0
 _FRESH = np.random.default_rng(SEED).bit_generator.state
@@ -34,7 +38,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean difference with its 95 % interval, and the numbers of materials, seeds and slices behind it."""
+    """A mean difference with its 95 % interval, and the numbers of materials, seeds and slices behind it.
+
+    `chance` is that of so large a difference between equal codecs; 1 on one material, which says nothing of others.
+    """
 
     mean: float
     low: float
@@ -42,11 +49,8 @@ class Interval:
     materials: int
     seeds: int
     slices: int
-
-    @property
-    def decided(self) -> bool:
-        """Whether the whole interval lies on one side of zero."""
-        return self.low > 0 or self.high < 0
+    chance: float = 1.0
+    told: bool = False  # apart, see `told_apart`
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,21 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
         for material in dict.fromkeys(cell.material for cell in of_label):
             if part := interval([cell for cell in of_label if cell.material == material]):
                 found.on.setdefault(material, {})[label] = part
-    return found
+    return replace(found, over=told_apart(found.over))
+
+
+def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
+    """The differences of all other codecs to the best, each with whether it is told apart from it.
+
+    After Holm (1979), over all pairs of codecs: the best was found by the same numbers, so any pair could have been it.
+    """
+    left, going = math.comb(len(over) + 1, 2), True
+    found = {}
+    for label, each in sorted(over.items(), key=lambda item: item[1].chance):
+        going = going and each.chance <= FALSE / left
+        found[label] = replace(each, told=going)
+        left -= 1
+    return {label: found[label] for label in over}
 
 
 def cells(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]) -> list[Cell]:
@@ -110,27 +128,30 @@ def _cell(job: Record, ours: Array | None, others: Array | None) -> Cell | None:
 
 
 def interval(found: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
-    """The mean over materials of the mean over seeds of the mean over slices, with its bootstrap; None of no cells."""
+    """The mean over materials of the mean over seeds of the mean over slices, with its interval; None of no cells."""
     by_material: dict[str, list[Cell]] = {}
     for cell in found:
         by_material.setdefault(cell.material, []).append(cell)
     if not by_material:
         return None
-    rng = np.random.default_rng(SEED)
-    drawn = np.stack([_of_material(each, draws, rng) for each in by_material.values()])
-    count = len(drawn)
-    if count > 1:
-        chosen, order = rng.integers(0, count, (count, draws)), rng.integers(0, draws, (count, draws))
-        drawn = drawn[chosen, order]
-    low, high = np.percentile(drawn.mean(0), [2.5, 97.5])
-    return Interval(
-        float(np.mean([_mean(each) for each in by_material.values()])),
-        float(low),
-        float(high),
-        count,
-        max(map(len, by_material.values())),
-        sum(len(cell.differences) for cell in found),
-    )
+    means = np.array([_mean(each) for each in by_material.values()])
+    seeds, slices = max(map(len, by_material.values())), sum(len(cell.differences) for cell in found)
+    if len(means) > 1:
+        reach, chance = _student(means)
+        low, high = means.mean() - reach, means.mean() + reach
+    else:
+        low, high = np.percentile(_of_material(list(found), draws, np.random.default_rng(SEED)), [2.5, 97.5])
+        chance = 1.0
+    return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance)
+
+
+def _student(means: Array) -> tuple[float, float]:
+    """Half the 95 % interval of the mean of some means, and the chance of so large a one where the true one is 0."""
+    from scipy.special import stdtr, stdtrit  # heavy, and needed only here
+
+    mean, error, freedom = abs(means.mean()), means.std(ddof=1) / math.sqrt(len(means)), len(means) - 1
+    chance = 2 * stdtr(freedom, -mean / error) if error else float(not mean)
+    return float(stdtrit(freedom, 0.975) * error), float(chance)
 
 
 def _mean(found: Sequence[Cell]) -> float:

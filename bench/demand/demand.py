@@ -11,20 +11,22 @@ import numpy as np
 
 from bench.archive import read_arrays
 from bench.atomic import replacing
+from bench.btf import periods
 from bench.errors import InputError, readable
 from bench.metrics.display import LUMA
 from bench.settings import Count, converted, shown
 
-FORMAT = 1
+FORMAT = 2
 MOST = 1_000_000  # queries of a demand
 CELLS = 1 << 24  # of all frames together
 MOST_BYTES = 64 << 20  # of a file, inflated: as many queries with what they are about
-FARTHEST = 64.0  # texture units that a footprint is cut at: a pixel at the horizon sees no finite piece
+FARTHEST = 64.0  # longer sides of the texture that a footprint is cut at: a pixel at the horizon sees no finite piece
+REACH = 1e12  # sides of the texture from its origin, at most
 BRIGHTEST = 1e30  # largest weight: sums of a million stay finite in float32
 SNORM = 32767  # directions are stored as signed 16-bit numbers; 1.5e-5 off at most
 COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "pixel": (np.int32, ()),
-    "uv": (np.float32, (2,)),
+    "place": (np.float32, (2,)),
     "footprint": (np.float32, ()),
     "wo": (np.int16, (3,)),
     "wi": (np.int16, (3,)),
@@ -40,8 +42,8 @@ class Demand:
     radiance under unit irradiance and `weight` the irradiance that the query stands for.
     """
 
-    uv: np.ndarray  # (n, 2) float32
-    footprint: np.ndarray  # (n,) float32, in texture units
+    place: np.ndarray  # (n, 2) float32 on the surface, not wrapped, in units of the longer side of the texture
+    footprint: np.ndarray  # (n,) float32, in the same units
     wo: np.ndarray  # (n, 3) float32, unit
     wi: np.ndarray  # (n, 3) float32, unit
     weight: np.ndarray  # (n, 3) float32, RGB irradiance
@@ -52,6 +54,10 @@ class Demand:
 
     def __len__(self) -> int:
         return len(self.pixel)
+
+    def uv(self, size: tuple[int, int]) -> np.ndarray:
+        """(n, 2) float32 where the queries meet a texture of `size` (H, W), which keeps its shape on the surface."""
+        return np.mod(self.place * np.array(periods(size)), 1.0).astype(np.float32)
 
     @property
     def importance(self) -> np.ndarray:
@@ -73,7 +79,7 @@ class Demand:
     def thinned(self, count: int, rng: np.random.Generator) -> "Demand":
         """A random subset of the queries, with weights scaled to keep the sum."""
         kept = np.sort(rng.permutation(len(self))[:count])
-        columns = {name: getattr(self, name)[kept] for name in ("uv", "footprint", "wo", "wi", "weight", "pixel")}
+        columns = {name: getattr(self, name)[kept] for name in ("place", "footprint", "wo", "wi", "weight", "pixel")}
         columns["weight"] = columns["weight"] * np.float32(len(self) / count)
         return Demand(**columns, frames=self.frames, provenance=self.provenance)
 
@@ -84,7 +90,7 @@ class Demand:
             np.savez_compressed(
                 file,
                 about=np.frombuffer(text.encode(), np.uint8),
-                uv=self.uv,
+                place=self.place,
                 footprint=self.footprint,
                 wo=np.round(self.wo * SNORM).astype(np.int16),
                 wi=np.round(self.wi * SNORM).astype(np.int16),
@@ -118,6 +124,8 @@ def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, A
         raise InputError("about says no format")
     if says["format"] > FORMAT:
         raise InputError(f"format {shown(says['format'])} is newer than this version reads ({FORMAT}): upgrade")
+    if says["format"] < FORMAT:
+        raise InputError(f"format {shown(says['format'])} is older than this version reads ({FORMAT})")
     frames = converted("frames", tuple[Count, Count, Count], says.get("frames"))
     if math.prod(frames) > CELLS:
         raise InputError(f"frames of {shown(frames)} cells are more than {CELLS:,}")
@@ -142,7 +150,7 @@ def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
     length = [np.linalg.norm(arrays[name].astype(np.float64), axis=1) / SNORM for name in ("wo", "wi")]
     upward = all((arrays[name][:, 2] >= 0).all() for name in ("wo", "wi"))
     good = {
-        "uv": ((arrays["uv"] >= 0) & (arrays["uv"] <= 1)).all(),
+        "place": (np.abs(arrays["place"]) <= REACH).all(),
         "footprint": ((arrays["footprint"] > 0) & (arrays["footprint"] <= FARTHEST)).all(),
         "wo or wi": upward and (np.abs(np.concatenate(length) - 1) < 0.01).all(),
         "weight": ((arrays["weight"] >= 0) & (arrays["weight"] <= BRIGHTEST)).all()

@@ -64,7 +64,7 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as `PairInterpolator` takes it
     wi = torch.from_numpy(demand.wi)
     return Density(
-        window.within(torch.from_numpy(demand.uv).double()).float(),
+        window.within(torch.from_numpy(demand.uv(window.size)).double()).float(),
         torch.from_numpy(demand.footprint) * window.stretch,
         torch.from_numpy(demand.wo),
         wi,
@@ -244,7 +244,8 @@ def rows(found: Found, judge: Judge, threads: int) -> list[dict[str, Any]]:
         {
             "model": name,
             "bytes": model.header.file_bytes,
-            "ns": timed[name],
+            "ns": timed[name]["ns_per_sample"],
+            "unrest": timed[name]["unrest"],
             "steps": model.steps,
             "seconds": model.seconds,
             "psnr": model.psnr,
@@ -256,13 +257,13 @@ def rows(found: Found, judge: Judge, threads: int) -> list[dict[str, Any]]:
     ]
 
 
-def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, float]:
-    """ns a sample of each model, whole queries of the scene in random order, in turns."""
+def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, dict[str, Any]]:
+    """The time of each model, whole queries of the scene in random order, in turns."""
     order = np.random.default_rng(0).permutation(len(demand))[: timing.BATCH]
-    device = next(iter(models.values())).material.device
-    columns = (demand.uv, demand.wo, demand.wi, demand.footprint)
+    first = next(iter(models.values())).material
+    device, size = first.device, first.size
+    columns = (demand.uv(size), demand.wo, demand.wi, demand.footprint)
     asked = [torch.from_numpy(column[order]).to(device) for column in columns]
     calls = {name: partial(model.material.query, *asked) for name, model in models.items()}
-    size = next(iter(models.values())).material.size
     found = timing.in_turns(calls, len(order), size, threads, device)
-    return {name: float(found[name].summary()["ns_per_sample"]) for name in models}
+    return {name: found[name].summary() for name in models}

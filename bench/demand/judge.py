@@ -67,7 +67,7 @@ class Judge:
 
     def frames(self, material: Material) -> Array:
         """The frames (frames, H, W, 3) that a decoded material makes."""
-        columns = (self.demand.uv, self.demand.wo, self.demand.wi, self.demand.footprint)
+        columns = (self.demand.uv(self.btf.shape), self.demand.wo, self.demand.wi, self.demand.footprint)
         asked = (torch.from_numpy(column).to(material.device) for column in columns)
         return self.demand.pictures(material.query(*asked).cpu().numpy())
 

@@ -5,11 +5,13 @@
         <float name="repeat" value="4"/>
     </bsdf>
 
-`repeat` is how often the texture repeats over the shape's uv; `two_sided` mirrors the material to the back, which is
-black otherwise. The frame is the shape's: u along `dp_du`, v to the side of `dp_dv`, the normal its shading normal.
-Answers are averaged over what a pixel covers there: `pixel_angle`, in radians, at the distance that a ray went, or the
-derivatives of uv where an integrator gives them, which it does not in the differentiable variants. Directions are drawn
-by the cosine, or from the file's lobes where `neubtf-bench sampling` has fitted some.
+`repeat` is how often the longer side of the texture fits in a unit of the shape's uv, so that texels are square where
+uv keep the proportions of the surface; across it the texture repeats as often as its shape has it. `two_sided` mirrors
+the material to the back, which is black otherwise. The frame is the shape's: u along `dp_du`, v to the side of `dp_dv`,
+the normal its shading normal. Answers are averaged over what a pixel covers there: `pixel_angle`, in radians, at the
+distance that a ray went, or the derivatives of uv where an integrator gives them, which it does not in the
+differentiable variants. Directions are drawn by the cosine, or from the file's lobes where `neubtf-bench sampling` has
+fitted some.
 """
 
 from functools import cache
@@ -22,6 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.btf import periods
 from bench.codecs.container import read_parts
 from bench.codecs.loading import load
 from bench.codecs.program import program_of
@@ -49,7 +52,7 @@ def register() -> type:
 class _Lobes:
     """The lobes of a file, drawn from by Mitsuba's own GGX; see `bench.demand.lobes`."""
 
-    def __init__(self, stored: np.ndarray, repeat: float):
+    def __init__(self, stored: np.ndarray, repeat: tuple[float, float]):
         self.cells, self.repeat = len(stored), repeat
         lobe = Lobe.of(torch.from_numpy(stored).reshape(-1, stored.shape[2]))
         columns = [lobe.share, lobe.along, lobe.across, *(axis for axes in lobe.axes for axis in axes.T)]
@@ -86,9 +89,9 @@ class _Lobes:
         return dr.select((inside.z > 1e-4) & (met > 1e-4) & (half.z > 0), found, 0)
 
 
-def _wrapped(si: Any, repeat: float) -> Any:
-    """Where in one period of the texture a surface is looked up."""
-    uv = si.uv * repeat
+def _wrapped(si: Any, repeat: tuple[float, float]) -> Any:
+    """Where in one period of the texture a surface is looked up, of so many periods in a unit of its u and of its v."""
+    uv = mi.Point2f(si.uv.x * repeat[0], si.uv.y * repeat[1])
     return uv - dr.floor(uv)
 
 
@@ -120,12 +123,14 @@ class _Answers:
         flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.SpatiallyVarying | side
         self.m_components, self.m_flags = [flags], flags
         file = load(self.file)
+        across, up = periods(file.material.size)
+        self.periods = self.repeat * across, self.repeat * up
         self.answer = Traced(program_of(file.material), _arrays(mi.variant()))
         self.draw_from(checked(read_parts(self.file)[1].sampling))
 
     def draw_from(self, lobes: Tensor | None) -> None:
         """Draw directions from lobes (cells, cells, 5) instead of the file's own; from None by the cosine."""
-        self.lobes = None if lobes is None else _Lobes(lobes.float().numpy(), self.repeat)
+        self.lobes = None if lobes is None else _Lobes(lobes.float().numpy(), self.periods)
 
     def sample(self, context: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
         view = self._turned(si, si.wi)
@@ -155,7 +160,7 @@ class _Answers:
         # What is not asked may be no number, of which an index is none either: a division by it ends the process.
         up = mi.Vector3f(0, 0, 1)
         view, light = dr.select(active, view, up), dr.select(active, light, up)
-        uv = dr.select(active, _wrapped(si, self.repeat), 0)
+        uv = dr.select(active, _wrapped(si, self.periods), 0)
         side = dr.select(active, dr.minimum(self.repeat * self._footprint(si), FARTHEST), 0)
         rgb = self.answer([uv.x, uv.y], [view.x, view.y, view.z], [light.x, light.y, light.z], side)
         return dr.select(active, dr.maximum(mi.Color3f(*rgb), 0), 0)

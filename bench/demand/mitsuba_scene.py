@@ -1,7 +1,8 @@
 """Casts the rays of a Mitsuba 3 scene, an XML file, at the surfaces of one BSDF: see `bench.demand.points`.
 
 Each sensor of the file is a frame, so that a camera's path is a list of sensors. Light that comes straight from an
-emitter counts, with its shadows; what other surfaces send on does not.
+emitter counts, with its shadows; what other surfaces send on does not. A unit of a shape's uv is the longer side of the
+texture.
 """
 
 from collections.abc import Callable

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench.btf import BTF, Layout
+from bench.btf import BTF, Layout, periods
 from bench.codecs.window import CELLS, Window, cell_of, to_hex
 from bench.demand.corners import corners, pair_shares, share_of
 from bench.demand.demand import Demand
@@ -24,7 +24,7 @@ class Need:
 
     window: Window
     pairs: Array  # indices of the BTF's
-    finest: float  # footprint in texture units that little of the demand is finer than
+    finest: float  # footprint, in longer sides of the texture, that little of the demand is finer than
     views: Array
     lights: Array
     whole: bool  # whether nothing of the BTF is left out
@@ -100,8 +100,9 @@ def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
     """The smallest window, in whole boxes, that holds what is seen of the texture and a box around it."""
     height, width = size
     whole = Window.whole(size, factor)
-    top, tall = _span(1 - demand.uv[:, 1], demand.footprint, height, factor, whole.height)
-    left, wide = _span(demand.uv[:, 0], demand.footprint, width, factor, whole.width)
+    uv, (across, up) = demand.uv(size), periods(size)
+    top, tall = _span(1 - uv[:, 1], up * demand.footprint, height, factor, whole.height)
+    left, wide = _span(uv[:, 0], across * demand.footprint, width, factor, whole.width)
     return Window(size, top, left, tall, wide, factor)
 
 

@@ -27,9 +27,9 @@ class Summary:
     frames: tuple[int, int, int]
     theta_o_deg: tuple[float, ...]  # at `PERCENTILES`
     theta_i_deg: tuple[float, ...]
-    footprint: tuple[float, ...]  # in texture units
+    footprint: tuple[float, ...]  # in longer sides of the texture
     finest: float  # the smallest footprint of all
-    coverage: float  # share of the texture that is seen at all
+    coverage: float  # share of a square texture that is seen at all
 
     def text(self) -> str:
         """The summary as lines of text."""
@@ -45,16 +45,16 @@ class Summary:
                 f"percentiles {low} · {middle} · {high}, weighted by what a white diffuser would send to the camera:",
                 f"  view from the normal:   {spread(self.theta_o_deg, '°')}",
                 f"  light from the normal:  {spread(self.theta_i_deg, '°')}",
-                f"  footprint:              {spread(self.footprint, '')} of the texture's side",
-                f"finest footprint: {self.finest:.3g}: a texture of more than {texels(self.finest):,} texels a side "
-                "shows nothing more",
-                f"seen of the texture: {self.coverage:.0%}",
+                f"  footprint:              {spread(self.footprint, '')} of the texture's longer side",
+                f"finest footprint: {self.finest:.3g}: a texture of more than {texels(self.finest):,} texels along its "
+                "longer side shows nothing more",
+                f"seen of a square texture: {self.coverage:.0%}",
             ]
         )
 
 
 def texels(footprint: float) -> int:
-    """The texels a side of a texture of which one is as large as a footprint."""
+    """The texels along the longer side of a texture of which one is as large as a footprint."""
     return max(1, round(1 / footprint))
 
 
@@ -74,8 +74,9 @@ def _percentiles(values: Array, share: Array) -> tuple[float, ...]:
 
 
 def _coverage(demand: Demand) -> Array:
-    """The share of the demand in each cell of the texture, row 0 on top; a footprint counts where its middle lies."""
-    col, row = demand.uv[:, 0], 1 - demand.uv[:, 1]
+    """The share of the demand in each cell of a square texture, row 0 on top; a query counts where its middle lies."""
+    uv = demand.uv((1, 1))
+    col, row = uv[:, 0], 1 - uv[:, 1]
     return np.histogram2d(row, col, COVERAGE, [[0, 1], [0, 1]], weights=demand.importance)[0]
 
 
@@ -90,7 +91,7 @@ def draw(demand: Demand, path: Path) -> None:
     for name, title in (("wo", "views"), ("wi", "lights")):
         _polar(grid[name], getattr(demand, name), demand.importance, title)
     grid["uv"].imshow(_coverage(demand), extent=(0, 1, 0, 1), cmap="magma")
-    grid["uv"].set(title="seen of the texture", xlabel="u", ylabel="v")
+    grid["uv"].set(title="seen of a square texture", xlabel="u", ylabel="v")
     _footprints(grid["footprint"], demand)
     with replacing(path) as partial:
         figure.savefig(partial, format="png", dpi=80)
@@ -128,4 +129,4 @@ def _circle(radius: float):  # type: ignore[no-untyped-def]
 def _footprints(axes, demand: Demand) -> None:  # type: ignore[no-untyped-def]
     level = np.log2(demand.footprint)
     axes.hist(level, bins=40, weights=demand.importance, color="tab:blue")
-    axes.set(title="footprints", xlabel="log2 of the texture's side", ylabel="share of the demand")
+    axes.set(title="footprints", xlabel="log2 of the texture's longer side", ylabel="share of the demand")

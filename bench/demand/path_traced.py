@@ -17,9 +17,9 @@ from bench.errors import InputError, did_you_mean
 def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples: int | None = None) -> np.ndarray:
     """The picture (H, W, 4) of the scene's first sensor, linear RGB and an alpha of 1, by the scene's own integrator.
 
-    The BSDF with the id `bsdf` answers from the codec file, whose texture repeats `repeat` times over the shapes' uv.
-    `samples` a pixel; by default the scene's own. Each sample stands for its share of the pixel's area, over which the
-    texture is averaged. `InputError` says what is wrong with the scene.
+    The BSDF with the id `bsdf` answers from the codec file, the longer side of whose texture fits `repeat` times in a
+    unit of the shapes' uv. `samples` a pixel; by default the scene's own. Each sample stands for its share of the
+    pixel's area, over which the texture is averaged. `InputError` says what is wrong with the scene.
     """
     text = replaced(scene, bsdf, file, repeat)
     set_variant()

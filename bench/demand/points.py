@@ -17,7 +17,7 @@ class Points:
     """Visible points of the surface, float64; `ahead_x`, `ahead_y` point from the camera through the next pixels."""
 
     pixel: Array  # (n,) of the frames, row by row
-    uv: Array  # (n, 2)
+    uv: Array  # (n, 2) of the surface, not wrapped: a unit is the longer side of the texture
     position: Array  # (n, 3)
     normal: Array  # (n, 3) unit
     dp_du: Array  # (n, 3) how the position moves with u …
@@ -47,7 +47,7 @@ class Points:
 
     @property
     def footprint(self) -> Array:
-        """(n,) the longer side of a pixel on the surface, in texture units: what isotropic filtering averages over."""
+        """(n,) the longer side of a pixel on the surface, in units of uv: what isotropic filtering averages over."""
         sides = [np.linalg.norm(self._uv_of(self._moved(ahead)), axis=1) for ahead in (self.ahead_x, self.ahead_y)]
         return np.minimum(np.maximum(*sides), FARTHEST)
 
@@ -89,9 +89,8 @@ def asked(points: Points, lights: list[Light]) -> dict[str, Array]:
         wi = points.local(light.toward)
         seen = (wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
         some = np.flatnonzero(seen)
-        uv = np.mod(points.uv[some], 1.0)
-        parts.append((uv, footprint[some], wo[some], wi[some], light.irradiance[some], points.pixel[some]))
-    names = ("uv", "footprint", "wo", "wi", "weight", "pixel")
+        parts.append((points.uv[some], footprint[some], wo[some], wi[some], light.irradiance[some], points.pixel[some]))
+    names = ("place", "footprint", "wo", "wi", "weight", "pixel")
     kinds = (np.float32,) * 5 + (np.int32,)
     columns = zip(*parts, strict=True)
     return {n: np.concatenate(c).astype(k) for n, c, k in zip(names, columns, kinds, strict=True)}

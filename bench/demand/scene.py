@@ -17,7 +17,8 @@ centre = [0.0, 0.0, 0.0]
 normal = [0.0, 0.0, 1.0]         # of a plane; of a sphere, its axis
 up = [0.0, 1.0, 0.0]             # where the top of the texture points, on a plane
 size = [1.0, 1.0]                # of a plane, along the texture's u and v; of a sphere: radius = 0.5
-repeat = [4, 4]                  # periods of the texture over the whole surface, along u and v
+repeat = [4, 4]                  # of the longer side of the texture over the whole surface, along u and v; across it
+                                 # the texture repeats as often as its shape has it
 
 [[lights]]
 kind = "directional"             # toward = [x, y, z], irradiance = [r, g, b] on a plane that faces it

@@ -23,7 +23,10 @@ def distance(surface: Surface, eye: Array, ahead: Array) -> Array:
 
 
 def texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """uv (n, 2), normal, dp/du and dp/dv (n, 3) of points of a surface, and which of them lie on it (n,)."""
+    """uv (n, 2), normal, dp/du and dp/dv (n, 3) of points of a surface, and which of them lie on it (n,).
+
+    A unit of uv is the longer side of the texture.
+    """
     axes = np.stack(_axes(surface), 1)
     local = (position - np.asarray(surface.centre)) @ axes
     if surface.shape == "sphere":

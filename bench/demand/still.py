@@ -60,7 +60,7 @@ def of_material(material: Material) -> Answers:
     """The answers of a decoded material."""
 
     def answers(demand: Demand) -> Array:
-        columns = (demand.uv, demand.wo, demand.wi, demand.footprint)
+        columns = (demand.uv(material.size), demand.wo, demand.wi, demand.footprint)
         found = material.query(*(torch.from_numpy(column).to(material.device) for column in columns))
         return found.cpu().numpy()
 

@@ -23,7 +23,7 @@ def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     asked = np.flatnonzero(weight > 0)
     asked = asked[np.argsort(pair[asked], kind="stable")]
     places = np.searchsorted(pair[asked], np.arange(len(btf) + 1))
-    uv, level = torch.from_numpy(demand.uv), torch.from_numpy(_levels(demand, btf.shape))
+    uv, level = torch.from_numpy(demand.uv(btf.shape)), torch.from_numpy(_levels(demand, btf.shape))
     answers = np.zeros((len(demand), 3), np.float32)
     for index in range(len(btf)):
         show(f"reference of {demand.name}", index + 1, len(btf))

@@ -46,7 +46,7 @@ def _draw(axes: Any, best: str, found: "Found", looks: Looks) -> None:
         look = looks.of(label) | {"linestyle": "none"}
         axes.plot([each.low, each.high], [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
         axes.plot(each.mean, row, **look, markersize=6)
-        told = "" if each.decided else ", not told apart"
+        told = ", not told apart" if each.materials > 1 and not each.told else ""
         axes.text(1.02, row, interval(each) + told, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
     axes.set_yticks(range(len(found) + 1), [short(label) for label in (best, *found)], fontsize=8)
     axes.set(ylim=(len(found) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better than it)")
@@ -58,11 +58,13 @@ def _caption(found: "Found") -> str:
     materials, seeds, slices = (
         max(getattr(each, name) for each in found.values()) for name in ("materials", "seeds", "slices")
     )
-    drawn = ["materials"] * (materials > 1) + ["seeds"] * (seeds > 1) + ["pairs"]
-    words = " and ".join(filter(None, [", ".join(drawn[:-1]), drawn[-1]]))
     counts = [f"{materials} materials"] * (materials > 1) + [f"{seeds} seeds"] * (seeds > 1) + [f"{slices:,} slices"]
-    alone = "" if seeds > 1 else " Of one seed: how much another fit would differ is not in it."
+    if materials > 1:
+        words, alone = "by Student's t over material means", ""
+    else:
+        words = f"of a bootstrap over {'seeds and ' * (seeds > 1)}pairs, of this material alone"
+        alone = "" if seeds > 1 else " Of one seed: how much another fit would differ is not in it."
     return (
-        f"Bars: 95 % interval of a bootstrap over {words}: {', '.join(counts)}.{alone}\n"
+        f"Bars: 95 % interval {words}: {', '.join(counts)}.{alone}\n"
         "Both codecs at the same pairs; slices without any error in either are left out."
     )

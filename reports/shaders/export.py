@@ -28,9 +28,11 @@ no colour conversion.
   light; add no cosine.
 - **Frame**: x along +u, y along +v, z is the normal toward the eye, right-handed. `wo` points to the camera, `wi` to
   the light; both have unit length.
-- **uv**: the material's period is 1. Pass `uv - floor(uv)`. v grows upwards: v = 1 is the top edge of the picture.
-- **footprint**: the side of the square that a pixel covers, in units of uv; 0 is a point. Codecs without levels of
-  detail ignore it.
+- **uv**: the period of the material is 1 in u and in v; it holds {width} × {height} square texels, so a unit of u is
+  {aspect:.6g} times as long on the surface as one of v{stretch}. Pass `uv - floor(uv)`. v grows upwards: v = 1 is the
+  top edge of the picture.
+- **footprint**: the side of the square that a pixel covers, 1 being the longer side of a period; 0 is a point. Codecs
+  without levels of detail ignore it.
 - **Your part**: answer 0 where `wo.z <= 0` or `wi.z <= 0`, and clamp the answer at 0.
 """
 
@@ -46,7 +48,11 @@ def export(program: Program, name: str, language: str, folder: Path) -> list[Pat
     made = shader(program, dialect)
     folder.mkdir(parents=True, exist_ok=True)
     sizes = {which: "{1} × {0}".format(*array.shape) for which, array in (("exact", made.exact), ("half", made.half))}
-    text = README.format(name=name, language=language.upper(), suffix=dialect.suffix, **sizes)
+    height, width = program.size
+    across, up = program.periods
+    stretch = "" if height == width else f": a surface whose uv are square is asked at ({across:g} u, {up:g} v)"
+    says = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
+    text = README.format(name=name, language=language.upper(), suffix=dialect.suffix, **sizes, **says)
     files = [folder / f"{name}{dialect.suffix}", folder / "exact.exr", folder / "half.exr", folder / "README.md"]
     write(files[0], made.text.encode())
     for path, array in ((files[1], made.exact), (files[2], made.half)):

@@ -18,7 +18,13 @@ class Program:
     steps: list[dict[str, Any]]
     constants: dict[str, np.ndarray]
     result: str
-    size: tuple[int, int]
+    size: tuple[int, int]  # texels, (H, W)
+
+    @property
+    def periods(self) -> tuple[float, float]:
+        """How many periods of the texture its longer side is along u and along v: texels are square on a surface."""
+        height, width = self.size
+        return max(self.size) / width, max(self.size) / height
 
 
 def read(path: Path) -> Program:

@@ -42,7 +42,8 @@ class Model:
 def model_data(model: Model) -> dict[str, object]:
     """What the page needs of a model. `InputError` where no shader can do its program."""
     made, spare = shader(model.program, GLSL), fallback(model.program, GLSL)
-    found: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure, **_encoded(made)}
+    said = {"label": model.label, "note": model.note, "exposure": model.exposure}
+    found: dict[str, object] = said | {"periods": model.program.periods, **_encoded(made)}
     if spare:  # for compilers that choke on literals; textures that are the same are not written twice
         found["fallback"] = {key: text for key, text in _encoded(spare).items() if found[key] != text}
     return found

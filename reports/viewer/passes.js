@@ -24,12 +24,14 @@ in vec3 vPosition; in vec3 vNormal; in vec3 vTangent; in vec2 vUV;
 uniform vec3 eye;
 uniform vec4 light;  // direction and strength, or position and strength where \`near\` is 1
 uniform float near, tiling;
+uniform vec2 periods;  // of the texture along u and v, in a length of its longer side
 uniform int probing;
 uniform vec3 probeWo;
 uniform vec2 probeSize;
 void main() {
-  vec2 uv = probing == 1 ? gl_FragCoord.xy / probeSize : vUV * tiling;
-  float footprint = min(1.0, max(length(dFdx(uv)), length(dFdy(uv))));
+  vec2 place = vUV * tiling;  // in longer sides of the texture, as the footprint is
+  vec2 uv = probing == 1 ? gl_FragCoord.xy / probeSize : place * periods;
+  float footprint = min(1.0, max(length(dFdx(place)), length(dFdy(place))));
   if (probing == 1) footprint = 1.0 / max(probeSize.x, probeSize.y);
   vec3 n = normalize(vNormal);
   vec3 t = normalize(vTangent - n * dot(n, vTangent));

@@ -1,5 +1,5 @@
 // Draws materials on a plane, a sphere or a drape. `mountViewer(root, data)` builds the controls and returns what tests
-// use. data.models: {label, note, exposure, shader, exact, half, uniforms, fallback}; tables are base64 of RGBA32F and RGBA16F
+// use. data.models: {label, note, exposure, periods, shader, exact, half, uniforms, fallback}; tables are base64 of RGBA32F and RGBA16F
 // rows, uniforms of vec4; fallback holds what is other in the shader for compilers that choke on the first.
 
 const DISTANCE = 4.2, LAMP = 3.0;  // of the camera and of the point light; shapes are about 2 wide
@@ -137,7 +137,7 @@ class Stage {
       gl.bindTexture(gl.TEXTURE_2D, texture);
     });
     if (model.buffer) gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, model.buffer);
-    this.set(model.uniforms, values);
+    this.set(model.uniforms, { ...values, periods: model.given.periods });
     for (const light of lights) {
       gl.uniform4fv(model.uniforms.light, light);
       gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
@@ -145,7 +145,7 @@ class Stage {
     [gl.BLEND, gl.DEPTH_TEST, gl.SCISSOR_TEST].forEach((each) => gl.disable(each));
   }
 
-  set(at, { camera, eye = [0, 0, 1], near = 0, tiling = 1, probing = 0, probeWo = [0, 0, 1], probeSize = [1, 1] }) {
+  set(at, { camera, periods, eye = [0, 0, 1], near = 0, tiling = 1, probing = 0, probeWo = [0, 0, 1], probeSize = [1, 1] }) {
     const { gl } = this;
     gl.uniform1i(at.exactTable, 0);
     gl.uniform1i(at.halfTable, 1);
@@ -154,6 +154,7 @@ class Stage {
     gl.uniform3fv(at.eye, eye);
     gl.uniform1f(at.near, near);
     gl.uniform1f(at.tiling, tiling);
+    gl.uniform2fv(at.periods, periods);
     gl.uniform3fv(at.probeWo, probeWo);
     gl.uniform2fv(at.probeSize, probeSize);
   }

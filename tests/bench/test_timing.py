@@ -7,8 +7,9 @@ import torch
 from bench import timing
 from bench.codecs.decoder import Architecture, Decoder
 from bench.material import DecoderCost, Material
+from bench.records import of_both_floors
 from bench.threads import torch_threads
-from bench.timing import BATCH, FLOOR, SAMPLES, Timing, compare, conditions
+from bench.timing import BATCH, FLOOR, SAMPLES, Timing, compare, conditions, in_turns
 from bench.timing.clock import calibrated
 from bench.timing.machine import unrest
 from bench.timing.profile import profile
@@ -71,6 +72,19 @@ def test_the_floor_is_stored_with_its_own_time(timings):
     assert low <= summary["ratio_to_floor"] <= high
     assert summary["floor_again"] > 0
     assert summary["unrest"] == unrest(summary)
+
+
+def test_a_ratio_is_to_the_mean_of_the_floor_before_and_after(monkeypatch):
+    times = iter([100.0, 300.0, 200.0] * 30)  # the floor, the call, the floor again
+    monkeypatch.setattr("bench.timing.calibrated", lambda call, device: lambda: next(times))
+    found = in_turns({"a": lambda: None}, 1, (4, 4), 1, torch.device("cpu"))
+    summary = found["a"].summary()
+    assert (summary["ratio_to_floor"], summary["floor_ns"], summary["floor_again"]) == (2.0, 150.0, 2.0)
+    assert found[FLOOR].summary()["ratio_to_floor"] == 1.0
+    assert of_both_floors(summary) == summary
+    earlier = {"ratio_to_floor": 3.0, "ratio_interval95": [3.0, 4.5], "floor_ns": 100.0, "floor_again": 2.0}
+    both = {"ratio_to_floor": 2.0, "ratio_interval95": [2.0, 3.0], "floor_ns": 150.0, "floor_again": 2.0, "floors": 2}
+    assert of_both_floors(earlier) == both
 
 
 def test_a_machine_that_is_not_quiet_is_told():

@@ -1,3 +1,5 @@
+import json
+
 from bench.records import load_run
 from reports import table_text
 from reports.summary import summary_table
@@ -46,10 +48,40 @@ def test_papers_report_mean_and_deviation_over_slices(made):
     assert "0.750 ± 0.125" in text
 
 
+def test_times_say_when_the_machine_was_not_quiet_and_have_a_column_fused(made):
+    reason = "the floor, timed twice, differed by 18 %"
+    made.job("pca").timing("pca", unrest=reason, floor_again=1.18).job("vq", psnr=28.5).timing("vq")
+    table = summary_table(load_run(made.folder))
+    assert f"The machine was not quiet for 1 of 2 times: {reason}." in table.notes
+    assert [head for head in table.headers if head[1] == "× floor ↓"] == [("time", "× floor ↓")]
+    made.trade("pca")
+    trade = json.loads((made.folder / "trade.json").read_text())
+    fused = trade["choices"][0] | {"execution": "fused", "job": "satin/pca/0", "ratio_to_floor": 0.5}
+    quiet = {"unrest": "other processes used 2.0 cores", "others_cores": 2.0}
+    trade["choices"].append(fused | quiet)
+    (made.folder / "trade.json").write_text(json.dumps(trade))
+    table = summary_table(load_run(made.folder))
+    column = [name for name, _ in table.headers].index("fused")
+    assert [row[column] for row in table.rows] == ["0.500", "—"]
+    assert any(
+        "not quiet for 2 of 3 times: the floor, timed twice, differed by up to 18 %, others" in n for n in table.notes
+    )
+
+
 def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
     for material in ("satin", "brick"):
         made.job("pca", material=material, psnr=30.0).job("vq", material=material, psnr=28.5)
         made.job("table", material=material, psnr=None)
     table = summary_table(load_run(made.folder))
-    assert {row[0]: row[-1] for row in table.rows} == {"table": "—", "pca": "—", "vq": "−1.50 (−1.50 to −1.50)"}
-    assert any(note.startswith("Against pca: the mean paired difference") for note in table.notes)
+    assert {row[0]: row[-1] for row in table.rows} == {"table": "—", "pca": "—", "vq": "−1.50 (−1.50 to −1.50) *"}
+    (note,) = (note for note in table.notes if note.startswith("Against pca: the mean paired difference"))
+    assert "by Student's t over the means of up to 2 materials (1 seed: how much another fit would differ" in note
+    assert "1 of 1 told apart (*), by Holm's correction over the 1 pairs" in note
+
+
+def test_on_one_material_the_interval_is_of_its_pairs_and_tells_nothing_apart(made):
+    for seed in (0, 1):
+        made.job("pca", seed=seed).job("vq", seed=seed, psnr=28.5)
+    table = summary_table(load_run(made.folder))
+    assert table.rows[1][-1] == "−1.50 (−1.50 to −1.50)"
+    assert any("over seeds and pairs of this material alone (2 seeds)" in note for note in table.notes)

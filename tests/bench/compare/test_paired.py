@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bench.compare.paired import Cell, against, interval
+from bench.compare.paired import Cell, Interval, against, interval, told_apart
 from bench.compare.slices import decibels, packed, unpacked
 from bench.errors import InputError
 
@@ -11,7 +11,7 @@ def test_pairing_takes_away_what_both_share_and_keeps_what_they_do_not():
     hard = rng.normal(25, 6, 150)
     found = interval([Cell("satin", 0, "a", hard + 0.2 + rng.normal(0, 0.3, 150) - hard)])
     assert found.low < 0.2 < found.high
-    assert found.decided
+    assert found.low > 0
     assert found.high - found.low < 0.15  # 2 · 1.96 · 0.3 / √150 = 0.1, where the means alone are known to ± 1 dB
 
 
@@ -36,6 +36,32 @@ def test_seeds_that_differ_widen_the_interval_and_so_do_materials():
     assert several.high - several.low > 1
     assert (several.materials, several.seeds, several.slices) == (5, 2, 1000)
     assert several.mean == pytest.approx(2, abs=0.1)
+
+
+def test_over_materials_it_is_student_s_of_their_means():
+    cells = [Cell(f"m{i}", 0, "a", np.array([gain, gain + 0.2])) for i, gain in enumerate((1.0, 2.0, 4.0))]
+    found = interval(cells)
+    means = np.array([1.1, 2.1, 4.1])
+    reach = 4.302653 * means.std(ddof=1) / np.sqrt(3)  # Student's t of two degrees of freedom
+    assert (found.mean, found.low, found.high) == pytest.approx(
+        (means.mean(), means.mean() - reach, means.mean() + reach)
+    )
+    ratio = means.mean() / (means.std(ddof=1) / np.sqrt(3))
+    assert found.chance == pytest.approx(1 - ratio / np.sqrt(ratio**2 + 2))  # in closed form
+    assert interval(cells[:1]).chance == 1  # of one material, which says nothing of others
+
+
+def test_codecs_are_told_apart_by_holm_over_all_pairs():
+    rows = {
+        label: Interval(1.0, 0.0, 2.0, 9, 1, 900, chance)
+        for label, chance in zip("abc", (0.0101, 0.008, 0.03), strict=True)
+    }
+    assert {label: each.told for label, each in told_apart(rows).items()} == {"a": False, "b": True, "c": False}
+    assert list(told_apart(rows)) == ["a", "b", "c"]
+    assert not told_apart({"a": Interval(1.0, 0.5, 2.0, 1, 1, 150)})["a"].told
+    assert told_apart({"a": Interval(1.0, 0.1, 1.9, 9, 1, 900, 0.04)})[
+        "a"
+    ].told  # alone, no other could have been chosen
 
 
 def test_an_interval_depends_on_no_other():

@@ -40,12 +40,24 @@ def test_a_plane_seen_from_above_has_the_picture_s_own_frame():
     assert len(demand) == 800
     pixel = 2 * np.tan(np.radians(20)) / 40 * 2  # scene units, at distance 2; the texture's period is 2
     x, y = (demand.pixel % 40 - 19.5) * pixel, -(demand.pixel // 40 - 9.5) * pixel
-    np.testing.assert_allclose(demand.uv, np.stack([(x / 4 + 0.5) * 2 % 1, (y / 4 + 0.5) * 2 % 1], 1), atol=1e-5)
+    np.testing.assert_allclose(
+        demand.uv((8, 8)), np.stack([(x / 4 + 0.5) * 2 % 1, (y / 4 + 0.5) * 2 % 1], 1), atol=1e-5
+    )
     np.testing.assert_allclose(
         demand.wo * np.sqrt(x**2 + y**2 + 4)[:, None], np.stack([-x, -y, 0 * x + 2], 1), atol=1e-5
     )
     np.testing.assert_allclose(demand.wi, np.broadcast_to([0.6, 0, 0.8], (800, 3)), atol=1e-6)
     np.testing.assert_allclose(demand.footprint, pixel / 2, rtol=1e-5)
+
+
+def test_a_texture_keeps_its_shape_on_the_surface_and_a_footprint_is_in_its_longer_sides():
+    demand = of(ABOVE + SUN)
+    square, wide, high = (demand.uv(size) for size in ((8, 8), (4, 8), (8, 4)))
+    np.testing.assert_allclose(wide, np.stack([square[:, 0], 2 * square[:, 1] % 1], 1), atol=1e-5)
+    np.testing.assert_allclose(high, np.stack([2 * square[:, 0] % 1, square[:, 1]], 1), atol=1e-5)
+    # One demand is asked of textures of any shape: the footprint, in longer sides, is as many texels of each.
+    pixel = 2 * np.tan(np.radians(20)) / 40 * 2
+    np.testing.assert_allclose(demand.footprint * 8, pixel / (2 / 8), rtol=1e-5)
 
 
 @pytest.mark.parametrize("text", [ABOVE, BALL])
@@ -120,7 +132,7 @@ def test_a_demand_is_read_as_it_was_written(tmp_path):
     demand = of(ABOVE + LAMP + SUN)
     demand.save(tmp_path / "a.npz")
     read = demands.load(tmp_path / "a.npz")
-    for name in ("uv", "footprint", "weight", "pixel"):
+    for name in ("place", "footprint", "weight", "pixel"):
         np.testing.assert_array_equal(getattr(read, name), getattr(demand, name))
     for name in ("wo", "wi"):
         np.testing.assert_allclose(getattr(read, name), getattr(demand, name), atol=2e-5)
@@ -133,7 +145,7 @@ def test_a_demand_is_read_as_it_was_written(tmp_path):
 
 
 def about(**changes):
-    says = {"format": 1, "frames": [1, 20, 40], "provenance": {"scene": "test"}} | changes
+    says = {"format": 2, "frames": [1, 20, 40], "provenance": {"scene": "test"}} | changes
     return np.frombuffer(json.dumps(says).encode(), np.uint8)
 
 
@@ -149,12 +161,13 @@ def about(**changes):
         ({"about": about(frames=None)}, "frames must be a list of 3 values"),
         ({"about": about(frames=[1, 20, -40])}, "frames must be a whole number ≥ 1, not -40"),
         ({"about": about(frames=[10**6] * 3)}, "are more than 16,777,216"),
+        ({"about": about(format=1)}, r"format 1 is older than this version reads \(2\): make one"),
         ({"about": about(frames=[1, 2, 2])}, "pixel holds values out of range"),
         ({"pixel": None}, "no array 'pixel'"),
         ({"pixel": np.zeros(800, np.float64)}, r"pixel is \(800,\) float64, not \(800,\) int32"),
         ({"pixel": np.int32(3)}, r"pixel is \(\) int32"),
         ({"pixel": np.zeros(2_000_000, np.int32)}, r"is \(800, 2\) float32, not \(2000000, 2\) float32"),
-        ({"uv": np.full((800, 2), np.nan, np.float32)}, "uv holds values out of range"),
+        ({"place": np.full((800, 2), np.nan, np.float32)}, "place holds values out of range"),
         ({"weight": np.zeros((800, 3), np.float32)}, "weight holds values out of range"),
         ({"weight": np.full((800, 3), np.inf, np.float32)}, "weight holds values out of range"),
         ({"footprint": np.zeros(800, np.float32)}, "footprint holds values out of range"),
@@ -176,7 +189,7 @@ def test_a_demand_without_queries_and_one_that_inflates_to_gigabytes_are_refused
     np.savez(tmp_path / "b.npz", **{name: v if name == "about" else v[:0] for name, v in arrays.items()})
     with pytest.raises(InputError, match=r"b\.npz: not a demand: 0 queries"):
         demands.load(tmp_path / "b.npz")
-    with zipfile.ZipFile(tmp_path / "c.npz", "w", zipfile.ZIP_DEFLATED) as bomb, bomb.open("uv.npy", "w") as file:
+    with zipfile.ZipFile(tmp_path / "c.npz", "w", zipfile.ZIP_DEFLATED) as bomb, bomb.open("place.npy", "w") as file:
         for _ in range(65):
             file.write(bytes(1 << 20))
     with pytest.raises(
@@ -275,7 +288,7 @@ def test_a_scene_that_will_not_do_says_why(text, message):
 def test_every_scene_that_ships_sees_its_material(name):
     demand = collect(TextScene(named_scene(name)), 5_000)
     assert 500 < len(demand) <= 5_000
-    for values in (demand.uv, demand.wo, demand.wi, demand.weight, demand.footprint):
+    for values in (demand.place, demand.wo, demand.wi, demand.weight, demand.footprint):
         assert np.isfinite(values).all()
     assert summarise(demand).coverage > 0.1
 

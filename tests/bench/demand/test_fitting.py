@@ -92,7 +92,7 @@ def test_a_demand_from_everywhere_needs_everything():
 @pytest.mark.parametrize("start", [0.0, 0.7])
 def test_a_window_maps_its_texels_onto_its_own_around_the_border_too(start):
     btf, asked = tiny_btf(32, 4, 4), random_demand(200)
-    asked = replace(asked, uv=((start + 0.4 * asked.uv) % 1).astype(np.float32))
+    asked = replace(asked, place=((start + 0.4 * asked.place) % 1).astype(np.float32))
     window = Need.of(btf, asked).window
     assert 12 <= window.height <= 17
     uv = texel_centres(32, 32)
@@ -108,6 +108,20 @@ def test_a_window_maps_its_texels_onto_its_own_around_the_border_too(start):
     np.testing.assert_array_equal(cut.gather([5], [2], [3])[0], cut[5][2, 3])
 
 
+def test_a_texture_that_is_not_square_has_windows_and_samples_of_square_texels():
+    """A scene sees as much of it along u as along v, in texels, and a footprint covers as many of them."""
+    btf, asked = tiny_btf(64, 4, 4).crop(0, 0, 32, 64), demand(NEAR)
+    whole, window = (Need.of(each, asked).window for each in (tiny_btf(64, 4, 4), btf))
+    assert window.size == (32, 64)
+    assert abs(window.height - whole.height) <= 1 or window.height == 32
+    assert window.width == whole.width
+    middle = replace(random_demand(1), place=np.float32([[0.5, 0.25]]), footprint=np.float32([8 / 64]))
+    drawn = density_of(middle, btf.layout, Window.whole((32, 64)), 0.0)
+    found = drawn.draw(4000, (32, 64), torch.Generator().manual_seed(0)).texel
+    assert sorted({*(found // 64).tolist()}) == list(range(12, 20))
+    assert sorted({*(found % 64).tolist()}) == list(range(28, 36))
+
+
 def test_beyond_a_window_the_nearest_texel_of_it_answers():
     window = Window((32, 32), 8, 8, 16, 16)
     uv = torch.tensor([[0.26, 0.5], [0.2, 0.5], [0.8, 0.5], [0.05, 0.5]])
@@ -119,7 +133,7 @@ def test_queries_between_needed_directions_are_answered_as_the_whole_table_answe
     btf, asked = tiny_btf(16, 25, 25), demand(NEAR)
     full = Table().decode(Table().encode(btf, Fit()), torch.device("cpu"))
     part = loaded(Table(), encode(Table(), btf, Fit(), asked), tmp_path)
-    columns = [torch.from_numpy(x) for x in (asked.uv, asked.wo, asked.wi, asked.footprint)]
+    columns = [torch.from_numpy(x) for x in (asked.uv(btf.shape), asked.wo, asked.wi, asked.footprint)]
     difference = (full.query(*columns) - part.query(*columns)).abs().amax(1).numpy()
     share = asked.importance
     # 0.1 % of the demand may lie outside what is kept; a half float is off by 5e-4 of a value.
@@ -185,7 +199,7 @@ def test_queries_far_outside_are_counted_and_reported_once(tmp_path, caplog):
     btf, asked = tiny_btf(32, 9, 9), demand(NEAR)
     material = loaded(PCA(components=2), encode(PCA(components=2), btf, Fit(), asked), tmp_path)
     assert isinstance(material, SceneMaterial)
-    inside = [torch.from_numpy(x) for x in (asked.uv, asked.wo, asked.wi, asked.footprint)]
+    inside = [torch.from_numpy(x) for x in (asked.uv(btf.shape), asked.wo, asked.wi, asked.footprint)]
     with caplog.at_level(logging.WARNING):
         material.query(*inside)
         assert (material.asked, material.outside) == (len(asked), 0)
@@ -298,7 +312,9 @@ def test_levels_that_a_scene_never_touches_are_left_out_of_a_pyramid(tmp_path):
         factor = Need.of(btf, asked, every_pair=True).window.factor
         material = loaded(codec, encode(codec, btf, Fit(), asked), tmp_path)
         rows[name] = (factor, material.inner.pyramid.levels)
-        assert material.query(*(torch.from_numpy(x) for x in (asked.uv, asked.wo, asked.wi))).isfinite().all()
+        assert (
+            material.query(*(torch.from_numpy(x) for x in (asked.uv(btf.shape), asked.wo, asked.wi))).isfinite().all()
+        )
     assert rows == {"near": (1, [(16, 16)]), "far": (4, [(4, 4)])}
     mixed = replace(near, footprint=np.where(np.arange(4000) % 2, 1 / 16, 3 / 16).astype(np.float32))
     material = loaded(codec, encode(codec, btf, Fit(), mixed), tmp_path)
@@ -317,7 +333,7 @@ def test_every_codec_is_fitted_to_a_scene_without_a_change(tmp_path):
     codecs = [MeanColour(), VQ(codes=4), Rainer2019(steps=2, texels=4, pairs=4), NeuBTF(steps=2, batch=64)]
     for codec in codecs:
         material = loaded(codec, encode(codec, tiny_btf(32, 6, 6), Fit(), asked), tmp_path)
-        columns = (torch.from_numpy(x) for x in (asked.uv, asked.wo, asked.wi, asked.footprint))
+        columns = (torch.from_numpy(x) for x in (asked.uv((32, 32)), asked.wo, asked.wi, asked.footprint))
         assert material.query(*columns).isfinite().all()
         assert material.window.height < 20
         assert material.outside == 0

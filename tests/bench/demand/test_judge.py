@@ -46,7 +46,7 @@ def test_the_reference_at_a_pair_and_a_texel_is_the_btf_itself():
     rng = np.random.default_rng(0)
     pair, row, col = (rng.integers(0, n, len(asked)) for n in (36, 8, 8))
     columns = {"wo": btf.wo[pair], "wi": btf.wi[pair], "footprint": np.zeros(len(asked), np.float32)}
-    columns["uv"] = np.stack([(col + 0.5) / 8, 1 - (row + 0.5) / 8], 1).astype(np.float32)
+    columns["place"] = np.stack([(col + 0.5) / 8, 1 - (row + 0.5) / 8], 1).astype(np.float32)
     exact = type(asked)(**(vars(asked) | columns))
     np.testing.assert_allclose(truth(btf, exact), btf.gather(pair, row, col), atol=2e-5)
 
@@ -56,7 +56,7 @@ def test_the_reference_over_a_box_is_its_mean():
     count = len(asked)
     columns = {"wo": np.repeat(btf.wo[7:8], count, 0), "wi": np.repeat(btf.wi[7:8], count, 0)}
     columns["footprint"] = np.full(count, 0.5, np.float32)  # four texels
-    columns["uv"] = np.full((count, 2), 0.25, np.float32)  # the middle of the box at the lower left
+    columns["place"] = np.full((count, 2), 0.25, np.float32)  # the middle of the box at the lower left
     box = type(asked)(**(vars(asked) | columns))
     np.testing.assert_allclose(truth(btf, box)[0], btf[7][4:, :4].mean((0, 1)), atol=1e-5)
 

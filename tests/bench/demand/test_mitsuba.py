@@ -75,7 +75,7 @@ def test_a_plane_a_camera_and_a_light_ask_the_same_as_in_toml(tmp_path):
     demand = of(written(tmp_path, CAMERA, CLOTH, PLANE, LAMP))
     expected = collect(TextScene(parse_scene("scene", TEXT)), 10**6)
     assert demand.frames == expected.frames
-    for name in ("uv", "footprint", "wo", "wi", "weight", "pixel"):
+    for name in ("place", "footprint", "wo", "wi", "weight", "pixel"):
         # Mitsuba computes in float32.
         np.testing.assert_allclose(getattr(demand, name), getattr(expected, name), atol=2e-6)
 

@@ -50,6 +50,17 @@ def test_its_radiance_is_the_materials(file):
     assert 0.15 < (wanted > 0).any(1).mean() < 0.35  # black below the horizon, of either direction
 
 
+def test_a_texture_that_is_not_square_is_not_squeezed(tmp_path):
+    path = tmp_path / "wide.nbtf"
+    bench.encode(
+        bench.open("satin", size=16, views=9, lights=9, heldout=8).crop(0, 0, 8, 16), "pca", path, components=6
+    )
+    bsdf = mi.load_dict({"type": "neubtf", "filename": str(path), "repeat": 2.0})
+    uv, wo, wi = queries(1_000)
+    found = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
+    np.testing.assert_allclose(found, bench.load(path).query(uv * np.float32([2, 4]), wo, wi), rtol=1e-3, atol=1e-5)
+
+
 def test_a_back_is_black_or_mirrors_the_front(file):
     uv, wo, wi = queries(200)
     wo[:, 2], wi[:, 2] = -abs(wo[:, 2]), -abs(wi[:, 2])

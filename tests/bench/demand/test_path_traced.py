@@ -130,8 +130,8 @@ def test_a_ball_of_mitsuba_wears_the_mirrored_material(btf, tmp_path):
     upright, flip = still.of_material(bench.load(file)), np.float32([1, -1, 1])
 
     def mirrored(demand, flip=flip):
-        uv = (demand.uv * np.float32([1, -1]) + np.float32([0.5, 0])) % 1
-        return upright(replace(demand, uv=uv, wo=demand.wo * flip, wi=demand.wi * flip))
+        place = (demand.place * np.float32([1, -1]) + np.float32([0.5, 0])) % 1
+        return upright(replace(demand, place=place, wo=demand.wo * flip, wi=demand.wi * flip))
 
     theirs = traced({"type": "sphere", "radius": 0.5}, file)
     assert apart(rendered(mirrored), theirs) < NOISE

@@ -26,12 +26,14 @@ SUN = '[[lights]]\nkind = "directional"\ntoward = [0.6, 0, 0.8]\nirradiance = [1
 PLANE = CAMERA + "[surface]\nsize = [4, 4]\n" + SUN
 BALL = CAMERA + '[surface]\nshape = "sphere"\nradius = 0.5\nup = [0, 1, 0]\n' + SUN
 
+MITSUBA = ["--scene", "room.xml", "--bsdf", "cloth"]
+
 
 class Lambert(Material):
     """Albedo 0.5 red, u green and v blue, over π."""
 
-    def __init__(self) -> None:
-        super().__init__((8, 8), DecoderCost())
+    def __init__(self, size: tuple[int, int] = (8, 8)) -> None:
+        super().__init__(size, DecoderCost())
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         return torch.stack([torch.full_like(uv[:, 0], 0.5), uv[:, 0], uv[:, 1]], 1) * wi[:, 2:] / torch.pi
@@ -51,6 +53,17 @@ def test_a_diffuse_plane_has_the_value_of_its_light() -> None:
     assert (ours[..., 3] == 1).all()
     for wrong in (truth[::-1], truth[:, ::-1], truth.swapaxes(0, 1)):
         assert np.abs(ours[..., :3] - wrong).max() > 0.01
+
+
+@pytest.mark.parametrize("size", [(4, 8), (8, 4), (9, 6)])
+def test_a_texture_that_is_not_square_is_not_squeezed(size: tuple[int, int]) -> None:
+    """Its longer side is a period of the plane; across it there are more."""
+    ours = still.render(parse_scene("test", PLANE), [still.of_material(Lambert(size))], rays=1)[0][..., :3]
+    place = (np.arange(40) - 19.5) * (4 * np.tan(np.radians(20)) / 40)
+    u, v = np.meshgrid(place / 4 + 0.5, -place / 4 + 0.5)
+    wide, high = max(size) / size[1], max(size) / size[0]
+    truth = np.stack([np.full((40, 40), 0.5), 2 * (wide * u % 1), 3 * (high * v % 1)], -1) * 0.8 / np.pi
+    np.testing.assert_allclose(ours, truth, rtol=1e-4, atol=1e-6)
 
 
 def test_a_diffuse_ball_follows_the_cosine_of_its_normal() -> None:
@@ -138,6 +151,14 @@ def test_the_command_writes_linear_floats_or_the_display_s_bytes(file: Path, tmp
         (["--frame", "3"], "--frame 3: sphere has frames 0 to 0"),
         (["--tiling", "nan"], "--tiling nan: must be between"),
         (["--width", "0"], "--width 0: must be between 1 and"),
+        (["--exposure", "0"], "--exposure 0: must be between"),
+        (["--set", "data.size=8"], "--set: says how --truth is prepared"),
+        ([*MITSUBA, "--rays", "3"], "--rays: not with a Mitsuba scene: give --samples"),
+        ([*MITSUBA, "--set", "data.size=8"], "--set: not with a Mitsuba scene"),
+        ([*MITSUBA, "--device", "cpu"], "--device: not with a Mitsuba scene"),
+        ([*MITSUBA, "--tiling", "0"], "--tiling 0: must be between"),
+        ([*MITSUBA, "--exposure", "0"], "--exposure 0: must be between"),
+        ([*MITSUBA, "--samples", "0"], "--samples 0: must be between"),
     ],
 )
 def test_wrong_words_are_named(
@@ -150,7 +171,7 @@ def test_wrong_words_are_named(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     out = [] if "-o" in words else ["-o", "a.png"]
-    width = [] if "--width" in words else ["--width", "8"]
+    width = [] if {"--width", "room.xml"} & {*words} else ["--width", "8"]
     assert cli.main(["render", str(file), *width, *words, *out]) == 2
     assert says in capsys.readouterr().err
     assert not list(tmp_path.glob("a.*"))

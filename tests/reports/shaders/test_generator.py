@@ -120,6 +120,8 @@ def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path
     text = (tmp_path / "out" / f"cloth.{language}").read_text()
     assert all(bracket in text for bracket in "(){}")
     assert text.count("(") == text.count(")")
+    height, width = program.size
+    assert f"{width} × {height} square texels" in (tmp_path / "out" / "README.md").read_text()
 
 
 @pytest.mark.parametrize("codec", ["neubtf-direct", "pca", "relief"])

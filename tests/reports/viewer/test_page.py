@@ -1,11 +1,16 @@
 """The page of live materials, in a real browser: it draws what `Material.query` answers, the right way round."""
 
+import base64
+import io
+import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
@@ -77,6 +82,32 @@ def test_pixels_are_what_the_material_answers(opened: Any, materials: dict[str, 
     wrong = [truth[::-1], truth[:, ::-1], 255 * to_display(material.slice(WI.tolist(), WO.tolist()).numpy(), 1.0)]
     turned = wrong[:2] if material.cost.texture_channels == 3 else wrong  # mean colours know no direction
     assert all((np.abs(ours - other) <= 2).mean() < 0.99 for other in turned)
+
+
+@pytest.mark.timeout(300)
+def test_a_texture_that_is_not_square_is_not_squeezed(browser: Any, tmp_path: Path) -> None:
+    """From above, the plane shows two of its longer sides across, and four of its shorter ones up."""
+    codec = load_codec("mean-colour")()
+    material = codec.decode(codec.encode(tiny_btf().crop(0, 0, 4, 8), Fit()), torch.device("cpu"))
+    model = Model("wide", read(drawable(material, tmp_path / "a.npz").path), 1.0)
+    (tmp_path / "view.html").write_text(page("wide", [model]), encoding="utf-8")
+    tab = browser.new_page(viewport={"width": 300, "height": 500})
+    tab.goto((tmp_path / "view.html").as_uri())
+    shown = {"shape": "plane", "light": "sun", "view": [0.001, -np.pi / 2], "sun": [0.001, 0], "scale": 1, "zoom": 1}
+    tab.wait_for_function("window.viewer !== undefined")
+    tab.evaluate(f"(Object.assign(viewer.state, {json.dumps(shown)}), viewer.draw())")
+    url = tab.evaluate("document.querySelector('canvas').toDataURL()")
+    tab.close()
+    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGBA"), float)
+    inside = pixels[..., 3] == 255
+    plane = pixels[inside.any(1)][:, inside.any(0), :3]
+    quarter = len(plane) // 4
+
+    def moved(picture: np.ndarray) -> float:
+        return float(np.abs(picture[quarter:] - picture[:-quarter]).mean() / plane.std())
+
+    assert moved(plane) < 0.15
+    assert moved(plane.swapaxes(0, 1)) > 0.5
 
 
 @pytest.mark.timeout(300)
