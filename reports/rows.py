@@ -6,7 +6,19 @@ from functools import cached_property, lru_cache
 from statistics import fmean
 from typing import Any
 
-from bench.records import CONDITIONS, PSNR, Record, Run, gate, metric_of, metrics_of, require, shown_label, stats_of
+from bench.records import (
+    CONDITIONS,
+    PSNR,
+    Record,
+    Run,
+    gate,
+    metric_of,
+    metrics_of,
+    require,
+    scored_unlike,
+    shown_label,
+    stats_of,
+)
 
 NEW_RUN = "timed in an earlier run than its neighbours"
 
@@ -156,7 +168,8 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
 
 def _difference(key: Record, wanted: Record) -> str:
     """The conditions in which two scores differ and must not, in words."""
-    reasons = [f"another {text}" for part, text in _SHARED.items() if key.get(part) != wanted.get(part)]
+    reasons = scored_unlike(key, wanted)
+    reasons += ["another demand of a scene"] if key.get("demand") != wanted.get("demand") else []
     mine, theirs = key.get("metrics", {}), wanted.get("metrics", {})
     for name in sorted(mine.keys() & theirs.keys()):  # a metric that only one has is a gap, no obstacle
         if mine[name] != theirs[name]:
@@ -165,12 +178,6 @@ def _difference(key: Record, wanted: Record) -> str:
 
 
 _NEEDED = ("run", "codec", "score_key", "shape", "pairs/train", "cost/texture_channels")
-_SHARED = {
-    "btf": "BTF (its fingerprint differs)",
-    "deciding": "choice of held-out pairs",
-    "exposure": "exposure",
-    "demand": "demand of a scene",
-}
 
 
 def _timing_obstacle(timing: Record, latest: Record) -> str:

@@ -9,7 +9,7 @@ from bench.records import Run
 from reports import columns
 from reports.column import Column
 from reports.marks import marks
-from reports.missing import missing_note
+from reports.missing import left_out_notes, missing_note
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import Codec, materials
 from reports.table import Table
@@ -43,8 +43,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         headers.append(("against the best", "dB a slice"))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
         notes = [*_NOTES, _PAIRED.format(against.first)] if against.over else _NOTES
-    if missing := missing_note(run):
-        notes = [*notes, missing]
+    notes = [*notes, *left_out_notes(run), *filter(None, [missing_note(run)])]
     names = ", ".join(material.name for material in found)
     title = f"Summary over {len(found)} material{'s' * (len(found) > 1)}: {names}"
     return Table("summary", title, headers, rows, notes, marks=marks(rows, scores))
