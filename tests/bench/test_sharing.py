@@ -6,6 +6,7 @@ from pathlib import Path
 
 from bench import cli
 from bench.codecs import trial
+from tests.bench.outside import install
 
 ROOT = Path(__file__).parents[2]
 CODEC = """
@@ -20,11 +21,7 @@ def test_a_codec_of_one_s_own_stands_beside_the_published_records(tmp_path, monk
     page = (ROOT / "docs" / "sharing.md").read_text(encoding="utf-8")
     block = next(block for block in re.findall(r"^```\n(.*?)^```$", page, re.M | re.S) if "table summary" in block)
     run, table = (shlex.split(line)[1:] for line in block.splitlines())
-    site = tmp_path / "site"
-    (site / "mine-1.0.dist-info").mkdir(parents=True)
-    (site / "mine-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
-    (site / "mine-1.0.dist-info" / "entry_points.txt").write_text("[neubtf_bench.codecs]\nmine = mine:Mine\n")
-    (site / "mine.py").write_text(CODEC)
+    site = install(tmp_path / "site", "mine", {"mine": "mine:Mine"}, {"mine": CODEC})
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
