@@ -28,7 +28,7 @@ class DecoderCost:
 
     parameters: int = 0  # trainable numbers of the decoder network; 0 for tables
     texture_channels: int = 0  # numbers a texel of the finest texture
-    texture_floats: int = 0  # numbers in all textures
+    texture_floats: int = 0  # numbers in all textures that the decoder holds, coarser levels and finer copies too
     flops_per_sample: int = 0  # a fused multiply-add counts as two
     bytes_per_sample: int = 0  # read from textures and tables for one query
 

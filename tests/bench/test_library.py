@@ -59,6 +59,14 @@ def test_a_plain_script_with_a_codec_from_outside_runs_once(tmp_path):
     assert done.stdout.count("(32, 32) 101") == 1
 
 
+def test_a_fit_to_a_scene_without_a_demand_is_refused(folder, tmp_path, capsys):
+    with pytest.raises(InputError, match="codec pca: scene = true needs the demand of a scene"):
+        bench.encode(bench.open(folder), "pca", tmp_path / "a.nbtf", scene=True)
+    assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "scene=true", "-o", "a.nbtf"]) == 2
+    assert "scene = true needs the demand of a scene" in capsys.readouterr().err
+    assert not (tmp_path / "a.nbtf").exists()
+
+
 def test_every_name_of_the_page_is_there():
     for name in re.findall(r"^\| `bench\.(\w+)", PAGE.read_text(encoding="utf-8"), re.M):
         assert name in dir(bench)
