@@ -221,10 +221,10 @@ MISTAKES = [
     (
         with_method("encode", gives_arrays),
         gives_arrays,
-        "Parts whose texture/mean is a ndarray, and a tensor .* is due",
+        "Parts whose texture/mean is of type ndarray, and a tensor .* is due",
     ),
     (with_method("encode", gives_a_dictionary), gives_a_dictionary, "answered a dict, and Parts of tensors"),
-    (with_method("encode", gives_a_tensor), gives_a_tensor, "Parts whose texture is a Tensor, and a dictionary"),
+    (with_method("encode", gives_a_tensor), gives_a_tensor, "Parts whose texture is of type Tensor, and a dictionary"),
     (with_method("decode", decodes_to_a_tensor), decodes_to_a_tensor, "answered a Tensor, and a Material is due"),
 ]
 
