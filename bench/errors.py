@@ -2,7 +2,7 @@
 
 import difflib
 import errno
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 FINE = 0  # exit codes
@@ -26,11 +26,20 @@ class ContainerError(InputError):
 
 
 class CodecError(InputError):
-    """A codec fails on import or construction; the message names it and its distribution."""
+    """A codec fails on import or construction, or a method of it answers what is no answer; the message names it."""
 
 
 class MissingDataError(InputError):
     """A known material or shared network is not on this machine; the message says how to get it."""
+
+
+def answered(method: Callable[..., object], answer: object, due: str) -> CodecError:
+    """What a method of a codec's author answered instead of what is due, with their file and line."""
+    code = getattr(method, "__code__", None)
+    place = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
+    called = getattr(method, "__qualname__", str(method)).rpartition("<locals>.")[2]
+    what = answer if isinstance(answer, str) else f"a {type(answer).__name__}"
+    return CodecError(f"{called}{place} answered {what}, and {due} is due")
 
 
 def unwritable(error: OSError) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.errors import InputError
+from bench.errors import InputError, answered
 
 CHUNK = 16_384  # queries evaluated at once: intermediates stay in cache, and memory does not grow with the batch
 UNIT_TOLERANCE = 1e-3
@@ -28,7 +28,7 @@ class DecoderCost:
 
     parameters: int = 0  # trainable numbers of the decoder network; 0 for tables
     texture_channels: int = 0  # numbers a texel of the finest texture
-    texture_floats: int = 0  # numbers in all textures
+    texture_floats: int = 0  # numbers in all textures that the decoder holds, coarser levels and finer copies too
     flops_per_sample: int = 0  # a fused multiply-add counts as two
     bytes_per_sample: int = 0  # read from textures and tables for one query
 
@@ -119,6 +119,9 @@ class Material:
             wo, wi = torch.where(below[:, None], zenith, wo), torch.where(below[:, None], zenith, wi)
         dtype = at_least_float32(self.dtype)
         rgb = self.evaluate(*(x.to(self.device, dtype) for x in (uv, wo, wi, footprint)))
+        if not isinstance(rgb, Tensor) or rgb.shape != (len(uv), 3):
+            what = f"a tensor {tuple(rgb.shape)}" if isinstance(rgb, Tensor) else rgb
+            raise answered(self.evaluate, what, f"a tensor ({len(uv)}, 3)")
         return rgb.float().clamp_min(0).masked_fill(below[:, None].to(rgb.device), 0)
 
     def slice(self, wo: Sequence[float], wi: Sequence[float], size: tuple[int, int] | None = None) -> Tensor:

@@ -10,10 +10,11 @@ are detected, and a large run is opened, without parsing the lines; each is pars
 checksum, written by hand, is valid too.
 
 This module also defines the meaning of a record's fields: which pairs decide, which metric belongs to a family, and
-which conditions two timings must share.
+what two scores and two timings must share to be compared.
 """
 
 import json
+import math
 import os
 import re
 import zlib
@@ -37,6 +38,7 @@ _NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": 
 PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
 
 OUTSIDE = "outside the scene"  # the group of pairs that the demand of a scene does not touch
+SAME_EXPOSURE = 1e-4  # relative, 0.0004 dB of a gain: records are published rounded, machines differ in a last bit
 
 # Two timings are compared only if these fields agree.
 CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
@@ -319,6 +321,14 @@ def require(job: Record, names: Iterable[str], folder: Path) -> None:
             if not isinstance(found, dict) or part not in found:
                 raise InputError(f"{folder}: {job['job']} has no {name!r}: of another version; run it again")
             found = found[part]
+
+
+def scored_unlike(key: Record, other: Record) -> list[str]:
+    """Why no number of two jobs may be compared, by their score keys; empty where all may."""
+    reasons = ["other data (their fingerprint differs)"] if key.get("btf") != other.get("btf") else []
+    reasons += ["other held-out pairs"] if key.get("deciding") != other.get("deciding") else []
+    exposures = (each.get("exposure", 0.0) for each in (key, other))
+    return reasons + ([] if math.isclose(*exposures, rel_tol=SAME_EXPOSURE) else ["another exposure"])
 
 
 def shown_label(job: Record) -> str:

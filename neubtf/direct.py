@@ -1,6 +1,7 @@
 """NeuBTF's neural texture and renderer fitted to the data directly, without the autoencoder.
 
-Decoder and file are the paper's. Without the guidance image no new textures can be made.
+With `recipe=paper` the decoder is the paper's; by default it sees half vectors too. Without the guidance image no new
+textures can be made.
 """
 
 from dataclasses import dataclass

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
 WHY_EMPTY = {
-    "summary": "fewer than two codecs of this run have numbers",
+    "summary": "fewer than two codecs have numbers that can be compared: `neubtf-bench table main` says why",
     "main": _NO_NUMBERS,
     "slices": _NO_NUMBERS,
     "angular": _NO_NUMBERS,

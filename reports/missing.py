@@ -1,8 +1,10 @@
-"""What a run, or a part of one, has no numbers of: which codecs on which materials, of those that it planned."""
+"""What a run, or a part of one, has no numbers of: which codecs on which materials, of those that it planned; and
+which numbers cannot be compared."""
 
 from collections.abc import Iterator
 
 from bench.records import Run, shown_label
+from reports.rows import materials
 
 Cells = dict[tuple[str, str], list[int]]  # the seeds of each material and codec
 
@@ -28,6 +30,19 @@ def missing_note(run: Run) -> str:
     fewer = _grouped([cell for cell in lacking if cell in done])
     words = [f"No result: {without}." if without else "", f"Fewer seeds: {fewer}." if fewer else ""]
     return " ".join(filter(None, words))
+
+
+def left_out_notes(run: Run) -> Iterator[str]:
+    """The codecs and materials of which numbers, or times, cannot stand beside the newest, and why."""
+    numbers: dict[str, list[tuple[str, str]]] = {}
+    times: dict[str, list[tuple[str, str]]] = {}
+    for material in materials(run):
+        for row in material.rows:
+            if why := row.obstacle or row.timing_obstacle:
+                (numbers if row.obstacle else times).setdefault(why, []).append((material.name, row.label))
+    for start, reasons in (("Not comparable with what ran last, and left out", numbers), ("Times left out", times)):
+        if reasons:
+            yield f"{start}: {'; '.join(f'{_grouped(cells)} ({why})' for why, cells in reasons.items())}."
 
 
 def _grouped(cells: list[tuple[str, str]]) -> str:

@@ -16,6 +16,7 @@ from bench.records import (
     metric_of,
     metrics_of,
     require,
+    scored_unlike,
     shown_label,
     stats_of,
 )
@@ -179,7 +180,8 @@ def _fused(run: Run) -> dict[str, Record]:
 
 def _difference(key: Record, wanted: Record) -> str:
     """The conditions in which two scores differ and must not, in words."""
-    reasons = [f"another {text}" for part, text in _SHARED.items() if key.get(part) != wanted.get(part)]
+    reasons = scored_unlike(key, wanted)
+    reasons += ["another demand of a scene"] if key.get("demand") != wanted.get("demand") else []
     mine, theirs = key.get("metrics", {}), wanted.get("metrics", {})
     for name in sorted(mine.keys() & theirs.keys()):  # a metric that only one has is a gap, no obstacle
         if mine[name] != theirs[name]:
@@ -188,12 +190,6 @@ def _difference(key: Record, wanted: Record) -> str:
 
 
 _NEEDED = ("run", "codec", "score_key", "shape", "pairs/train", "cost/texture_channels")
-_SHARED = {
-    "btf": "BTF (its fingerprint differs)",
-    "deciding": "choice of held-out pairs",
-    "exposure": "exposure",
-    "demand": "demand of a scene",
-}
 
 
 def _timing_obstacle(timing: Record, latest: Record) -> str:

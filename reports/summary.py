@@ -9,7 +9,7 @@ from bench.records import Run
 from reports import columns
 from reports.column import Column
 from reports.marks import marks
-from reports.missing import missing_note
+from reports.missing import left_out_notes, missing_note
 from reports.notes import resting_over, unrest_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import Codec, materials
@@ -45,10 +45,9 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         headers.append(("against the best", "dB a slice"))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
         notes = [*_NOTES, _paired(against)] if against.over else _NOTES
-    notes = [*notes, *resting_over(found)]
-    notes = [*notes, *unrest_notes(row for material in found for row in material.measured if not row.timing_obstacle)]
-    if missing := missing_note(run):
-        notes = [*notes, missing]
+    timed = (row for material in found for row in material.measured if not row.timing_obstacle)
+    notes = [*notes, *resting_over(found), *unrest_notes(timed)]
+    notes = [*notes, *left_out_notes(run), *filter(None, [missing_note(run)])]
     names = ", ".join(material.name for material in found)
     title = f"Summary over {len(found)} material{'s' * (len(found) > 1)}: {names}"
     return Table("summary", title, headers, rows, notes, marks=marks(rows, scores))

@@ -41,19 +41,22 @@ class ReliefMaterial(Material):
 
     def __init__(self, network: Network, size: tuple[int, int], latents: Tensor, relief: Relief | None, gain: float):
         taps = 0 if relief is None else VIEW_STEPS + 1 + 4 * SECANTS + (LIGHT_STEPS if network.shadow else 0)
+        pyramid = Pyramid(size)
+        table = pyramid.table(latents)
+        heights = 0 if relief is None else relief.height.numel() + relief.padded.numel()
         super().__init__(
             size,
             DecoderCost(
                 parameters=network.count,
                 texture_channels=latents.shape[1] + (relief is not None),
-                texture_floats=latents.numel() + (0 if relief is None else relief.height.numel()),
+                texture_floats=table.numel() + heights,
                 flops_per_sample=network.flops + 2 * 8 * latents.shape[1] + 8 * taps,
                 bytes_per_sample=8 * latents.shape[1] * latents.element_size() + 4 * taps,
             ),
         )
         # The relief stands apart from the network: it holds places, which stay float32 where the network is shorter.
-        self.network, self.pyramid, self.relief, self.gain = network, Pyramid(size), relief, gain
-        self.table = self.pyramid.table(latents)
+        self.network, self.pyramid, self.relief, self.gain = network, pyramid, relief, gain
+        self.table = table
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         queries = (uv, wo, wi, self.pyramid.level(footprint))

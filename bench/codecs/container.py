@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench import atomic
 from bench.codecs.zstd import compressed, expanded
-from bench.errors import ContainerError
+from bench.errors import ContainerError, answered
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -81,6 +81,7 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
 
     from bench.codec import ZSTD, SharedNetwork, settings_dict
 
+    _check_parts(codec, parts)
     by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
     for part, found in by_part.items():
         for name, tensor in found.items():
@@ -102,6 +103,24 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
     says |= {"scene": parts.scene} if parts.scene else {}
     data = serialise(tensors, {KEY: json.dumps(says, sort_keys=True, separators=(",", ":"))})
     return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
+
+
+def _check_parts(codec: "Codec | SharedNetwork", parts: object) -> None:
+    """Raise a `CodecError` unless these are `Parts` of tensors by name."""
+    from torch import Tensor
+
+    from bench.codec import Parts, SharedNetwork
+
+    made = codec.train if isinstance(codec, SharedNetwork) else codec.encode
+    if not isinstance(parts, Parts):
+        raise answered(made, parts, "Parts of tensors, as Parts(texture={...}),")
+    for part, found in ((part, getattr(parts, part)) for part in PARTS):
+        if not isinstance(found, dict):
+            raise answered(made, f"Parts whose {part} is of type {type(found).__name__}", "a dictionary of tensors by name")
+        for name, value in found.items():
+            if not isinstance(value, Tensor):
+                due = "a tensor (torch.from_numpy makes one of an array)"
+                raise answered(made, f"Parts whose {part}/{name} is of type {type(value).__name__}", due)
 
 
 def read_header(path: Path) -> Header:

@@ -10,7 +10,7 @@ from bench.codec import TrainedNetwork
 from bench.codecs import registry, shared
 from bench.codecs.container import SHARED, Header, read_parts
 from bench.codecs.scene_material import SceneMaterial
-from bench.errors import ContainerError
+from bench.errors import CodecError, ContainerError, answered
 from bench.material import Material
 
 
@@ -43,12 +43,17 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         network = shared.named_by(header)
     parts = dataclasses.replace(parts, network=network)
     try:
-        material = codec_class(**header.settings).decode(parts, torch.device(device))
+        codec = codec_class(**header.settings)
+        material = codec.decode(parts, torch.device(device))
+        if not isinstance(material, Material):
+            raise answered(codec.decode, material, "a Material")
         _try(material)
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
     except ContainerError as error:
         raise ContainerError(f"{path}: {error}") from error
+    except CodecError as error:
+        raise ContainerError(f"{path}: cannot be decoded: {error}") from error
     except Exception as error:  # tensors that no encoder made may raise any error in a decoder
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error

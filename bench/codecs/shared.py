@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from bench.atomic import cache_dir
-from bench.btf import BTF
+from bench.btf import BAKED, BTF, RENDERED
 from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork, settings_dict
 from bench.codecs import container
 from bench.errors import ContainerError, InputError, MissingDataError
@@ -64,9 +64,15 @@ def find(codec: str, path: Path | None = None) -> TrainedNetwork:
     return found
 
 
-def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
-    """Read a codec's shared network from its default place; None for a codec without one."""
-    return find(codec.name) if codec.network else None
+def find_for(codec: Codec | type[Codec], btf: BTF | None = None) -> TrainedNetwork | None:
+    """Read a codec's shared network from its default place; None for a codec without one.
+
+    `InputError` where it was trained on the BTF that is to be encoded.
+    """
+    network = find(codec.name) if codec.network else None
+    if network and btf:
+        refuse(network, btf)
+    return network
 
 
 def missing(codec: str, path: Path | None = None) -> MissingDataError:
@@ -127,13 +133,12 @@ def origin(btf: BTF) -> str:
     data by the whole source.
     """
     says = btf.provenance
-    match says.get("source"):
-        case "rendered by bench.materials":
-            known: list[Any] = [says["recipe"], says["parameters"], says["seed"]]
-        case "baked from maps by bench.bake":
-            known = [btf.name, {role: text.partition(":")[0] for role, text in says["maps"].items()}]
-        case _:
-            known = [btf.source.fingerprint()]
+    if says.get("source") == RENDERED:
+        known: list[Any] = [says["recipe"], says["parameters"], says["seed"]]
+    elif says.get("source") == BAKED:
+        known = [btf.name, {role: text.partition(":")[0] for role, text in says["maps"].items()}]
+    else:
+        known = [btf.source.fingerprint()]
     return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
 
 

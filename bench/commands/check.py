@@ -17,17 +17,19 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.conformance.verdicts import check, of
+    from bench.conformance.verdicts import check, of, planned
     from bench.console import Console
 
-    failed = 0
+    failed = tried = 0
     with Console() as console:
         codec = of(options.codec, assignments(options.set))
         for result in check(codec, show=console.show):
-            failed += bool(result.failure)
+            failed, tried = failed + bool(result.failure), tried + 1
             word = "FAIL" if result.failure else "n/a " if result.reason else "pass"
             said = (text for text in (result.failure, result.reason, result.note) if text)
             console.say(f"{word}  {result.name}" + "".join(f": {text}" for text in said))
-        verdict = f"{failed} checks failed, and those after them were not tried" if failed else "every check passed"
+        rest = planned() - tried
+        verdict = f"{failed} of {tried} checks failed" + f", and the {rest} after them were not tried" * bool(rest)
+        verdict = verdict if failed else "every check passed"
         console.say(f"{options.codec}: {verdict}")
     return NO if failed else FINE

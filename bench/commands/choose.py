@@ -8,6 +8,7 @@ examples:
 """
 
 import argparse
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,9 +53,12 @@ def run(options: argparse.Namespace) -> int:
     if best is None:
         print(f"{material}: no setting meets that; the nearest is {described(nearest(rows, wishes))}")
         return NO
-    settings = "".join(f" --set {key}={value}" for key, value in (best["settings"] | _changed(suite.data)).items())
     print(f"{material}: {described(best)}")
-    print(f"neubtf-bench encode {options.material} --codec {best['codec']}{settings} -o {material}.nbtf")
+    words = ["encode", options.material, "--codec", best["codec"]]
+    for key, value in (best["settings"] | _changed(suite.data)).items():
+        words += ["--set", f"{key}={value}"]
+    words += ["-o", f"{material}.nbtf"]
+    print(f"neubtf-bench {shlex.join(words)}")
     return FINE
 
 

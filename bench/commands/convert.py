@@ -35,5 +35,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _window(text: str) -> tuple[int, int, int, int]:
-    row, col, height, width = (int(number) for number in text.split(","))
+    try:
+        row, col, height, width = (int(number) for number in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: write four whole numbers with commas, as 0,0,128,128") from None
     return row, col, height, width

@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.codecs.registry import load_codec
     from bench.console import Console, file_lines
     from bench.data.open import open_named
-    from bench.demand import demand
+    from bench.demand import demand, require_demand
     from bench.threads import torch_threads
 
     _check(options)
@@ -54,8 +54,9 @@ def run(options: argparse.Namespace) -> int:
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
     codec = load_codec(options.codec)(**settings)
     asked = demand.load(options.demand) if options.demand else None
+    require_demand(codec, asked)
     device = torch.device(usable_device(options.device))
-    network = shared.find_for(codec)
+    network = shared.find_for(codec)  # missing, it is said before anything is rendered
     code = FINE
 
     def fit() -> Fit:
@@ -63,6 +64,8 @@ def run(options: argparse.Namespace) -> int:
 
     with Console() as console, torch_threads(options.threads):
         btf = open_named(options.btf, changes, console.show)
+        if network:
+            shared.refuse(network, btf)
         if asked:
             code = _to_scene(options, codec, btf, asked, fit, console)
         else:

@@ -22,7 +22,7 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 from bench.compare.quantities import Quantity, Tolerance
-from bench.records import Record
+from bench.records import Record, scored_unlike
 
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
@@ -32,7 +32,6 @@ AGREE = 0.1  # of the tolerance: seeds of a deterministic codec may differ by th
 # With fewer, the seeds of new help to estimate the scatter of a codec, and `Chance.margin` has a limit. Of three seeds
 # one deviation in five (1 − e^−¼) is less than half the true one; of six, one in sixteen.
 FEW_SEEDS = 6
-SAME_EXPOSURE = 1e-4  # relative: 0.0004 dB of a gain; renderings may differ in a last bit from machine to machine
 
 
 class Verdict(StrEnum):
@@ -222,14 +221,8 @@ def fitted_unlike(base: Record, new: Record) -> str:
 def unlike(base: Record, new: Record) -> str:
     """Why no number of two jobs may be compared: unlike fits, other pairs or another exposure; "" where all may."""
     reasons = [fitted] if (fitted := fitted_unlike(base, new)) else []
-    if base["fit_key"]["training"] != new["fit_key"]["training"]:
-        pass  # said, and the rest follows from it
-    elif base["score_key"]["btf"] != new["score_key"]["btf"]:
-        reasons.append("other data (their fingerprint differs)")
-    elif base["score_key"].get("deciding") != new["score_key"].get("deciding"):
-        reasons.append("other held-out pairs are scored")
-    elif not math.isclose(base["score_key"]["exposure"], new["score_key"]["exposure"], rel_tol=SAME_EXPOSURE):
-        reasons.append("another exposure")
+    if base["fit_key"]["training"] == new["fit_key"]["training"]:  # else that is said, and the rest follows from it
+        reasons += scored_unlike(base["score_key"], new["score_key"])
     return ", ".join(reasons)
 
 

@@ -21,7 +21,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Progress, SharedNetwork, TrainedNetwork, silent
 from bench.codecs import container, loading, shared
 from bench.conformance import counting, frame
-from bench.errors import InputError
+from bench.errors import CodecError, ContainerError, InputError, answered
 from bench.hemisphere import thin, ubo2003, uniform
 from bench.material import Material, parameters, texel_centres
 from bench.threads import torch_threads
@@ -40,9 +40,17 @@ class CheckError(AssertionError):
 
 def raised(error: BaseException, codec: Codec) -> str:
     """What a codec raised, in one line, with the last line of its author's own files that it went through."""
+    if isinstance(error, ContainerError) and error.__cause__:  # the file is as it was written just now
+        error = error.__cause__
+    if isinstance(error, CodecError):
+        return str(error)  # names the author's line itself
     what = f"{type(error).__name__}: {error}".splitlines()[0]
-    own = Path(inspect.getfile(type(codec))).parent
-    lines = [frame for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename).is_relative_to(own)]
+    own, suite = Path(inspect.getfile(type(codec))).parent, Path(__file__).parents[1]
+    lines = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename).is_relative_to(own) and not Path(frame.filename).is_relative_to(suite)
+    ]
     return f"{what} ({lines[-1].filename}:{lines[-1].lineno})" if lines else what
 
 
@@ -211,15 +219,17 @@ def refuses(bench: Bench) -> None:
 
 
 def counted(bench: Bench) -> None:
-    """declared parameters, channels and stored numbers are those that are counted"""
+    """declared parameters, channels and numbers in textures are those that are counted"""
     declared = bench.material.cost
     found = parameters(bench.material)
     if declared.parameters != found:
         raise CheckError(f"declares {declared.parameters:,} parameters, holds {found:,}")
     texture = container.read_parts(bench.header.path)[1].texture
     floats, channels = counting.texture_floats(texture), counting.texture_channels(texture, bench.material.size)
-    if not floats.start <= declared.texture_floats < floats.stop:
-        raise CheckError(f"declares {declared.texture_floats:,} numbers in textures, stores {counting.said(floats)}")
+    held = counting.held_floats(bench.material)
+    if declared.texture_floats not in floats and declared.texture_floats != held:
+        stores = f"stores {counting.said(floats)} and holds {held:,}"
+        raise CheckError(f"declares {declared.texture_floats:,} numbers in textures, {stores}")
     if channels is not None and declared.texture_channels != channels:
         raise CheckError(f"declares {declared.texture_channels:,} texture channels, stores {channels:,}")
 
@@ -253,6 +263,14 @@ def encodes(bench: Bench) -> None:
         raise CheckError(f"500 queries must give (500, 3), not {tuple(answers.shape)}")
 
 
+def repeats(bench: Bench) -> None:
+    """the same queries get the same answers"""
+    worst = (bench.material.query(*bench.queries) - bench.answers).abs().max().item()
+    if not worst <= ROUNDING * max(1.0, bench.answers.abs().max().item()):
+        what = f"the same queries again with numbers that differ by {worst:.2g}"
+        raise answered(bench.material.evaluate, what, "the same answer (a decoder draws no random numbers)")
+
+
 def framed(bench: Bench) -> str | None:
     """frame, order of channels and directions, and units are those of the truth"""
     if mistake := bench.framed.mistake():
@@ -264,6 +282,7 @@ def framed(bench: Bench) -> str | None:
 Check = Callable[[Bench], str | None]  # what it raises is the failure, what it returns a note
 STAGES: tuple[tuple[Check, ...], ...] = (
     (encodes,),
+    (repeats,),
     (follows_data, slices, framed),
     (same_bytes, fresh_process, batches, order, wraps, refuses, counted),
 )

@@ -1,8 +1,10 @@
-"""Counts what the textures of a file really hold, to hold against what its codec declares."""
+"""Counts what the textures of a file and of its decoder really hold, to hold against what the codec declares."""
 
 import math
 
-from torch import Tensor
+from torch import Tensor, nn
+
+from bench.material import Material
 
 PACKED_BITS = (1, 32)  # of an index that is packed into bytes, the least and the most
 
@@ -16,6 +18,16 @@ def texture_floats(texture: dict[str, Tensor]) -> range:
     packed = 8 * sum(values.nbytes for values in texture.values() if values.ndim < 2 and not values.is_floating_point())
     least, most = PACKED_BITS
     return range(counted + math.ceil(packed / most), counted + packed // least + 1)
+
+
+def held_floats(material: Material) -> int:
+    """How many numbers a decoder holds besides its network's: what it makes of a file's textures, levels and copies."""
+    values = [value for value in vars(material).values() if isinstance(value, Tensor)]
+    plain = (
+        value for value in vars(material).values() if isinstance(value, nn.Module) and value not in material.modules()
+    )
+    values += [buffer for module in plain for buffer in module.buffers()]
+    return sum(value.numel() for value in values if value.is_floating_point())
 
 
 def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int | None:

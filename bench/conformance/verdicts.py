@@ -52,6 +52,11 @@ def check(codec: Codec, network: SharedNetwork | None = None, show: Progress = s
         show("stages of the check", len(stages), len(stages))
 
 
+def planned() -> int:
+    """How many results a check yields that no stage of ends early."""
+    return sum(map(len, STAGES)) + sum(case.cheap for case in stability.CASES)
+
+
 def of(name: str, settings: dict[str, Any]) -> Codec:
     """The codec of a name as it is checked: with these settings, and fits that are short where they do not say."""
     kind = load_codec(name)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.codec import Progress
-from bench.codecs import loading, registry
+from bench.codecs import loading, registry, shared
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
 from bench.codecs.program import program_of
@@ -67,6 +67,8 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
 
     `keep(name, content)` stores what does not go into the record, and returns the name that the record holds.
     """
+    if file.network:
+        shared.refuse(file.network, bench.btf)
     header, material = file.header, unreported(file.material)
     decoder = Slices(bench, material, show)
     groups, decides = dict(bench.groups), gate(bench.groups)

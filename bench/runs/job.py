@@ -30,8 +30,7 @@ from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_di
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
 from bench.data.spec import MaterialSpec, Preparation
-from bench.demand import UNIFORM, fitting
-from bench.demand.demand import Demand
+from bench.demand import UNIFORM, fitting, require_demand
 from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.metrics import DEFAULTS
 from bench.records import Record
@@ -187,15 +186,10 @@ class Job:
         } | ({"shared": self.network.sha256} if self.network else {})
         if isinstance(self.codec, Programs):
             key |= {"programs": self.codec.digest}
-        if self.codec.scene:
-            key |= {"demand": self._demand.fingerprint, "uniform": self.task.uniform}
+        require_demand(self.codec, self.bench.demand)
+        if self.codec.scene and self.bench.demand:
+            key |= {"demand": self.bench.demand.fingerprint, "uniform": self.task.uniform}
         return key
-
-    @property
-    def _demand(self) -> Demand:
-        if self.bench.demand is None:
-            raise InputError(f"{self.task.name}: scene = true needs the demand of a scene: give one with --demand")
-        return self.bench.demand
 
     @property
     def file(self) -> str:
@@ -316,8 +310,8 @@ class Job:
         )
         with undisturbed(), torch_threads(self.task.threads):
             start = time.perf_counter()
-            if self.codec.scene:
-                parts = fitting.encode(self.codec, self.bench.training, fit, self._demand, self.task.uniform)
+            if self.codec.scene and self.bench.demand:
+                parts = fitting.encode(self.codec, self.bench.training, fit, self.bench.demand, self.task.uniform)
             else:
                 parts = self.codec.encode(self.bench.training, fit)
             seconds = time.perf_counter() - start

@@ -13,6 +13,7 @@ from bench.codec import Codec, Fit, Progress, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
 from bench.data.open import open_named
+from bench.demand import require_demand
 from bench.demand.demand import load as load_demand
 from bench.errors import InputError
 from bench.material import Material
@@ -55,7 +56,9 @@ def encode(
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} has its settings already: give {min(settings)} where it is made")
     made = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
-    fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(made))
+    require_demand(made, None)
+    network = shared.find_for(made, btf)
+    fit = Fit(torch.device(device), threads, seed, show, network=network)
     with torch_threads(threads):
         parts = made.encode(btf.subset(btf.split().train), fit)
     return container.save(Path(out), made, parts)

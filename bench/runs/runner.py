@@ -24,6 +24,7 @@ from bench.codec import REMARK, Codec, Fit, Progress, silent
 from bench.codecs import container, shared
 from bench.codecs.registry import from_outside, make_codec
 from bench.data.spec import MaterialSpec
+from bench.demand import require_demand
 from bench.errors import CodecError, InputError
 from bench.records import Record, Run
 from bench.runs.executors import Workers, in_process, one_process
@@ -68,8 +69,8 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     """Run every job of a suite; yields each outcome after its record is on the disk."""
     suite = canonical(suite)
     codecs, faults = _made(suite)  # bad settings stop here
-    if not suite.demand and (scene := next((codec.name for codec in codecs if codec.scene), "")):
-        raise InputError(f"codec {scene}: scene = true needs the demand of a scene: give one with --demand")
+    for codec in codecs:
+        require_demand(codec, suite.demand)
     run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
     if suite.demand:
         demand_of(run_id, str(Path(suite.demand).absolute()))  # a bad demand file stops here

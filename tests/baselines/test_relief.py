@@ -16,6 +16,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, training
 from bench.conformance.check import tiny_btf
+from bench.conformance.counting import held_floats
 from bench.data.materials import load, recipe
 from bench.data.materials.maps import resize
 from bench.errors import InputError
@@ -47,6 +48,14 @@ def test_parameters_with_relief() -> None:
     material = fitted(bumps()[0])
     assert parameters(material) == material.cost.parameters == 3_959 + 32 + 3 * 33
     assert material.cost.texture_channels == 15
+
+
+@pytest.mark.parametrize("btf", [tiny_btf(), bumps()[0]], ids=["flat", "with a height"])
+def test_the_numbers_that_are_declared_are_those_that_its_decoder_holds(btf: BTF) -> None:
+    """The levels of its latents and the finer copy of its height too."""
+    material = fitted(btf)
+    assert material.cost.texture_floats == held_floats(material)
+    assert material.cost.texture_floats > material.size[0] * material.size[1] * material.cost.texture_channels
 
 
 def test_the_height_is_found() -> None:

@@ -1,6 +1,9 @@
 """`import bench` as a library: the example of docs/api.md, and what each function promises."""
 
+import os
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -15,6 +18,7 @@ from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
 from bench.errors import ContainerError, InputError
 from bench.records import load_run
+from tests.bench.outside import install
 
 PAGE = Path(__file__).parents[2] / "docs" / "api.md"
 
@@ -40,6 +44,27 @@ def test_the_example_of_the_page_runs_and_has_ten_lines(capsys):
     assert names["rgb"].shape == (1, 3)
     assert isinstance(names["rgb"], np.ndarray)
     assert "(32, 32) 101" in capsys.readouterr().out
+
+
+def test_a_plain_script_with_a_codec_from_outside_runs_once(tmp_path):
+    """Without a guard of `__main__`: what tries the codec in another process must not run the script again there."""
+    text = "from baselines.pca import PCA\n\nclass Mine(PCA):\n    name = 'mine'\n"
+    site = install(tmp_path / "site", "mine", {"mine": "mine:Mine"}, {"mine": text})
+    example = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)[0]
+    (tmp_path / "script.py").write_text(example.replace('"pca"', '"mine"'))
+    path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
+    command, environment = [sys.executable, "script.py"], os.environ | {"PYTHONPATH": path}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("(32, 32) 101") == 1
+
+
+def test_a_fit_to_a_scene_without_a_demand_is_refused(folder, tmp_path, capsys):
+    with pytest.raises(InputError, match="codec pca: scene = true needs the demand of a scene"):
+        bench.encode(bench.open(folder), "pca", tmp_path / "a.nbtf", scene=True)
+    assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "scene=true", "-o", "a.nbtf"]) == 2
+    assert "scene = true needs the demand of a scene" in capsys.readouterr().err
+    assert not (tmp_path / "a.nbtf").exists()
 
 
 def test_every_name_of_the_page_is_there():

@@ -85,3 +85,29 @@ def test_on_one_material_the_interval_is_of_its_pairs_and_tells_nothing_apart(ma
     table = summary_table(load_run(made.folder))
     assert table.rows[1][-1] == "−1.50 (−1.50 to −1.50)"
     assert any("over seeds and pairs of this material alone (2 seeds)" in note for note in table.notes)
+
+
+def test_published_records_whose_exposure_is_rounded_stand_beside_a_new_run(made):
+    made.job("pca", exposure=1.525512, run="0").job("mine", psnr=28.0, exposure=1.5255121042830542)
+    table = summary_table(load_run(made.folder))
+    assert [row[0] for row in table.rows] == ["pca", "mine"]
+    assert not any("left out" in note for note in table.notes)
+
+
+def test_a_summary_says_whose_times_it_leaves_out(made):
+    made.job("pca", run="0").timing("pca", run="0").job("mine").timing("mine")
+    table = summary_table(load_run(made.folder))
+    assert table.notes[-1] == "Times left out: pca on satin (timed in an earlier run than its neighbours)."
+
+
+def test_a_summary_says_what_it_leaves_out_and_why(made):
+    for material in ("satin", "brick"):
+        made.job("pca", material=material).job("mine", material=material)
+        made.job("old", material=material, psnr=40.0, run="0", exposure=9.0)
+    made.job("older", psnr=41.0, run="0", btf="g")
+    table = summary_table(load_run(made.folder))
+    assert [row[0] for row in table.rows] == ["pca", "mine"]
+    assert table.notes[-1] == (
+        "Not comparable with what ran last, and left out: old on brick, satin (another exposure); older on satin "
+        "(other data (their fingerprint differs))."
+    )

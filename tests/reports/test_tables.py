@@ -89,8 +89,8 @@ def test_an_unavailable_material_says_where_to_get_it(made):
     [
         ({"metrics": {"psnr_display": 2}}, "psnr_display version 2 instead of version 1"),
         ({"exposure": 2.0}, "another exposure"),
-        ({"btf": "g"}, "another BTF"),
-        ({"deciding": "d"}, "another choice of held-out pairs"),
+        ({"btf": "g"}, "other data"),
+        ({"deciding": "d"}, "other held-out pairs"),
     ],
 )
 def test_rows_that_measure_something_else_are_not_compared(made, change, reason):
@@ -175,7 +175,7 @@ def test_pairs_that_are_drawn_anew_for_each_seed_are_no_obstacle_but_older_ones_
     (table,) = tables(made, "main")
     assert {row[0]: row[1] for row in table.rows} == {"a": "3,011", "b": "3,011", "old": "3,011"}
     assert "1 of 2 seeds: old." in table.notes
-    assert any(note.startswith("n/c: old seed=1 is not comparable") and "another BTF" in note for note in table.notes)
+    assert any(note.startswith("n/c: old seed=1 is not comparable") and "other data" in note for note in table.notes)
 
 
 def test_the_best_of_a_column_is_bold_and_the_second_underlined(made):

@@ -19,8 +19,8 @@ from bench.threads import torch_threads
 
 Array = np.ndarray
 
-# A fit of the catalogue is short: whichever of these knobs a codec has is turned down to this from its default, so that
-# a verdict does not depend on how long a fit is asked for.
+# A fit of the catalogue is short: whichever of these knobs a codec has is turned down to this from its default. `check`
+# fits as it is told to.
 SHORT = {"steps": 200, "batch": 1024, "texels": 16}
 
 
@@ -96,17 +96,17 @@ class Subject:
         return "steps" in vars(self.bench.codec.settings)
 
     def codec(self, **changes: Any) -> Codec:
-        """The codec with short fits and some settings changed."""
-        return shortened(self.bench.codec, **changes)
+        """The codec with some settings changed."""
+        return changed(self.bench.codec, **changes)
 
     def fit(self) -> Fit:
         """What each fit is given."""
         return Fit(seed=1, network=self.bench.network)
 
     def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
-        """Encode by a short fit, or one of `stretch` times its steps, write, read and decode."""
+        """Encode by the codec's fit, or one of `stretch` times its steps, write, read and decode."""
         if stretch > 1 and self.fits:
-            changes = {"steps": stretch * SHORT["steps"]} | changes
+            changes = {"steps": stretch * self.bench.codec.settings.steps} | changes
         codec, path = self.codec(**changes), self.bench.folder / f"stress{container.SUFFIX}"
         container.save(path, codec, codec.encode(btf, self.fit()))
         return Encoded(btf, loading.load(path, network=self.bench.network)[1])
@@ -141,7 +141,7 @@ def subject_of(kind: type[Codec], folder: Path) -> Subject:
     network = None
     if kind.network is not None and not shared.place(kind.name).exists():
         network = kind.network().brief()
-    return Subject(Bench(shortened(kind()), folder, network))
+    return Subject(Bench(kind(**short(kind)), folder, network))
 
 
 def short(kind: type[Codec]) -> dict[str, Any]:
@@ -150,9 +150,9 @@ def short(kind: type[Codec]) -> dict[str, Any]:
     return {name: min(defaults[name], most) for name, most in SHORT.items() if name in defaults}
 
 
-def shortened(codec: Codec, **changes: Any) -> Codec:
-    """The codec with short fits and some settings changed."""
-    return type(codec)(**settings_dict(codec) | short(type(codec)) | changes)
+def changed(codec: Codec, **changes: Any) -> Codec:
+    """The codec with some settings changed."""
+    return type(codec)(**settings_dict(codec) | changes)
 
 
 def judge(case: Case, subject: Subject) -> Verdict:

@@ -16,7 +16,7 @@ import numpy as np
 
 from bench import atomic
 from bench.atomic import cache_dir
-from bench.btf import BTF, ArraySource
+from bench.btf import BAKED, BTF, ArraySource
 from bench.codec import Progress
 from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
 from bench.data.bake.partial import Partial
@@ -185,7 +185,7 @@ def _sampled(data: Preparation) -> dict[str, Any]:
 
 def _described(surface: Surface, seed: int) -> dict[str, Any]:
     return {
-        "source": "baked from maps by bench.bake",
+        "source": BAKED,
         "maps": surface.notes,
         "bake_version": BAKE_VERSION,
         "renderer_version": RENDERER_VERSION,

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench import atomic
 from bench.atomic import cache_dir
-from bench.btf import BTF, ArraySource
+from bench.btf import BTF, RENDERED, ArraySource
 from bench.data.joined import with_heldout
 from bench.data.materials.maps import Recipe
 from bench.data.materials.renderer import RENDERER_VERSION, SUB_POINTS, render
@@ -85,7 +85,7 @@ def _rendered(
 def _describe(name: str, recipe: Recipe, size: int, seed: int) -> dict[str, Any]:
     """Everything but the pairs that determines the values; its hash is the cache key, and `BTF.provenance` holds it."""
     return {
-        "source": "rendered by bench.materials",
+        "source": RENDERED,
         "renderer_version": RENDERER_VERSION,
         "material": name,
         "recipe": type(recipe).__name__,

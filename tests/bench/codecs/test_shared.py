@@ -7,15 +7,20 @@ import numpy as np
 import pytest
 import torch
 
+import bench
 from baselines.mean_colour import MeanColourMaterial
-from bench.btf import BTF, ArraySource
+from bench import cli
+from bench.btf import BAKED, BTF, ArraySource
 from bench.codec import Codec, Fit, Parts, SharedNetwork
 from bench.codecs import container, loading, shared
 from bench.conformance.check import others, tiny_btf
 from bench.data import materials
+from bench.data.readers import open_btf
+from bench.data.readers.npz import write_npz
 from bench.data.spec import MaterialSpec
 from bench.errors import ContainerError, InputError, MissingDataError
 from bench.records import Record
+from bench.runs import library
 from bench.runs.pretraining import pretrain, ready
 from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
@@ -148,7 +153,7 @@ def test_the_origin_of_baked_maps_is_that_of_their_files_and_of_measured_data_th
 
     def baked(name, depth):
         maps = {"height": f"stone_Height.png: bright is high, depth {depth}", "roughness": "stone_Roughness.png"}
-        provenance = {"source": "baked from maps by bench.bake", "maps": maps}
+        provenance = {"source": BAKED, "maps": maps}
         values = np.full((9, 2, 2, 3), depth, np.float32)
         return BTF(name, like.wo, like.wi, ArraySource(values), provenance=provenance)
 
@@ -226,3 +231,24 @@ def test_what_the_network_was_trained_on_is_a_failed_job(tmp_path):
     record = job(tmp_path / "run")
     assert record["status"] == "failed"
     assert "was trained on it" in record["error"]
+
+
+def test_a_network_that_was_trained_on_the_material_neither_encodes_nor_scores_it(tmp_path, monkeypatch, capsys):
+    make()
+    encoded(tmp_path / "before.nbtf")
+    btf = tiny_btf(4, 3, 3)
+    shared.make(Tint(), [btf], Fit(), shared.place("tinted"))
+    monkeypatch.setattr(library, "load_codec", lambda name: Tinted)
+    with pytest.raises(InputError, match="its shared network was trained on it"):
+        bench.encode(btf, "tinted", tmp_path / "a.nbtf")
+    header = encoded(tmp_path / "after.nbtf")
+    assert header.network == shared.find("tinted").sha256
+    with pytest.raises(InputError, match="its shared network was trained on it"):
+        bench.score(tmp_path / "after.nbtf", btf)
+    assert bench.score(tmp_path / "before.nbtf", btf)["scores"]
+    write_npz(btf, tmp_path / "btf.npz")
+    shared.make(Tint(), [open_btf(tmp_path / "btf.npz")], Fit(), shared.place("tinted"))
+    assert cli.main(["encode", str(tmp_path / "btf.npz"), "--codec", "tinted", "-o", str(tmp_path / "b.nbtf")]) == 2
+    assert "its shared network was trained on it" in capsys.readouterr().err
+    assert not (tmp_path / "a.nbtf").exists()
+    assert not (tmp_path / "b.nbtf").exists()

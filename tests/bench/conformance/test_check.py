@@ -2,12 +2,15 @@
 
 import inspect
 import random
+import re
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 import torch
 
 from baselines.mean_colour import MeanColour, MeanColourMaterial
+from bench import cli
 from bench.codec import Codec, Parts
 from bench.codecs.quantise import unpack
 from bench.conformance import stability
@@ -182,12 +185,123 @@ def test_fits_are_short_unless_the_author_says_otherwise():
     assert of("neubtf-direct", {"steps": "3000"}).settings.steps == 3000
 
 
-def test_a_bound_that_is_missed_comes_with_how_the_built_in_codecs_met_it(tmp_path, monkeypatch):
+class Flat(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint).mean(1)
+
+
+class Draws(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) + torch.rand(len(uv), 3) / 10
+
+
+def with_method(name, does):
+    return type("Mine", (MeanColour,), {name: does})
+
+
+def gives_arrays(self, btf, fit):
+    return Parts(texture={"mean": np.zeros((8, 8, 3))})
+
+
+def gives_a_dictionary(self, btf, fit):
+    return {"mean": torch.zeros(8, 8, 3)}
+
+
+def gives_a_tensor(self, btf, fit):
+    return Parts(texture=torch.zeros(8, 8, 3))
+
+
+def decodes_to_a_tensor(self, parts, device):
+    return unpack("mean", parts.texture)
+
+
+MISTAKES = [
+    (type("Mine", (Broken,), {"material": Flat}), Flat.evaluate, r"answered a tensor \(4,\), and a tensor \(4, 3\) is"),
+    (type("Mine", (Broken,), {"material": Draws}), Draws.evaluate, "again with numbers that differ by .* no random"),
+    (
+        with_method("encode", gives_arrays),
+        gives_arrays,
+        "Parts whose texture/mean is of type ndarray, and a tensor .* is due",
+    ),
+    (with_method("encode", gives_a_dictionary), gives_a_dictionary, "answered a dict, and Parts of tensors"),
+    (with_method("encode", gives_a_tensor), gives_a_tensor, "Parts whose texture is of type Tensor, and a dictionary"),
+    (with_method("decode", decodes_to_a_tensor), decodes_to_a_tensor, "answered a Tensor, and a Material is due"),
+]
+
+
+@pytest.mark.parametrize(("codec", "method", "says"), MISTAKES, ids=lambda given: getattr(given, "__qualname__", None))
+def test_a_first_mistake_names_the_method_its_line_and_what_is_due(codec, method, says, monkeypatch):
+    (said,) = failures(codec, monkeypatch).values()
+    code = method.__code__
+    assert said.startswith(f"{method.__qualname__} ({__file__}:{code.co_firstlineno}) answered ")
+    assert re.search(says, said), said
+    assert "\n" not in said
+
+
+def test_a_decoder_that_raises_names_its_own_line(monkeypatch):
+    def decode(self, parts, device):
+        return MeanColourMaterial(parts.texture["no such"])
+
+    (said,) = failures(with_method("decode", decode), monkeypatch).values()
+    assert said == f"KeyError: 'no such' ({__file__}:{decode.__code__.co_firstlineno + 1})"
+
+
+class Gathers(MeanColour):
+    """Reads every value by `gather`, and no slice."""
+
+    def encode(self, btf, fit):
+        height, width = btf.shape
+        pair, row, col = (each.ravel() for each in np.indices((len(btf), height, width)))
+        values = btf.gather(pair, row, col).reshape(len(btf), height, width, 3)
+        return Parts(texture={"mean": torch.from_numpy(values.mean(0))})
+
+
+def test_a_codec_that_reads_samples_alone_passes(monkeypatch):
+    assert failures(Gathers, monkeypatch) == {}
+
+
+def test_the_extremes_fit_in_the_steps_that_are_asked_for(monkeypatch):
+    seen = set()
+
+    class Fitted(MeanColour):
+        @dataclass(frozen=True)
+        class Settings:
+            half: bool = True
+            steps: int = 3000
+
+        def encode(self, btf, fit):
+            seen.add(self.settings.steps)
+            return super().encode(btf, fit)
+
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": Fitted)
+    monkeypatch.setattr("bench.conformance.verdicts.STAGES", ((encodes,),))
+    assert not [result for result in check(Fitted(steps=7)) if result.failure]
+    assert seen == {7}
+
+
+@pytest.mark.parametrize(("fault", "says"), [(Miscounts, "were not tried"), (BreaksAtGrazing, "")])
+def test_the_command_says_how_many_checks_were_not_tried_if_any(fault, says, monkeypatch, capsys):
+    codec = type("Faulty", (Broken,), {"material": fault})
+    for place in ("bench.codecs.registry", "bench.conformance.verdicts"):
+        monkeypatch.setattr(f"{place}.load_codec", lambda name, wanted_by="": codec)
+    assert cli.main(["check", "mean-colour"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    tried = [line for line in lines if re.match("pass|FAIL|n/a ", line)]
+    failed = sum(line.startswith("FAIL") for line in tried)
+    assert lines[-1].startswith(f"mean-colour: {failed} of {len(tried)} checks failed")
+    assert ("were not tried" in lines[-1]) == bool(says)
+    assert max(len(line) for line in tried if line.startswith("FAIL")) < 300
+
+
+def test_a_bound_that_is_missed_comes_with_how_many_built_in_codecs_keep_it(tmp_path, monkeypatch):
     met = {"kind": "stress", "subject": "pca", "extreme": "one row", "verdict": "pass", "figure": "", "used": 0.25}
     met |= {"group": "data", "detail": "", "order": 1}
-    for record in (met, met | {"subject": "vq", "used": None}, met | {"subject": "table", "verdict": "fail"}):
+    for record in (met, met | {"subject": "vq"}, met | {"subject": "table", "verdict": "n/a"}):
         append(tmp_path, record)
     monkeypatch.setattr(reference, "place", lambda: tmp_path / FILE)
     reference._records.cache_clear()
-    assert reference.met_by_others("one row") == "; of the built-in codecs pca takes 0.25 of the bound, vq passes"
+    assert reference.met_by_others("one row") == "; all 2 built-in codecs that it applies to pass"
+    append(tmp_path, met | {"subject": "hsh", "verdict": "fail"})
+    reference._records.cache_clear()
+    assert reference.met_by_others("one row") == "; 2 of 3 built-in codecs that it applies to pass"
     reference._records.cache_clear()

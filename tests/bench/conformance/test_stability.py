@@ -16,7 +16,7 @@ from bench.codecs.registry import load_codec
 from bench.codecs.training import DivergedError
 from bench.conformance import stability
 from bench.conformance.stability import metrics, properties
-from bench.conformance.stability.case import SHORT, shortened, subject_of
+from bench.conformance.stability.case import SHORT, subject_of
 from bench.conformance.stability.invariants import wild_rates
 from bench.errors import InputError
 from bench.material import Material
@@ -126,10 +126,9 @@ def test_the_worst_query_in_halves_is_named(tmp_path, monkeypatch):
     assert f"{found.used:.2f} of what is allowed, at --query" in found.detail
 
 
-@pytest.mark.parametrize("steps", [10, 3000])
-def test_how_long_a_fit_is_asked_for_changes_no_extreme(steps, tmp_path):
-    kind = load_codec("neubtf-direct")
-    assert shortened(kind(steps=steps)).settings.steps == SHORT["steps"]
+def test_fits_of_the_catalogue_are_short(tmp_path):
+    subject = subject_of(load_codec("neubtf-direct"), tmp_path)
+    assert subject.codec().settings.steps == SHORT["steps"]
 
 
 @pytest.mark.parametrize("fate", ["says so", "not a number"])

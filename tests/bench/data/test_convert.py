@@ -116,3 +116,11 @@ def test_convert_from_the_command_line(tmp_path, btf, capsys):
     assert cli.main(words) == 2
     with pytest.raises(SystemExit):
         cli.main([*words[:4], "--crop", "1,2"])
+
+
+@pytest.mark.parametrize("window", ["1,2,3", "1,2,3,4,5", "a,b,c,d", ""])
+def test_a_window_that_is_none_says_how_to_write_one(window, tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["convert", "satin", f"--crop={window}", "-o", str(tmp_path / "a.npz")])
+    assert ended.value.code == 2
+    assert "write four whole numbers with commas, as 0,0,128,128" in capsys.readouterr().err

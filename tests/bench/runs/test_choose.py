@@ -1,5 +1,8 @@
+import subprocess
+
 import pytest
 
+from bench import cli
 from bench.errors import InputError
 from bench.runs.choose import Wishes, choose, nearest, parse_bytes, usable
 
@@ -42,3 +45,19 @@ def test_sizes_are_written_with_k_and_m():
     assert [parse_bytes(text) for text in ("300k", "1.5M", "20000", "300kB")] == [300_000, 1_500_000, 20_000, 300_000]
     with pytest.raises(InputError, match="write a number"):
         parse_bytes("much")
+
+
+def test_the_command_that_is_printed_is_what_a_shell_runs(tmp_path, monkeypatch, capsys):
+    made = row("pca", 36.0, 500, 100.0, codec="pca", settings={"components": 4}, device="cpu")
+    made |= {"execution": "eager", "precision": "float32"}
+    suite = tmp_path / "own.toml"
+    suite.write_text('materials = ["satin"]\n[[codecs]]\ncodec = "pca"\n')
+    monkeypatch.setattr("bench.commands.choose._measured", lambda *_: ([made], []))
+    (tmp_path / "my cloth; no; $HOME").mkdir()
+    material = str(tmp_path / "my cloth; no; $HOME")
+    assert cli.main(["choose", material, "--min-psnr", "30", "--suite", str(suite)]) == 0
+    command = capsys.readouterr().out.splitlines()[-1]
+    said = subprocess.run(["bash", "-c", f'neubtf-bench() {{ printf "%s\\n" "$@"; }}; {command}'], capture_output=True)
+    words = said.stdout.decode().splitlines()
+    assert words[:4] == ["encode", material, "--codec", "pca"]
+    assert words[-2:] == ["-o", "my cloth; no; $HOME.nbtf"]

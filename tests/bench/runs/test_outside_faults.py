@@ -23,6 +23,7 @@ from bench.runs import runner
 from bench.runs.suite import load_suite, with_changes
 from bench.runs.timed import timings
 from bench.runs.undisturbed import undisturbed
+from tests.bench.outside import install
 
 pytestmark = pytest.mark.timeout(300)  # each process imports PyTorch
 BASE = """
@@ -77,29 +78,23 @@ MODULES = {
     "hostile_error": "import no_such_module_at_all",
     "hostile_hang": "import time; time.sleep(600)",
 }
-ENTRIES = """[neubtf_bench.codecs]
-quits = hostile:Quits
-ends = hostile:Ends
-crashes = hostile:Crashes
-leaves = hostile:Leaves
-settings = hostile:Settings
-import-exit = hostile_exit:Codec
-import-end = hostile_end:Codec
-import-error = hostile_error:Codec
-import-hang = hostile_hang:Codec
-"""
+CODECS = {
+    "quits": "hostile:Quits",
+    "ends": "hostile:Ends",
+    "crashes": "hostile:Crashes",
+    "leaves": "hostile:Leaves",
+    "settings": "hostile:Settings",
+    "import-exit": "hostile_exit:Codec",
+    "import-end": "hostile_end:Codec",
+    "import-error": "hostile_error:Codec",
+    "import-hang": "hostile_hang:Codec",
+}
 
 
 @pytest.fixture(autouse=True)
 def hostile(tmp_path, monkeypatch):
     """An installed distribution, `hostile 1.0`, of such codecs, and a BTF on disk."""
-    site = tmp_path / "site"
-    (site / "hostile-1.0.dist-info").mkdir(parents=True)
-    (site / "hostile-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: hostile\nVersion: 1.0\n")
-    (site / "hostile-1.0.dist-info" / "entry_points.txt").write_text(ENTRIES)
-    for name, text in MODULES.items():
-        (site / f"{name}.py").write_text(text)
-    monkeypatch.syspath_prepend(str(site))
+    monkeypatch.syspath_prepend(str(install(tmp_path / "site", "hostile", CODECS, MODULES)))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(runner, "MOST_LOSSES", 1)
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
