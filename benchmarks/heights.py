@@ -61,7 +61,10 @@ def row(name: str, found: sweep.Found, truth: Array) -> str:
 def drawn(heights: dict[str, tuple[Array, Array]]) -> Figure:
     """True and found heights (H, W), each pair on one scale."""
     scales = [np.percentile(truth, [0.5, 99.5]) for truth, _ in heights.values()]
-    pairs = [[colormaps["viridis"](Normalize(*scale)(h)) for h in both] for both, scale in zip(heights.values(), scales, strict=True)]
+    pairs = [
+        [colormaps["viridis"](Normalize(*scale)(h)) for h in both]
+        for both, scale in zip(heights.values(), scales, strict=True)
+    ]
     return grid(list(zip(*pairs, strict=True)), list(heights), ["true", "found"])
 
 
