@@ -134,7 +134,8 @@ def materials(run: Run) -> list[Material]:
     """The run's jobs by material. `InputError` where a finished one lacks what tables show."""
     by_name: dict[str, list[Record]] = {}
     for job in run.jobs:
-        require(job, _NEEDED if job["status"] == "ok" else (), run.folder)
+        if job["status"] == "ok":
+            require(job, "tables", run.folder)
         by_name.setdefault(job["material"], []).append(job)
     return [Material(name, list(_rows(run, jobs))) for name, jobs in by_name.items()]
 
@@ -164,7 +165,6 @@ def _difference(key: Record, wanted: Record) -> str:
     return ", ".join(reasons)
 
 
-_NEEDED = ("run", "codec", "score_key", "shape", "pairs/train", "cost/texture_channels")
 _SHARED = {
     "btf": "BTF (its fingerprint differs)",
     "deciding": "choice of held-out pairs",
