@@ -23,10 +23,8 @@ def kind_of(hint: Any) -> Kind:
     if marks or get_origin(hint) is Required:
         return kind_of(get_args(hint)[0])
     if is_typeddict(hint):
-        hints = get_type_hints(hint, include_extras=True)
-        return Fields(
-            {name: kind_of(each) for name, each in hints.items()}, tuple(sorted(hint.__required_keys__)), hint
-        )
+        known = {name: kind_of(each) for name, each in get_type_hints(hint, include_extras=True).items()}
+        return Fields(known, tuple(name for name in known if name in hint.__required_keys__), hint)
     arguments = get_args(hint)
     match get_origin(hint):
         case kind if kind is Literal:
