@@ -155,7 +155,7 @@ def busy_workers(cluster: "LocalCluster", run: subprocess.Popen[bytes]) -> Itera
 
 def job_lines(folder: Path) -> list[records.Record]:
     """Every record of a job, also those that another took the place of."""
-    lines = (records._parsed(line) for line in (folder / records.FILE).read_bytes().splitlines())
+    lines = (records.lines._parsed(line) for line in (folder / records.FILE).read_bytes().splitlines())
     return [record for record in lines if record.get("kind") == "job"]
 
 

@@ -100,8 +100,8 @@ def measure_records() -> None:
         large.mkdir()
         with open(large / records.FILE, "wb") as file:
             for number in range(RECORDS):
-                file.write(records._line(kept | {"job": f"material {number}/codec/0"}))
-                file.write(records._line(timing | {"job": f"material {number}/codec/0"}))
+                file.write(records.lines._line(kept | {"job": f"material {number}/codec/0"}))
+                file.write(records.lines._line(timing | {"job": f"material {number}/codec/0"}))
         taken = []
         for _ in range(5):
             begun = time.perf_counter(), time.process_time()

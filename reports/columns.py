@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 from bench.metrics import PERIODIC, label_of
-from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of
+from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown
 from reports.column import Column, Value, hull
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, pooled, significant, spread
 from reports.rows import NEW_RUN, Material, Row, described
@@ -28,6 +28,16 @@ def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB
         return pooled(row.stats(group or row.gate, family))
 
     return Column(name, scale, value, partial(fixed, digits=_digits(unit)))
+
+
+def _declared() -> list[Column]:
+    """The columns that fields of a record ask for."""
+
+    def column(field: str, name: str, unit: str, digits: int) -> Column:
+        write = partial(significant, digits=digits) if digits else _whole
+        return Column(name, unit, lambda row: row.job.get(field), write)
+
+    return [column(field, *said) for field, said in shown().items()]
 
 
 def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
@@ -103,7 +113,6 @@ _TRAIN = _pooled("PSNR train", "dB ↑", PSNR, "train")
 HELDOUT = _pooled("PSNR pooled", "dB ↑", PSNR)
 RATES = (_TOTAL, _BITS, HELDOUT)
 PER_SLICE = _spread("PSNR per slice", "dB ↑", PSNR)
-_FIT = Column("fit", "s", lambda row: row.job.get("fit_seconds"), partial(significant, digits=2))
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
 _FUSED = Column(
@@ -120,7 +129,11 @@ SIZE = (
     _SHARED,
     _BITS,
 )
-TIME = (_FIT, _NS, _timed("95 % interval", "ns", "interval95_ns", _range), _FLOOR, _FUSED)
+
+
+def time() -> list[Column]:
+    """What fields ask for, such as the seconds of a fit; and the time of a query."""
+    return [*_declared(), _NS, _timed("95 % interval", "ns", "interval95_ns", _range), _FLOOR, _FUSED]
 
 
 def scored(material: Material) -> list[Column]:
@@ -131,7 +144,7 @@ def scored(material: Material) -> list[Column]:
 
 def short(material: Material) -> list[Column]:
     """Columns that fit a terminal."""
-    return means([*scored(material), _FIT, _NS, _FLOOR, _FUSED], HELDOUT)
+    return means([*scored(material), *_declared(), _NS, _FLOOR, _FUSED], HELDOUT)
 
 
 def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
@@ -146,7 +159,7 @@ def quality(material: Material) -> list[Column]:
 
 def main(material: Material) -> list[Column]:
     """Columns of cost, quality and time of a codec."""
-    return [*SIZE, *quality(material), *TIME]
+    return [*SIZE, *quality(material), *time()]
 
 
 def papers(material: Material) -> list[Column]:

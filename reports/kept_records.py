@@ -5,13 +5,12 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import Any
 
-from bench.records import Record, Run
+from bench.records import RESULTS, Run, kept
 from reports.html_tables import note
 from reports.live import pack
 from reports.rows import Codec, Material
 
 BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
-_NOT_SHOWN = {"samples_ns", "floor_ratios"}
 
 
 class RecordsOfPage:
@@ -60,11 +59,7 @@ class RecordsOfPage:
             )
 
     def _whole(self, codec: Codec) -> list[dict[str, Any]]:
-        return [{"job": row.job} | ({"timing": _short(row.timing)} if row.timing else {}) for row in codec.rows]
-
-
-def _short(timing: Record) -> Record:
-    return {name: value for name, value in timing.items() if name not in _NOT_SHOWN}
+        return [{"job": row.job} | ({"timing": kept(row.timing, RESULTS)} if row.timing else {}) for row in codec.rows]
 
 
 def _told(codec: Codec) -> str:

@@ -148,7 +148,8 @@ def materials(run: Run) -> list[Material]:
     """The run's jobs by material. `InputError` where a finished one lacks what tables show."""
     by_name: dict[str, list[Record]] = {}
     for job in run.jobs:
-        require(job, _NEEDED if job["status"] == "ok" else (), run.folder)
+        if job["status"] == "ok":
+            require(job, "tables", run.folder)
         by_name.setdefault(job["material"], []).append(job)
     return [Material(name, list(_rows(run, jobs))) for name, jobs in by_name.items()]
 
@@ -187,9 +188,6 @@ def _difference(key: Record, wanted: Record) -> str:
         if mine[name] != theirs[name]:
             reasons.append(f"{name} version {mine[name]} instead of version {theirs[name]}")
     return ", ".join(reasons)
-
-
-_NEEDED = ("run", "codec", "score_key", "shape", "pairs/train", "cost/texture_channels")
 
 
 def _timing_obstacle(timing: Record, latest: Record) -> str:

@@ -43,7 +43,7 @@ def quality_table(material: Material) -> Table | None:
 
 def cost_table(material: Material) -> Table | None:
     """The columns of the main table that say what a codec costs."""
-    return _table("main", material, "size and time", (*columns.SIZE, *columns.TIME), cost_notes(material))
+    return _table("main", material, "size and time", (*columns.SIZE, *columns.time()), cost_notes(material))
 
 
 def slices_table(material: Material) -> Table | None:

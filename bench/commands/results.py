@@ -48,13 +48,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _add(run: Path, file: Path) -> int:
     from bench.atomic import write
-    from bench.compare.results import kept
+    from bench.compare.results import published
     from bench.records import load_together
 
     if file.suffix != ".jsonl":
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
     whole = load_together([*([file] if file.exists() else []), run])
-    text = kept(whole)
+    text = published(whole)
     try:
         write(file, text.encode())
     except OSError as error:

@@ -20,13 +20,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.compare.results import kept
+    from bench.compare.results import published
     from bench.records import load_run
     from bench.runs.archive import chosen, pack
 
     if options.out.suffix != ".zip":
         raise InputError(f"--out {options.out}: the name of an archive ends in .zip")
     run = chosen(load_run(options.run), options.codec)
-    pack(run, kept(run), options.out)
+    pack(run, published(run), options.out)
     print(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
     return FINE

@@ -59,7 +59,7 @@ def _parameters(folders: list[Path], format: str) -> str:
 
     jobs = [job for job in load_together(folders).jobs if job["status"] == "ok"] if folders else []
     for job in jobs:
-        require(job, ("codec", "cost/texture_channels"), folders[-1])
+        require(job, "tables", folders[-1])
     wanted = [name for name in PUBLISHED if name in codec_entries() and name not in {job["codec"] for job in jobs}]
     if wanted:
         from bench.conformance.verdicts import count

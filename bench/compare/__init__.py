@@ -18,7 +18,6 @@ from bench.compare.verdicts import Change, Verdict
 from bench.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
 from bench.records import Record, Run, require
 
-_NEEDED = ("fit_key", "fit_key/settings", "fit_key/training", "score_key", "score_key/btf", "score_key/exposure")
 _WORDS = {
     Verdict.FAILED: "failed",
     Verdict.GONE: "gone",
@@ -147,7 +146,8 @@ def check_names(what: str, names: Sequence[str], known: set[str]) -> None:
 
 def _checked(job: Record, run: Run) -> Record:
     """The job. `InputError` if it lacks a field that a comparison needs."""
-    require(job, _NEEDED if job["status"] == "ok" else (), run.folder)
+    if job["status"] == "ok":
+        require(job, "comparison", run.folder)
     return job
 
 

@@ -11,17 +11,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from bench.compare.quantities import FOOTPRINTS
 from bench.compare.slices import decibels, packed
 from bench.compare.verdicts import FEW_SEEDS
 from bench.errors import InputError
-from bench.records import CONDITIONS, FLIP, PSNR, Record, Run, gate, metric_of, metrics_of, stats_of
+from bench.records import FLIP, PSNR, REFERENCE, Record, Run, gate, kept, metric_of, metrics_of, stats_of
 
 _DIGITS = 7
 _PACKAGES = ("neubtf-bench", "torch", "numpy")
-_FIT = ("version", "settings", "training")
-_SCORE = ("btf", "exposure", "deciding", FOOTPRINTS)
-_DESCRIBED = ("unit", "direction", "version")
 
 
 def committed(suite: str) -> Path:
@@ -74,20 +70,16 @@ def _text(line: Record) -> str:
 
 def _start(run: Run) -> Iterator[Record]:
     if run.starts:
-        start = run.starts[-1]
-        line = {key: start.get(key) for key in ("kind", "suite", "device", "threads")}
-        line["packages"] = {name: start["packages"][name] for name in _PACKAGES if name in start.get("packages", {})}
-        machine = start.get("machine", {})
-        yield line | {"machine": {key: machine.get(key) for key in ("processor", "capability")}}
+        line = kept(run.starts[-1], REFERENCE)
+        versions = line.get("packages", {})
+        yield line | {"packages": {name: versions[name] for name in _PACKAGES if name in versions}}
 
 
 def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
     starts = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
     timed = {timing["job"]: timing for timing in run.timings}
-    kept = ("kind", "job", "ns_per_sample", "interval95_ns", *CONDITIONS)
     for timing in [timed[job["job"]] for job in jobs if job["job"] in timed]:
-        line = rounded({key: timing[key] for key in kept if key in timing})
-        yield line | {"run": starts.get(timing["run"], timing["run"])}
+        yield rounded(kept(timing, REFERENCE)) | {"run": starts.get(timing["run"], timing["run"])}
 
 
 def _still_true(jobs: list[Record], before: list[Record]) -> Iterator[Record]:
@@ -118,23 +110,19 @@ def _judged(run: Run) -> set[int]:
 
 def _job(job: Record, folder: Path, whole: bool) -> Record:
     """A job's line; if not `whole`, only the numbers that decide."""
-    line = {key: job[key] for key in ("kind", "job", "material", "label", "seed", "status", "bytes", "parameters")}
-    line["fit_key"] = {key: job["fit_key"][key] for key in _FIT}
-    line["score_key"] = {key: job["score_key"][key] for key in _SCORE if key in job["score_key"]}
+    line = kept(job, REFERENCE)
     decides, names = gate(job["scores"]), list(metrics_of(job))
     psnr = [metric_of(names, PSNR)]
-    kept = {decides: names, "train": psnr} if whole else {decides: [*psnr, metric_of(names, FLIP)]}
-    kept |= {f"{decides}, {band}": psnr for band in ("grazing view", "grazing light")}
+    groups = {decides: names, "train": psnr} if whole else {decides: [*psnr, metric_of(names, FLIP)]}
+    groups |= {f"{decides}, {band}": psnr for band in ("grazing view", "grazing light")}
     line["scores"] = {
-        name: _shorter(metrics_of(job, name), kept[name], whole or name == decides)
-        for name in kept
+        name: _shorter(metrics_of(job, name), groups[name], whole or name == decides)
+        for name in groups
         if name in job["scores"]
     }
     numbers = (PSNR, "mean") if whole else ("mean",)
     line["footprints"] = {side: _short(stats, *numbers) for side, stats in job["footprints"].items() if side != "1"}
-    line["metrics"] = {
-        name: {key: job["metrics"][name][key] for key in _DESCRIBED} for name in line["scores"][decides]["metrics"]
-    }
+    line["metrics"] = {name: line["metrics"][name] for name in line["scores"][decides]["metrics"]}
     if whole and (slices := decibels(folder, job)) is not None:
         line["slices"] = {PSNR: packed(slices)}
     return rounded(line)

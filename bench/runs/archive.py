@@ -19,7 +19,7 @@ from bench.codecs import loading, shared
 from bench.codecs.registry import COMMAND, codec_entries
 from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import ContainerError, InputError, MissingDataError
-from bench.records import FILE, Record, Run, gate, metrics_of
+from bench.records import CLAIM, FILE, Record, Run, gate, kept, metrics_of
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import machine, made
 from bench.runs.place import Place
@@ -29,8 +29,6 @@ from bench.settings import table
 MOST_BYTES = 4 << 30  # of an archive's unpacked files
 DECIBELS, RELATIVE = 0.01, 1e-3  # what rounding on another processor may change
 
-_NAMED = ("kind", "job", "run", "material", "codec", "label", "curve", "seed", "split")
-_CLAIMED = ("fit_key", "fit_seconds", "fitted", "history")  # what only the fit could measure
 AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 
@@ -141,7 +139,7 @@ def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progre
     place = Place(out, of_run=True)
     found = evaluate(bench, loaded, 1, place.keep, show)
     found |= {"score_key": score_key(bench, loaded.header), "scored": made(), "machine": machine(), "status": "ok"}
-    record = {key: job[key] for key in (*_NAMED, *_CLAIMED) if key in job} | found
+    record = kept(job, CLAIM) | found
     record["file"] = f"files/{place.put(f'files/{file.name}', file.read_bytes()).name}"
     reasons = list(_differences(job, record))
     records.append(out, record)

@@ -25,7 +25,7 @@ from typing import Any
 
 import torch
 
-from bench import atomic, fields
+from bench import atomic
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
@@ -34,6 +34,7 @@ from bench.demand import UNIFORM, fitting, require_demand
 from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.metrics import DEFAULTS
 from bench.records import Record
+from bench.records.fields import fault_of_facts
 from bench.runs.evaluation import drawing, evaluate, score_key
 from bench.runs.identity import identity
 from bench.runs.place import Place
@@ -274,7 +275,7 @@ class Job:
         """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
         try:
             header, facts = container.read_header(path), json.loads(path.with_suffix(FACTS).read_text("utf-8"))
-            if fault := fields.fault_of_facts(facts):
+            if fault := fault_of_facts(facts):
                 raise ValueError(f"{path.with_suffix(FACTS)}: {fault}")
             same = facts["fit_key"] == json.loads(json.dumps(self.fit_key))
         except (ContainerError, OSError, ValueError, RecursionError) as error:

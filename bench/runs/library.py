@@ -17,12 +17,10 @@ from bench.demand import require_demand
 from bench.demand.demand import load as load_demand
 from bench.errors import InputError
 from bench.material import Material
-from bench.records import Record
+from bench.records import ARTEFACT, Record, named
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.workbench import Workbench
 from bench.threads import torch_threads
-
-_BESIDE_A_RECORD = ("slices", "angular", "pictures")  # files that a run keeps, but `score` does not
 
 
 def open(name: str | Path, **data: Any) -> BTF:
@@ -92,6 +90,6 @@ def score(
         )
     bench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
     found = evaluate(bench, loaded, threads, lambda name, content: name, show)
-    for name in _BESIDE_A_RECORD:
-        found.pop(name)
+    for name in named(ARTEFACT):  # a run keeps these files, `score` does not
+        found.pop(name, None)
     return {"codec": loaded.header.codec, "score_key": score_key(bench, loaded.header)} | found

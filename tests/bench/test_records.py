@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from bench import cli, records
+from bench import cli
 from bench.errors import InputError
-from bench.records import FILE, append, load_run, load_trade
+from bench.records import FILE, append, lines, load_run, load_trade
 
 LEAST = {"material": "satin", "label": "pca", "seed": 0}
 DONE = LEAST | {"status": "ok", "scores": {}, "metrics": {}, "bytes": {"total": 1}, "parameters": 0}
@@ -113,8 +113,8 @@ def test_opening_a_run_reads_into_no_job(tmp_path, monkeypatch):
         append(tmp_path, job(name))
         append(tmp_path, timing(name, 1.5))
     parsed = []
-    parse = records._parsed
-    monkeypatch.setattr(records, "_parsed", lambda line: parsed.append(line) or parse(line))
+    parse = lines._parsed
+    monkeypatch.setattr(lines, "_parsed", lambda line: parsed.append(line) or parse(line))
     run = load_run(tmp_path)
     assert parsed == []
     assert run.timing(run.jobs[1]) == timing("y", 1.5)

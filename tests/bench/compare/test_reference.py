@@ -49,7 +49,7 @@ def test_a_reference_names_no_place_host_or_time(run):
     assert str(run.folder) not in text
     assert "Linux-host" not in text
     assert "samples_ns" not in text
-    assert json.loads(text.splitlines()[0])["machine"] == {"processor": "P", "capability": None}
+    assert json.loads(text.splitlines()[0])["machine"] == {"processor": "P"}
 
 
 @pytest.mark.parametrize("status", ["failed", "unavailable"])

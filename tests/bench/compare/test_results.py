@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from bench.compare.results import kept
+from bench.compare.results import published
 from bench.records import Run
 
 
@@ -15,5 +15,5 @@ def test_what_is_published_names_no_home_folder(tmp_path, monkeypatch):
     run = Run(tmp_path)
     for record in (fine, job):
         run.jobs.put(record["job"], record)
-    lines = [json.loads(line) for line in kept(run).splitlines()]
+    lines = [json.loads(line) for line in published(run).splitlines()]
     assert [line.get("error") for line in lines] == [None, "~/a.nbtf: short"]

@@ -8,47 +8,30 @@ Paths in records are relative to the run's folder. Imports neither PyTorch nor p
 A line begins with a checksum of the rest, its kind, and, for jobs and timings, the job's name. So cut or altered lines
 are detected, and a large run is opened, without parsing the lines; each is parsed on demand. A line without a
 checksum, written by hand, is valid too.
-
-This module also defines the meaning of a record's fields: which pairs decide, which metric belongs to a family, and
-what two scores and two timings must share to be compared.
 """
 
 import json
-import math
 import os
 import re
 import zlib
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import NamedTuple, overload
 
-from bench import fields
 from bench.errors import InputError
+from bench.records import fields
+from bench.records.schema import ARTEFACT, Record
 
 FILE = "records.jsonl"
 TRADE = "trade.json"  # beside the records: the measurements of `neubtf-bench trade`; see `bench.runs.trade`
 TRADE_FORMAT = 1
 STRESS = "stress"  # the folder that `neubtf-bench stress` writes to, beside those of runs
-Record = dict[str, Any]
 
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
 _NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": ("(?:[^"\\]|\\.)*")[,}]')
 
-PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
-
-OUTSIDE = "outside the scene"  # the group of pairs that the demand of a scene does not touch
-SAME_EXPOSURE = 1e-4  # relative, 0.0004 dB of a gain: records are published rounded, machines differ in a last bit
-
-# Two timings are compared only if these fields agree.
-CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
-
-_HEAD = ("material", "label", "codec", "seed", "job", "status")
-_NO_NUMBERS = {"kind", "run", "fit_key", "score_key", "provenance", "traceback", "metrics", "settings", "shape"}
-_RAW_TIMING = {"kind", "job", "run", "samples_ns", "floor_ratios"}
-_ARTEFACTS = ("slices", "angular", "pictures", "drawing", "file")  # files of a run's folder that a job names
 _LONGEST_LINE = 16 << 20  # bytes; a record has some thousands
-_LONGEST = 8  # longest list whose numbers become fields
 
 
 def append(folder: Path, record: Record) -> None:
@@ -212,7 +195,9 @@ def _refuse_other_data(known: Record | None, job: Record, folder: Path) -> None:
 
 def _anywhere(job: Record, folder: Path) -> Record:
     """The job with artefacts that are found from any folder."""
-    return job | {name: str(folder.absolute() / job[name]) for name in _ARTEFACTS if isinstance(job.get(name), str)}
+    return job | {
+        name: str(folder.absolute() / job[name]) for name in fields.named(ARTEFACT) if isinstance(job.get(name), str)
+    }
 
 
 def load_trade(folder: Path) -> Record | None:
@@ -281,7 +266,7 @@ def _sort(run: Run, record: Record) -> bool:
 def _checked(line: Line) -> Record:
     """The record of a line; empty where it is of no kind that is known. `InputError` names a field that is wrong."""
     record = _parsed(line.text)
-    if (kind := record.get("kind")) not in fields.RECORDS or (kind in ("job", "timing") and "job" not in record):
+    if not fields.is_known(kind := record.get("kind")) or (kind in ("job", "timing") and "job" not in record):
         return {}
     if fault := fields.fault(record):
         raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")
@@ -311,81 +296,3 @@ def _parsed(text: bytes) -> Record:
         return {}
     record.pop("crc32", None)
     return record
-
-
-def require(job: Record, names: Iterable[str], folder: Path) -> None:
-    """Check that a job has some fields, by path (`cost/texture_channels`). `InputError` names one that it lacks."""
-    for name in names:
-        found: Any = job
-        for part in name.split("/"):
-            if not isinstance(found, dict) or part not in found:
-                raise InputError(f"{folder}: {job['job']} has no {name!r}: of another version; run it again")
-            found = found[part]
-
-
-def scored_unlike(key: Record, other: Record) -> list[str]:
-    """Why no number of two jobs may be compared, by their score keys; empty where all may."""
-    reasons = ["other data (their fingerprint differs)"] if key.get("btf") != other.get("btf") else []
-    reasons += ["other held-out pairs"] if key.get("deciding") != other.get("deciding") else []
-    exposures = (each.get("exposure", 0.0) for each in (key, other))
-    return reasons + ([] if math.isclose(*exposures, rel_tol=SAME_EXPOSURE) else ["another exposure"])
-
-
-def shown_label(job: Record) -> str:
-    """The label of a job in tables: a codec with recipes gets "(our recipe)" for its default."""
-    label = str(job.get("label", job["job"]))
-    ours = job.get("settings", {}).get("recipe") == "ours" and "recipe=" not in label
-    return " ".join([*label.split()[:1], "(our recipe)", *label.split()[1:]]) if ours else label
-
-
-def gate(groups: Container[str]) -> str:
-    """The group of pairs that decides a comparison: `heldout`, or `all` where none are held out."""
-    return "heldout" if "heldout" in groups else "all"
-
-
-def metric_of(names: Iterable[str], family: str) -> str:
-    """The first of these metric names that belongs to a family (`ssim` → `ssim_periodic`), or ""."""
-    return next((name for name in names if name == family or name.startswith(f"{family}_")), "")
-
-
-def metrics_of(job: Record, group: str = "") -> Record:
-    """The statistics of each metric over a group, by default the one that decides; empty where there are none."""
-    found: Record = job["scores"].get(group or gate(job["scores"]), {}).get("metrics", {})
-    return found
-
-
-def stats_of(job: Record, family: str, group: str = "") -> Record:
-    """The statistics of a family's metric over a group, by default the one that decides; empty where there are none."""
-    metrics = metrics_of(job, group)
-    found: Record = metrics.get(metric_of(metrics, family), {})
-    return found
-
-
-def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:
-    """Every number of a job and of its timing, by the path of its field: `bytes/total`, `timing/ns_per_sample`.
-
-    Nothing is rounded. The fields that name the job (material, label, codec, seed, job, status) come first, settings as
-    JSON. Short lists of numbers become fields `…/0`, `…/1`; longer lists are left out.
-    """
-    yield from ((name, job.get(name)) for name in _HEAD)
-    settings = job.get("settings", job.get("fit_key", {}).get("settings"))  # a reference stores them only in its key
-    yield "settings", None if settings is None else json.dumps(settings, sort_keys=True)
-    score = job.get("score_key", {})
-    yield from ((name, score.get(name)) for name in ("btf", "exposure", "sha256"))
-    versions = {name: metric["version"] for name, metric in job.get("metrics", {}).items()} | score.get("metrics", {})
-    yield from _flat("metric_version/", versions, [])
-    yield from zip(("height", "width"), job.get("shape", ()), strict=False)
-    yield from _flat("", {name: value for name, value in job.items() if name not in {*_HEAD, *_NO_NUMBERS}}, [])
-    yield from _flat("timing/", {name: value for name, value in (timing or {}).items() if name not in _RAW_TIMING}, [])
-
-
-def _flat(prefix: str, values: Record, found: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
-    """Add the fields to those found: a generator in a generator would hand each number through every level."""
-    for name, value in values.items():
-        if isinstance(value, dict):
-            _flat(f"{prefix}{name}/", value, found)
-        elif not isinstance(value, list):
-            found.append((prefix + name, value))
-        elif len(value) <= _LONGEST and all(isinstance(item, int | float) for item in value):
-            found += [(f"{prefix}{name}/{i}", item) for i, item in enumerate(value)]
-    return found

@@ -1,0 +1,71 @@
+"""The records of a run: what their fields are (`schema`), what they mean (`meaning`), how they are stored (`lines`).
+
+Imports neither PyTorch nor pandas.
+"""
+
+from bench.records.fields import kept, named, require, shown
+from bench.records.lines import (
+    FILE,
+    STRESS,
+    TRADE,
+    TRADE_FORMAT,
+    Records,
+    Run,
+    append,
+    load_run,
+    load_together,
+    load_trade,
+)
+from bench.records.meaning import (
+    CONDITIONS,
+    FLIP,
+    LOG_PSNR,
+    OUTSIDE,
+    PSNR,
+    RMSE,
+    SSIM,
+    flattened,
+    gate,
+    metric_of,
+    metrics_of,
+    scored_unlike,
+    shown_label,
+    stats_of,
+)
+from bench.records.schema import ARTEFACT, CLAIM, REFERENCE, RESULTS, Record
+
+__all__ = [
+    "ARTEFACT",
+    "CLAIM",
+    "CONDITIONS",
+    "FILE",
+    "FLIP",
+    "LOG_PSNR",
+    "OUTSIDE",
+    "PSNR",
+    "REFERENCE",
+    "RESULTS",
+    "RMSE",
+    "SSIM",
+    "STRESS",
+    "TRADE",
+    "TRADE_FORMAT",
+    "Record",
+    "Records",
+    "Run",
+    "append",
+    "flattened",
+    "gate",
+    "kept",
+    "load_run",
+    "load_together",
+    "load_trade",
+    "metric_of",
+    "metrics_of",
+    "named",
+    "require",
+    "scored_unlike",
+    "shown",
+    "shown_label",
+    "stats_of",
+]

@@ -1,0 +1,122 @@
+"""What the described fields of records mean for a record: its faults, its shorter forms, what it needs."""
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, Required, get_args, get_origin, get_type_hints, is_typeddict
+
+from bench.errors import InputError
+from bench.records import kinds
+from bench.records.kinds import Each, Fields, Kind, Several
+from bench.records.schema import Facts, Job, Needed, Record, Shown, Start, Stress, Timing, Trade, Use
+
+_MEASURED = ("scores", "metrics", "bytes", "parameters")  # of a job that has a result
+_TIMED = ("ns_per_sample", "ratio_to_floor", "ratio_interval95", "batch", "threads")
+_CHOSEN = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", "smallest")
+
+
+def kind_of(hint: Any) -> Kind:
+    """The kind of values that a type describes."""
+    marks = getattr(hint, "__metadata__", ())
+    if known := next((mark for mark in marks if isinstance(mark, Kind)), None):
+        return known
+    if marks or get_origin(hint) is Required:
+        return kind_of(get_args(hint)[0])
+    if is_typeddict(hint):
+        each_kind = {name: kind_of(each) for name, each in get_type_hints(hint, include_extras=True).items()}
+        return Fields(each_kind, tuple(name for name in each_kind if name in hint.__required_keys__), hint)
+    arguments = get_args(hint)
+    match get_origin(hint):
+        case kind if kind is Literal:
+            return kinds.one_of(*arguments)
+        case kind if kind is dict:
+            return Each(kind_of(arguments[1]))
+        case kind if kind is list:
+            return Several(kind_of(arguments[0]))
+    if type(None) in arguments:
+        return kinds.maybe(kind_of(arguments[0]))
+    return {bool: kinds.FLAG, Any: kinds.ANYTHING}[hint]
+
+
+KINDS = {"run": Start, "job": Job, "timing": Timing, "stress": Stress}
+FIELDS: dict[str, Kind] = {name: kind_of(described) for name, described in KINDS.items()}
+FIELDS["rate"] = Fields({})  # of older runs, which nothing reads: rates are compared when a table is made
+_FACTS, _TRADE = kind_of(Facts), kind_of(Trade)
+
+
+def is_known(kind: object) -> bool:
+    """Whether records of a kind are read."""
+    return kind in FIELDS
+
+
+def fault(record: Mapping[str, Any]) -> str:
+    """The first field of a record that is not what it must be, and what it must be; "" where all are."""
+    needed: tuple[str, ...] = ()
+    if record["kind"] == "job" and "status" in record:
+        needed = _MEASURED if record["status"] == "ok" else ("error",)
+    return kinds.in_words(kinds.missing(record, needed) or kinds.fault_of(FIELDS[record["kind"]], record))
+
+
+def fault_of_trade(trade: Mapping[str, Any]) -> str:
+    """The same of the measurements of `neubtf-bench trade`."""
+    if wrong := kinds.fault_of(_TRADE, trade):
+        return kinds.in_words(wrong)
+    for row in trade["choices"]:
+        needed = () if "error" in row else (*_TIMED, *(_CHOSEN if "bytes" in row else ()))
+        if wrong := kinds.missing(row, needed):
+            return kinds.in_words((f"choices/{row['label']:.60}/{wrong[0]}", wrong[1]))
+    return ""
+
+
+def fault_of_facts(facts: Any) -> str:
+    """The same of the facts of a fit, which lie beside a codec file."""
+    return kinds.in_words(kinds.fault_of(_FACTS, facts))
+
+
+def kept(record: Record, use: Use) -> Record:
+    """The shorter form of a record: its fields of that use, and theirs, in the order in which they are described."""
+    return _kept(FIELDS[record["kind"]], record, use)
+
+
+def _kept(kind: Kind, value: Any, use: Use) -> Any:
+    if isinstance(kind, Each) and isinstance(value, dict):
+        return {name: _kept(kind.of, item, use) for name, item in value.items()}
+    if not isinstance(kind, Fields) or not isinstance(value, dict) or not (names := named(use, kind.described)):
+        return value
+    return {name: _kept(kind.known[name], value[name], use) for name in names if name in value}
+
+
+@cache
+def named(use: Use, described: Any = Job) -> tuple[str, ...]:
+    """The names of the fields of a use, by default those of a job."""
+    return tuple(name for name, marks in _marks(described) if any(isinstance(m, Use) and use & m for m in marks))
+
+
+@cache
+def shown() -> dict[str, Shown]:
+    """The columns that fields of a job ask for, by the path of the field."""
+    return {path: mark for path, marks in _marks(Job) for mark in marks if isinstance(mark, Shown)}
+
+
+def require(job: Record, by: Literal["comparison", "tables"], folder: Path) -> None:
+    """Check that a job has what a comparison or tables need. `InputError` names a field that it lacks."""
+    for path in _needed(by):
+        value: Any = job
+        for part in path.split("/"):
+            if not isinstance(value, dict) or part not in value:
+                raise InputError(f"{folder}: {job['job']} has no {path!r}: of another version; run it again")
+            value = value[part]
+
+
+@cache
+def _needed(by: str) -> list[str]:
+    needs = [(name, mark) for name, marks in _marks(Job) for mark in marks if isinstance(mark, Needed)]
+    return [path for name, mark in needs if mark.by == by for path in (name, *(f"{name}/{key}" for key in mark.keys))]
+
+
+def _marks(described: Any) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """What is said of each field of a class, and of the fields of these."""
+    for name, hint in get_type_hints(described, include_extras=True).items():
+        while get_origin(hint) is Required:
+            hint = get_args(hint)[0]
+        yield name, getattr(hint, "__metadata__", ())

@@ -1,0 +1,166 @@
+"""The kinds of values that a field can hold, and the first field of a record that holds something else.
+
+Records are lines of text, which people edit and write by hand. A reader of records relies on nothing that is not
+checked here. Fields that are not listed are free, but plain: finite numbers of a size that tables can show, and not
+nested deeply.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import chain
+from typing import Any
+
+LARGEST = 1e18  # a number beyond is no measurement
+WHOLE = (1 << 63) - 1  # seeds reach as far
+DEEPEST = 12
+LONGEST = 1 << 20  # characters of a text; a traceback is far shorter
+
+
+@dataclass(frozen=True)
+class Plain:
+    """A value without parts."""
+
+    words: str
+    test: Callable[[Any], bool]
+
+
+@dataclass(frozen=True)
+class Each:
+    """An object of any names whose values are all of one kind."""
+
+    of: "Kind"
+
+
+@dataclass(frozen=True)
+class Several:
+    """A list of values of one kind, of a length where that is given."""
+
+    of: "Kind"
+    length: int | None = None
+
+
+@dataclass(frozen=True)
+class Fields:
+    """An object: its known fields, and which of them must be there."""
+
+    known: "Mapping[str, Kind]"
+    needed: tuple[str, ...] = ()
+    described: Any = None  # the class that describes them
+
+
+Kind = Plain | Each | Several | Fields
+
+
+def _is_number(value: Any) -> bool:
+    if value.__class__ is float:
+        return -LARGEST <= value <= LARGEST
+    return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= WHOLE
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= LONGEST
+
+
+def _is_text_or_texts(value: Any) -> bool:
+    return all(map(_is_text, value.values())) if isinstance(value, dict) else _is_text(value)
+
+
+def one_of(*words: str) -> Plain:
+    """One of these texts."""
+    return Plain(" or ".join(map(repr, words)), lambda value: isinstance(value, str) and value in words)
+
+
+@cache
+def maybe(kind: Plain) -> Plain:
+    """The kind, or null."""
+    test = kind.test
+    return Plain(f"{kind.words} or null", lambda value: value is None or test(value))
+
+
+NUMBER = Plain("a finite number", _is_number)
+POSITIVE = Plain("a finite number > 0", lambda value: _is_number(value) and value > 0)
+NOT_NEGATIVE = Plain("a finite number ≥ 0", lambda value: _is_number(value) and value >= 0)
+COUNT = Plain("a whole number ≥ 0", _is_count)
+TEXT = Plain("a text", _is_text)
+NAME = Plain("a name", lambda value: _is_text(value) and bool(value.strip()))
+FLAG = Plain("true or false", lambda value: isinstance(value, bool))
+SETTING = Plain(
+    "a finite number, a text, true or false",
+    lambda value: isinstance(value, bool) or _is_text(value) or _is_number(value) or _is_count(value),
+)
+TEXT_OR_TEXTS = Plain("a text, or texts by metric", _is_text_or_texts)
+ANYTHING = Plain("", lambda value: True)
+NUMBER_OR_NULL = maybe(NUMBER)
+
+Fault = tuple[str, str]  # the place of a field, `scores/heldout`, and what it must be
+
+
+def in_words(found: Fault | None) -> str:
+    """A fault in words; "" for none."""
+    return f"{found[0].lstrip('/')} {found[1]}" if found else ""
+
+
+def missing(value: Mapping[str, Any], needed: tuple[str, ...]) -> Fault | None:
+    """The first field that is needed and not there."""
+    return next(((name, "is missing") for name in needed if name not in value), None)
+
+
+def fault_of(kind: Kind, value: Any, depth: int = 0) -> Fault | None:
+    """The first fault of a value, at a place within it."""
+    if kind.__class__ is Plain and kind is not ANYTHING:
+        return None if kind.test(value) else ("", f"must be {kind.words}, not {_shown(value)}")
+    if depth > DEEPEST:
+        return "", "is nested too deeply"
+    if isinstance(kind, Several) and (not isinstance(value, list) or kind.length not in (None, len(value))):
+        return "", f"must be a list{f' of {kind.length}' if kind.length else ''}, not {_shown(value)}"
+    if isinstance(kind, Each | Fields) and not isinstance(value, dict):
+        return "", f"must be an object, not {_shown(value)}"
+    if isinstance(value, dict):
+        return _fault_of_object(kind, value, depth)
+    if isinstance(value, list):
+        each = kind.of if isinstance(kind, Several) else ANYTHING
+        if _plainly(NUMBER if each is ANYTHING else each, value):
+            return None
+        return next((found for item in value if (found := fault_of(each, item, depth + 1))), None)
+    return None if value is None else fault_of(SETTING, value, depth)
+
+
+def _fault_of_object(kind: Kind, value: Mapping[str, Any], depth: int) -> Fault | None:
+    if isinstance(kind, Each) and _plainly(kind.of, value.values()):
+        return None  # the common case, thousands of times a run
+    known: Mapping[str, Kind] = {}
+    others: Kind = kind.of if isinstance(kind, Each) else ANYTHING
+    if isinstance(kind, Fields):
+        known = kind.known
+        if absent := missing(value, kind.needed):
+            return absent
+    for name, item in value.items():
+        each = known.get(name, others)
+        if each.__class__ is Plain and each is not ANYTHING and each.test(item):
+            continue
+        if found := fault_of(each, item, depth + 1):
+            return f"{name:.60}/{found[0]}".rstrip("/"), found[1]
+    return None
+
+
+def _plainly(kind: Kind, values: Collection[Any]) -> bool:
+    """Whether some values are all of a kind, where that can be seen at once; False says nothing."""
+    if isinstance(kind, Each):
+        objects = {*map(type, values)} == {dict}
+        return objects and _plainly(kind.of, [*chain.from_iterable(map(dict.values, values))])
+    if kind is NUMBER or kind is NUMBER_OR_NULL:
+        known = {float, int} if kind is NUMBER else {float, int, type(None)}
+        return {*map(type, values)} <= known and all(map(LARGEST.__ge__, map(abs, filter(None, values))))
+    return isinstance(kind, Plain) and kind is not ANYTHING and all(map(kind.test, values))
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict | list):
+        return f"{'an object' if isinstance(value, dict) else 'a list'} of {len(value)}"
+    text = repr(value) if not isinstance(value, int) or abs(value) <= WHOLE else "a number of absurd size"
+    return text if len(text) <= 60 else f"{text[:60]} …"

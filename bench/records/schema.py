@@ -1,0 +1,348 @@
+"""The fields of every record: each says once what it holds, which shorter forms keep it, and how tables show it.
+
+A record is a dictionary; the classes here describe its kinds. Beside its type a field may say
+
+- its `Use`: the shorter forms of a record that keep it (`kept`), or that it names a file of the run's folder;
+- `Needed`: that a comparison, or a table, cannot do without it (`require`);
+- `Shown`: a column, which tables, the page and published results then have.
+
+So a new number takes two edits: where it is measured, and its field. Fields that are not listed are free, but plain
+(`bench.records.kinds`); the shorter forms drop them. `bench.records.fields` reads what is said here.
+"""
+
+from enum import Flag, auto
+from typing import Annotated, Any, Literal, NamedTuple, Required, TypedDict
+
+from bench.records import kinds
+from bench.records.kinds import Several
+
+Record = dict[str, Any]
+
+
+class Use(Flag):
+    """What a field is used for."""
+
+    REFERENCE = auto()  # kept in the reference of a suite
+    RESULTS = auto()  # kept in published results, and on the page
+    CLAIM = auto()  # taken over from a submitted record, since only the fit could measure it
+    ARTEFACT = auto()  # names a file of the run's folder
+    APART = auto()  # no number of a table of all numbers: it names the row, or is shown in a form of its own
+
+
+REFERENCE, RESULTS, CLAIM, ARTEFACT, APART = Use
+PUBLISHED = REFERENCE | RESULTS
+
+
+class Needed(NamedTuple):
+    """A job with a result must have the field, and these keys of it, for a comparison or for tables."""
+
+    by: Literal["comparison", "tables"]
+    keys: tuple[str, ...] = ()
+
+
+class Shown(NamedTuple):
+    """A column of a number: its name, its unit with an arrow to the better end, its significant digits (0: whole)."""
+
+    name: str
+    unit: str
+    digits: int = 3
+
+
+Number = Annotated[float, kinds.NUMBER]
+Positive = Annotated[float, kinds.POSITIVE]
+NotNegative = Annotated[float, kinds.NOT_NEGATIVE]
+Count = Annotated[int, kinds.COUNT]
+Text = Annotated[str, kinds.TEXT]
+Name = Annotated[str, kinds.NAME]
+Setting = Annotated[bool | int | float | str, kinds.SETTING]
+Pair = Annotated[list[float], Several(kinds.NUMBER, 2)]
+Statistics = dict[str, Number | None]
+
+
+class Metric(TypedDict, total=False):
+    """A metric, as the record's tables show it."""
+
+    unit: Required[Annotated[Text, PUBLISHED]]
+    direction: Required[Annotated[Literal["higher", "lower"], PUBLISHED]]
+    space: Annotated[Text, RESULTS]
+    version: Required[Annotated[Count, PUBLISHED]]
+
+
+class Group(TypedDict, total=False):
+    """The scores of a group of pairs."""
+
+    slices: Count
+    radiance: Number | None
+    metrics: Required[dict[str, Statistics]]
+
+
+class Point(TypedDict, total=False):
+    """A point of the curve of a fit."""
+
+    step: Required[Count]
+    seconds: Number
+    psnr: Number
+
+
+class FitKey(TypedDict, total=False):
+    """All that a file depends on."""
+
+    codec: Annotated[Name, RESULTS]
+    version: Annotated[Count, PUBLISHED]
+    settings: Annotated[dict[str, Setting], PUBLISHED]
+    training: Annotated[Any, PUBLISHED]
+    torch: Annotated[Any, RESULTS]
+    code: Annotated[Any, RESULTS]
+    libraries: Annotated[dict[str, Text | None], RESULTS]
+    shared: Annotated[Any, RESULTS]
+
+
+class ScoreKey(TypedDict, total=False):
+    """All that scores depend on, beside the file."""
+
+    sha256: Annotated[Text, RESULTS]
+    btf: Annotated[Text, PUBLISHED]
+    exposure: Annotated[Number, PUBLISHED]
+    metrics: Annotated[dict[str, Count], RESULTS]
+    footprints: Annotated[Any, PUBLISHED]
+    demand: Annotated[Text | None, RESULTS]
+    deciding: Annotated[Text | None, PUBLISHED]
+
+
+class Bytes(TypedDict, total=False):
+    """The size of a file, by part; and of the network's file that it shares with others."""
+
+    decoder: Count
+    texture: Count
+    encoder: Count
+    sampling: Count
+    other: Count
+    header: Count
+    total: Required[Count]
+
+
+class Provenance(TypedDict, total=False):
+    """Where a BTF comes from."""
+
+    source: Annotated[Any, RESULTS]
+    material: Annotated[Any, RESULTS]
+    parameters: Annotated[Any, RESULTS]
+    renderer_version: Annotated[Any, RESULTS]
+    native: Annotated[Any, RESULTS]
+    split: Annotated[Any, RESULTS]
+
+
+class Machine(TypedDict, total=False):
+    """The machine of a job or a run; published without the name of its host."""
+
+    host: Setting | None
+    processor: Annotated[Setting | None, PUBLISHED]
+    capability: Annotated[Setting | None, PUBLISHED]
+    cores: Annotated[Setting | None, RESULTS]
+
+
+class Program(TypedDict):
+    """How long a codec's own program took to answer."""
+
+    queries: Count
+    ns_per_query: NotNegative
+
+
+class Scene(TypedDict):
+    """The quality in the frames of a scene."""
+
+    name: Text
+    queries: Count
+    frames: Annotated[list[int], Several(kinds.COUNT, 3)]
+    metrics: Statistics
+
+
+class Job(TypedDict, total=False):
+    """One cell of a suite: what was encoded, its bytes and errors, or why it failed."""
+
+    kind: Annotated[Text, PUBLISHED | CLAIM | APART]
+    job: Annotated[Text, PUBLISHED | CLAIM | APART]
+    run: Annotated[Text, RESULTS | CLAIM | APART, Needed("tables")]
+    material: Required[Annotated[Name, PUBLISHED | CLAIM | APART]]
+    codec: Annotated[Name, RESULTS | CLAIM | APART, Needed("tables")]
+    label: Required[Annotated[Name, PUBLISHED | CLAIM | APART]]
+    curve: Annotated[Name, RESULTS | CLAIM]
+    seed: Required[Annotated[Count, PUBLISHED | CLAIM | APART]]
+    split: Annotated[Text, RESULTS | CLAIM]
+    status: Required[Annotated[Literal["ok", "failed", "unavailable"], PUBLISHED | APART]]
+    error: Annotated[Text, RESULTS]
+    traceback: Annotated[Text, APART]
+    shape: Annotated[list[int], Several(kinds.COUNT, 2), RESULTS | APART, Needed("tables")]
+    pairs: Annotated[dict[str, Count], RESULTS, Needed("tables", ("train",))]
+    settings: Annotated[dict[str, Setting], RESULTS | APART]
+    bytes: Annotated[Bytes, PUBLISHED]
+    parameters: Annotated[Count | None, PUBLISHED]
+    cost: Annotated[dict[str, Count], RESULTS, Needed("tables", ("texture_channels",))]
+    metrics: Annotated[dict[str, Metric], PUBLISHED | APART]
+    scores: dict[str, Group]
+    footprints: Annotated[dict[str, Statistics], RESULTS]
+    scene: Annotated[Scene, RESULTS]
+    program: Annotated[Program, RESULTS]
+    fit_key: Annotated[FitKey, PUBLISHED | CLAIM | APART, Needed("comparison", ("settings", "training"))]
+    fit_seconds: Annotated[NotNegative, RESULTS | CLAIM, Shown("fit", "s", 2)]
+    fit_cached: bool
+    fitted: Annotated[dict[str, Text | None], RESULTS | CLAIM]
+    history: Annotated[list[Point], RESULTS | CLAIM]
+    score_key: Annotated[ScoreKey, PUBLISHED | APART, Needed("comparison", ("btf", "exposure")), Needed("tables")]
+    scored: Annotated[dict[str, Text | None], RESULTS]
+    provenance: Annotated[Provenance, RESULTS | APART]
+    machine: Annotated[Machine, RESULTS]
+    file: Annotated[Text, RESULTS | ARTEFACT]
+    slices: Annotated[Any, kinds.TEXT_OR_TEXTS, ARTEFACT]
+    angular: Annotated[Text, ARTEFACT]
+    pictures: Annotated[Text, ARTEFACT]
+    drawing: Annotated[Text, ARTEFACT]
+    not_drawn: Text
+
+
+class Timing(TypedDict, total=False):
+    """One codec timed beside the others of its material."""
+
+    kind: Annotated[Text, PUBLISHED | APART]
+    job: Annotated[Text, PUBLISHED | APART]
+    run: Required[Annotated[Text, PUBLISHED | APART]]
+    ns_per_sample: Required[Annotated[Positive, PUBLISHED]]
+    interval95_ns: Required[Annotated[Pair, PUBLISHED]]
+    iqr_ns: Annotated[Number, RESULTS]
+    ratio_to_floor: Annotated[Positive, RESULTS]
+    ratio_interval95: Annotated[Pair, RESULTS]
+    floor_ns: Annotated[Positive, RESULTS]
+    floor_again: Annotated[Positive, RESULTS]
+    floors: Annotated[Count, RESULTS]
+    samples_ns: Annotated[Any, APART]
+    floor_ratios: Annotated[Any, APART]
+    batch: Annotated[Count, PUBLISHED]
+    dtype: Annotated[Text, PUBLISHED]
+    threads: Annotated[Count, PUBLISHED]
+    device: Annotated[Text, PUBLISHED]
+    execution: Annotated[Text, PUBLISHED]
+    queries: Annotated[Text, PUBLISHED]
+    texture_fetch: Annotated[bool, PUBLISHED]
+    unrest: Annotated[Text, RESULTS]
+    load_average: Annotated[Any, RESULTS]
+    others_cores: Annotated[Any, RESULTS]
+
+
+class Stress(TypedDict, total=False):
+    """One extreme, tried on one codec or metric."""
+
+    subject: Required[Name]
+    extreme: Required[Name]
+    group: Required[Name]
+    verdict: Required[Literal["pass", "fail", "n/a"]]
+    detail: Required[Text]
+    figure: Required[Text]
+    order: Required[Count]
+    holds: Text
+    used: Number | None
+    version: Count | None
+
+
+class Start(TypedDict, total=False):
+    """The provenance of a run, once a start."""
+
+    kind: Annotated[Text, PUBLISHED]
+    run: Annotated[Text, RESULTS]
+    suite: Annotated[Text, PUBLISHED]
+    text: Annotated[Text, RESULTS]
+    device: Annotated[Text, PUBLISHED]
+    threads: Annotated[Count, PUBLISHED]
+    seeds: Annotated[list[Count], RESULTS]
+    data: Annotated[Any, RESULTS]
+    materials: Annotated[Any, RESULTS]
+    jobs: Annotated[list[Text], RESULTS]
+    git: Annotated[Text | None, RESULTS]
+    python: Text
+    packages: Annotated[dict[str, Text | None], PUBLISHED]
+    machine: Annotated[Machine, PUBLISHED]
+
+
+class Facts(TypedDict, total=False):
+    """The facts of a fit, which lie beside a codec file: they are not in the file, so that its bytes do not change."""
+
+    fit_key: Required[FitKey]
+    sha256: Required[Text]
+    fit_seconds: Required[NotNegative]
+    history: Required[list[Point]]
+    fitted: dict[str, Text | None]
+
+
+class Noise(TypedDict):
+    """Samples and seconds to a noise of 1 % in a scene, by cosine and by lobes."""
+
+    scene: Text
+    samples: Annotated[list[float], Several(kinds.NOT_NEGATIVE, 2)]
+    seconds: Annotated[list[float], Several(kinds.NOT_NEGATIVE, 2)]
+
+
+class Choice(TypedDict, total=False):
+    """A codec with settings, execution and precision, as a trade measured it."""
+
+    material: Required[Name]
+    label: Required[Name]
+    execution: Required[Text]
+    precision: Required[Text]
+    device: Required[Text]
+    job: Text
+    codec: Text
+    error: Text
+    unrest: Text
+    sha256: Text
+    noise: Noise
+    noise_error: Text
+    settings: dict[str, Setting]
+    psnr: Number | None
+    worst: Number | None
+    flip: Number | None
+    bytes: Count
+    parameters: Count
+    batch: Count
+    threads: Count
+    ns_per_sample: Positive
+    ratio_to_floor: Positive
+    ratio_interval95: Pair
+    floor_ns: Positive
+    floor_again: Positive
+    of_limit: Number
+    fastest: bool
+    smallest: bool
+    emulated: bool
+
+
+class Profile(TypedDict, total=False):
+    """The time of a part of a decoder."""
+
+    material: Required[Name]
+    name: Required[Name]
+    part: Required[Text]
+    batch: Required[Count]
+    coherent: Required[bool]
+    footprint: Required[NotNegative]
+    threads: Required[Count]
+    ns_per_sample: Required[Positive]
+    unrest: Text
+
+
+class Ceiling(TypedDict):
+    """What a machine can compute and read."""
+
+    device: Text
+    dtype: Text
+    threads: Count
+    flops_per_ns: Positive
+    bytes_per_ns: Positive
+
+
+class Trade(TypedDict, total=False):
+    """The measurements of `neubtf-bench trade`."""
+
+    choices: Required[list[Choice]]
+    profiles: Required[list[Profile]]
+    ceilings: Required[list[Ceiling]]
+    answers: Required[list[Text]]
+    left_out: list[Text]

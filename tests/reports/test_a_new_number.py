@@ -1,0 +1,50 @@
+"""A new number takes two edits: where it is measured, and its field."""
+
+import json
+from typing import Annotated
+
+import pytest
+
+from bench.compare.results import published
+from bench.records import fields, kinds, load_run, schema
+from reports import table_text, write_report
+
+
+@pytest.fixture
+def described():
+    """Describes fields of a job, and takes them back."""
+    caches = (fields.named, fields.shown)
+    before, known = dict(schema.Job.__annotations__), fields.FIELDS["job"]
+
+    def describe(**added):
+        schema.Job.__annotations__.update(added)
+        fields.FIELDS["job"] = fields.kind_of(schema.Job)
+        for cache in caches:
+            cache.cache_clear()
+
+    yield describe
+    schema.Job.__annotations__.clear()
+    describe(**before)
+    fields.FIELDS["job"] = known
+
+
+def test_a_measured_number_with_a_field_stands_in_table_page_and_published_results(made, described):
+    described(sharpness=Annotated[float, kinds.NUMBER, schema.RESULTS, schema.Shown("sharpness", "% ↑", 4)])
+    made.job(sharpness=61.84, file="files/a.nbtf")
+    assert "sharpness % ↑" in (table := table_text(made.folder, "markdown", "main"))
+    assert "61.84" in table
+    write_report(made.folder)
+    page = (made.folder / "report.html").read_text()
+    assert "sharpness" in page
+    assert "61.84" in page
+    line = next(
+        each for each in map(json.loads, published(load_run(made.folder)).splitlines()) if each["kind"] == "job"
+    )
+    assert line["sharpness"] == 61.84
+
+
+def test_a_field_is_checked_when_a_record_is_read(made, described):
+    described(sharpness=Annotated[float, kinds.POSITIVE])
+    made.job(sharpness=-1.0)
+    with pytest.raises(Exception, match=r"sharpness must be a finite number > 0, not -1\.0"):
+        list(load_run(made.folder).jobs)
