@@ -116,9 +116,8 @@ def _check_parts(codec: "Codec | SharedNetwork", parts: object) -> None:
         raise answered(made, parts, "Parts of tensors, as Parts(texture={...}),")
     for part, found in ((part, getattr(parts, part)) for part in PARTS):
         if not isinstance(found, dict):
-            raise answered(
-                made, f"Parts whose {part} is of type {type(found).__name__}", "a dictionary of tensors by name"
-            )
+            what = f"Parts whose {part} is of type {type(found).__name__}"
+            raise answered(made, what, "a dictionary of tensors by name")
         for name, value in found.items():
             if not isinstance(value, Tensor):
                 due = "a tensor (torch.from_numpy makes one of an array)"
