@@ -1,6 +1,6 @@
 """Fuzzes every reader: damaged input gives an `InputError` or a BTF that reads, never another exception or a hang.
 
-    python benchmarks/fuzz_readers.py [--count 2000] [--seed 0] [--only READER ...] [--again N]
+    python tests/fuzz/fuzz_readers.py [--count 2000] [--seed 0] [--only READER ...] [--again N]
 
 Bytes are damaged in files, in the entries of archives (which are packed anew, with sound checksums) and in the headers
 of arrays. See `fuzzing.py` for limits and exit code.
