@@ -140,7 +140,7 @@ def _material_lines(header: Header) -> list[str]:
 
 def _layer_lines(material: "Material") -> list[str]:
     """The layers of the decoder and what each counts; none of a table or another program."""
-    from bench.conformance.counting import layers
+    from bench.material import layers
 
     rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

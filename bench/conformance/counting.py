@@ -1,12 +1,9 @@
-"""Counts what a file really holds, textures and layers of its decoder, to hold against what its codec declares."""
+"""Counts what the textures of a file really hold, to hold against what its codec declares."""
 
 import math
 
 from torch import Tensor
 
-from bench.material import Material
-
-DEEPEST = 64  # levels of networks inside networks that are told apart
 PACKED_BITS = (1, 32)  # of an index that is packed into bytes, the least and the most
 
 
@@ -37,22 +34,6 @@ def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
         return shape[1]
     coarser = len(shape) > 2 and math.prod(shape[:2]) < math.prod(size)
     return 0 if coarser else None
-
-
-def layers(material: Material) -> list[tuple[str, str, int]]:
-    """Name, kind and trainable parameters of each layer of the decoder networks that has any, as torchinfo finds them.
-
-    They add up to `bench.material.parameters`.
-    """
-    from torchinfo import summary
-
-    found, place = [], list[str]()
-    for network in material.modules():
-        for layer in summary(network, depth=DEEPEST, verbose=0).summary_list:
-            place[layer.depth :] = [layer.var_name]
-            if own := 0 if layer.is_recursive else layer.leftover_trainable_params():
-                found.append((".".join(place), layer.class_name, own))
-    return found
 
 
 def said(count: range) -> str:

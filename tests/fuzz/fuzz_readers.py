@@ -20,10 +20,10 @@ import numpy as np
 from fuzzing import Reading, Target, main
 from ubo2014_write import write_ubo2014
 
+from bench.archive import write_npz
 from bench.btf import BTF, ArraySource
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_exr, write_folder
-from bench.data.readers.npz import write_npz
 from bench.hemisphere import from_degrees
 
 H, W = 8, 9
