@@ -206,7 +206,7 @@ def ladders(cells: Cells, chosen: argparse.Namespace) -> Iterator[str]:
     for name, text, found in chosen_cells(cells, chosen):
         split = next(split for split in SPLITS if split in found[0])
         rung = mean_bytes(found), statistics.mean(cell[split]["pooled"] for cell in found)
-        curves.setdefault((name, re.sub(rf"\b{chosen.rate}=[^,]*,?", "", text).strip(":,")), []).append(rung)
+        curves.setdefault((name, re.sub(rf"\b(?:{chosen.rate})=[^,]*,?", "", text).strip(":,")), []).append(rung)
     for (name, text), curve in curves.items():
         if len(curve) < FEWEST:
             continue
