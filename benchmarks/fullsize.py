@@ -15,7 +15,6 @@ import io
 import sys
 import time
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -72,12 +71,9 @@ def write_btf(path: Path, tile: BTF, side: int, rank: int) -> None:
 def _decomposed(matrix: Array, rank: int) -> tuple[Array, Array, Array]:
     """Mean (pairs,), basis (pairs, rank) and coefficients (rank, texels) of a matrix (pairs, texels)."""
 
-    def read(_: str) -> Iterator[torch.Tensor]:
-        for start in range(0, len(matrix), BLOCK):
-            yield torch.from_numpy(matrix[start : start + BLOCK].copy())
-
+    blocks = lambda _: (torch.from_numpy(matrix[i : i + BLOCK].copy()) for i in range(0, len(matrix), BLOCK))  # noqa: E731
     shape = (matrix.shape[0], matrix.shape[1])
-    found = truncated_svd(read, shape, rank, PASSES, torch.Generator().manual_seed(0), torch.device("cpu"))
+    found = truncated_svd(blocks, shape, rank, PASSES, torch.Generator().manual_seed(0), torch.device("cpu"))
     return found.mean.numpy(), found.basis.numpy(), found.coefficients.numpy()
 
 

@@ -14,7 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from matplotlib import colormaps
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from neubtf_pictures import grid
 
 from baselines.relief import sweep
 from bench.btf import BTF
@@ -57,15 +60,12 @@ def row(name: str, found: sweep.Found, truth: Array) -> str:
 
 def drawn(heights: dict[str, tuple[Array, Array]]) -> Figure:
     """True and found heights (H, W), each pair on one scale."""
-    figure = Figure(figsize=(2 * len(heights), 4.3), layout="constrained")
-    for column, (name, both) in enumerate(heights.items()):
-        low, high = np.percentile(both[0], [0.5, 99.5])
-        for line, (what, height) in enumerate(zip(("true", "found"), both, strict=True)):
-            axes = figure.add_subplot(2, len(heights), line * len(heights) + column + 1)
-            axes.imshow(height, cmap="viridis", vmin=low, vmax=high)
-            axes.set(title=f"{name}, {what}", xticks=[], yticks=[])
-            axes.title.set_fontsize(9)
-    return figure
+    scales = [np.percentile(truth, [0.5, 99.5]) for truth, _ in heights.values()]
+    pairs = [
+        [colormaps["viridis"](Normalize(*scale)(h)) for h in both]
+        for both, scale in zip(heights.values(), scales, strict=True)
+    ]
+    return grid(list(zip(*pairs, strict=True)), list(heights), ["true", "found"])
 
 
 def failing(name: str, steps: int) -> Figure:
@@ -84,13 +84,8 @@ def failing(name: str, steps: int) -> Figure:
         f"{name}, {steps:,} steps, the worst of {len(shown)}: {-10 * np.log10(np.square(truth - ours).mean()):.1f} dB"
     )
     view, light = (float(theta_deg(each[None])[0]) for each in (btf.wo[worst], btf.wi[worst]))
-    figure = Figure(figsize=(6.3, 2.4), layout="constrained")
+    figure = grid([[truth, ours, np.clip(abs(truth - ours), 0, 1)]], ["truth", "decoded", "difference"], [""])
     figure.suptitle(f"{name}: view {view:.0f}° and light {light:.0f}° from the normal", fontsize=9)
-    for number, (what, picture) in enumerate((("truth", truth), ("decoded", ours), ("difference", abs(truth - ours)))):
-        axes = figure.add_subplot(1, 3, number + 1)
-        axes.imshow(np.clip(picture, 0, 1))
-        axes.set(title=what, xticks=[], yticks=[])
-        axes.title.set_fontsize(9)
     return figure
 
 

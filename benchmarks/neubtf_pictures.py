@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 from propagation import BRIEF, fitted, guided, left_half
 from scipy.spatial import cKDTree
 from skimage import data
@@ -34,9 +35,9 @@ from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
 from bench.metrics.scoring import Scorer
 from bench.records import SSIM, metric_of
 from bench.threads import torch_threads
+from neubtf import latents
 from neubtf.codec import NeuBTF, most_frontal
 from neubtf.guidance import RADIANCE, Treatment
-from neubtf.latents import sheet
 from neubtf.propagation import Source
 from neubtf.renderer import NeuBTFMaterial
 from neubtf.tileable import seam_of
@@ -51,7 +52,6 @@ EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
 SCALES = (1, 3 / 4, 1 / 2, 3 / 8, 1 / 4, 1 / 8)
 # Half the steps show other slices, and half of those another scale, or none of them.
 SCALED = BRIEF | {"smallest": 0.5, "explore": 0.5, "steps": 3600}
-UNSCALED = SCALED | {"smallest": 1.0}
 
 
 class Bench:
@@ -214,47 +214,22 @@ def hexagons(side: float = 26, joint: float = 3) -> Array:
 def jacquard(thread: int = 13) -> Array:
     """A binary draft (208, 260): bright where the weft lies above. Satin, and inside a silhouette its other side."""
     warp, weft = np.meshgrid(np.arange(20), np.arange(16))
-    silhouette = resize_nearest(data.horse()[25:310, 20:380], warp.shape)
+    silhouette = np.asarray(
+        Image.fromarray(data.horse()[25:310, 20:380]).resize(warp.shape[::-1], Image.Resampling.NEAREST)
+    )
     above = (2 * warp + weft) % 5 == 0
     return np.where(np.kron(above ^ ~silhouette, np.ones((thread, thread), bool)), 0.45, 0.06)
 
 
-def resize_nearest(picture: Array, shape: tuple[int, ...]) -> Array:
-    """The texels of a picture (H, W) nearest to those of another shape."""
-    rows, cols = (
-        ((np.arange(new) + 0.5) * old / new).astype(int) for old, new in zip(picture.shape, shape, strict=True)
-    )
-    return picture[rows[:, None], cols]
-
-
 def draw_levels(bench: Bench) -> None:
     """Does a smaller guidance give what a smaller picture of the material shows? On the half that was fitted."""
-    figure = Figure(figsize=(8, 3.3), layout="constrained")
-    panels: Any = figure.subplots(1, 2, sharey=True)
-    labels = ("R(A(G↓)) to truth↓", "R(A(G))↓ to truth↓", "R(A(G↓)) to R(A(G))↓")
-    print("| trained down to | scale | " + " | ".join(labels) + " |\n|" + " --- |" * 5)
-    fits = (bench.half("brick", "scaled", SCALED), bench.half("brick", "unscaled", UNSCALED))
-    for axes, source in zip(panels, fits, strict=True):
-        smallest = source.header.settings["smallest"]
-        found = levels(source, bench.btf("brick"))
-        for scale, psnr in zip(SCALES, found, strict=True):
-            print(f"| {smallest:g} | {scale:g} | " + " | ".join(f"{x:.2f}" if x < 100 else "same" for x in psnr) + " |")
-        for values, label, style in zip(np.transpose(found), labels, ("o-", "s--", "^:"), strict=True):
-            axes.plot(SCALES, np.where(values < 100, values, np.nan), style, label=label, markersize=4, linewidth=1.2)
-        axes.axvspan(smallest, 1.03, color="0.9", zorder=0)
-        trained = f"trained at scales from {smallest:g} to 1 (grey)" if smallest < 1 else "trained at scale 1 alone"
-        axes.set(xscale="log", xlabel="scale of the guidance", title=f"brick, {trained}", xlim=(0.115, 1.08))
-        axes.set_xticks(SCALES, [f"{scale:.3g}" for scale in SCALES], fontsize=7)
-        axes.minorticks_off()
-        axes.grid(alpha=0.25)
-        axes.title.set_fontsize(9)
-    panels[0].set_ylabel("display PSNR, dB")
-    panels[1].legend(fontsize=7, frameon=False)
-    bench.save(figure, "levels.png")
+    print("| scale | R(A(G↓)) to truth↓ | R(A(G))↓ to truth↓ | R(A(G↓)) to R(A(G))↓ |\n|" + " --- |" * 4)
+    for scale, psnr in zip(SCALES, levels(bench.half("brick", "scaled", SCALED), bench.btf("brick")), strict=True):
+        print(f"| {scale:g} | " + " | ".join(f"{x:.2f}" if x < 100 else "same" for x in psnr) + " |")
 
 
 def levels(source: Source, btf: BTF) -> list[list[float]]:
-    """PSNR at each scale, pooled over a third of the held-out pairs: see the labels of `draw_levels`."""
+    """PSNR at each scale, pooled over a third of the held-out pairs: see the heads of `draw_levels`."""
     half, shown = btf.shape[1] // 2, exposure(btf)
     own = decode_srgb(source.guidance.numpy() / 255).astype(np.float32)
     whole = guided(source, own, Treatment(exposure="1"))
@@ -275,15 +250,10 @@ def levels(source: Source, btf: BTF) -> list[list[float]]:
 
 def draw_latents(bench: Bench) -> None:
     """The channels of two neural textures, as `neubtf-bench latents` draws them."""
-    from PIL import Image
-
     for name in ("brick", "satin"):
         material = loading.load(bench.keep / f"{name}-{SIZE}-left-0.nbtf")[1]
         assert isinstance(material, NeuBTFMaterial)
-        page = Image.fromarray(sheet(material.texture[:64]))
-        path = bench.out / f"neubtf-latents-{name}.png"
-        page.save(path, optimize=True)
-        print(f"wrote {path}: {path.stat().st_size / 1e3:.0f} kB")
+        latents.draw(material.texture[:64], bench.out / f"neubtf-latents-{name}.png")
 
 
 def draw_failure(bench: Bench) -> None:

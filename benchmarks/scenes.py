@@ -3,7 +3,6 @@
     python benchmarks/scenes.py [--material cable-knit] [--scene wall ...] [--seeds 3] CODEC[:SETTING=VALUE,...] ...
     python benchmarks/scenes.py --control pca vq                # how far full models can shrink, for comparison
     python benchmarks/scenes.py --pictures docs/images          # those of docs/scenes.md
-    python benchmarks/scenes.py --seconds                       # how long the demand of one frame takes
 
 For instance `python benchmarks/scenes.py pca vq neubtf-direct:steps=400`; the default is `pca vq`. The data are 64²
 texels and 25 × 25 training pairs. A seed is that of the fits and of the demand. Prints a Markdown table: what
@@ -14,19 +13,18 @@ deviation over the seeds, and what it costs outside the scene.
 import argparse
 import statistics
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from fits import parse
+from neubtf_pictures import grid
 
 from bench import atomic
 from bench.btf import BTF
 from bench.codec import Codec, Fit
-from bench.codecs.registry import load_codec
 from bench.data.open import open_material
 from bench.data.spec import Preparation, named
-from bench.demand import overview
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
 from bench.demand.fitting import Found, Search, as_good_as, rows
@@ -43,12 +41,6 @@ HEADS = (
     "scene", "codec", "bytes full", "bytes scene", "share %", "PSNR full dB", "PSNR scene dB", "FLIP full",
     "FLIP scene", "ns full", "ns scene", "outside full dB", "outside scene dB", "fit s full", "search s",
 )  # fmt: skip
-
-
-def parse(text: str) -> Codec:
-    """A codec from `name` or `name:key=value,key=value`."""
-    name, _, rest = text.partition(":")
-    return load_codec(name)(**dict(pair.split("=", 1) for pair in rest.split(",") if pair))
 
 
 def demand_of(scene: str, queries: int, seed: int = 0) -> Demand:
@@ -111,13 +103,11 @@ def control(options: argparse.Namespace) -> None:
 
 
 def pictures(options: argparse.Namespace) -> None:
-    """The demand of each scene, and frames of full and scene model, with their FLIP."""
+    """Frames of full and scene model, with their FLIP."""
     btf = open_material(named(options.material), Preparation(), lambda *_: None)
     codec = parse(options.codecs[0] if options.codecs else "pca")
     for scene in options.scene or SCENES:
-        demand = demand_of(scene, PICTURED)
-        overview.draw(demand, options.pictures / f"demand-{scene}.png")
-        judge = Judge(table_of(btf), demand)
+        judge = Judge(table_of(btf), demand_of(scene, PICTURED))
         with tempfile.TemporaryDirectory() as folder:
             found = search(codec, btf, judge, 0, Path(folder))
             draw_models(judge, found, options.pictures / f"scene-{scene}.jpg")
@@ -125,36 +115,16 @@ def pictures(options: argparse.Namespace) -> None:
 
 def draw_models(judge: Judge, found: Found, path: Path) -> None:
     """The first frame: reference table, full model, scene model, and below their FLIP."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    models = {"full model": found.full} | ({"scene model": found.scene} if found.scene else {})
-    height, width = judge.demand.frames[1:]
-    figure = Figure(figsize=(15, 1 + 10 * height / width), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 3)
-    for each in axes.flat:
-        each.axis("off")
-    axes[0, 0].imshow(to_display(judge.truth[0], judge.exposure))
-    axes[0, 0].set_title(f"{judge.demand.name}: reference table")
-    for column, (name, model) in enumerate(models.items(), 1):
-        frames = judge.frames(model.material)
-        axes[0, column].imshow(to_display(frames[0], judge.exposure))
-        axes[0, column].set_title(f"{name}: {model.header.file_bytes:,} bytes, {model.psnr:.1f} dB")
-        axes[1, column].imshow(judge.flip_map(frames))
-        axes[1, column].set_title(f"FLIP {model.flip:.3f}")
+    rows, titles = [[to_display(judge.truth[0], judge.exposure)], []], [f"{judge.demand.name}: reference table"]
+    rows[1].append(np.ones_like(rows[0][0]))
+    for name, model in {"full model": found.full, "scene model": found.scene}.items():
+        if model:
+            frames = judge.frames(model.material)
+            rows[0].append(to_display(frames[0], judge.exposure))
+            rows[1].append(judge.flip_map(frames))
+            titles.append(f"{name}: {model.header.file_bytes:,} bytes, {model.psnr:.1f} dB, FLIP {model.flip:.3f}")
     with atomic.replacing(path) as partial:
-        figure.savefig(partial, format="jpg", dpi=80, pil_kwargs={"quality": 85})
-
-
-def seconds() -> None:
-    """The wall and processor time of the demand of a frame of 1280 × 720 pixels, as large as it can be asked for."""
-    for scene in ("table-top", "wall"):
-        for queries in (250_000, 1_000_000):
-            wall, processor = time.perf_counter(), time.process_time()
-            found = demand_of(scene, queries)
-            times = time.perf_counter() - wall, time.process_time() - processor
-            print(f"{scene}: {len(found):,} queries in {times[0]:.2f} s, {times[1]:.2f} s of processor time")
+        grid(rows, titles, ["", "FLIP"], 5.0).savefig(partial, format="jpg", dpi=80, pil_kwargs={"quality": 85})
 
 
 def main() -> None:
@@ -166,10 +136,7 @@ def main() -> None:
     parser.add_argument("--queries", type=int, default=QUERIES)
     parser.add_argument("--control", action="store_true")
     parser.add_argument("--pictures", type=Path)
-    parser.add_argument("--seconds", action="store_true")
     options = parser.parse_args()
-    if options.seconds:
-        return seconds()
     with torch_threads(1):
         (pictures if options.pictures else control if options.control else compare)(options)
 
