@@ -1,7 +1,8 @@
-"""Reads zip archives, and the arrays of an `.npz`, within bounds; nothing is extracted, and nothing is unpickled."""
+"""Reads zip archives, and the arrays of an `.npz`, within bounds; nothing is extracted or unpickled. Writes a BTF."""
 
 import hashlib
 import io
+import json
 import math
 import zipfile
 import zlib
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.btf import BTF
 from bench.errors import InputError, readable
 
 Array = np.ndarray
@@ -215,3 +217,22 @@ def _read(files: ZipFiles, name: str) -> Array:
     found = _described(files, name, data[:_HEAD])
     flat = np.frombuffer(data, found.dtype, math.prod(found.shape), found.begin)
     return flat.reshape(found.shape, order="F" if found.fortran else "C").copy(order="K")
+
+
+def write_npz(btf: BTF, path: str | Path) -> None:
+    """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so that memory stays small."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        with archive.open("radiance.npy", "w", force_zip64=True) as stream:
+            header = {"descr": "<f4", "fortran_order": False, "shape": (len(btf), *btf.shape, 3)}
+            np.lib.format.write_array_header_1_0(stream, header)
+            for picture in btf:
+                stream.write(np.ascontiguousarray(picture, "<f4").tobytes())
+        small = {
+            "wo": btf.wo,
+            "wi": btf.wi,
+            "periodic": np.array(btf.periodic),
+            "provenance": np.array(json.dumps(btf.provenance, default=str)),
+        }
+        for key, value in small.items() if btf.heldout is None else [*small.items(), ("heldout", btf.heldout)]:
+            with archive.open(f"{key}.npy", "w") as stream:
+                np.lib.format.write_array(stream, value, allow_pickle=False)

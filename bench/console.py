@@ -17,6 +17,7 @@ SILENCE = 10.0  # seconds after which progress is told where there is no termina
 if TYPE_CHECKING:
     from bench.btf import BTF
     from bench.data.portrait import Look
+    from bench.material import Material
     from bench.runs.runner import Outcome
 
 
@@ -130,10 +131,21 @@ def _material_lines(header: Header) -> list[str]:
         f"resolution: {material.size[0]} × {material.size[1]} texels",
         f"decoder: {parameters(material):,} parameters, {material.cost.texture_channels} texture channels, "
         f"{material.cost.flops_per_sample:,} FLOP and {material.cost.bytes_per_sample:,} bytes read a sample",
+        *_layer_lines(material),
     ]
     if network:
         lines.append(f"shared network: {network.path}, {network.file_bytes:,} bytes, sha256 {network.sha256}")
     return lines
+
+
+def _layer_lines(material: "Material") -> list[str]:
+    """The layers of the decoder and what each counts; none of a table or another program."""
+    from bench.material import layers
+
+    rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    table = [f"  {name:<{widths[0]}}  {kind:<{widths[1]}}  {count:>{widths[2]}}" for name, kind, count in rows]
+    return ["layers of the decoder and their trainable parameters, counted by torchinfo:", *table] if rows else []
 
 
 def _network_lines(header: Header) -> list[str]:

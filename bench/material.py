@@ -19,6 +19,7 @@ from bench.errors import InputError, answered
 CHUNK = 16_384  # queries evaluated at once: intermediates stay in cache, and memory does not grow with the batch
 UNIT_TOLERANCE = 1e-3
 HALF_MAX = 65504.0
+DEEPEST = 64  # levels of networks inside networks that are told apart
 HIGHEST_LEVEL = 60.0  # of log radiance: 1e26 times the brightest percent, and still far from the end of float32
 
 
@@ -147,6 +148,22 @@ def parameters(material: Material) -> int:
     from torchinfo import summary
 
     return sum(summary(module, verbose=0).trainable_params for module in material.modules())
+
+
+def layers(material: Material) -> list[tuple[str, str, int]]:
+    """Name, kind and trainable parameters of each layer of the decoder networks that has any, as torchinfo finds them.
+
+    They add up to `parameters`.
+    """
+    from torchinfo import summary
+
+    found, place = [], list[str]()
+    for network in material.modules():
+        for layer in summary(network, depth=DEEPEST, verbose=0).summary_list:
+            place[layer.depth :] = [layer.var_name]
+            if own := 0 if layer.is_recursive else layer.leftover_trainable_params():
+                found.append((".".join(place), layer.class_name, own))
+    return found
 
 
 @cache

@@ -12,21 +12,21 @@ JPEG for each pair. Neither is ever held in memory as a whole. Then, for instanc
 
 import argparse
 import io
+import sys
 import time
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import torch
-from ubo2014_write import write_ubo2014
 
 from bench.btf import BTF
 from bench.data.materials import load
-from bench.data.readers.ubo2014 import EPSILON, YUV_TO_RGB
 from bench.hemisphere import to_degrees
 from bench.metrics.display import encode_srgb, exposure
 from bench.training import truncated_svd
+
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "fuzz"))  # where tests have their writer of UBO2014
 
 Array = np.ndarray
 FULL = {"ubo2014": (400, 151), "ubo2003": (256, 81)}  # side, views and lights as published
@@ -54,38 +54,26 @@ def repeated(side: int, tile: int) -> Array:
 
 def write_btf(path: Path, tile: BTF, side: int, rank: int) -> None:
     """A DFMF of colour model 11 in half floats."""
+    from ubo2014_write import decorrelated, radians, write_ubo2014
+
     stained = np.log(pattern(side))[::-1].reshape(-1, 1)
     place = repeated(side, tile.shape[0]).reshape(side, side)[::-1].reshape(-1)
     factors = []
     for channel in range(3):
-        mean, basis, coefficients = _decomposed(_channel(tile, channel), rank - 2)
+        matrix = np.stack([decorrelated(picture.reshape(-1, 3))[:, channel] for picture in tile])
+        mean, basis, coefficients = _decomposed(matrix, rank - 2)
         u = np.concatenate([mean[:, None], basis, np.full((len(tile), 1), float(channel == 0))], 1)
         sv = np.concatenate([np.ones((len(place), 1)), coefficients.T[place], stained], 1)
         factors.append((u, sv))
-    sides = [np.radians(np.stack(to_degrees(each), -1)) for each in (tile.layout.views, tile.layout.lights)]
-    write_ubo2014(path, *sides, (side, side), factors)
-
-
-def _channel(tile: BTF, channel: int) -> Array:
-    """One decorrelated channel (pairs, texels) float32: log Y, U / Y or V / Y."""
-    found = np.empty((len(tile), tile.shape[0] * tile.shape[1]), np.float32)
-    turn = np.linalg.inv(YUV_TO_RGB).T
-    for pair, picture in enumerate(tile):
-        yuv = np.maximum(picture, 0).reshape(-1, 3) @ turn
-        luminance = np.maximum(yuv[:, 0], 0) + EPSILON
-        found[pair] = np.log(luminance) if channel == 0 else (yuv[:, channel] - EPSILON) / luminance
-    return found
+    write_ubo2014(path, radians(tile.layout.views), radians(tile.layout.lights), (side, side), factors)
 
 
 def _decomposed(matrix: Array, rank: int) -> tuple[Array, Array, Array]:
     """Mean (pairs,), basis (pairs, rank) and coefficients (rank, texels) of a matrix (pairs, texels)."""
 
-    def read(_: str) -> Iterator[torch.Tensor]:
-        for start in range(0, len(matrix), BLOCK):
-            yield torch.from_numpy(matrix[start : start + BLOCK].copy())
-
+    blocks = lambda _: (torch.from_numpy(matrix[i : i + BLOCK].copy()) for i in range(0, len(matrix), BLOCK))  # noqa: E731
     shape = (matrix.shape[0], matrix.shape[1])
-    found = truncated_svd(read, shape, rank, PASSES, torch.Generator().manual_seed(0), torch.device("cpu"))
+    found = truncated_svd(blocks, shape, rank, PASSES, torch.Generator().manual_seed(0), torch.device("cpu"))
     return found.mean.numpy(), found.basis.numpy(), found.coefficients.numpy()
 
 
@@ -114,22 +102,20 @@ def main() -> None:
     parser.add_argument("path", type=Path)
     parser.add_argument("--side", type=int, help="texels a side (default: 400; 256 of ubo2003)")
     parser.add_argument("--directions", choices=FULL, help="the set that is thinned (default: that of the format)")
-    parser.add_argument("--views", type=int, help="default: 151; 81 of ubo2003")
-    parser.add_argument("--lights", type=int, help="default: 151; 81 of ubo2003")
+    for name in ("--views", "--lights"):
+        parser.add_argument(name, type=int, help="default: all, 151; 81 of ubo2003")
     parser.add_argument("--material", default="leather", help="the built-in material")
     parser.add_argument("--tile", type=int, default=48, help="texels a side at which it is rendered")
     parser.add_argument("--rank", type=int, default=100, help="factors a channel of a .btf")
     options = parser.parse_args()
     start = time.process_time()
-    side, all_directions = FULL[options.format]
-    directions = options.directions or options.format
-    most = FULL[directions][1] if options.directions else all_directions
-    views, lights = options.views or most, options.lights or most
+    side, directions = options.side or FULL[options.format][0], options.directions or options.format
+    views, lights = (each or FULL[directions][1] for each in (options.views, options.lights))
     tile = load(options.material, options.tile, directions=directions, views=views, lights=lights, heldout=0)
     if options.format == "ubo2014":
-        write_btf(options.path, tile, options.side or side, options.rank)
+        write_btf(options.path, tile, side, options.rank)
     else:
-        write_zip(options.path, tile, options.side or side)
+        write_zip(options.path, tile, side)
     size = options.path.stat().st_size
     print(f"{options.path}: {len(tile):,} pairs, {size / 1e6:,.0f} MB, {time.process_time() - start:.0f} processor s")
 

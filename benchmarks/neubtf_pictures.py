@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 from propagation import BRIEF, fitted, guided, left_half
 from scipy.spatial import cKDTree
 from skimage import data
@@ -213,17 +214,11 @@ def hexagons(side: float = 26, joint: float = 3) -> Array:
 def jacquard(thread: int = 13) -> Array:
     """A binary draft (208, 260): bright where the weft lies above. Satin, and inside a silhouette its other side."""
     warp, weft = np.meshgrid(np.arange(20), np.arange(16))
-    silhouette = resize_nearest(data.horse()[25:310, 20:380], warp.shape)
+    silhouette = np.asarray(
+        Image.fromarray(data.horse()[25:310, 20:380]).resize(warp.shape[::-1], Image.Resampling.NEAREST)
+    )
     above = (2 * warp + weft) % 5 == 0
     return np.where(np.kron(above ^ ~silhouette, np.ones((thread, thread), bool)), 0.45, 0.06)
-
-
-def resize_nearest(picture: Array, shape: tuple[int, ...]) -> Array:
-    """The texels of a picture (H, W) nearest to those of another shape."""
-    rows, cols = (
-        ((np.arange(new) + 0.5) * old / new).astype(int) for old, new in zip(picture.shape, shape, strict=True)
-    )
-    return picture[rows[:, None], cols]
 
 
 def draw_levels(bench: Bench) -> None:

@@ -1,25 +1,20 @@
-"""PCA at size: time against torch.svd_lowrank, memory of a 2 GB BTF, error against the best, and the speed of a query.
+"""PCA at size: time against torch.svd_lowrank, memory of a 2 GB BTF, and error against the best.
 
-    python benchmarks/pca.py time | memory | error | query
+    python benchmarks/pca.py time | error | memory [256 | 512 | 1024]
 
-`time` and `query` interleave what they compare and print ratios: on a shared machine only those mean anything.
+`time` interleaves what it compares and prints ratios: on a shared machine only those mean anything. `memory` is of a
+BTF of so many texels a side, whose slices are made one by one; by default 512.
 """
 
 import argparse
-import subprocess
-import sys
-import tempfile
-import threading
+import resource
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
 import torch
 
-from baselines.mean_colour import MeanColour
 from baselines.pca import PCA
-from baselines.table import Table
 from bench import hemisphere
 from bench.btf import BTF, ArraySource, Source
 from bench.codec import Fit
@@ -81,63 +76,18 @@ class Generated(Source):
         return self.patterns[pair % 8, row, col]
 
 
-def anonymous_bytes() -> int:
-    """RssAnon of this process."""
-    line = next(row for row in Path("/proc/self/status").read_text().splitlines() if row.startswith("RssAnon"))
-    return int(line.split()[1]) * 1024
+SHAPES = {256: (51, 51), 512: (26, 25), 1024: (13, 12)}  # views and lights of 2 GB, by texels a side
 
 
-def peak_anonymous(work: Callable[[], object]) -> int:
-    """The largest RssAnon while `work` runs, sampled every 2 ms."""
-    peak, done = 0, threading.Event()
-
-    def watch() -> None:
-        nonlocal peak
-        while not done.wait(0.002):
-            peak = max(peak, anonymous_bytes())
-
-    thread = threading.Thread(target=watch)
-    thread.start()
-    try:
-        work()
-    finally:
-        done.set()
-        thread.join()
-    return peak
-
-
-SHAPES = {"256": (256, 51, 51), "512": (512, 26, 25), "1024": (1024, 13, 12)}  # side, views, lights: 2 GB each
-
-
-def mapped(side: int, count: int, folder: Path) -> ArraySource:
-    """A memory-mapped half-float file whose slices are 2 GB together as float32."""
-    path = folder / "values.npy"
-    out = np.lib.format.open_memmap(path, "w+", np.float16, (count, side, side, 3))
-    source = Generated(count, (side, side))
-    for pair in range(count):
-        out[pair] = source.slice(pair)
-    out.flush()
-    return ArraySource(np.load(path, mmap_mode="r"))
-
-
-def encode_large(shape: str, kind: str) -> None:
-    """One measurement of memory, in a process of its own."""
-    side, views, lights = SHAPES[shape]
-    with tempfile.TemporaryDirectory() as folder:
-        count = views * lights
-        source = mapped(side, count, Path(folder)) if kind == "mapped" else Generated(count, (side, side))
-        btf = BTF("large", *grid(views, lights), source)
-        before = anonymous_bytes()
-        peak = peak_anonymous(lambda: PCA().encode(btf, Fit()))
-    raw = count * side * side * 12
-    print(f"{side}² × {count} pairs, {raw / 1e9:.2f} GB raw, {kind}: peak {peak / 1e9:.2f} GB anonymous, "
-          f"{before / 1e9:.2f} GB of it before the encoding", flush=True)  # fmt: skip
-
-
-def measure_memory() -> None:
-    for shape in SHAPES:
-        for kind in ("mapped", "generated"):
-            subprocess.run([sys.executable, __file__, "memory-of", shape, kind], check=True)
+def measure_memory(side: int) -> None:
+    """The peak of an encoding over what the process held before."""
+    views, lights = SHAPES[side]
+    btf = BTF("large", *grid(views, lights), Generated(views * lights, (side, side)))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    PCA().encode(btf, Fit())
+    taken = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)  # Linux counts memory in KiB
+    raw = len(btf) * side * side * 12
+    print(f"{side}² × {len(btf)} pairs, {raw / 1e9:.2f} GB raw: {taken / 1e9:.2f} GB at the peak")
 
 
 def matrices() -> Iterator[tuple[str, torch.Tensor]]:
@@ -168,34 +118,15 @@ def measure_error() -> None:
             print(f"{name}, rank {rank} ({float(best / energy.sum().sqrt()):.1e} of the norm left): {', '.join(row)}")
 
 
-def measure_query(rounds: int = 20, batch: int = 65_536) -> None:
-    """Time of a query over that of mean-colour, least of all rounds."""
-    rng = np.random.default_rng(0)
-    btf = BTF("made", *grid(25, 25), ArraySource(rng.random((625, 64, 64, 3), np.float32)))
-    codecs = {"mean-colour": MeanColour(), "table": Table()}
-    codecs |= {f"pca {d} {k}": PCA(components=k, domain=d) for d in ("rgb", "log") for k in (8, 16, 32, 64)}
-    materials = {name: codec.decode(codec.encode(btf, Fit()), torch.device("cpu")) for name, codec in codecs.items()}
-    uv = torch.as_tensor(rng.random((batch, 2), np.float32))
-    wo, wi = (torch.as_tensor(hemisphere.uniform(rng, batch)) for _ in range(2))
-    least = dict.fromkeys(materials, float("inf"))
-    for _ in range(rounds):
-        for name, material in materials.items():
-            least[name] = min(least[name], seconds(lambda material=material: material.query(uv, wo, wi)))
-    for name, taken in least.items():
-        print(f"{name}: {taken / batch * 1e9:.0f} ns a sample, {taken / least['mean-colour']:.1f} × mean-colour")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=["time", "memory", "error", "query", "memory-of"])
-    parser.add_argument("rest", nargs="*", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.what == "memory-of":
-        encode_large(*arguments.rest)
+    parser.add_argument("what", choices=["time", "memory", "error"])
+    parser.add_argument("side", nargs="?", type=int, choices=SHAPES, default=512)
+    chosen = parser.parse_args()
+    if chosen.what == "memory":
+        measure_memory(chosen.side)
     else:
-        {"time": measure_time, "memory": measure_memory, "error": measure_error, "query": measure_query}[
-            arguments.what
-        ]()
+        {"time": measure_time, "error": measure_error}[chosen.what]()
 
 
 if __name__ == "__main__":

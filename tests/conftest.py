@@ -2,6 +2,9 @@
 
 import math
 import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,3 +15,24 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy and PyTorch are
 def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     """No line of progress where a slow machine takes long: what a command prints is compared."""
     monkeypatch.setattr("bench.console.SILENCE", math.inf)
+
+
+@pytest.fixture
+def ends_alike_when_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any, Any], None]:
+    """Asserts that a fit of 30 steps that is killed at the 20th goes on to the same file as one that is not."""
+    from bench.codec import Fit
+    from bench.codecs import container, training
+
+    def halt(label: str, done: int, total: int) -> None:
+        if label.startswith("fitting") and done == 20:
+            raise KeyboardInterrupt
+
+    def held(codec: Any, btf: Any) -> None:
+        with pytest.raises(KeyboardInterrupt):
+            codec.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
+        resumed = codec.encode(btf, Fit(checkpoint=tmp_path / "state"))
+        assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(btf, Fit()))
+
+    monkeypatch.setattr(training, "KEEP_EVERY", 10)
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+    return held

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 GROUP = "neubtf_bench.codecs"
 COMMAND = "command"  # the codec of other programs: no list shows it, since it is nothing without them
-_OF_COMMANDS = EntryPoint(COMMAND, "bench.runs.programs:Programs", GROUP)
+_OF_COMMANDS = EntryPoint(COMMAND, "bench.codecs.command:Programs", GROUP)
 
 
 def codec_entries() -> dict[str, EntryPoint]:

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from bench import atomic
+from bench.archive import write_npz
 from bench.btf import BTF, Source
 from bench.codec import Progress, silent
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
-from bench.data.readers.npz import write_npz
 from bench.data.thinning import thinned
 from bench.errors import InputError
 from bench.material import Material

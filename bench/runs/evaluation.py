@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.codec import Progress
 from bench.codecs import loading, registry, shared
+from bench.codecs.command import ProgramMaterial
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
 from bench.codecs.program import program_of
@@ -32,7 +33,6 @@ from bench.metrics.scoring import (
 )
 from bench.records import FLIP, PSNR, Record, gate, metric_of
 from bench.runs.identity import identity
-from bench.runs.programs import ProgramMaterial
 from bench.runs.workbench import Workbench
 from bench.threads import torch_threads
 

@@ -28,6 +28,7 @@ import torch
 from bench import atomic
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
+from bench.codecs.command import Programs
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
 from bench.data.spec import MaterialSpec, Preparation
 from bench.demand import UNIFORM, fitting, require_demand
@@ -38,7 +39,6 @@ from bench.records.fields import fault_of_facts
 from bench.runs.evaluation import drawing, evaluate, score_key
 from bench.runs.identity import identity
 from bench.runs.place import Place
-from bench.runs.programs import Programs
 from bench.runs.provenance import processor, revision
 from bench.runs.suite import CodecSpec
 from bench.runs.undisturbed import undisturbed

@@ -22,6 +22,7 @@ import torch
 from bench import atomic, records
 from bench.codec import REMARK, Codec, Fit, Progress, silent
 from bench.codecs import container, shared
+from bench.codecs.command import Programs, permit
 from bench.codecs.registry import from_outside, make_codec
 from bench.data.spec import MaterialSpec
 from bench.demand import require_demand
@@ -32,7 +33,6 @@ from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, Ta
 from bench.runs.lock import locked
 from bench.runs.outlook import Outlook
 from bench.runs.pretraining import ready
-from bench.runs.programs import Programs, permit
 from bench.runs.provenance import provenance
 from bench.runs.suite import Suite, canonical
 from bench.runs.timed import timings

@@ -1,4 +1,3 @@
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from baselines.neumip import LOSSES, Fitting, Networks, NeuMIP, NeuMIPMaterial, Pyramid, blur, level_count
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.codecs import container, training
+from bench.codecs import training
 from bench.conformance.check import tiny_btf
 from bench.decoder import load_vector
 from bench.errors import InputError
@@ -151,19 +150,9 @@ def test_any_size_is_fitted(size: tuple[int, int]) -> None:
     assert material.slice([0, 0, 1], [0, 0, 1]).shape == (*size, 3)
 
 
-def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "KEEP_EVERY", 10)
-    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any) -> None:
     codec, btf = NeuMIP(steps=30, batch=64, blur=True), tiny_btf()
-
-    def halt(label: str, done: int, total: int) -> None:
-        if label.startswith("fitting") and done == 20:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        codec.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
-    resumed = codec.encode(btf, Fit(checkpoint=tmp_path / "state"))
-    assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(btf, Fit()))
+    ends_alike_when_killed(codec, btf)
 
 
 def test_settings_without_sense_are_refused() -> None:

@@ -1,4 +1,3 @@
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,6 @@ from baselines.rainer import Encoder
 from baselines.rainer2019 import Encoded, Rainer2019
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.codecs import container, training
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import parameters
@@ -87,19 +85,8 @@ def test_a_material_of_one_colour_is_coded(recipe: str) -> None:
 
 
 @pytest.mark.parametrize("recipe", ["ours", "paper"])
-def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recipe: str) -> None:
-    monkeypatch.setattr(training, "KEEP_EVERY", 10)
-    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
-    ours, btf = codec(steps=30, texels=2, pairs=4, recipe=recipe), tiny_btf()
-
-    def halt(label: str, done: int, total: int) -> None:
-        if label.startswith("fitting") and done == 20:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        ours.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
-    resumed = ours.encode(btf, Fit(checkpoint=tmp_path / "state"))
-    assert container.to_bytes(ours, resumed) == container.to_bytes(ours, ours.encode(btf, Fit()))
+def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any, recipe: str) -> None:
+    ends_alike_when_killed(codec(steps=30, texels=2, pairs=4, recipe=recipe), tiny_btf())
 
 
 @pytest.mark.parametrize("setting", ["texels", "pairs", "latents"])

@@ -1,6 +1,5 @@
 """The codec: what its file holds, what it finds, and what it leaves out."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from baselines.relief.fitting import Fitting
 from baselines.relief.material import ReliefMaterial
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.codecs import container, training
+from bench.codecs import training
 from bench.conformance.check import tiny_btf
 from bench.conformance.counting import held_floats
 from bench.data.materials import load, recipe
@@ -199,19 +198,9 @@ def test_any_size_is_fitted(size: tuple[int, int]) -> None:
     assert material.slice([0, 0, 1], [0, 0, 1]).shape == (*size, 3)
 
 
-def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "KEEP_EVERY", 10)
-    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any) -> None:
     codec, (btf, _) = Relief(steps=30, batch=64, bits=4), bumps()
-
-    def halt(label: str, done: int, total: int) -> None:
-        if label.startswith("fitting") and done == 20:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        codec.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
-    resumed = codec.encode(btf, Fit(checkpoint=tmp_path / "state"))
-    assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(btf, Fit()))
+    ends_alike_when_killed(codec, btf)
 
 
 def test_a_refined_height_that_diverges_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -117,6 +117,19 @@ def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
     assert len(open_btf(tmp_path / "four")) == 4
 
 
+@pytest.mark.parametrize("codec", ["neubtf-direct", "neumip", "relief", "pca"])
+def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, codec, capsys):
+    file, steps = str(tmp_path / "a.nbtf"), [] if codec == "pca" else ["--set", "steps=2"]
+    assert cli.main(["encode", str(folder), "--codec", codec, *steps, "-o", file]) == 0
+    capsys.readouterr()
+    assert cli.main(["info", file]) == 0
+    decoder, *lines = capsys.readouterr().out.partition("decoder: ")[2].splitlines()
+    told = [re.fullmatch(r"  [\w.]+ +(?:Linear|LayerNorm|Frames) +([\d,]+)", line) for line in lines]
+    counted = [int(match[1].replace(",", "")) for match in told if match]
+    assert sum(counted) == int(decoder.split()[0].replace(",", ""))
+    assert ("layers of the decoder and their trainable parameters, counted by torchinfo:" in lines) == (codec != "pca")
+
+
 def test_info_of_a_btf_says_what_it_is(folder, capsys):
     assert cli.main(["info", str(folder)]) == 0
     out = capsys.readouterr().out

@@ -3,9 +3,9 @@
 import pytest
 
 from bench import cli
+from bench.archive import write_npz
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
-from bench.data.readers.npz import write_npz
 
 BRIEF = ["--materials", "0", "--steps", "2", "--set", "texels=2", "--set", "pairs=2", "--set", "kept=8"]
 

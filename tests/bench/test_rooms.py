@@ -35,13 +35,15 @@ def name_of(path: Path) -> str:
 
 
 def names_in(path: Path) -> set[str]:
-    """Every module that a file names in an import, wherever it stands."""
+    """Every module that a file names in an import, wherever it stands, or as the place of a class, "module:Class"."""
     found = set()
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Constant) and re.fullmatch(r"[\w.]+:[A-Z]\w*", str(node.value)):
+            found.add(node.value.partition(":")[0])
     return found
 
 
@@ -66,6 +68,10 @@ def test_imports_inside_bench_go_down_only() -> None:
                 words = here in FLOORS[0] and there in FLOORS[0]
                 wrong += [] if words or floor[there] < floor[here] else [f"{module} imports {other}"]
     assert wrong == []
+
+
+def test_a_class_that_is_named_in_a_string_counts_as_an_import() -> None:
+    assert "bench.codecs.command" in imports()["bench.codecs.registry"]
 
 
 def test_no_file_is_imported_in_a_circle() -> None:

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from bench.codec import Fit, Parts
-from bench.codecs import container, training
+from bench.codecs import container
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import Material, parameters
@@ -94,16 +94,6 @@ def test_settings_without_sense_are_refused(settings: dict[str, Any]) -> None:
         fitted(**settings)
 
 
-def test_a_killed_fit_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "KEEP_EVERY", 10)
-    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any) -> None:
     codec, btf = NeuBTFDirect(steps=30, batch=64), tiny_btf()
-
-    def halt(label: str, done: int, total: int) -> None:
-        if label.startswith("fitting") and done == 20:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        codec.encode(btf, Fit(show=halt, checkpoint=tmp_path / "state"))
-    resumed = codec.encode(btf, Fit(checkpoint=tmp_path / "state"))
-    assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(btf, Fit()))
+    ends_alike_when_killed(codec, btf)

@@ -1,7 +1,6 @@
 """A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,) and `periodic`."""
 
 import json
-import zipfile
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -122,22 +121,3 @@ def _provenance(files: ZipFiles) -> dict[str, Any]:
         if not isinstance(notes, dict):
             raise InputError(f"{label}: must hold an object: leave the array out")
         return notes
-
-
-def write_npz(btf: BTF, path: str | Path) -> None:
-    """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so that memory stays small."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
-        with archive.open("radiance.npy", "w", force_zip64=True) as stream:
-            header = {"descr": "<f4", "fortran_order": False, "shape": (len(btf), *btf.shape, 3)}
-            np.lib.format.write_array_header_1_0(stream, header)
-            for picture in btf:
-                stream.write(np.ascontiguousarray(picture, "<f4").tobytes())
-        small = {
-            "wo": btf.wo,
-            "wi": btf.wi,
-            "periodic": np.array(btf.periodic),
-            "provenance": np.array(json.dumps(btf.provenance, default=str)),
-        }
-        for key, value in small.items() if btf.heldout is None else [*small.items(), ("heldout", btf.heldout)]:
-            with archive.open(f"{key}.npy", "w") as stream:
-                np.lib.format.write_array(stream, value, allow_pickle=False)

@@ -1,11 +1,10 @@
 """Codec files whose hash is sound and whose content is not: refused by name, or they answer with numbers."""
 
-import importlib
 import json
 import random
 import struct
-from pathlib import Path
 
+import fuzz_codec_files
 import pytest
 import torch
 
@@ -16,20 +15,14 @@ from bench.conformance.check import tiny_btf
 from bench.errors import ContainerError
 
 
-@pytest.fixture
-def fuzzer(monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "benchmarks")
-    return importlib.import_module("fuzz_codec_files")
-
-
-def resealed(fuzzer, path, change):
+def resealed(path, change):
     """The file with its metadata and header changed, its hash computed again."""
     content = path.read_bytes()
     length = struct.unpack("<Q", content[:8])[0]
     header = json.loads(content[8 : 8 + length])
     says = json.loads(header.pop("__metadata__")[container.KEY])
     change(says, header)
-    path.write_bytes(fuzzer.sealed(header, says, content[8 + length :]))
+    path.write_bytes(fuzz_codec_files.sealed(header, says, content[8 + length :]))
 
 
 @pytest.mark.parametrize(
@@ -47,11 +40,11 @@ def resealed(fuzzer, path, change):
         ("provenance", [1]),
     ],
 )
-def test_a_field_of_the_wrong_type_is_named(field, value, fuzzer, tmp_path):
+def test_a_field_of_the_wrong_type_is_named(field, value, tmp_path):
     path = container.save(
         tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
     )
-    resealed(fuzzer, path.path, lambda says, header: says.update({field: value}))
+    resealed(path.path, lambda says, header: says.update({field: value}))
     with pytest.raises(ContainerError, match=rf"a\.nbtf.*{field}"):
         loading.load(path.path)
 
@@ -88,28 +81,30 @@ def test_a_table_of_other_pairs_is_refused(tmp_path):
     assert "its pairs are not those of its table" in refused(tmp_path, codec, parts)
 
 
-def test_numbers_that_are_not_finite_are_refused(fuzzer, tmp_path):
+def test_numbers_that_are_not_finite_are_refused(tmp_path):
     path = container.save(
         tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
     )
     content = path.path.read_bytes()
     length = struct.unpack("<Q", content[:8])[0]
     path.path.write_bytes(content[: 8 + length] + torch.full((12,), torch.nan).numpy().tobytes())
-    resealed(fuzzer, path.path, lambda says, header: None)
+    resealed(path.path, lambda says, header: None)
     with pytest.raises(ContainerError, match="texture/mean holds numbers that are not finite"):
         loading.load(path.path)
 
 
-def test_random_mutations_are_the_same_in_every_run(fuzzer, tmp_path):
-    fuzzer.small("pca", tmp_path)
+def test_random_mutations_are_the_same_in_every_run(tmp_path):
+    fuzz_codec_files.small("pca", tmp_path)
     content = next(tmp_path.iterdir()).read_bytes()
-    assert fuzzer.mutated(content, random.Random("a")) == fuzzer.mutated(content, random.Random("a"))
+    assert fuzz_codec_files.mutated(content, random.Random("a")) == fuzz_codec_files.mutated(
+        content, random.Random("a")
+    )
 
 
-def test_a_compressed_part_that_is_not_bytes_is_refused(fuzzer, tmp_path):
+def test_a_compressed_part_that_is_not_bytes_is_refused(tmp_path):
     path = container.save(
         tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"zstd": torch.ones(8, dtype=torch.bfloat16)})
     ).path
-    resealed(fuzzer, path, lambda says, header: says["settings"].update(zstd=True))
+    resealed(path, lambda says, header: says["settings"].update(zstd=True))
     with pytest.raises(ContainerError, match=r"a\.nbtf: a compressed part is torch\.bfloat16, not bytes"):
         loading.load(path)

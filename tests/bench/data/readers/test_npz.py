@@ -4,8 +4,8 @@ import zipfile
 import numpy as np
 import pytest
 
+from bench.archive import write_npz
 from bench.data.readers import open_btf
-from bench.data.readers.npz import write_npz
 from bench.errors import InputError
 from bench.hemisphere import to_degrees, ubo2014
 

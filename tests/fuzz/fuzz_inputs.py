@@ -1,6 +1,6 @@
 """Fuzzes what is typed or kept beside results: suites, scenes, demands, records, trades and the facts of fits.
 
-    python benchmarks/fuzz_inputs.py [--count 2000] [--seed 0] [--only TARGET ...] [--again N]
+    python tests/fuzz/fuzz_inputs.py [--count 2000] [--seed 0] [--only TARGET ...] [--again N]
 
 Values are replaced by hostile ones, keys are dropped and renamed, texts are damaged; checksums are computed again, and
 half of the records have none, as those that are written by hand. See `fuzzing.py` for limits and exit code.

@@ -8,9 +8,9 @@ import pytest
 
 from bench import cli
 from bench.codecs import container, loading
+from bench.codecs.command import ProgramMaterial
 from bench.errors import CodecError, ContainerError
 from bench.records import load_run
-from bench.runs.programs import ProgramMaterial
 
 ENCODE = """
     import sys, numpy as np

@@ -28,9 +28,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.archive import write_npz
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.data.readers.npz import write_npz
 from bench.errors import CodecError, ContainerError, InputError
 from bench.material import DecoderCost, Material
 from bench.settings import Positive

@@ -1,6 +1,6 @@
 """Fuzzes codec files whose hash is sound: a `ContainerError` or a material that answers, never another exception.
 
-    python benchmarks/fuzz_codec_files.py [--count 2000] [--seed 0] [--only CODEC ...] [--again N]
+    python tests/fuzz/fuzz_codec_files.py [--count 2000] [--seed 0] [--only CODEC ...] [--again N]
 
 Each mutation changes the JSON header, the metadata or the tensors of a small file, and the hash is computed again. Of
 a codec with a network for all materials either file is changed, and the material names the network by its new hash.

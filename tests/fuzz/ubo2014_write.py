@@ -68,12 +68,15 @@ def factorise(btf: BTF, path: str | Path, rank: int = 100) -> None:
     if grid is None:
         raise InputError(f"{btf.name}: its pairs are no product of views and lights: a DFMF cannot hold them")
     table = np.stack([btf[int(i)][::-1].reshape(-1, 3) for i in grid.reshape(-1)])
-    y, u, v = np.moveaxis(np.maximum(table, 0) @ np.linalg.inv(YUV_TO_RGB).T, -1, 0)
+    factors = [_svd(channel, rank) for channel in np.moveaxis(decorrelated(table), -1, 0)]
+    write_ubo2014(path, radians(btf.layout.views), radians(btf.layout.lights), btf.shape, factors)
+
+
+def decorrelated(radiance: Array) -> Array:
+    """log Y, U / Y and V / Y (…, 3) float32 of radiance (…, 3): what a DFMF of colour model 11 factorises."""
+    y, u, v = np.moveaxis(np.maximum(radiance, 0) @ np.linalg.inv(YUV_TO_RGB).T, -1, 0)
     y = np.maximum(y, 0) + EPSILON
-    channels = (np.log(y), (u - EPSILON) / y, (v - EPSILON) / y)
-    factors = [_svd(channel.astype(np.float32), rank) for channel in channels]
-    angles = [_radians(side) for side in (btf.layout.views, btf.layout.lights)]
-    write_ubo2014(path, angles[0], angles[1], btf.shape, factors)
+    return np.stack([np.log(y), (u - EPSILON) / y, (v - EPSILON) / y], -1).astype(np.float32)
 
 
 def _svd(matrix: Array, rank: int) -> tuple[Array, Array]:
@@ -82,7 +85,7 @@ def _svd(matrix: Array, rank: int) -> tuple[Array, Array]:
     return left[:, :rank], (values[:rank, None] * right[:rank]).T
 
 
-def _radians(directions: Array) -> Array:
+def radians(directions: Array) -> Array:
     """θ, φ (n, 2) in radians of unit vectors (n, 3)."""
     x, y, z = directions.astype(np.float64).T
     return np.stack([np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)], -1)

@@ -1,6 +1,6 @@
 """Fuzzes every reader: damaged input gives an `InputError` or a BTF that reads, never another exception or a hang.
 
-    python benchmarks/fuzz_readers.py [--count 2000] [--seed 0] [--only READER ...] [--again N]
+    python tests/fuzz/fuzz_readers.py [--count 2000] [--seed 0] [--only READER ...] [--again N]
 
 Bytes are damaged in files, in the entries of archives (which are packed anew, with sound checksums) and in the headers
 of arrays. See `fuzzing.py` for limits and exit code.
@@ -20,10 +20,10 @@ import numpy as np
 from fuzzing import Reading, Target, main
 from ubo2014_write import write_ubo2014
 
+from bench.archive import write_npz
 from bench.btf import BTF, ArraySource
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_exr, write_folder
-from bench.data.readers.npz import write_npz
 from bench.hemisphere import from_degrees
 
 H, W = 8, 9
