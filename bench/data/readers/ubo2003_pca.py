@@ -11,7 +11,9 @@ Format: server/SplitVersions of https://github.com/sotnychenko/xml3d-btf, and th
 import io
 import json
 import re
+import struct
 import warnings
+import zlib
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ import numpy as np
 
 from bench.btf import BTF, Source, finite
 from bench.data.readers.files import FolderFiles
+from bench.data.readers.orientation import PNG_START
 from bench.data.readers.pictures import picture_size
 from bench.data.readers.seen import Seen
 from bench.errors import InputError, readable
@@ -149,7 +152,9 @@ class LocalPCA(Source):
         size = picture_size(self.files, name)
         with readable(self.files.label(name), "the picture is damaged; get it again"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            pixels = np.asarray(Image.open(io.BytesIO(self.files.read(name)), formats=["PNG"]))
+            data = self.files.read(name)
+            _check_sums(data)
+            pixels = np.asarray(Image.open(io.BytesIO(data), formats=["PNG"]))
             if pixels.size != 4 * size[0] * size[1]:
                 raise ValueError(f"{pixels.shape} pixels")
             return pixels.reshape(-1)
@@ -186,6 +191,16 @@ class LocalPCA(Source):
 
     def fingerprint(self) -> str:
         return self._digest
+
+
+def _check_sums(data: bytes) -> None:
+    """`ValueError` where a chunk of a PNG is not what its checksum says, or its end is missing; Pillow lets both pass."""
+    at, name = PNG_START, b""
+    while name != b"IEND":
+        size, name = struct.unpack_from(">I4s", data, at)
+        if zlib.crc32(data[at + 4 : at + 8 + size]) != struct.unpack_from(">I", data, at + 8 + size)[0]:
+            raise ValueError(f"the checksum at offset {at} is wrong")
+        at += 12 + size
 
 
 def _signed(codes: Array) -> Array:
