@@ -21,7 +21,7 @@ CLEAR = (0.5, 2.0)  # a mirrored side explains at least this share, and so many 
 
 @dataclass(frozen=True)
 class Lobe:
-    """The shares of the mean lobe at θ_o = θ_i that φ_i − φ_o and φ_i + φ_o explain, and where the former is largest."""
+    """The shares of the mean lobe at θ_o = θ_i that φ_i − φ_o and φ_i + φ_o explain, and the former's largest place."""
 
     theta_deg: float
     given: float

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF, Source, finite
+from bench.btf import BTF, Source
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.orientation import PNG_START
 from bench.data.readers.pictures import picture_size
@@ -40,7 +40,7 @@ SPLIT = re.compile(r"\d{1,3}_\d{1,3}")  # a clone has NAME/3_8, after block size
 
 
 def opened(seen: Seen) -> BTF | None:
-    """The BTF of a folder with such a `meta.json`, of a folder of one (`3_8`), or of the `meta.json` itself, or None."""
+    """The BTF of a folder with such a `meta.json`, of one around it (`3_8`), or of that `meta.json`, or None."""
     folder = seen.path if seen.is_folder else seen.path.parent
     if not seen.is_folder:
         return open_ubo2003_pca(folder) if b'"numComp"' in seen.head and seen.path.name == NOTES else None
@@ -194,7 +194,7 @@ class LocalPCA(Source):
 
 
 def _check_sums(data: bytes) -> None:
-    """`ValueError` where a chunk of a PNG is not what its checksum says, or its end is missing; Pillow lets both pass."""
+    """Raise where a chunk of a PNG is not what its checksum says, or the end is missing: Pillow lets both pass."""
     at, name = PNG_START, b""
     while name != b"IEND":
         size, name = struct.unpack_from(">I4s", data, at)
