@@ -1,10 +1,10 @@
-"""Thins the pairs of a BTF evenly, for suites that need only part of a measured material."""
+"""Thins the pairs of a BTF evenly, or shrinks its pictures, for suites that need only part of a measured material."""
 
 import math
 
 import numpy as np
 
-from bench.btf import BTF
+from bench.btf import BTF, Source
 from bench.hemisphere import thin
 
 
@@ -22,6 +22,31 @@ def thinned(btf: BTF, pairs: int) -> BTF:
     share = max(1, round(pairs * len(heldout) / len(btf)))
     kept = train[_even(btf.subset(train), max(1, pairs - share))]
     return btf.subset(np.concatenate([kept, heldout[_drawn(len(heldout), share)]]))
+
+
+class _Shrunk(Source):
+    """Averages over boxes of texels; scattered reads take a scratch file of these, not each texel of every box."""
+
+    def __init__(self, boxes: Source):
+        self.boxes, self.shape, self.count, self.at_once = boxes, boxes.shape, boxes.count, boxes.at_once
+
+    def slice(self, pair: int) -> np.ndarray:
+        return self.boxes.slice(pair)
+
+    def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
+        return self.boxes.slices(pairs)
+
+    def fingerprint(self) -> str:
+        return self.boxes.fingerprint()
+
+
+def shrunk(btf: BTF, texels: int) -> BTF:
+    """The BTF averaged in linear light over the largest boxes that leave `texels` of its shorter side; 0: as it is."""
+    factor = min(btf.shape) // texels if texels else 1
+    if factor <= 1:
+        return btf
+    small = btf.downsample(factor)
+    return small.over(_Shrunk(small.source))
 
 
 def _even(btf: BTF, pairs: int) -> np.ndarray:
