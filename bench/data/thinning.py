@@ -1,9 +1,12 @@
 """Thins the pairs of a BTF evenly, or shrinks its pictures, for suites that need only part of a measured material."""
 
+import hashlib
 import math
+from functools import cached_property
 
 import numpy as np
 
+from bench import scratch
 from bench.btf import BTF, Source
 from bench.hemisphere import thin
 
@@ -25,19 +28,26 @@ def thinned(btf: BTF, pairs: int) -> BTF:
 
 
 class _Shrunk(Source):
-    """Averages over boxes of texels; scattered reads take a scratch file of these, not each texel of every box."""
+    """Averages over boxes of texels, as halves in a scratch file: else every fit would read all texels of all boxes."""
+
+    at_once = scratch.TOGETHER
 
     def __init__(self, boxes: Source):
-        self.boxes, self.shape, self.count, self.at_once = boxes, boxes.shape, boxes.count, boxes.at_once
+        self.boxes, self.shape, self.count = boxes, boxes.shape, boxes.count
+
+    @cached_property
+    def _scratch(self) -> np.ndarray:
+        return self.boxes._scratch
 
     def slice(self, pair: int) -> np.ndarray:
-        return self.boxes.slice(pair)
+        return self.slices(np.array([pair]))[0]
 
     def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
-        return self.boxes.slices(pairs)
+        values = scratch.scattered(self._scratch, pairs, np.arange(self.shape[0] * self.shape[1])[:, None])
+        return [np.ascontiguousarray(values[:, i]).reshape(*self.shape, 3) for i in range(len(pairs))]
 
     def fingerprint(self) -> str:
-        return self.boxes.fingerprint()
+        return hashlib.sha256(f"{self.boxes.fingerprint()} as halves".encode()).hexdigest()
 
 
 def shrunk(btf: BTF, texels: int) -> BTF:

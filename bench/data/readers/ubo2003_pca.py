@@ -24,7 +24,7 @@ from bench.btf import BTF, Source
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.orientation import PNG_START
 from bench.data.readers.pictures import picture_size
-from bench.data.readers.seen import Seen
+from bench.data.readers.seen import HEAD, Seen
 from bench.errors import InputError, readable
 from bench.hemisphere import ubo2003
 from bench.metrics.display import decode_srgb
@@ -35,6 +35,7 @@ COMPONENTS, VIEWS, LIGHTS, TOGETHER = 8, 81, 81, 3
 BLOCKS, COLUMNS = VIEWS // TOGETHER, TOGETHER * LIGHTS * 3
 PIXELS = BLOCKS * COLUMNS * COMPONENTS // 4 + BLOCKS * COMPONENTS // 2  # of R.png that hold something
 KNOWN = {"numComp": COMPONENTS, "numDirections": VIEWS, "blockSize": TOGETHER}
+FIELD = b'"numComp"'
 MAX_NOTES, MAX_SIZE = 1 << 16, 1024
 SPLIT = re.compile(r"\d{1,3}_\d{1,3}")  # a clone has NAME/3_8, after block size and components
 
@@ -43,10 +44,11 @@ def opened(seen: Seen) -> BTF | None:
     """The BTF of a folder with such a `meta.json`, of one around it (`3_8`), or of that `meta.json`, or None."""
     folder = seen.path if seen.is_folder else seen.path.parent
     if not seen.is_folder:
-        return open_ubo2003_pca(folder) if b'"numComp"' in seen.head and seen.path.name == NOTES else None
+        return open_ubo2003_pca(folder) if FIELD in seen.head and seen.path.name == NOTES else None
     inner = sorted(each for each in folder.iterdir() if SPLIT.fullmatch(each.name) and (each / NOTES).is_file())
     for place in [folder, *inner[:1]]:
-        if (place / NOTES).is_file() and ((place / WEIGHTS).is_file() or (place / "0.png").is_file()):
+        files = FolderFiles(place)
+        if files.has(NOTES) and (files.has(WEIGHTS) or FIELD in files.head(NOTES, HEAD)):
             return open_ubo2003_pca(place)
     return None
 

@@ -149,6 +149,13 @@ def test_notes_that_are_damaged_are_named(copy, content, message):
         open_btf(copy)
 
 
+def test_other_numbered_pictures_with_a_meta_json_are_not_taken_for_this_format(tmp_path):
+    (tmp_path / "meta.json").write_text('{"author": "me"}')
+    Image.new("RGBA", (4, 4)).save(tmp_path / "0.png")
+    with pytest.raises(InputError, match="no BTF folder"):
+        open_btf(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["5.png", "R.png"])
 def test_a_missing_picture_is_named(copy, name):
     (copy / name).unlink()
