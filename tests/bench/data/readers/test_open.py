@@ -77,7 +77,7 @@ def test_folders_without_a_btf_say_what_they_hold(tmp_path):
 
 
 def test_importing_the_readers_loads_nothing_heavy():
-    heavy = {"torch", "PIL", "OpenEXR", "png", "scipy", "skimage"}
+    heavy = {"torch", "PIL", "OpenEXR", "h5py", "png", "scipy", "skimage"}
     code = f"import sys, bench.data.readers; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
