@@ -92,6 +92,10 @@ class Source:
         """Single values (n, 3) float32 at n places."""
         return scratch.scattered(self._scratch, pair, row * self.shape[1] + col)
 
+    def window(self, top: int, left: int, height: int, width: int) -> "Source":
+        """A window of the pictures, which may reach around their borders."""
+        return _Cropped(self, top, left, height, width)
+
     def of(self, pairs: Array) -> "Source":
         """A source that must answer only these pairs, under the same indices; it may drop data of other pairs."""
         return self
@@ -327,7 +331,7 @@ class BTF:
         """The BTF of a window of texels, which may reach around the border; it is not periodic."""
         if not (1 <= height <= self.shape[0] and 1 <= width <= self.shape[1]):
             raise ValueError(f"a window of {height} × {width} does not fit into {self.shape}")
-        source = _Cropped(self.source, top, left, height, width)
+        source = self.source.window(top, left, height, width)
         cropped = self.over(source, cropped=[top, left, height, width])
         cropped.periodic = False
         return cropped

@@ -169,10 +169,24 @@ def btf_lines(seen: "Look") -> str:
         f"training: {_pairs_line(btf, split.train)}",
         *_heldout_lines(btf, split.heldout),
         f"values (of some slices): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}",
+        *_frame_lines(seen),
         f"fingerprint: {btf.fingerprint}",
     ]
     lines += [f"  {key}: {value}" for key, value in btf.provenance.items()]
     return "\n".join(lines + [f"warning: {text}" for text in seen.warnings()])
+
+
+def _frame_lines(seen: "Look") -> list[str]:
+    """Tell whether the mean lobe fits the azimuths of views and lights; nothing of one view."""
+    if len(seen.layout.views) < 2:
+        return []
+    if not seen.lobe:
+        return ["frame: not checked: views and lights share no ring of azimuths with all pairs, or are dark there"]
+    lobe = seen.lobe
+    return [
+        f"frame: phi_i - phi_o explains {lobe.given:.0%} of the mean lobe at theta {lobe.theta_deg:.0f}°, most at "
+        f"{lobe.peak_deg:.0f}° (180°: mirror direction); phi_i + phi_o, as of a mirrored side, {lobe.mirrored:.0%}"
+    ]
 
 
 def _heldout_lines(btf: "BTF", groups: dict[str, np.ndarray]) -> list[str]:

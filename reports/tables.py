@@ -147,7 +147,8 @@ def _native_row(material: Material, chosen: Sequence[Column]) -> list[list[str]]
     job = material.first
     if job is None or "native" not in job.get("provenance", {}) or not any(column.native for column in chosen):
         return []
-    return [["dfmf (native)", *(column.native(job) if column.native else NONE for column in chosen)]]
+    name = job["provenance"]["native"].get("name", "dfmf")
+    return [[f"{name} (native)", *(column.native(job) if column.native else NONE for column in chosen)]]
 
 
 def _cells(codec: Codec, chosen: Sequence[Column]) -> list[str]:

@@ -42,6 +42,9 @@ class Joined(Source):
         halves = [(np.flatnonzero(~late), first, 0), (np.flatnonzero(late), second, first.count)]
         return [(chosen, part, pairs[chosen] - start) for chosen, part, start in halves if len(chosen)]
 
+    def window(self, top: int, left: int, height: int, width: int) -> Source:
+        return Joined(*(part.window(top, left, height, width) for part in self.parts))
+
     def of(self, pairs: Array) -> Source:
         first = self.parts[0]
         return first if len(pairs) and int(pairs.max()) < first.count else self

@@ -6,7 +6,7 @@ from bench.btf import BTF
 from bench.codec import Progress, silent
 from bench.data.repair import repaired
 from bench.data.spec import MaterialSpec, Preparation, changed, named
-from bench.data.thinning import thinned
+from bench.data.thinning import shrunk, thinned
 from bench.errors import InputError, MissingDataError
 
 
@@ -38,7 +38,7 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     btf = thinned(open_btf(path), data.pairs)
     if data.split == "validation":
         btf = without_test(btf)
-    return repaired(btf, show) if data.repair else btf
+    return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
 
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:

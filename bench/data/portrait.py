@@ -1,7 +1,7 @@
 """Inspects a BTF before it is used: warns of likely faults, and draws an overview as a PNG.
 
-It reads only a few dozen slices, so a table of 22 GB takes seconds: all lights at the view nearest the normal, and a
-contact sheet of views × lights.
+It reads some 84 slices at most, so a table of 22 GB takes seconds: lights at the view nearest the normal, a contact
+sheet of views × lights, and the ring of directions that `frame` looks at.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ import numpy as np
 
 from bench.btf import BTF, Layout, box_filter
 from bench.data import periodic
+from bench.data.frame import Lobe, mean_lobe
 from bench.errors import InputError
 from bench.hemisphere import thin, to_degrees
 from bench.metrics.display import exposure_of, to_display
@@ -34,7 +35,7 @@ class Look:
 
     `values` (n, 3) are texels of all slices looked at; `power` is the exponent of cos θ_i with which the median of a
     slice falls, or None if undefined; `seams` are the gradients across the left–right and the top–bottom
-    border, each over the mean and over the largest inside.
+    border, each over the mean and over the largest inside; `lobe` checks the azimuths, where that is possible.
     """
 
     btf: BTF
@@ -43,6 +44,7 @@ class Look:
     values: Array
     power: float | None
     seams: list[tuple[float, float]]
+    lobe: Lobe | None
 
     @cached_property
     def layout(self) -> Layout:
@@ -78,6 +80,11 @@ class Look:
         if self.missing:
             whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
             found.append(f"{self.missing:,} pairs are missing of the product of {whole}")
+        if self.lobe and self.lobe.looks_mirrored:
+            found.append(
+                f"the mean lobe follows phi_i + phi_o ({self.lobe.mirrored:.0%}), not phi_i - phi_o "
+                f"({self.lobe.given:.0%}): the azimuths of the views or of the lights seem to be mirrored"
+            )
         for (mean, largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
             if mean >= SEAM and largest >= 1:
                 what = "though it is said to repeat" if self.btf.periodic else "repeated, it shows"
@@ -86,7 +93,7 @@ class Look:
 
 
 def look(btf: BTF) -> Look:
-    """Read some 48 slices of a BTF, one at a time."""
+    """Read at most 84 slices of a BTF, one at a time."""
     rng = np.random.default_rng(0)
     sheet, row = _sheet(btf), _row(btf)
     values, thumbs, medians, seams = [], {}, {}, []
@@ -101,7 +108,7 @@ def look(btf: BTF) -> Look:
     power = _power(btf.wi[row, 2], np.array([medians[pair] for pair in row]))
     ratios = np.mean(seams, 0)
     seen = [(float(r[0] / max(r[1], 1e-12)), float(r[0] / max(r[2], 1e-12))) for r in ratios]
-    return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.concatenate(values), power, seen)
+    return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.concatenate(values), power, seen, mean_lobe(btf))
 
 
 def _sheet(btf: BTF) -> list[int]:

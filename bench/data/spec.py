@@ -25,6 +25,7 @@ class Preparation:
     heldout: Annotated[int, Range(0, 100_000)] = 150  # further random pairs, uniform in solid angle up to 75°
     split: Split = SPLIT  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
+    texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
     # At most so many training pairs are scored, always the same ones, and of whole held-out views and lights; 0: all.
     scored: Natural = 0
     repair: bool = False  # mask measured values that are not finite by the mean of their pair

@@ -1,10 +1,13 @@
-"""Thins the pairs of a BTF evenly, for suites that need only part of a measured material."""
+"""Thins the pairs of a BTF evenly, or shrinks its pictures, for suites that need only part of a measured material."""
 
+import hashlib
 import math
+from functools import cached_property
 
 import numpy as np
 
-from bench.btf import BTF
+from bench import scratch
+from bench.btf import BTF, Source
 from bench.hemisphere import thin
 
 
@@ -22,6 +25,38 @@ def thinned(btf: BTF, pairs: int) -> BTF:
     share = max(1, round(pairs * len(heldout) / len(btf)))
     kept = train[_even(btf.subset(train), max(1, pairs - share))]
     return btf.subset(np.concatenate([kept, heldout[_drawn(len(heldout), share)]]))
+
+
+class _Shrunk(Source):
+    """Averages over boxes of texels, as halves in a scratch file: else every fit would read all texels of all boxes."""
+
+    at_once = scratch.TOGETHER
+
+    def __init__(self, boxes: Source):
+        self.boxes, self.shape, self.count = boxes, boxes.shape, boxes.count
+
+    @cached_property
+    def _scratch(self) -> np.ndarray:
+        return self.boxes._scratch
+
+    def slice(self, pair: int) -> np.ndarray:
+        return self.slices(np.array([pair]))[0]
+
+    def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
+        values = scratch.scattered(self._scratch, pairs, np.arange(self.shape[0] * self.shape[1])[:, None])
+        return [np.ascontiguousarray(values[:, i]).reshape(*self.shape, 3) for i in range(len(pairs))]
+
+    def fingerprint(self) -> str:
+        return hashlib.sha256(f"{self.boxes.fingerprint()} as halves".encode()).hexdigest()
+
+
+def shrunk(btf: BTF, texels: int) -> BTF:
+    """The BTF averaged in linear light over the largest boxes that leave `texels` of its shorter side; 0: as it is."""
+    factor = min(btf.shape) // texels if texels else 1
+    if factor <= 1:
+        return btf
+    small = btf.downsample(factor)
+    return small.over(_Shrunk(small.source))
 
 
 def _even(btf: BTF, pairs: int) -> np.ndarray:

@@ -10,7 +10,7 @@
     uniform = 0.1                    # share of the samples of a fit to the scene that is spread uniformly
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
 
-    [data]                           # how built-in materials are rendered; for measured ones: pairs = 1000
+    [data]                           # how built-in materials are rendered; measured ones: pairs = 1000, texels = 128
     size = 64
     directions = "ubo2003"
     views = 25

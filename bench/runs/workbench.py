@@ -159,5 +159,7 @@ def workbench(
             _latest.clear()
             asked = demand_of(run, demand) if demand else None
             btf = open_material(spec, data, show, draw)
+            if data.texels:
+                btf.gather([0], [0], [0])  # writes the scratch file, if there is one: its time is no fit's
             _latest[key] = Workbench(btf, spec.name, scorers, asked, data.scored, metrics)
         yield _latest[key]

@@ -10,6 +10,7 @@ TARGETS = {target.name: target for module in (fuzz_codec_files, fuzz_readers, fu
 CODECS = ["mean-colour", "table", "pca", "vq", "rainer2019", "neumip", "neubtf-direct"]
 CODECS += ["bcf", "ntc", "relief", "biplane"]
 READERS = ["folder-png", "rti-turned", "npz", "npz-compressed", "mean-abrdf", "ubo2014-log", "ubo2003", "utia-exr"]
+READERS += ["ubo2003-pca", "hdf5"]
 INPUTS = ["suites", "scenes", "demands", "records", "trades", "facts"]
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from fuzzing import Reading, Target, main
+from ubo2003_pca_write import random_codes, write_ubo2003_pca
 from ubo2014_write import write_ubo2014
 
 from bench.archive import write_npz
@@ -156,6 +157,25 @@ def make_ubo2014(root: Path, model: int = 11, fmf: bool = False, scalar: int = 2
     return path
 
 
+def make_hdf5(root: Path) -> Path:
+    """A file of NeuralBTF's kind, and beside it the file of a held-out pair."""
+    btf, apart = small_btf(), from_degrees([[20]], [[10]])[0]
+    pictures = np.stack(list(btf))
+    write_hdf5(root / "real_a_full_factor1.hdf5", btf.wo, btf.wi, pictures)
+    write_hdf5(root / "real_a_random_factor1.hdf5", apart, apart, pictures[:1])
+    return root / "real_a_full_factor1.hdf5"
+
+
+def write_hdf5(path: Path, wo: np.ndarray, wi: np.ndarray, pictures: np.ndarray, **options: object) -> None:
+    """Write pictures (N, H, W, 3), whose row 0 is the top one, as NeuralBTF does: from the bottom row up."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file.create_dataset("ground_color", data=pictures[:, ::-1], **options)
+        file.create_dataset("ground_camera_dir", data=wo[:, :2])
+        file.create_dataset("ground_light", data=wi[:, :2])
+
+
 def make_named(root: Path, pattern: str, zipped: bool) -> Path:
     folder = root / "set"
     for index, name in enumerate(named_names(pattern)):
@@ -187,6 +207,8 @@ READERS: dict[str, Callable[[Path], Path]] = {
     "atrium-hdr": lambda root: make_named(root, UBO2003 + ".hdr", True),
     "utia-png": lambda root: make_named(root, UTIA + ".png", False),
     "utia-exr": lambda root: make_named(root, UTIA + ".exr", False),
+    "ubo2003-pca": lambda root: write_ubo2003_pca(root / "3_8", *random_codes(4)),
+    "hdf5": make_hdf5,
 }
 
 
@@ -269,7 +291,7 @@ def read(path: Path, pairs: random.Random) -> None:
         values = btf[pair]
         if values.shape != (*btf.shape, 3) or values.dtype != np.float32 or not np.isfinite(values).all():
             raise AssertionError(f"a slice of {values.shape} {values.dtype}")
-    if type(btf.source).__name__ == "FactorSource":
+    if type(btf.source).__name__ in ("FactorSource", "LocalPCA"):
         btf.texels([0], [btf.shape[1] - 1])
         btf.gather([len(btf) - 1], [0], [0])
     split = btf.split()

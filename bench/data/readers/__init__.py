@@ -15,6 +15,8 @@ from bench.errors import InputError
 READERS = {
     "folder": "a folder with pairs.csv",
     "rti": "an RTI folder or .lp list",
+    "ubo2003_pca": "UBO2003 as local PCA (meta.json)",
+    "hdf5": "HDF5 with ground_color, ground_camera_dir, ground_light",
     "npz": "an .npz with radiance, wo, wi",
     "mean_abrdf": "a mean-ABRDF .npz",
     "ubo2014": "UBO2014 .btf",

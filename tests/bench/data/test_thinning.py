@@ -3,7 +3,7 @@ import pytest
 
 from bench.btf import BTF
 from bench.conformance.check import tiny_btf
-from bench.data.thinning import thinned
+from bench.data.thinning import shrunk, thinned
 
 
 def test_thinning_measured_data_keeps_the_product():
@@ -38,3 +38,22 @@ def test_declared_heldout_pairs_keep_their_share_and_the_training_pairs_their_pr
     thin = thinned(btf, 57)
     assert thin.heldout.sum() == 3
     assert thin.subset(np.flatnonzero(~thin.heldout)).layout.grid is not None
+
+
+def test_shrunk_pictures_are_averages_of_whole_boxes_and_scattered_reads_agree(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
+    btf = tiny_btf(13, 4, 4)
+    small = shrunk(btf, 4)
+    assert small.shape == (4, 4)
+    pictures = np.stack(list(small))
+    np.testing.assert_allclose(pictures, np.stack(list(btf.downsample(3))), rtol=2**-11)  # halves
+    np.testing.assert_array_equal(pictures[5], small[5])
+    rng = np.random.default_rng(0)
+    pair, row, col = rng.integers(0, [[16], [4], [4]], (3, 40))
+    np.testing.assert_array_equal(small.gather(pair, row, col), pictures[pair, row, col])
+    np.testing.assert_array_equal(small.texels(row, col)[np.arange(40), pair], pictures[pair, row, col])
+    some = small.subset([9, 2])
+    np.testing.assert_array_equal(np.stack(list(some)), pictures[[9, 2]])
+    assert small.fingerprint not in (btf.fingerprint, btf.downsample(3).fingerprint)
+    assert shrunk(btf, 0) is btf
+    assert shrunk(btf, 7) is btf  # a box of one texel

@@ -28,6 +28,8 @@ READERS = [
     "atrium-hdr",
     "utia-png",
     "utia-exr",
+    "ubo2003-pca",
+    "hdf5",
 ]
 
 
@@ -45,7 +47,7 @@ def test_a_reader_is_chosen_by_content_and_splits_are_disjoint(samples, tmp_path
     split = btf.split(seed=3, fraction=0.3)
     groups = [split.train, *split.heldout.values()]
     assert np.array_equal(np.sort(np.concatenate(groups)), np.arange(len(btf)))
-    assert len(btf) == (5 if name.startswith("rti") else 25)
+    assert len(btf) == {"rti": 5, "rti-turned": 5, "ubo2003-pca": 6561}.get(name, 25)
     assert 0 < len(split.train) < len(btf)
     assert {"format", "colour", "cosine", "clamp"} <= set(btf.provenance)
     assert btf.fingerprint == open_btf(path).fingerprint
@@ -75,7 +77,7 @@ def test_folders_without_a_btf_say_what_they_hold(tmp_path):
 
 
 def test_importing_the_readers_loads_nothing_heavy():
-    heavy = {"torch", "PIL", "OpenEXR", "png", "scipy", "skimage"}
+    heavy = {"torch", "PIL", "OpenEXR", "h5py", "png", "scipy", "skimage"}
     code = f"import sys, bench.data.readers; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -1,0 +1,173 @@
+"""The HDF5 files of neural BTF codecs: `ground_color` (N, H, W, 3), `ground_camera_dir` and `ground_light` (N, 2).
+
+The two directions of a picture are x and y of unit vectors away from the surface, as NeuralBTF writes and reads them
+(https://github.com/mandyxmq/NeuralBTF-release). Where a file is called `…_full…` and one `…_random…` lies beside it,
+the pairs of the latter are held out, as that code does. In it, and in NeuMIP (https://github.com/straintensor/NeuMIP),
+which brought these names, a place's second coordinate and y both grow with the row: row 0 is the bottom of the picture.
+
+NeuMIP and the Hierarchical Architecture store a direction for each *pixel*, drawn at random or of a near camera, the
+way that light travels; such a file holds no picture of one pair, and is refused. Biplane trains on EXR files instead.
+"""
+
+import hashlib
+import math
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.archive import LEAST, MAX_FILE, RATIO
+from bench.btf import BTF, Source, finite
+from bench.data.joined import with_heldout
+from bench.data.readers.checks import no_duplicates, unit_directions
+from bench.data.readers.files import file_digest
+from bench.data.readers.pictures import MAX_PIXELS
+from bench.data.readers.seen import Seen
+from bench.errors import InputError, readable
+
+Array = np.ndarray
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+COLOUR, VIEW, LIGHT = "ground_color", "ground_camera_dir", "ground_light"
+TRAINING, HELDOUT = re.compile(r"_full(?=[_.])"), "_random"
+MAX_PAIRS = 1 << 20
+AT_ONCE = 64 << 20  # bytes of pictures that share chunks and are read together
+
+
+def opened(seen: Seen) -> BTF | None:
+    """The BTF of an HDF5 file, or None."""
+    return open_hdf5(seen.path) if seen.head.startswith(SIGNATURE) else None
+
+
+def open_hdf5(path: Path) -> BTF:
+    """The BTF of such a file, in the order stored; the pairs of its held-out file, if there is one, come last.
+
+    Radiance is taken as linear Rec. 709 and as photographed. Pictures are read by windows, on demand. Raises
+    `InputError` naming the file, the data set and the row.
+    """
+    btf = _open(path)
+    beside = path.with_name(TRAINING.sub(HELDOUT, path.name))
+    if beside == path or not beside.is_file():
+        return btf
+    other = _open(beside)
+    if other.shape != btf.shape:
+        (height, width), (rows, cols) = other.shape, btf.shape
+        raise InputError(f"{beside}: pictures of {width} x {height}, but {path.name} has {cols} x {rows}: move it away")
+    whole = with_heldout(btf, other, heldout=f"the {len(other)} pairs of {beside.name}")
+
+    def label(pair: int) -> str:
+        return f"{path}: pair {pair}" if pair < len(btf) else f"{beside}: pair {pair - len(btf)}"
+
+    no_duplicates(whole.wo, whole.wi, label)
+    return whole
+
+
+def _open(path: Path) -> BTF:
+    with _file(path) as file:
+        colour, view, light = (_stored(path, file, key) for key in (COLOUR, VIEW, LIGHT))
+        if colour.ndim != 4 or colour.shape[-1] != 3 or 0 in colour.shape:
+            raise InputError(f"{path}: {COLOUR} is {colour.shape}: it must be (N, H, W, 3)")
+        count, height, width = colour.shape[:3]
+        if count > MAX_PAIRS or height * width > MAX_PIXELS:
+            raise InputError(f"{path}: {COLOUR} of {colour.shape} is absurd: {MAX_PAIRS} pairs are the limit")
+        wo, wi = (_directions(path, key, found, count) for key, found in ((VIEW, view), (LIGHT, light)))
+        source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), (colour.chunks or (1,))[0])
+    no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
+    return BTF(
+        path.stem,
+        wo,
+        wi,
+        source,
+        provenance={
+            "format": "HDF5",
+            "colour": "taken as linear Rec. 709",
+            "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
+            "clamp": "none",
+            "frame": "rows from the bottom up, directions away from the surface, as the code that reads these files",
+        },
+    )
+
+
+@contextmanager
+def _file(path: Path) -> Iterator[Any]:
+    """The open file. It is opened for each read, so that threads and forks share no state of the library."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise InputError(f"{path}: HDF5 is read by h5py: pip install 'neubtf-bench[hdf5]'") from error
+    with readable(str(path)), h5py.File(path, "r", locking=False) as file:
+        yield file
+
+
+def _stored(path: Path, file: Any, key: str) -> Any:
+    """A data set of plain floats whose values lie in this very file and whose size its bytes can hold."""
+    import h5py
+
+    link = file.get(key, getlink=True) if key in file else None
+    if not isinstance(link, h5py.HardLink) or not isinstance(file[key], h5py.Dataset):
+        held = ", ".join(sorted(file)[:5])[:200] or "nothing"
+        raise InputError(f"{path}: no data set {key} (it holds {held}): it needs {COLOUR}, {VIEW}, {LIGHT}")
+    found = file[key]
+    if found.is_virtual or found.external:
+        raise InputError(f"{path}: {key} lies in other files: copy it into this one")
+    if found.dtype.kind != "f" or found.shape is None:
+        raise InputError(f"{path}: {key} is {found.shape} {found.dtype}: it must hold floats")
+    claimed, chunk = (math.prod(shape) * found.dtype.itemsize for shape in (found.shape, found.chunks or ()))
+    if claimed > max(LEAST, RATIO * found.id.get_storage_size()) or chunk > MAX_FILE:
+        raise InputError(f"{path}: {key} of {found.shape} in chunks of {found.chunks} is more than its bytes can hold")
+    return found
+
+
+def _directions(path: Path, key: str, found: Any, count: int) -> Array:
+    """Unit vectors (N, 3) float32 of a data set of x and y."""
+    if found.ndim == 4:
+        raise InputError(
+            f"{path}: {key} is {found.shape}, a direction for each pixel, as NeuMIP's own files have: a BTF needs one "
+            f"for each picture, ({count}, 2)"
+        )
+    if found.shape != (count, 2):
+        raise InputError(f"{path}: {key} is {found.shape}: it must be ({count}, 2), x and y of a direction a picture")
+    plane = np.asarray(found[()], np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        z = np.sqrt(np.maximum(1 - (plane**2).sum(1), 0))
+    return unit_directions(np.column_stack([plane, z]), lambda row: f"{path}: {key}[{row}]")
+
+
+class HDF5Source(Source):
+    """A window (top, left, height, width) of the pictures of a file, cheap by slice."""
+
+    def __init__(self, path: Path, stored: tuple[int, int, int], window: tuple[int, int, int, int], chunk: int):
+        self.path, self.stored, self.at, self.chunk = path, stored, window, chunk
+        self.count, self.shape = stored[0], (window[2], window[3])
+        self.at_once = max(1, min(chunk, AT_ONCE // (12 * window[2] * window[3])))
+
+    def slice(self, pair: int) -> Array:
+        return self.slices(np.array([pair]))[0]
+
+    def slices(self, pairs: Array) -> list[Array]:
+        top, left, height, width = self.at
+        bottom = self.stored[1] - top - height
+        first, last = int(pairs.min()), int(pairs.max()) + 1
+        close = last - first <= 2 * self.at_once
+        runs = [(first, last)] if close else [(int(pair), int(pair) + 1) for pair in pairs]
+        found: dict[int, Array] = {}
+        with _file(self.path) as file, np.errstate(over="ignore"):
+            for start, end in runs:
+                values = file[COLOUR][start:end, bottom : bottom + height, left : left + width]
+                found |= dict(enumerate(np.asarray(values, np.float32)[:, ::-1], start))
+        return [finite(found[int(pair)], f"{self.path}: {COLOUR}[{pair}]") for pair in pairs]
+
+    def window(self, top: int, left: int, height: int, width: int) -> Source:
+        if min(top, left) < 0 or top + height > self.shape[0] or left + width > self.shape[1]:
+            return super().window(top, left, height, width)
+        return HDF5Source(self.path, self.stored, (self.at[0] + top, self.at[1] + left, height, width), self.chunk)
+
+    @cached_property
+    def _digest(self) -> str:
+        return hashlib.sha256(f"{file_digest(self.path)} {self.at}".encode()).hexdigest()
+
+    def fingerprint(self) -> str:
+        return self._digest

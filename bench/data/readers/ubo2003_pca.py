@@ -1,0 +1,215 @@
+"""UBO2003 materials as a local PCA in PNGs: blocks of adjacent views, each a sum of eight products of texels and pairs.
+
+A folder holds `meta.json`, `0.png` … `7.png` and `R.png`, all RGBA of 8 bits whose bytes are read in order. Picture j
+has component j of each block: the texels of block 0 row by row, then those of block 1. The first pixels of R.png have,
+for each column ((view in block · lights + light) · 3 + colour) of a block, its eight weights; then come the singular
+values of all blocks, two a pixel. Byte b is b / 255 · 2 − 1, a singular value 10 · b + 0.1 · c of two bytes.
+
+Format: server/SplitVersions of https://github.com/sotnychenko/xml3d-btf, and the shaders there that read it.
+"""
+
+import io
+import json
+import re
+import struct
+import warnings
+import zlib
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.btf import BTF, Source
+from bench.data.readers.files import FolderFiles
+from bench.data.readers.orientation import PNG_START
+from bench.data.readers.pictures import picture_size
+from bench.data.readers.seen import HEAD, Seen
+from bench.errors import InputError, readable
+from bench.hemisphere import ubo2003
+from bench.metrics.display import decode_srgb
+
+Array = np.ndarray
+NOTES, WEIGHTS = "meta.json", "R.png"
+COMPONENTS, VIEWS, LIGHTS, TOGETHER = 8, 81, 81, 3
+BLOCKS, COLUMNS = VIEWS // TOGETHER, TOGETHER * LIGHTS * 3
+PIXELS = BLOCKS * COLUMNS * COMPONENTS // 4 + BLOCKS * COMPONENTS // 2  # of R.png that hold something
+KNOWN = {"numComp": COMPONENTS, "numDirections": VIEWS, "blockSize": TOGETHER}
+FIELD = b'"numComp"'
+MAX_NOTES, MAX_SIZE = 1 << 16, 1024
+SPLIT = re.compile(r"\d{1,3}_\d{1,3}")  # a clone has NAME/3_8, after block size and components
+
+
+def opened(seen: Seen) -> BTF | None:
+    """The BTF of a folder with such a `meta.json`, of one around it (`3_8`), or of that `meta.json`, or None."""
+    folder = seen.path if seen.is_folder else seen.path.parent
+    if not seen.is_folder:
+        return open_ubo2003_pca(folder) if FIELD in seen.head and seen.path.name == NOTES else None
+    inner = sorted(each for each in folder.iterdir() if SPLIT.fullmatch(each.name) and (each / NOTES).is_file())
+    for place in [folder, *inner[:1]]:
+        files = FolderFiles(place)
+        if files.has(NOTES) and (files.has(WEIGHTS) or FIELD in files.head(NOTES, HEAD)):
+            return open_ubo2003_pca(place)
+    return None
+
+
+def open_ubo2003_pca(folder: Path) -> BTF:
+    """The BTF of such a folder: 81 views × 81 lights in the order of UBO2003, by view, then light.
+
+    Opening reads `meta.json` and the headers of the pictures. Codes are clipped to [0, 1] and decoded as sRGB to linear
+    Rec. 709; radiance as photographed. Raises `InputError` naming the file and the field.
+    """
+    files = FolderFiles(folder)
+    size = _image_size(files)
+    source = LocalPCA(files, size)
+    directions = ubo2003()
+    view, light = np.divmod(np.arange(VIEWS * LIGHTS), LIGHTS)
+    place = folder.resolve()
+    return BTF(
+        place.parent.name if SPLIT.fullmatch(place.name) else place.name,
+        directions[view],
+        directions[light],
+        source,
+        provenance={
+            "format": "UBO2003 as local PCA",
+            "source": "measured, re-coded by local PCA",
+            "colour": "sRGB codes decoded to linear Rec. 709",
+            "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
+            "clamp": "codes of the PCA clipped to [0, 1]; the photographs had 8 bits, so highlights end at 1",
+            "blocks": f"{TOGETHER} adjacent views share a block of {COMPONENTS} components, and so its noise",
+            "border": "not periodic: opposite borders do not meet",
+            "native": {"bytes": sum(map(files.size, source.names)), "rank": COMPONENTS, "name": "local PCA"},
+        },
+    )
+
+
+def _image_size(files: FolderFiles) -> int:
+    """The side of the picture of a pair, from `meta.json`, whose other fields must be those known."""
+    label = files.label(NOTES)
+    if files.size(NOTES) > MAX_NOTES:
+        raise InputError(f"{label}: larger than {MAX_NOTES >> 10} KiB: no notes of this format; get it again")
+    with readable(label):
+        notes = json.loads(files.read(NOTES))
+    if not isinstance(notes, dict):
+        raise InputError(f"{label}: must hold an object: get it again")
+    for key, known in KNOWN.items():
+        if _number(notes, key, label) != known:
+            raise InputError(f"{label}: {key} = {notes[key]!r}: only {known} is read")
+    size = _number(notes, "imageSize", label)
+    if not 1 <= size <= MAX_SIZE:
+        raise InputError(f"{label}: imageSize = {size}: 1 to {MAX_SIZE} are read")
+    return size
+
+
+def _number(notes: dict[str, Any], key: str, label: str) -> int:
+    """A field that is a whole number, or the text of one."""
+    text = str(notes.get(key))[:40]
+    if not re.fullmatch(r"\d{1,9}", text, re.ASCII):
+        raise InputError(f"{label}: {key} = {text}: it must be a whole number; get the file again")
+    return int(text)
+
+
+class LocalPCA(Source):
+    """The pictures of a folder, decoded at the first read and multiplied on demand: cheap by slice and scattered."""
+
+    def __init__(self, files: FolderFiles, size: int):
+        """Checks by headers that every picture is there and holds what `size` (texels a side) asks."""
+        self.files, self.shape, self.count = files, (size, size), VIEWS * LIGHTS
+        self.names = [*(f"{j}.png" for j in range(COMPONENTS)), WEIGHTS]
+        for name in self.names:
+            label = files.label(name)
+            if not files.has(name):
+                raise InputError(f"{label}: missing: the material has {', '.join(self.names)}; get it again")
+            height, width = picture_size(files, name)
+            if files.head(name, 26)[24:] != b"\x08\x06":
+                raise InputError(f"{label}: no PNG of 8 bits with red, green, blue and alpha: get it again")
+            if name == WEIGHTS and height * width < PIXELS:
+                raise InputError(f"{label}: {width} x {height} pixels are too few: {PIXELS} hold the weights")
+            if name != WEIGHTS and 4 * height * width != BLOCKS * size * size:
+                raise InputError(
+                    f"{label}: {width} x {height} pixels are not {BLOCKS} blocks of {size} x {size} texels, as "
+                    f"imageSize in {NOTES} and blocks of {TOGETHER} views say: get both again"
+                )
+
+    @cached_property
+    def components(self) -> Array:
+        """Codes (blocks, texels, components) uint8."""
+        planes = [self._bytes(name).reshape(BLOCKS, -1) for name in self.names[:COMPONENTS]]
+        return np.stack(planes, -1)
+
+    @cached_property
+    def weights(self) -> Array:
+        """Weights times singular values (blocks, views in block · lights, components, 3) float32."""
+        data = self._bytes(WEIGHTS)
+        end = BLOCKS * COLUMNS * COMPONENTS
+        columns = _signed(data[:end]).reshape(BLOCKS, TOGETHER * LIGHTS, 3, COMPONENTS)
+        coarse, fine = data[end : 4 * PIXELS].reshape(BLOCKS, COMPONENTS, 2).astype(np.float32).transpose(2, 0, 1)
+        singular = 10 * coarse + np.float32(0.1) * fine
+        return np.ascontiguousarray((columns * singular[:, None, None]).swapaxes(2, 3))
+
+    def _bytes(self, name: str) -> Array:
+        """The bytes of a picture in order; `InputError` where it is damaged or was changed."""
+        from PIL import Image
+
+        size = picture_size(self.files, name)
+        with readable(self.files.label(name), "the picture is damaged; get it again"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            data = self.files.read(name)
+            _check_sums(data)
+            pixels = np.asarray(Image.open(io.BytesIO(data), formats=["PNG"]))
+            if pixels.size != 4 * size[0] * size[1]:
+                raise ValueError(f"{pixels.shape} pixels")
+            return pixels.reshape(-1)
+
+    def codes(self, pair: int) -> Array:
+        """The sRGB codes of a pair (H, W, 3) float32 over 255, before they are clipped."""
+        block, column = divmod(int(pair), TOGETHER * LIGHTS)
+        return (_signed(self.components[block]) @ self.weights[block, column]).reshape(*self.shape, 3)
+
+    def slice(self, pair: int) -> Array:
+        return _linear(self.codes(pair))
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        out = np.empty((len(rows), len(pairs), 3), np.float32)
+        block, column = np.divmod(pairs, TOGETHER * LIGHTS)
+        texel = np.asarray(rows) * self.shape[1] + np.asarray(cols)
+        for each in np.unique(block):
+            chosen = np.flatnonzero(block == each)
+            weights = self.weights[each, column[chosen]].swapaxes(0, 1).reshape(COMPONENTS, -1)
+            out[:, chosen] = _linear(_signed(self.components[each, texel]) @ weights).reshape(len(texel), -1, 3)
+        return out
+
+    def gather(self, pair: Array, row: Array, col: Array, step: int = 1 << 16) -> Array:
+        out = np.empty((len(pair), 3), np.float32)
+        for part in (slice(start, start + step) for start in range(0, len(pair), step)):
+            block, column = np.divmod(pair[part], TOGETHER * LIGHTS)
+            texel = np.asarray(row)[part] * self.shape[1] + np.asarray(col)[part]
+            out[part] = np.einsum("nk,nkc->nc", _signed(self.components[block, texel]), self.weights[block, column])
+        return _linear(out)
+
+    @cached_property
+    def _digest(self) -> str:
+        return self.files.digest(self.names)
+
+    def fingerprint(self) -> str:
+        return self._digest
+
+
+def _check_sums(data: bytes) -> None:
+    """Raise where a chunk of a PNG is not what its checksum says, or the end is missing: Pillow lets both pass."""
+    at, name = PNG_START, b""
+    while name != b"IEND":
+        size, name = struct.unpack_from(">I4s", data, at)
+        if zlib.crc32(data[at + 4 : at + 8 + size]) != struct.unpack_from(">I", data, at + 8 + size)[0]:
+            raise ValueError(f"the checksum at offset {at} is wrong")
+        at += 12 + size
+
+
+def _signed(codes: Array) -> Array:
+    """Numbers in [−1, 1] float32 of bytes."""
+    return codes.astype(np.float32) * np.float32(2 / 255) - 1
+
+
+def _linear(codes: Array) -> Array:
+    """Linear radiance float32 of sRGB codes over 255, clipped to [0, 1]."""
+    return np.asarray(decode_srgb(np.clip(codes, 0, 1)), np.float32)

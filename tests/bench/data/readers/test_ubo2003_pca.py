@@ -1,0 +1,189 @@
+import json
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+from ubo2003_pca_write import random_codes, save, write_ubo2003_pca
+
+from bench.data.frame import mean_lobe
+from bench.data.readers import open_btf
+from bench.data.readers.ubo2003_pca import PIXELS
+from bench.errors import InputError
+from bench.hemisphere import to_degrees, ubo2003
+from bench.metrics.display import decode_srgb
+
+MEASURED = ["corduroy", "impalla", "wool"]
+SIZE = 4
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder as a clone has it, and the sRGB codes (views, lights, row, column, colour) by the definition."""
+    given = random_codes(SIZE)
+    folder = write_ubo2003_pca(tmp_path_factory.mktemp("clone") / "felt" / "3_8", *given)
+    components, weights = (x.astype(float) / 255 * 2 - 1 for x in given[:2])
+    singular = given[2][..., 0] * 10.0 + given[2][..., 1] * 0.1
+    codes = np.einsum("bhwj,bj,bvlcj->bvlhwc", components, singular, weights, optimize=True)
+    return folder, codes.reshape(81, 81, SIZE, SIZE, 3)
+
+
+@pytest.fixture
+def copy(made, tmp_path):
+    return shutil.copytree(made[0], tmp_path / "felt")
+
+
+def test_slices_and_scattered_reads_are_the_sums_of_the_codes(made, tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
+    btf = open_btf(made[0])
+    codes = made[1].reshape(-1, SIZE, SIZE, 3)
+    assert codes.min() < 0 < 1 < codes.max()  # what is clipped is there
+    expected = decode_srgb(np.clip(codes, 0, 1))
+    rng = np.random.default_rng(0)
+    pair, row, col = rng.integers(0, [[6561], [SIZE], [SIZE]], (3, 500))
+    for each in pair[:50]:
+        np.testing.assert_allclose(btf.source.codes(each), codes[each], atol=1e-5)
+        np.testing.assert_allclose(btf[each], expected[each], atol=2e-5)
+    np.testing.assert_allclose(btf.gather(pair, row, col), expected[pair, row, col], atol=2e-5)
+    np.testing.assert_allclose(btf.texels(row[:5], col[:5]).swapaxes(0, 1), expected[:, row[:5], col[:5]], atol=2e-5)
+    some = btf.subset([6000, 3, 200])
+    np.testing.assert_allclose(some.texels([1], [2])[0], expected[[6000, 3, 200], 1, 2], atol=2e-5)
+    assert not list(tmp_path.iterdir())  # nothing is unpacked
+
+
+def test_views_and_lights_are_those_of_ubo2003_in_its_order(made):
+    btf = open_btf(made[0])
+    assert (btf.shape, len(btf), btf.periodic) == ((SIZE, SIZE), 6561, False)
+    np.testing.assert_array_equal(btf.wo.reshape(81, 81, 3)[:, 0], ubo2003())
+    np.testing.assert_array_equal(btf.wi[:81], ubo2003())
+    theta, phi = to_degrees(btf.wo[81 * 7])
+    assert (round(float(theta)), round(float(phi))) == (30, 0)
+    assert btf.provenance["source"] == "measured, re-coded by local PCA"
+    assert btf.provenance["native"]["bytes"] == sum(p.stat().st_size for p in made[0].glob("*.png"))
+    assert btf.provenance["native"]["rank"] == 8
+
+
+def test_opening_decodes_no_picture(made):
+    assert not {"components", "weights"} & set(vars(open_btf(made[0]).source))
+
+
+def test_a_material_has_one_name_and_fingerprint_wherever_it_lies(made, copy):
+    places = [made[0], made[0].parent, made[0] / "meta.json", copy, copy / "meta.json"]
+    found = [open_btf(place) for place in places]
+    assert {btf.name for btf in found} == {"felt"}
+    assert len({btf.fingerprint for btf in found}) == 1
+    codes = random_codes(SIZE, seed=1)
+    other = open_btf(write_ubo2003_pca(copy, *codes))
+    assert other.fingerprint != found[0].fingerprint
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_measured_materials_decode_as_expected(data, name):
+    folder = data / "ubo2003_local_pca"
+    btf = open_btf(folder / name)
+    assert (btf.name, btf.shape, len(btf)) == (name, (256, 256), 6561)
+    for known in json.loads((folder / "expected.json").read_text())[name]:
+        pair = known["view"] * 81 + known["light"]
+        codes = btf.source.codes(pair)
+        np.testing.assert_allclose(codes.mean((0, 1)), known["mean_code"], atol=1e-5)  # five decimals are given
+        for place, value in known.items():
+            if place.startswith("row_"):
+                row, col = map(int, place.split("_")[1::2])
+                np.testing.assert_allclose(codes[row, col], value, atol=1e-5)
+                linear = decode_srgb(np.clip(value, 0, 1))
+                np.testing.assert_allclose(btf.gather([pair], [row], [col])[0], linear, atol=5e-5)
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_the_lobe_of_measured_materials_lies_in_the_mirror_direction(data, name):
+    lobe = mean_lobe(open_btf(data / "ubo2003_local_pca" / name))
+    assert lobe.given > 0.7
+    assert lobe.mirrored < 0.15
+    assert abs(lobe.peak_deg - 180) <= 5
+    assert round(lobe.theta_deg) == 75
+
+
+def noted(folder, **changes):
+    notes = json.loads((folder / "meta.json").read_text()) | changes
+    (folder / "meta.json").write_text(json.dumps(notes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"blockSize": "9"}, "blockSize = '9': only 3 is read"),
+        ({"numComp": "4"}, "numComp = '4': only 8 is read"),
+        ({"numDirections": 151}, "numDirections = 151: only 81 is read"),
+        ({"numDirections": None}, "numDirections = None: it must be a whole number"),
+        ({"imageSize": "0"}, "imageSize = 0: 1 to 1024 are read"),
+        ({"imageSize": "1" * 3000}, "imageSize = 1111.*: it must be a whole number"),
+        ({"imageSize": [[4]]}, r"imageSize = \[\[4\]\]: it must be a whole number"),
+        ({"imageSize": "-4"}, "imageSize = -4: it must be a whole number"),
+    ],
+)
+def test_notes_that_lie_are_named_with_their_field(copy, changes, message):
+    noted(copy, **changes)
+    with pytest.raises(InputError, match=rf"felt/meta\.json: {message}"):
+        open_btf(copy)
+
+
+def test_a_size_that_the_pictures_do_not_have_is_an_error(copy):
+    noted(copy, imageSize="8")
+    with pytest.raises(InputError, match=r"felt/0\.png: .* pixels are not 27 blocks of 8 x 8 texels, as imageSize in "):
+        open_btf(copy)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b'{"numComp": "8"', "cannot be read"),
+        (b"[" * 60000, "cannot be read"),
+        (b"[8]", "must hold an object"),
+        (b'{"numComp": "' + b"8" * (1 << 16) + b'"}', "larger than 64 KiB"),
+        (b"\xff\xfe\x00", "cannot be read"),
+    ],
+)
+def test_notes_that_are_damaged_are_named(copy, content, message):
+    (copy / "meta.json").write_bytes(content)
+    with pytest.raises(InputError, match=rf"felt/meta\.json: {message}"):
+        open_btf(copy)
+
+
+def test_other_numbered_pictures_with_a_meta_json_are_not_taken_for_this_format(tmp_path):
+    (tmp_path / "meta.json").write_text('{"author": "me"}')
+    Image.new("RGBA", (4, 4)).save(tmp_path / "0.png")
+    with pytest.raises(InputError, match="no BTF folder"):
+        open_btf(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["5.png", "R.png"])
+def test_a_missing_picture_is_named(copy, name):
+    (copy / name).unlink()
+    with pytest.raises(InputError, match=rf"felt/{name}: missing: the material has 0\.png, 1\.png"):
+        open_btf(copy)
+
+
+def test_pictures_of_another_kind_are_refused(copy):
+    def message():
+        with pytest.raises(InputError) as caught:
+            open_btf(copy)
+        return str(caught.value)
+
+    Image.new("RGB", (4, 27)).save(copy / "3.png")
+    assert "3.png: no PNG of 8 bits with red, green, blue and alpha" in message()
+    (copy / "3.png").write_bytes(b"GIF89a")
+    assert "3.png: begins with b'GIF89a'" in message()
+    shutil.copy(copy / "2.png", copy / "3.png")
+    save(copy / "R.png", np.zeros((10, 40), np.uint8))
+    assert f"R.png: 10 x 10 pixels are too few: {PIXELS} hold the weights" in message()
+
+
+@pytest.mark.parametrize("name", ["7.png", "R.png"])
+def test_bytes_that_are_cut_off_or_changed_are_an_error_when_read(copy, name):
+    whole = (copy / name).read_bytes()
+    altered = bytearray(whole)
+    altered[len(whole) // 2] ^= 1
+    for damaged in (whole[:40], whole[: len(whole) // 2], whole[:-20], whole[:-1], altered):
+        (copy / name).write_bytes(damaged)
+        with pytest.raises(InputError, match=rf"felt/{name}: "):
+            open_btf(copy)[0]
