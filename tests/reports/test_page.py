@@ -274,14 +274,19 @@ def test_slices_are_wiped_and_chosen_by_mouse_and_key(opened):
     opened.mouse.click(box["x"] + box["width"] * 0.2, box["y"] + 20)
     seen.append(picture())
     assert canvas.get_attribute("aria-valuenow") == "20"
+
+    def see_another() -> None:
+        """Pictures are decoded beside: the canvas shows them a while later."""
+        shown = json.dumps(seen[-1])
+        wait(opened, f"document.querySelector('[data-slices=slices0] canvas').toDataURL() !== {shown}")
+        seen.append(picture())
+
     for what, value in (("show", "difference"), ("show", "flip"), ("right", "-1")):
         root.locator(f"[name={what}]").select_option(value)
-        opened.wait_for_timeout(300)
-        seen.append(picture())
+        see_another()
     root.locator("[role=slider][aria-label^=view]").focus()
     opened.keyboard.press("ArrowRight")
-    opened.wait_for_timeout(300)
-    seen.append(picture())
+    see_another()
     assert root.locator("[name=pair]").input_value() == "1"
     assert len(set(seen)) == len(seen)
 
