@@ -92,6 +92,13 @@ def test_a_held_lock_is_renewed(tmp_path, monkeypatch):
         assert (tmp_path / FILE).stat().st_mtime > 0
 
 
+def test_a_lock_that_another_host_took_over_is_left_to_it(tmp_path):
+    """As after a minute of suspension, on a file system that carries no locks."""
+    with locked(tmp_path, "ours"):
+        signed(tmp_path, "elsewhere", 1)
+    assert reaches(tmp_path, "theirs")
+
+
 def test_where_the_file_system_cannot_lock_the_process_is_looked_for(tmp_path, monkeypatch, caplog):
     def flock(file, how):
         raise OSError(errno.ENOLCK, "no locks available")
