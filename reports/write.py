@@ -78,7 +78,12 @@ def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Seque
 def _remove_old_figures(folder: Path, files: Sequence[Path]) -> None:
     """Remove the figures of an earlier report that this one does not draw; files of other names stay."""
     for kind in figures.KINDS:
-        old = {path for suffix in ("png", "svg") for name in (kind, f"{kind}-*") for path in folder.glob(f"{name}.{suffix}")}
+        old = {
+            path
+            for suffix in ("png", "svg")
+            for name in (kind, f"{kind}-*")
+            for path in folder.glob(f"{name}.{suffix}")
+        }
         for path in old - set(files):
             path.unlink()
 

@@ -8,12 +8,9 @@ import signal
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import EntryPoint
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bench.errors import CodecError, InputError
-
-if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
 
 Make = Callable[[str, dict[str, Any] | None], object]
 OURS = "neubtf-bench"
@@ -42,34 +39,52 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
 @cache
 def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], ...] | None) -> InputError | None:
     """What is wrong with a codec, or None."""
-    import multiprocessing  # imported here, since listing codecs should be instant
+    import json  # imported here, since listing codecs should be instant
+    import subprocess
+    import sys
 
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    child = context.Process(target=_try, args=(make, name, settings, theirs), daemon=True)
-    child.start()
-    theirs.close()
+    # A bare interpreter: the start of `multiprocessing` would run the script that asks again.
+    asked = json.dumps([sys.path, name, None if settings is None else dict(settings)], default=str)
+    there, here = os.pipe()
+    command = [sys.executable, "-c", CHILD.format(module=make.__module__, make=make.__name__), asked, str(here)]
+    child = subprocess.Popen(command, pass_fds=(here,), stdin=subprocess.DEVNULL, env=os.environ | {EXPENDABLE: "1"})
+    os.close(here)
     doing = "is imported" if settings is None else f"is made with {dict(settings) or 'its defaults'}"
     try:
-        if ours.poll(PATIENCE):
-            answer: InputError | None = ours.recv()
-            return answer
+        with open(there, encoding="utf-8") as answers:
+            child.wait(PATIENCE)
+            answer = answers.readline()
+    except subprocess.TimeoutExpired:
         return CodecError(f"{called} hangs when it {doing}: no answer in {PATIENCE:g} s")
-    except EOFError:
-        child.join()
-        return CodecError(f"{called} ends the process when it {doing}: {ending(child.exitcode)}")
     finally:
         child.kill()
+        child.wait()
+    if not answer:
+        return CodecError(f"{called} ends the process when it {doing}: {ending(child.returncode)}")
+    kind, message = json.loads(answer)
+    return {"": None, CodecError.__name__: CodecError(message)}.get(kind, InputError(message))
 
 
-def _try(make: Make, name: str, settings: tuple[tuple[str, Any], ...] | None, answer: "Connection") -> None:
-    os.environ[EXPENDABLE] = "1"
+CHILD = """
+import json, sys
+sys.path[:], name, settings = json.loads(sys.argv[1])
+from bench.codecs.trial import answer
+from {module} import {make} as make
+answer(make, name, settings, int(sys.argv[2]))
+"""
+
+
+def answer(make: Make, name: str, settings: dict[str, Any] | None, place: int) -> None:
+    """In the other process: make the codec, and write the kind and the words of what is wrong to a file descriptor."""
+    import json
+
+    said = ["", ""]
     try:
-        make(name, None if settings is None else dict(settings))
+        make(name, settings)
     except InputError as error:
-        answer.send(error)
-    else:
-        answer.send(None)
+        said = [type(error).__name__, str(error)[:4096]]  # what a pipe holds, however it is written
+    with open(place, "w", encoding="utf-8") as answers:
+        print(json.dumps(said), file=answers)
 
 
 def ending(code: int | None) -> str:

@@ -29,4 +29,16 @@ ALL: tuple[Callable[[Run], Iterator[Figure]], ...] = (
     latent_channels,
 )
 # What the names of their files begin with.
-KINDS = ("abrdf", "angles", "contact", "fits", "footprints", "latents", "polar", "rate", "significance", "speed", "trade")
+KINDS = (
+    "abrdf",
+    "angles",
+    "contact",
+    "fits",
+    "footprints",
+    "latents",
+    "polar",
+    "rate",
+    "significance",
+    "speed",
+    "trade",
+)
