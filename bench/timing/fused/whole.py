@@ -87,6 +87,6 @@ class Whole(Material):
         return found
 
     def _answered(self, call: Any, inputs: Any, number: int, outputs: int) -> Any:
-        """What a network outputs for the inputs (n, D) that a query has for it: one row, or one for each of its texels."""
+        """What a network outputs for the inputs (n, D) that one query has for it: one row, or one a texel."""
         kind, network = self.dr.llvm.Float, self.networks[number]
         return as_array([list(network.within(self.row, [kind(value) for value in row])) for row in inputs])
