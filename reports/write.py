@@ -29,6 +29,7 @@ def write(folder: Path) -> Written:
         files.append(put(path, figure.png))
         if figure.svg:
             files.append(put(path.with_suffix(".svg"), figure.svg))
+    _remove_old_figures(folder / "figures", files)
     files.append(folder / "report.html")
     with replacing(files[-1]) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
         file.writelines(page(run, narrow, drawn))
@@ -61,15 +62,30 @@ def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Seque
     files = [put(folder / "results.csv", csv_text(run).encode())]
     if choices := trade.csv_text(run.folder):
         files.append(put(folder / "trade.csv", choices.encode()))
+    else:  # of an earlier report, and no longer true: so below
+        (folder / "trade.csv").unlink(missing_ok=True)
     writers = {".md": (markdown, tables), ".tex": (latex, narrow)}
     for kind in KINDS:
         for suffix, (text, found) in writers.items():
             chosen = [table for table in found if table.kind == kind]
             if chosen:
                 files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
-            else:  # of an earlier report, and no longer true
+            else:
                 (folder / f"{kind}{suffix}").unlink(missing_ok=True)
     return files
+
+
+def _remove_old_figures(folder: Path, files: Sequence[Path]) -> None:
+    """Remove the figures of an earlier report that this one does not draw; files of other names stay."""
+    for kind in figures.KINDS:
+        old = {
+            path
+            for suffix in ("png", "svg")
+            for name in (kind, f"{kind}-*")
+            for path in folder.glob(f"{name}.{suffix}")
+        }
+        for path in old - set(files):
+            path.unlink()
 
 
 def put(path: Path, content: bytes) -> Path:

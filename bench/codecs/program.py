@@ -8,8 +8,10 @@ constants alone are computed here and become constants.
 import io
 import json
 import logging
+import threading
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,6 +64,9 @@ class Program:
             np.savez_compressed(file, **self.arrays())  # type: ignore[arg-type]
 
 
+_ALONE = threading.Lock()  # what PyTorch keeps while it records is of the process: two records disturb each other
+
+
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Silence the warnings and logs of torch.export."""
@@ -83,17 +88,24 @@ class _Evaluate(nn.Module):
         return self.material.evaluate(uv, wo, wi, footprint)
 
 
+def _exported(material: Material) -> torch.export.ExportedProgram:
+    zenith = torch.tensor([[0.0, 0.0, 1.0]])
+    query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)
+    with torch.no_grad(), _quiet():
+        return torch.export.export(_Evaluate(material), query, strict=False).run_decompositions()
+
+
 def program_of(material: Material) -> Program:
     """The program of a float32 material on the CPU.
 
     `InputError` where `evaluate` cannot be recorded: it branches in Python on the values of a query, or uses something
     other than tensor operations.
     """
-    zenith = torch.tensor([[0.0, 0.0, 1.0]])
-    query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)
     try:
-        with torch.no_grad(), _quiet():
-            exported = torch.export.export(_Evaluate(material), query, strict=False).run_decompositions()
+        # In a thread of its own: who looks at the frames of this one, as the profiler of a Dask worker does, keeps them
+        # alive, and with them guards by which PyTorch stops recording for a while. An operation would be missing.
+        with _ALONE, ThreadPoolExecutor(1) as thread:
+            exported = thread.submit(_exported, material).result()
     except Exception as error:  # torch.export has no exception type of its own
         what = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise InputError(f"this material cannot be recorded as a program: {what}") from error

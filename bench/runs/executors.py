@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, InvalidStateError, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
@@ -32,6 +33,7 @@ class Workers:
     executor: Executor
     at_once: int
     here: bool = False  # jobs run in the calling thread, and can show their progress
+    seats: Callable[[], int] | None = None  # how many jobs run side by side now; None: `at_once`
 
 
 @contextmanager
@@ -84,10 +86,18 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
     executor = client.get_executor(pure=False, resources=resources or None)
     try:
         _have_package(client)
-        yield Workers(executor, 1000)  # enough for a cluster that scales with the number of waiting jobs
+        # Enough for a cluster that scales with the number of waiting jobs.
+        yield Workers(executor, 1000, seats=partial(_threads_of, client))
     finally:
         executor.shutdown(wait=False)
         client.close()
+
+
+def _threads_of(client: Any) -> int:
+    """Threads of all workers that are there now; 1 where there is none, or nobody answers."""
+    with suppress(OSError):
+        return max(1, sum(client.nthreads().values()))
+    return 1
 
 
 def _have_package(client: Any) -> None:

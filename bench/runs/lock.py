@@ -33,7 +33,7 @@ def locked(folder: Path, run: str) -> Iterator[None]:
     """Hold the lock of a run's folder; creates the folder if it is missing.
 
     `InputError` names the holder, or says why the folder cannot be written. Takes over the lock of a dead process, with
-    a warning.
+    a warning. A lock that another host took over meanwhile, because this process was suspended, is left to it.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -41,19 +41,25 @@ def locked(folder: Path, run: str) -> Iterator[None]:
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another --out") from error
     done = threading.Event()
-    renewal = threading.Thread(target=_renew, args=(folder / FILE, done), daemon=True)
+    renewal = threading.Thread(target=_renew, args=(folder, run, done), daemon=True)
     renewal.start()
     try:
         yield
     finally:
         done.set()
-        (folder / FILE).unlink(missing_ok=True)
+        if _is_ours(folder, run):
+            (folder / FILE).unlink(missing_ok=True)
         os.close(file)
 
 
 def reaches(folder: Path, run: str) -> bool:
     """Whether this process can write in the folder that a run has locked; one on another machine may be unable to."""
     return _holder(folder / FILE).get("run") == run and os.access(folder, os.W_OK)
+
+
+def _is_ours(folder: Path, run: str) -> bool:
+    holder = _holder(folder / FILE)
+    return (holder.get("run"), holder.get("process"), holder.get("host")) == (run, os.getpid(), platform.node())
 
 
 def _acquire(folder: Path, run: str) -> int:
@@ -132,10 +138,11 @@ def _age(folder: Path) -> float:
         return os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime
 
 
-def _renew(path: Path, done: threading.Event) -> None:
+def _renew(folder: Path, run: str, done: threading.Event) -> None:
     while not done.wait(RENEWED_EVERY):
         with suppress(OSError):  # a file system that is unavailable for a moment must not stop the run
-            os.utime(path)
+            if _is_ours(folder, run):
+                os.utime(folder / FILE)
 
 
 def _named(holder: dict[str, Any]) -> str:

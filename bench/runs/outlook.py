@@ -7,7 +7,7 @@ estimate; its jobs are counted apart.
 """
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,11 +37,14 @@ class Fitted:
 
 
 class Outlook:
-    """The jobs of a run that are left; `holds` are those whose records are expected to hold."""
+    """The jobs of a run that are left; `holds` are those whose records are expected to hold.
 
-    def __init__(self, tasks: Iterable[Task], holds: set[str], folder: Path, at_once: int):
+    `seats` says how many run side by side.
+    """
+
+    def __init__(self, tasks: Iterable[Task], holds: set[str], folder: Path, seats: Callable[[], int]):
         self.waiting = {task.name: task for task in tasks}
-        self.total, self.holds, self.at_once = len(self.waiting), holds, at_once
+        self.total, self.holds, self.seats = len(self.waiting), holds, seats
         self.known: dict[str, list[Fitted]] = {}  # by codec; of those, the latest last
         for fit in _on_record(folder):
             self._keep(fit)
@@ -106,15 +109,14 @@ class Outlook:
         for task in left:
             cell = task.material.name, task.codec.label
             fits[cell] = fits[cell] if cell in fits else self._fit(task)
-        seconds = [fits[task.material.name, task.codec.label] for task in left]
-        known = [each + self._besides for each in seconds if each is not None]
+        seconds, seats = [fits[task.material.name, task.codec.label] for task in left], self.seats()
+        known = [each + self._besides(seats) for each in seconds if each is not None]
         unknown = [task for task, each in zip(left, seconds, strict=True) if each is None]
-        return sum(known) / min(self.at_once, max(1, len(left))), unknown
+        return sum(known) / min(seats, max(1, len(left))), unknown
 
-    @property
-    def _besides(self) -> float:
+    def _besides(self, seats: int) -> float:
         """Seconds of a job besides its fit, as far as this run knows."""
-        apart = (time.monotonic() - self.start) * self.at_once - self.spent
+        apart = (time.monotonic() - self.start) * min(seats, self.total) - self.spent
         return max(0.0, apart / self.worked) if self.worked else 0.0
 
     def _fit(self, task: Task) -> float | None:

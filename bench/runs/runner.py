@@ -201,7 +201,8 @@ class _Session:
     def _outlook(self, workers: Workers) -> Outlook:
         """The jobs ahead; those whose records agree with their files are expected to hold."""
         holds = {task.name for task in self.tasks if self._earlier(task.name) is not None}
-        return Outlook(self.tasks, holds, self.options.folder.absolute(), workers.at_once)
+        seats = workers.seats or (lambda: workers.at_once)
+        return Outlook(self.tasks, holds, self.options.folder.absolute(), seats)
 
     def _told(self, task: Task) -> dict[str, Any]:
         """The fields of a task that a worker cannot look up."""

@@ -77,8 +77,10 @@ def run_and_measure(
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
-        found = measure(suite, load_run(options.folder), options.device, full, options.show, emulated, noise)
-        write(options.folder, merged(load_trade(options.folder), found))
+        measured, given = load_run(options.folder), (options.device, full, options.show, emulated, noise)
+        for spec in suite.materials:  # written as it goes
+            found = measure(replace(suite, materials=(spec,)), measured, *given)
+            write(options.folder, merged(load_trade(options.folder), found))
     return states
 
 
@@ -198,8 +200,8 @@ def _choices(
             try:
                 ready = prepared(material, variant)
                 row |= _quality(bench, job, run) if variant == Variant() else _score(bench, ready, suite.threads, show)
-            except InputError as error:
-                rows.append(row | {"error": str(error)})
+            except Exception as error:  # one variant costs no figures of the others
+                rows.append(row | {"error": _said(error)})
                 continue
             rows.append(row)
             timed[len(rows) - 1] = ready
@@ -212,6 +214,12 @@ def _choices(
     floor = {"material": bench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
     _mark([row for row in rows if "error" not in row])
     return [*rows, floor | conditions | measured[timing.FLOOR].summary()]
+
+
+def _said(error: Exception) -> str:
+    """An error in a row: of one that nobody foresaw, its kind too."""
+    kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
+    return kind + " ".join(str(error).split())
 
 
 def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:

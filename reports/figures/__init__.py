@@ -28,3 +28,17 @@ ALL: tuple[Callable[[Run], Iterator[Figure]], ...] = (
     abrdf_maps,
     latent_channels,
 )
+# What the names of their files begin with.
+KINDS = (
+    "abrdf",
+    "angles",
+    "contact",
+    "fits",
+    "footprints",
+    "latents",
+    "polar",
+    "rate",
+    "significance",
+    "speed",
+    "trade",
+)

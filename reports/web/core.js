@@ -102,7 +102,8 @@ const report = (() => {
     say();
   }
 
-  // Calls a function when an element first comes near the window.
+  // Calls a function when an element first comes near the window. What it draws must change no size: a page that moves
+  // while it is scrolled takes a button from under the pointer.
   function whenNear(root, begin) {
     const watch = new IntersectionObserver((entries) => {
       if (entries.some((entry) => entry.isIntersecting)) { watch.disconnect(); begin(); }

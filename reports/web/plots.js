@@ -55,8 +55,9 @@
     constructor(root, plot) {
       this.root = root;
       this.plot = plot;
+      this.points = [];
       this.series = plot.kind === "slices" ? binned(plot) : plot.series;
-      this.svg = drawn("svg", { tabindex: 0, role: "img",
+      this.svg = drawn("svg", { height: HEIGHT, tabindex: 0, role: "img",
         "aria-label": `${plot.title} ${plot.material}. Arrow keys move from point to point.` });
       this.tip = element("p", { class: "tip", role: "status", hidden: "" });
       root.append(element("h4", {}, plot.title), this.svg, this.tip);
@@ -69,8 +70,12 @@
       this.svg.addEventListener("pointerleave", () => this.show(null));
       this.svg.addEventListener("blur", () => this.show(null));
       this.svg.addEventListener("keydown", (event) => this.key(event));
+    }
+
+    begin() {
       report.listen(() => this.draw());
-      new ResizeObserver(() => this.draw()).observe(root);
+      new ResizeObserver(() => this.draw()).observe(this.root);
+      this.draw();
     }
 
     draw() {
@@ -79,7 +84,6 @@
       const shown = this.series.filter((each) => !hidden.has(each.label)), { x, y } = this.plot;
       this.svg.replaceChildren();
       this.svg.setAttribute("viewBox", `0 0 ${width} ${HEIGHT}`);
-      this.svg.setAttribute("height", HEIGHT);
       this.points = [];
       this.active = null;
       this.show(null);
@@ -186,7 +190,8 @@
     for (const plot of chosen) {
       const place = element("figure", { class: "plot", "data-kind": plot.kind });
       root.append(place);
-      report.whenNear(place, () => new Plot(place, plot).draw());
+      const made = new Plot(place, plot);
+      report.whenNear(place, () => made.begin());
     }
   }
 })();

@@ -21,10 +21,11 @@
   class Slices {
     constructor(root, data) {
       this.data = data;
+      this.factor = Math.max(1, Math.round(384 / Math.max(data.width, data.height)));
       this.state = { pair: 0, left: -1, right: best(data.codecs), show: "decoded", gain: 4, wipe: 0.5 };
       this.images = new Map();
-      this.canvas = element("canvas", { tabindex: 0, role: "slider", "aria-label": "wipe between the left and the right picture",
-        "aria-valuemin": 0, "aria-valuemax": 100 });
+      this.canvas = element("canvas", { width: data.width * this.factor, height: data.height * this.factor, tabindex: 0,
+        role: "slider", "aria-label": "wipe between the left and the right picture", "aria-valuemin": 0, "aria-valuemax": 100 });
       this.says = element("p", { role: "status" });
       const names = ["truth", ...data.codecs.map((codec) => codec.label)];
       const shows = [["decoded", "picture"], ["difference", "difference from truth"], ["flip", "FLIP map"]];
@@ -44,7 +45,7 @@
           this.hemisphere("view", data.wo), this.hemisphere("light", data.wi), element("label", {}, "pair ", this.pairs))),
         this.says);
       this.listen();
-      this.changed();
+      this.say();
     }
 
     hemisphere(name, directions) {
@@ -132,7 +133,7 @@
 
     paint() {
       if (!this.sides) return;
-      const { width, height } = this.data, factor = Math.max(1, Math.round(384 / Math.max(width, height)));
+      const { width, height } = this.data, { factor } = this;
       const context = this.canvas.getContext("2d"), middle = Math.round(this.state.wipe * width * factor);
       this.canvas.width = width * factor;
       this.canvas.height = height * factor;
@@ -152,6 +153,10 @@
       context.fillStyle = "#fff8";
       context.fillRect(middle - 1, 0, 2, height * factor);
       this.canvas.setAttribute("aria-valuenow", Math.round(100 * this.state.wipe));
+      this.say();
+    }
+
+    say() {
       this.says.textContent = [this.told(Number(this.state.left)), this.told(Number(this.state.right))].join(" | ");
     }
 
@@ -172,8 +177,7 @@
   const angles = ([theta, phi]) => `θ ${Math.round(theta)}° φ ${Math.round(phi)}°`;
 
   for (const root of document.querySelectorAll("[data-slices]")) {
-    report.whenNear(root, () => {
-      root.slices = new Slices(root, JSON.parse(document.getElementById(root.dataset.slices).textContent));
-    });
+    root.slices = new Slices(root, JSON.parse(document.getElementById(root.dataset.slices).textContent));
+    report.whenNear(root, () => root.slices.changed());
   }
 })();

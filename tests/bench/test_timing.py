@@ -94,16 +94,17 @@ def test_a_machine_that_is_not_quiet_is_told():
 
 
 def test_warm_up_goes_on_until_two_calls_take_alike():
-    pauses = iter([0.05, 0.03, 0.012, 0.012])
-    calls = []
+    milliseconds, calls, now = iter([50, 30, 2.1, 2]), [], 0
 
     def call():
-        calls.append(next(pauses, 0.012))
-        time.sleep(calls[-1])
+        nonlocal now
+        calls.append(next(milliseconds, 2))
+        now += round(calls[-1] * 1e6)
 
-    turn = calibrated(call, torch.device("cpu"))
-    assert calls[:3] == [0.05, 0.03, 0.012]
-    assert turn() >= 0.012e9
+    turn = calibrated(call, torch.device("cpu"), lambda: now)
+    assert calls == [50, 30, 2.1, 2]
+    assert turn() == 2e6
+    assert calls[4:] == [2] * 5  # 10 ms
 
 
 def test_queries_are_random_or_the_slices_of_one_pair():

@@ -57,6 +57,22 @@ def test_two_materials_never_share_a_file(made):
     assert len(list(made.folder.glob("figures/contact-*.png"))) == 2
 
 
+def test_figures_and_choices_of_an_earlier_report_go(made):
+    from reports import figures
+
+    write_report(made.job().job("vq").timing().trade("pca").folder)
+    before = {path.name for path in made.folder.glob("figures/*")}
+    assert {name.partition("-")[0] for name in before} <= set(figures.KINDS)
+    (made.folder / "figures" / "mine.png").write_bytes(b"")
+    for name in ("records.jsonl", "trade.json"):
+        (made.folder / name).unlink()
+    written = write_report(made.start().job().folder)
+    drawn = {path.name for path in written.files if path.parent.name == "figures"}
+    assert drawn < before
+    assert {path.name for path in made.folder.glob("figures/*")} == drawn | {"mine.png"}
+    assert not (made.folder / "tables" / "trade.csv").exists()
+
+
 def test_a_table_that_lost_its_rows_goes(made):
     write_report(made.unfinished("failed", "no", label="pca components=8").folder)
     assert (made.folder / "tables/unfinished.md").exists()

@@ -87,7 +87,6 @@ class Whole(Material):
         return found
 
     def _answered(self, call: Any, inputs: Any, number: int, outputs: int) -> Any:
-        """What a network outputs for the inputs (1, D) of the program."""
-        kind = self.dr.llvm.Float
-        given = [kind(value) for value in inputs.reshape(-1)]
-        return as_array([list(self.networks[number].within(self.row, given))])
+        """What a network outputs for the inputs (n, D) that one query has for it: one row, or one a texel."""
+        kind, network = self.dr.llvm.Float, self.networks[number]
+        return as_array([list(network.within(self.row, [kind(value) for value in row])) for row in inputs])

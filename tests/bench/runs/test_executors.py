@@ -60,11 +60,9 @@ def test_workers_that_cannot_be_had_are_refused(count, device, message, monkeypa
 
 
 def test_the_end_of_a_run_ends_its_workers_whatever_they_do():
-    start = time.monotonic()
     with processes(1, 1) as workers:
         future = workers.executor.submit(time.sleep, 600)
-    assert isinstance(future.exception(), BrokenExecutor)
-    assert time.monotonic() - start < 60
+    assert isinstance(future.exception(), BrokenExecutor)  # after its end it would have an answer
 
 
 PARENT = """
@@ -108,14 +106,15 @@ def test_dask_runs_jobs_on_workers_that_have_what_they_take(cluster):
     with dask(cluster.scheduler_address, {"GPU": 1}) as workers:
         futures = [workers.executor.submit(divmod, n, 2) for n in range(5)]
         assert [future.result() for future in futures] == [divmod(n, 2) for n in range(5)]
+        assert workers.seats() == 1
     with dask(cluster.scheduler_address, {"GPU": 2}) as workers:
         future = workers.executor.submit(divmod, 7, 2)
         assert wait([future], timeout=0.5).not_done == {future}
 
 
 def test_jobs_of_a_scheduler_that_is_gone_are_cancelled(cluster):
-    with dask(cluster.scheduler_address, {}) as workers:
-        future = workers.executor.submit(time.sleep, 1)
+    with dask(cluster.scheduler_address, {"GPU": 2}) as workers:  # so that it waits, however long closing takes
+        future = workers.executor.submit(divmod, 7, 2)
         cluster.close()
         with pytest.raises(CancelledError):
             future.result(timeout=60)

@@ -19,7 +19,7 @@ from pathlib import Path
 from bench.runs.lock import locked
 with locked(Path(sys.argv[1]), "theirs"):
     print("held", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 """
 
 
@@ -90,6 +90,13 @@ def test_a_held_lock_is_renewed(tmp_path, monkeypatch):
         while (tmp_path / FILE).stat().st_mtime == 0 and time.monotonic() < deadline:
             time.sleep(0.01)
         assert (tmp_path / FILE).stat().st_mtime > 0
+
+
+def test_a_lock_that_another_host_took_over_is_left_to_it(tmp_path):
+    """As after a minute of suspension, on a file system that carries no locks."""
+    with locked(tmp_path, "ours"):
+        signed(tmp_path, "elsewhere", 1)
+    assert reaches(tmp_path, "theirs")
 
 
 def test_where_the_file_system_cannot_lock_the_process_is_looked_for(tmp_path, monkeypatch, caplog):

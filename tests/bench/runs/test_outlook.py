@@ -43,7 +43,7 @@ def job(of, seconds, pairs=20, **settings):
 
 
 def looked(folder, tasks, holds=(), at_once=1):
-    return Outlook(tasks, set(holds), folder, at_once)
+    return Outlook(tasks, set(holds), folder, lambda: at_once)
 
 
 def test_without_records_there_is_no_estimate_and_it_says_so(tmp_path, clock):
@@ -65,6 +65,18 @@ def test_a_finished_job_tells_of_the_others_of_its_codec_and_of_what_a_job_takes
     clock[0] += 20
     found.ended(job(tasks[4], 10.0), "")
     assert (found.progress, found.left) == ("5 of 5 jobs", "")
+
+
+def test_jobs_are_divided_among_the_workers_that_are_there_and_no_more(tmp_path, clock):
+    tasks, there = [task("pca", seed=seed) for seed in range(3)], [1]
+    found = Outlook(tasks, set(), tmp_path / "run", lambda: there[0])
+    clock[0] += 120
+    found.ended(job(tasks[0], 20.0), "")
+    assert found.left == "about 4 min left"
+    there[0] = 2
+    assert found.left == "about 4 min left"  # all that is known of the past is how long it took
+    there[0] = 1000
+    assert found.left == "about 6 min left"
 
 
 def test_fits_on_record_are_scaled_by_steps_or_by_the_data(tmp_path, clock):

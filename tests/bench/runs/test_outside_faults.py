@@ -160,6 +160,27 @@ def test_a_job_that_takes_too_long_has_failed_and_the_next_has_a_worker():
     assert cli.main(["run", "--max-seconds", "0", "--material", "btf", "--codec", "mean-colour", "--out", "x"]) == 2
 
 
+def test_a_codec_of_another_distribution_runs_on_a_cluster_as_documented(tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "site"), *sys.path]))
+    file = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", file]
+    worker = ["worker", "--scheduler-file", file, "--nthreads", "1", "--no-dashboard"]  # by default in a nanny
+    started = [subprocess.Popen([sys.executable, "-m", "dask", *words], **quiet) for words in (scheduler, worker)]
+    try:
+        while not file.exists():
+            time.sleep(0.1)
+        chosen = ["--codec", "leaves", "--scheduler", str(file)]
+        assert cli.main(["run", "quick", "--material", "btf", "--out", "run", *chosen]) == 0
+    finally:
+        for process in reversed(started):
+            process.terminate()
+            process.wait()
+    (job,) = load_run("run").jobs
+    assert job["status"] == "ok", job.get("error")
+
+
 def test_what_a_codec_leaves_behind_reaches_neither_scores_nor_the_next_job(tmp_path):
     alone = ran("vq")["vq"]
     jobs = ran("leaves", "vq", fresh=True)

@@ -15,9 +15,10 @@ from bench.errors import InputError
 from bench.material import DecoderCost
 from bench.records import append, load_run, load_trade
 from bench.runs import choose, trade
-from bench.runs.runner import Options, run
+from bench.runs.runner import Options, Outcome, run
 from bench.runs.suite import CodecSpec, Suite
 from bench.timing import native
+from bench.timing.execution import Variant
 from reports import table_text, write_report
 
 SUITE = Suite(
@@ -85,6 +86,50 @@ def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
         row = by_name(measured[1])[f"{label} [fused float32]"]
         assert "pip install neubtf-bench[mitsuba]" in row["error"]
         assert "ns_per_sample" not in row
+
+
+@pytest.fixture
+def quick(measured, monkeypatch):
+    """Whatever is measured here takes no time."""
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
+    monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
+    monkeypatch.setattr(trade, "profile", lambda *_: [])
+    monkeypatch.setattr(trade, "BATCH", 256)
+    monkeypatch.setattr(timing, "SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
+
+
+def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(measured, quick, monkeypatch):
+    def fails(material, variant):
+        raise ValueError("zip() argument 2 is shorter\nthan argument 1")
+
+    plain = trade.prepared
+    monkeypatch.setattr(
+        trade, "prepared", lambda material, variant: (plain if variant == Variant() else fails)(material, variant)
+    )
+    suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("fused float32",))
+    rows = by_name(trade.measure(suite, load_run(measured[0]), "cpu"))
+    says = "ValueError: zip() argument 2 is shorter than argument 1"
+    assert rows["neubtf-direct steps=20 [fused float32]"]["error"] == says
+    assert rows["neubtf-direct steps=20"]["ns_per_sample"] > 0
+
+
+def test_what_was_measured_of_a_material_is_kept_when_the_next_one_fails(measured, quick, tmp_path, monkeypatch):
+    shutil.copytree(measured[0], tmp_path / "run")
+    other = MaterialSpec("other")
+    plain = trade.measure
+
+    def measure(suite, *rest):
+        if suite.materials == (other,):
+            raise KeyboardInterrupt
+        return plain(suite, *rest)
+
+    monkeypatch.setattr(trade, "measure", measure)
+    monkeypatch.setattr(trade.runner, "run", lambda *_: [Outcome({"status": "ok"})])
+    suite = replace(SUITE, materials=(*SUITE.materials, other), codecs=SUITE.codecs[:1], variants=())
+    with pytest.raises(KeyboardInterrupt):
+        trade.run_and_measure(suite, Options(tmp_path / "run"), lambda _: None)
+    assert {row["material"] for row in load_trade(tmp_path / "run")["choices"]} == {"tiny"}
 
 
 def test_a_choice_is_on_a_front_where_nothing_is_as_good_for_less():
@@ -174,16 +219,10 @@ def test_each_precision_of_a_suite_has_a_ceiling_and_each_choice_a_limit(measure
         assert rows[name]["of_limit"] == rows[name]["limit_ns"] / rows[name]["ns_per_sample"] > 0
 
 
-def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(measured, tmp_path, monkeypatch):
+def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(measured, quick, tmp_path, monkeypatch):
     folder = measured[0]
     suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("eager bfloat16", "fused bfloat16", "compiled tf32"))
-    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
     monkeypatch.setattr(native, "emulated", lambda precision, device: precision == "bfloat16")
-    monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
-    monkeypatch.setattr(trade, "profile", lambda *_: [])
-    monkeypatch.setattr(trade, "BATCH", 256)
-    monkeypatch.setattr(timing, "SAMPLES", 3)
-    monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
     found = trade.measure(suite, load_run(folder), "cpu")
     assert list(by_name(found)) == ["neubtf-direct steps=20", timing.FLOOR]
     assert {ceiling["dtype"] for ceiling in found["ceilings"]} == {"float32"}
@@ -200,7 +239,7 @@ def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(measure
 
 
 @pytest.fixture
-def path_traced(measured, monkeypatch):
+def path_traced(measured, quick, monkeypatch):
     """What is measured with noise by a path tracer that stands in for Mitsuba's, and cannot record one codec."""
 
     def reached(file, drawn):
@@ -211,14 +250,9 @@ def path_traced(measured, monkeypatch):
         return [SimpleNamespace(samples=40_000.0, seconds=3.0), SimpleNamespace(samples=9_876.0, seconds=1.5)]
 
     stands_in = SimpleNamespace(EVEN="ball, even sky", reached=reached)
-    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
     monkeypatch.setattr(trade, "_path_tracer", lambda: stands_in)
     monkeypatch.setattr(trade, "fitted", lambda material, show: torch.zeros(1, 1, 5))
-    monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
-    monkeypatch.setattr(trade, "profile", lambda *_: [])
-    monkeypatch.setattr(trade, "BATCH", 256)
-    monkeypatch.setattr(timing, "SAMPLES", 3)
-    monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
+    monkeypatch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
     suite = replace(SUITE, variants=("eager bfloat16",))
     return trade.measure(suite, load_run(measured[0]), "cpu", noise=True)
 

@@ -10,6 +10,7 @@ from bench.codecs.decoder import Architecture, Decoder
 from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import DecoderCost, Material, parameters
+from bench.runs.suite import load_suite
 from bench.timing.execution import TOLERANCES, Variant, prepared
 
 pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
@@ -19,9 +20,22 @@ CODECS = {
     "relief without a height": {"steps": 5, "width": 8, "relief": False},
     "neubtf-direct": {"steps": 5, "width": 8},
     "neumip": {"steps": 5},
+    "ntc": {"steps": 5, "width": 8},  # its network answers four texels of a query
+    "zeltner2024": {"steps": 5, "width": 8},
+    "triple-plane": {"steps": 5},
+    "bcf": {},
+    "rainer2019": {"steps": 5},
     "pca": {"components": 3},
+    "vq": {},
+    "table": {},
+    "tucker": {},
     "hsh": {},
+    "mean-colour": {},
 }
+
+
+def test_every_codec_of_the_suite_trade_is_here():
+    assert {spec.codec for spec in load_suite("trade").codecs} <= {name.split()[0] for name in CODECS}
 
 
 @pytest.fixture(scope="module")

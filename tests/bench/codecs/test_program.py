@@ -1,0 +1,48 @@
+"""A program is the same whatever else the process does while it is recorded."""
+
+import sys
+import threading
+
+import pytest
+import torch
+
+from bench.codec import Fit
+from bench.codecs.program import program_of
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+
+
+@pytest.fixture(scope="module")
+def material():
+    codec = load_codec("pca")()
+    return codec.decode(codec.encode(tiny_btf(), Fit()), torch.device("cpu"))
+
+
+def steps(program):
+    return [(step.operation, step.shape) for step in program.steps]
+
+
+def test_frames_that_somebody_keeps_change_no_program(material):
+    """As a profiler of the asking thread does: Dask's workers have one."""
+    expected, kept = steps(program_of(material)), []
+    sys.setprofile(lambda frame, event, _: kept.append(frame))
+    try:
+        found = steps(program_of(material))
+    finally:
+        sys.setprofile(None)
+    assert found == expected
+
+
+def test_threads_that_record_at_once_give_what_one_gives(material):
+    expected, found, together = steps(program_of(material)), [], threading.Barrier(3)
+
+    def record():
+        together.wait()
+        found.append(steps(program_of(material)))
+
+    threads = [threading.Thread(target=record) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [expected] * 3
