@@ -62,9 +62,8 @@ def _page(options: argparse.Namespace) -> str:
             header, material, _ = load(file)
             found, note = _drawn(material, file.stem, console.show)
             shown = shown or found.exposure  # one exposure for all, so that brightness can be compared
-            models.append(
-                Model(f"{file.stem}: {header.codec}, {header.file_bytes:,} bytes", found.program, shown, note)
-            )
+            label = f"{file.stem}: {header.codec}, {header.file_bytes:,} bytes"
+            models.append(Model(label, found.program, shown, note))
         return page(options.truth or options.files[0].stem, models)
 
 
