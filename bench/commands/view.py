@@ -17,7 +17,7 @@ from bench.errors import FINE, InputError
 
 if TYPE_CHECKING:
     from bench.codec import Progress
-    from bench.material import Material
+    from bench.codecs.loading import Loaded
     from bench.runs.drawing import Drawable
 
 
@@ -58,25 +58,25 @@ def _page(options: argparse.Namespace) -> str:
             truth = drawable_truth(btf, console.show)
             note = "truth: the training pairs, interpolated between directions"
             models, shown = [Model(f"{btf.name}, truth", truth.program, truth.exposure, note)], truth.exposure
-        for file in options.files:
-            header, material, _ = load(file)
-            found, note = _drawn(material, file.stem, console.show)
+        for file in map(load, options.files):
+            found, note = _drawn(file, console.show)
             shown = shown or found.exposure  # one exposure for all, so that brightness can be compared
-            label = f"{file.stem}: {header.codec}, {header.file_bytes:,} bytes"
+            label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
             models.append(Model(label, found.program, shown, note))
         return page(options.truth or options.files[0].stem, models)
 
 
-def _drawn(material: "Material", name: str, show: "Progress") -> "tuple[Drawable, str]":
-    """A material and a note on it; its baked slices where no shader can do what it does."""
+def _drawn(file: "Loaded", show: "Progress") -> "tuple[Drawable, str]":
+    """What a file decodes to and a note on it; its baked slices where no shader can do what it does."""
     from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
     from reports.shaders.dialects import GLSL
     from reports.shaders.generator import shader
 
     try:
-        found = drawable(material)
+        found = drawable(file.material)
         shader(found.program, GLSL)
     except InputError as error:
+        name = file.header.path.stem
         note = f"{name} is baked: its slices at {BAKED} × {BAKED} pairs, interpolated between directions, since {error}"
-        return drawable_truth(baked(material, name, show), show), note
+        return drawable_truth(baked(file.material, name, show), show), note
     return found, ""
