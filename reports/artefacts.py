@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from bench.archive import MAX_FILE, read_arrays
+from bench.errors import InputError
+from bench.program import Program
 from bench.records import Record
 
 Arrays = Mapping[str, np.ndarray]
@@ -31,3 +33,11 @@ def angular(folder: Path, job: Record) -> dict[str, Any] | None:
     except (OSError, KeyError, ValueError, TypeError, RecursionError):
         return None
     return found
+
+
+def program(path: Path) -> Program:
+    """The program of a decoded material. `InputError` where the file is none."""
+    try:
+        return Program.of(read_arrays(path, MAX_FILE))
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: no program of a material ({error}): make it anew") from error

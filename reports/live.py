@@ -9,8 +9,8 @@ from itertools import zip_longest
 
 from bench.errors import InputError
 from bench.records import PSNR, Run
+from reports.artefacts import program
 from reports.rows import Material, Row
-from reports.shaders.program import read
 from reports.viewer.page import Model, model_data
 
 BUDGET = 11_000_000  # characters of all models in a page
@@ -57,7 +57,7 @@ def _packed(run: Run, row: Row, room: int) -> str:
     if path.is_file() and PACKED * path.stat().st_size > room:
         raise InputError(_TOO_LARGE)
     note = f"{row.label}: {row.job['bytes']['total']:,} bytes"
-    packed = pack(model_data(Model(row.label, read(path), row.job["score_key"]["exposure"], note)))
+    packed = pack(model_data(Model(row.label, program(path), row.job["score_key"]["exposure"], note)))
     if len(packed) > room:
         raise InputError(_TOO_LARGE)
     return packed

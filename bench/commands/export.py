@@ -19,15 +19,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    import tempfile
-
     from bench.codecs.loading import load
     from bench.runs.drawing import drawable
     from reports.shaders.export import export
-    from reports.shaders.program import read
 
-    with tempfile.TemporaryDirectory(prefix="neubtf-export-") as folder:
-        program = drawable(load(options.file).material, Path(folder) / "program.npz").path
-        files = export(read(program), options.file.stem, options.format, options.out)
+    program = drawable(load(options.file).material).program
+    files = export(program, options.file.stem, options.format, options.out)
     print("\n".join(f"wrote {path}" for path in files))
     return FINE

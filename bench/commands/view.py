@@ -17,8 +17,8 @@ from bench.errors import FINE, InputError
 
 if TYPE_CHECKING:
     from bench.codec import Progress
-    from bench.material import Material
-    from reports.shaders.program import Program
+    from bench.codecs.loading import Loaded
+    from bench.runs.drawing import Drawable
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,8 +34,7 @@ def run(options: argparse.Namespace) -> int:
 
     from bench import atomic
 
-    with tempfile.TemporaryDirectory(prefix="neubtf-view-") as folder:
-        text = _page(options, Path(folder))
+    text = _page(options)
     out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
     atomic.write(out, text.encode())
     print(f"{out}: {len(text) / 1e6:.1f} MB")
@@ -44,12 +43,11 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _page(options: argparse.Namespace, folder: Path) -> str:
+def _page(options: argparse.Namespace) -> str:
     from bench.codecs.loading import load
     from bench.console import Console
     from bench.data.open import open_named
     from bench.runs.drawing import drawable_truth
-    from reports.shaders.program import read
     from reports.viewer.page import Model, page
 
     if options.set and not options.truth:
@@ -59,30 +57,28 @@ def _page(options: argparse.Namespace, folder: Path) -> str:
         models, shown = [], None
         if options.truth:
             btf = open_named(options.truth, changes, console.show)
-            truth = drawable_truth(btf, folder / "truth.npz", console.show)
+            truth = drawable_truth(btf, console.show)
             note = "truth: the training pairs, interpolated between directions"
-            models, shown = [Model(f"{btf.name}, truth", read(truth.path), truth.exposure, note)], truth.exposure
-        for number, file in enumerate(options.files):
-            header, material, _ = load(file)
-            program, exposure, note = _drawn(material, file.stem, folder / f"{number}.npz", console.show)
-            shown = shown or exposure  # one exposure for all, so that brightness can be compared
-            models.append(Model(f"{file.stem}: {header.codec}, {header.file_bytes:,} bytes", program, shown, note))
+            models, shown = [Model(f"{btf.name}, truth", truth.program, truth.exposure, note)], truth.exposure
+        for file in map(load, options.files):
+            found, note = _drawn(file, console.show)
+            shown = shown or found.exposure  # one exposure for all, so that brightness can be compared
+            label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
+            models.append(Model(label, found.program, shown, note))
         return page(options.truth or options.files[0].stem, models)
 
 
-def _drawn(material: "Material", name: str, path: Path, show: "Progress") -> "tuple[Program, float, str]":
-    """Program, exposure and a note on a material; its baked slices where no shader can do what it does."""
+def _drawn(file: "Loaded", show: "Progress") -> "tuple[Drawable, str]":
+    """What a file decodes to and a note on it; its baked slices where no shader can do what it does."""
     from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
     from reports.shaders.dialects import GLSL
     from reports.shaders.generator import shader
-    from reports.shaders.program import read
 
     try:
-        found = drawable(material, path)
-        program = read(found.path)
-        shader(program, GLSL)
+        found = drawable(file.material)
+        shader(found.program, GLSL)
     except InputError as error:
-        found = drawable_truth(baked(material, name, show), path, show)
+        name = file.header.path.stem
         note = f"{name} is baked: its slices at {BAKED} × {BAKED} pairs, interpolated between directions, since {error}"
-        return read(found.path), found.exposure, note
-    return program, found.exposure, ""
+        return drawable_truth(baked(file.material, name, show), show), note
+    return found, ""

@@ -27,12 +27,12 @@ from torch import Tensor
 from bench.btf import periods
 from bench.codecs.container import read_parts
 from bench.codecs.loading import load
-from bench.codecs.program import program_of
-from bench.codecs.traced import Traced
 from bench.demand.demand import FARTHEST
 from bench.demand.lobes import Lobe, checked
 from bench.errors import InputError
-from bench.llvm import unusable
+from bench.program.kernel import Kernel
+from bench.program.llvm import unusable
+from bench.program.recording import program_of
 
 NAME = "neubtf"
 VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
@@ -125,7 +125,7 @@ class _Answers:
         file = load(self.file)
         across, up = periods(file.material.size)
         self.periods = self.repeat * across, self.repeat * up
-        self.answer = Traced(program_of(file.material), _arrays(mi.variant()))
+        self.answer = Kernel(program_of(file.material), _arrays(mi.variant()))
         self.draw_from(checked(read_parts(self.file)[1].sampling))
 
     def draw_from(self, lobes: Tensor | None) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.demand.points import Array, Light, Points
 from bench.errors import InputError, did_you_mean
-from bench.llvm import unusable
+from bench.program.llvm import unusable
 
 SAMPLES = 8  # of an emitter that is no point and no direction, at each visible point
 

@@ -1,18 +1,18 @@
-"""Writes decoded materials as program files with an exposure, so that `reports` draws them without PyTorch."""
+"""Decoded materials as programs with an exposure, so that `reports` draws them without PyTorch."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
 
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Progress, silent
-from bench.codecs.program import program_of
 from bench.codecs.registry import load_codec
 from bench.hemisphere import thin, ubo2003, uniform
 from bench.material import Material
 from bench.metrics.display import exposure, exposure_of
+from bench.program import Program
+from bench.program.recording import program_of
 
 QUERIES = 65_536
 BAKED = 13  # directions a side of a material that cannot be a program: 5.5 MB at 64² texels
@@ -20,22 +20,22 @@ BAKED = 13  # directions a side of a material that cannot be a program: 5.5 MB a
 
 @dataclass(frozen=True)
 class Drawable:
-    """The program of a material, stored in `path`, and the exposure that its picture needs."""
+    """The program of a material, and the exposure that its picture needs."""
 
-    path: Path
+    program: Program
     exposure: float
 
 
-def drawable(material: Material, path: Path) -> Drawable:
-    """Write a material's program to `path`. The exposure is that of random queries up to 75°.
+def drawable(material: Material) -> Drawable:
+    """A material's program. The exposure is that of random queries up to 75°.
 
     `InputError` where the material cannot be recorded as a program.
     """
-    program_of(material).save(path)
+    program = program_of(material)
     rng = np.random.default_rng(0)
     uv = torch.from_numpy(rng.random((QUERIES, 2), np.float32))
     wo, wi = (torch.from_numpy(uniform(rng, QUERIES).astype(np.float32)) for _ in range(2))
-    return Drawable(path, exposure_of(material.query(uv, wo, wi).numpy()))
+    return Drawable(program, exposure_of(material.query(uv, wo, wi).numpy()))
 
 
 def baked(material: Material, name: str, show: Progress = silent) -> BTF:
@@ -51,10 +51,9 @@ def baked(material: Material, name: str, show: Progress = silent) -> BTF:
     return BTF(name, wo, wi, ArraySource(np.stack(slices)))
 
 
-def drawable_truth(btf: BTF, path: Path, show: Progress = silent) -> Drawable:
-    """Write a BTF itself as a program: the interpolated table of its training pairs, at the BTF's own exposure."""
+def drawable_truth(btf: BTF, show: Progress = silent) -> Drawable:
+    """A BTF itself as a program: the interpolated table of its training pairs, at the BTF's own exposure."""
     table = load_codec("table")()
     device = torch.device("cpu")
     material = table.decode(table.encode(btf.subset(btf.split().train), Fit(show=show)), device)
-    program_of(material).save(path)
-    return Drawable(path, exposure(btf))
+    return Drawable(program_of(material), exposure(btf))

@@ -14,7 +14,6 @@ from bench.codecs import loading, registry, shared
 from bench.codecs.command import ProgramMaterial
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
-from bench.codecs.program import program_of
 from bench.codecs.scene_material import unreported
 from bench.errors import ContainerError, InputError
 from bench.hemisphere import to_degrees
@@ -31,6 +30,7 @@ from bench.metrics.scoring import (
     summarise_footprints,
     weighted,
 )
+from bench.program.recording import program_of
 from bench.records import FLIP, PSNR, Record, gate, metric_of
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench

@@ -26,8 +26,8 @@ from torch import Tensor, nn
 
 from bench.codecs.decoder import Decoder
 from bench.errors import InputError, did_you_mean
-from bench.llvm import drjit, unusable
 from bench.material import Material
+from bench.program.llvm import drjit, unusable
 
 EXECUTIONS = ("eager", "compiled", "fused")
 DTYPES = {

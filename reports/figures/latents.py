@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import accumulate
-from typing import Any
 
 import numpy as np
 
 from bench.errors import InputError
+from bench.program import Program
 from bench.records import Record, Run
+from reports.artefacts import program
 from reports.figures.canvas import Figure, Sheet, enlarged, short, style
 from reports.rows import Material, materials
-from reports.shaders.program import Program, read
 
 _CELL, _GAP, _LINE, _LEFT, _TOP, _MOST = 64, 4, 16, 250, 52, 48  # pixels; channels a line, and a texture
 
@@ -29,7 +29,7 @@ Textures = list[np.ndarray]
 
 def _of(run: Run, job: Record) -> Textures:
     try:
-        return textures(read(run.folder / job["drawing"]))
+        return textures(program(run.folder / job["drawing"]))
     except (InputError, KeyError):  # a run's records are worth reading without its bulky parts
         return []
 
@@ -43,22 +43,13 @@ def textures(program: Program) -> Textures:
     levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
     by_place, found = {"uv"}, []
     for step in program.steps:
-        if not by_place.isdisjoint(names := set(_names(step["arguments"]))):
-            by_place.add(step["name"])
-            for name in names & program.constants.keys() if "embedding" in step["operation"] else ():
+        if not by_place.isdisjoint(names := step.names()):
+            by_place.add(step.name)
+            for name in names & program.constants.keys() if "embedding" in step.operation else ():
                 table = program.constants[name]
                 if table.ndim == 2 and len(table) in accumulate(levels):
                     found.append(table[: height * width].reshape(height, width, -1))
     return [each for i, each in enumerate(found) if not any(np.array_equal(each, other) for other in found[:i])]
-
-
-def _names(arguments: Any) -> Iterator[str]:
-    """The constants and results that arguments name."""
-    if isinstance(arguments, dict):
-        yield arguments["of"]
-    elif isinstance(arguments, list):
-        for each in arguments:
-            yield from _names(each)
 
 
 def _standardised(texture: np.ndarray) -> np.ndarray:

@@ -7,9 +7,9 @@ import OpenEXR
 
 from bench.atomic import replacing, write
 from bench.errors import InputError
+from bench.program import Program
 from reports.shaders.dialects import DIALECTS
 from reports.shaders.generator import shader
-from reports.shaders.program import Program
 
 README = """# {name} as {language}
 

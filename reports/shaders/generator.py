@@ -7,16 +7,14 @@ in all they are read from the texture. For compilers that choke on literals ther
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from bench.errors import InputError
+from bench.program import Program
 from reports.shaders.dialects import Dialect
-from reports.shaders.operations import OPERATIONS
-from reports.shaders.program import Program
 from reports.shaders.tables import WIDTH, Tables
-from reports.shaders.writer import Value, Weights, Writer
+from reports.shaders.writer import Weights, Writer
 
 Array = np.ndarray
 
@@ -44,20 +42,10 @@ def shader(program: Program, dialect: Dialect, weights: Weights | None = None) -
     """
     tables = Tables()
     writer = Writer(dialect, tables, weights or ("literal" if _weights(program) <= LITERALS else "texture"))
-    values = {
-        name: Value(array, "float" if array.dtype.kind == "f" else "int") for name, array in program.constants.items()
-    }
-    for name, axes in (("uv", "xy"), ("wo", "xyz"), ("wi", "xyz")):
-        values[name] = Value(np.array([[f"{name}.{c}" for c in axes]], object), "float")
-    values["footprint"] = Value(np.array(["footprint"], object), "float")
-    for step in program.steps:
-        operation = OPERATIONS.get(step["operation"])
-        if operation is None:
-            raise InputError(f"no shader can do {step['operation']!r} yet")
-        arguments = [_resolved(each, values) for each in step["arguments"]]
-        items = operation(writer, tuple(step["shape"]), step["kind"], arguments)
-        values[step["name"]] = Value(np.asarray(items, object).reshape(step["shape"]), step["kind"])
-    rgb = [writer.scalar(x, "float") for x in values[program.result].items.reshape(-1)]
+    writer.check(program)
+    axes = {"uv": "xy", "wo": "xyz", "wi": "xyz"}
+    inputs = {name: [f"{name}.{c}" for c in each] for name, each in axes.items()} | {"footprint": ["footprint"]}
+    rgb = [writer.scalar(x, "float") for x in writer.run(program, inputs)]
     three = dialect.types["vec4"].replace("4", "3")
     body = [*writer.lines, f"return {three}({', '.join(rgb)});"]
     if len(writer.uniforms) > UNIFORMS:
@@ -80,17 +68,7 @@ def fallback(program: Program, dialect: Dialect) -> Shader | None:
         return shader(program, dialect, "texture")
 
 
-def _resolved(argument: Any, values: dict[str, Value]) -> Any:
-    if isinstance(argument, dict):
-        return values[argument["of"]]
-    return [_resolved(each, values) for each in argument] if isinstance(argument, list) else argument
-
-
 def _weights(program: Program) -> int:
     """Floats of the matrices that a program multiplies by."""
-    count = 0
-    for step in program.steps:
-        if step["operation"] in ("addmm", "mm", "linear"):
-            names = [a["of"] for a in step["arguments"] if isinstance(a, dict)]
-            count += sum(program.constants[name].size for name in names if name in program.constants)
-    return count
+    names = [each for step in program.steps if step.operation in ("addmm", "mm") for each in step.names()]
+    return sum(program.constants[name].size for name in names if name in program.constants)

@@ -1,31 +1,25 @@
-"""Statements of one shader: names, vectors, rows of tables, products with constant matrices."""
+"""A program as statements of one shader: names, vectors, rows of tables, products with constant matrices."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from typing import Any, Literal
 
 import numpy as np
 
 from bench.errors import InputError
+from bench.program.backend import Array, Backend, Rows, Scalar, as_array, listed
+from bench.program.operations import KINDS, OPERATIONS
 from reports.shaders.dialects import Dialect
 from reports.shaders.tables import Tables
-
-Array = np.ndarray
 
 TOO_LONG = 60_000  # statements: compilers take too long beyond
 SWIZZLE = "xyzw"
 Weights = Literal["literal", "uniform", "texture"]  # where a shader has the weights of its matrices
 
 
-@dataclass(frozen=True)
-class Value:
-    """One tensor of the program: scalar expressions, or numbers, (1, ...), and its kind."""
+class Writer(Backend):
+    """Statements of one shader. A scalar is a number or an expression."""
 
-    items: Array
-    kind: str
-
-
-class Writer:
-    """Statements of one shader. `reports.shaders.operations` writes each operation with it."""
+    what, operations = "shader", OPERATIONS
 
     def __init__(self, dialect: Dialect, tables: Tables, weights: Weights):
         self.dialect, self.tables, self.weights = dialect, tables, weights
@@ -67,15 +61,80 @@ class Writer:
         names = [self.name("vec4", text) for text in flat]
         return [f"{name}.{c}" for name in names for c in SWIZZLE]
 
-    def row(self, table: Array, index: str, exact: bool = False) -> list[str]:
-        """The scalars of one row of a table (rows, channels), looked up by an int expression."""
-        reader, start, stride = self.tables.place(table, exact)
+    def each(self, formula: str, arguments: Rows, of: str, kind: str) -> list[str]:
+        """Floats four at once, where there are several."""
+        if of == kind == "float" and len(arguments[0]) > 1:
+            starts = range(0, len(arguments[0]), 4)
+            packs = [formula.format(*(self.vector(each[i : i + 4]) for each in arguments)) for i in starts]
+            return self.floats(packs)[: len(arguments[0])]
+        flat = zip(*arguments, strict=True)
+        return [self.name(kind, formula.format(*(self.scalar(x, of) for x in each))) for each in flat]
+
+    def as_kind(self, scalar: Scalar, of: str, kind: str) -> Any:
+        return f"{self.dialect.types[kind]}({scalar})" if isinstance(scalar, str) else KINDS[kind](scalar)
+
+    def convert(self, scalar: Scalar, of: str, kind: str) -> str:
+        return self.name(kind, f"{self.dialect.types[kind]}({self.scalar(scalar, of)})")
+
+    def choose(self, condition: Scalar, yes: Scalar, no: Scalar, kind: str) -> str:
+        texts = {
+            "condition": self.scalar(condition, "bool"),
+            "yes": self.scalar(yes, kind),
+            "no": self.scalar(no, kind),
+        }
+        return self.name(kind, self.dialect.choose.format(**texts))
+
+    def total(self, row: list[Scalar], formula: str) -> str:
+        """Dot products of four at a time, where they stand in vectors."""
+        ones = f"{self.dialect.types['vec4']}(1.0)" if self.dialect.name != "hlsl" else "float4(1.0, 1.0, 1.0, 1.0)"
+        terms, whole = [], len(row) - len(row) % 4
+        for i in range(0, whole, 4):
+            text = self.vector(row[i : i + 4])
+            terms += [f"dot({text}, {ones})"] if text.isidentifier() else [self._float(x) for x in row[i : i + 4]]
+        terms += [self._float(x) for x in row[whole:]]
+        return self.name("float", formula.format(" + ".join(terms)))
+
+    def lengths(self, items: Array, rows: Callable[[Array], Rows]) -> list[str]:
+        squares = self.each("{0} * {0}", [listed(items)], "float", "float")
+        return [self.total(row, "sqrt({0})") for row in rows(as_array(squares).reshape(items.shape))]
+
+    def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[str]:
+        if left.ndim == 2:
+            if len(left) != 1:
+                raise self.cannot("multiply these matrices")
+            if right.dtype != object:
+                return self._weighted(right.T, listed(left), bias)
+            left, right = left[None], right[None]
+        pairs = [(row, column) for a, b in zip(left, right, strict=True) for row in a for column in b.T]
+        totals = [self.name("float", self._dot(row, column)) for row, column in pairs]
+        if bias is None:
+            return totals
+        return [self.name("float", f"{a} + {self._float(b)}") for a, b in zip(totals, bias, strict=True)]
+
+    def _dot(self, left: Iterable[Scalar], right: Iterable[Scalar]) -> str:
+        return " + ".join(f"{self._float(a)} * {self._float(b)}" for a, b in zip(left, right, strict=True))
+
+    def _float(self, value: Scalar) -> str:
+        return self.scalar(value, "float")
+
+    def look_up(self, table: Array, index: Scalar, kind: str) -> list[str]:
+        reader, start, stride = self.tables.place(table)
         channels = table.shape[1]
         first = self.name("int", f"{index} * {stride} + {start}" if stride > 1 else f"{index} + {start}")
         packs = [f"{reader}({first} + {k})" if k else f"{reader}({first})" for k in range(stride)]
-        return [self.name("float", packs[0])] if channels == 1 else self.floats(packs)[:channels]
+        found = [self.name("float", packs[0])] if channels == 1 else self.floats(packs)[:channels]
+        return found if kind == "float" else [self.convert(x, "float", kind) for x in found]
 
-    def product(self, weights: Array, inputs: list[Any], bias: list[Any] | None) -> list[str]:
+    def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[str]:
+        reader, start, stride = self.tables.place(table)
+        firsts = [self.name("int", f"{self.scalar(i, 'int')} * {stride} + {start}") for i in indices]
+        packs = [
+            " + ".join(f"{self._float(x)} * {reader}({first} + {k})" for x, first in zip(shares, firsts, strict=True))
+            for k in range(stride)
+        ]
+        return [self.name("float", packs[0])] if table.shape[1] == 1 else self.floats(packs)[: table.shape[1]]
+
+    def _weighted(self, weights: Array, inputs: list[Scalar], bias: list[Scalar] | None) -> list[str]:
         """weights (outputs, inputs) @ inputs + bias, as scalars; the weights are constants."""
         outputs, count = weights.shape
         padded = np.zeros((-(-outputs // 4) * 4, -(-count // 4) * 4), np.float32)

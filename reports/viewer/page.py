@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
+from bench.program import Program
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import Shader, fallback, shader
-from reports.shaders.program import Program
 from reports.shaders.tables import WIDTH
 
 SCRIPTS = ("shapes.js", "passes.js", "controls.js", "viewer.js")

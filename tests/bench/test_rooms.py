@@ -10,8 +10,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 FLOORS = [  # from the ground up; a room may enter those of lower floors, and a word any word
     {"errors", "atomic", "threads", "hemisphere", "density", "settings", "records", "archive", "material", "btf"}
-    | {"directions", "codec", "llvm", "scratch"},
-    {"metrics"},
+    | {"directions", "codec", "scratch"},
+    {"metrics", "program"},
     {"data", "codecs"},
     {"timing", "decoder", "quantise", "training"},
     {"demand"},

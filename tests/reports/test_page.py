@@ -5,6 +5,7 @@ import json
 import re
 from typing import Any
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -151,13 +152,13 @@ def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory, run_maker: An
     """A page of three codecs, one of them live; no error may have reached the console at the end."""
     import torch
 
-    from bench.codecs.program import program_of
+    from bench.program.recording import program_of
 
     made = run_maker(tmp_path_factory.mktemp("run") / "run").start()
     (made.folder / "drawings").mkdir()
     codec = load_codec("pca")()
     material = codec.decode(codec.encode(tiny_btf(), Fit()), torch.device("cpu"))
-    program_of(material).save(made.folder / "drawings/pca.npz")
+    np.savez(made.folder / "drawings/pca.npz", **program_of(material).arrays())
     made.job("pca", psnr=30.0, drawing="drawings/pca.npz").timing("pca")
     made.job("vq", psnr=9.0).timing("vq").job("<b>mine</b>", psnr=21.5).job("vq", material="brick", psnr=12.0)
     write_report(made.folder)

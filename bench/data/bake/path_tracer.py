@@ -20,7 +20,7 @@ from bench.data.bake.path_brdf import Lobes, at_least, lobes, reflect, sample
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import Renderer
 from bench.errors import InputError
-from bench.llvm import unusable
+from bench.program.llvm import unusable
 
 Array = np.ndarray
 Values = Any  # Dr.Jit arrays over paths, or numbers in a scalar variant

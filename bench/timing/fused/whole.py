@@ -1,6 +1,6 @@
 """A whole material as one kernel on the CPU: its recorded program, and its networks as `with_drjit` computes them.
 
-What a codec does before and after its network (marches, fetches, frames) is recorded by `bench.codecs.program`, in
+What a codec does before and after its network (marches, fetches, frames) is recorded by `bench.program.recording`, in
 which each network is one operation. So nothing between the queries and RGB goes through memory.
 """
 
@@ -9,13 +9,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from bench.codecs.called import products
 from bench.codecs.decoder import Decoder, Network
-from bench.codecs.program import program_of
-from bench.codecs.traced import Traced, as_array
 from bench.errors import InputError
-from bench.llvm import drjit
 from bench.material import Material
+from bench.program.backend import Value
+from bench.program.kernel import Kernel
+from bench.program.llvm import drjit
+from bench.program.recording import program_of
 from bench.timing.fused.with_drjit import DrJitNetwork, Kernels, batched
 
 WIDTHS = (2, 3, 3, 1)  # of uv, wo, wi, footprint
@@ -54,12 +54,12 @@ class Whole(Material):
         self.inner, self.dr = material, drjit()
         self.networks = [DrJitNetwork(decoder) for decoder in decoders]
         program = program_of(marked)
-        if (count := products(program)) > MOST_PRODUCTS:
+        if (count := program.products()) > MOST_PRODUCTS:
             raise InputError(
                 f"fused on the CPU holds up to {MOST_PRODUCTS:,} products outside of networks, this codec asks for "
                 f"{count:,}: use compiled"
             )
-        self.traced = Traced(program, self.dr.llvm, {"network": self._answered})
+        self.traced = Kernel(program, self.dr.llvm, {"network": self._answered})
         self.kernels: Kernels = {}
         self._recorded()
 
@@ -86,7 +86,7 @@ class Whole(Material):
         found: list[Any] = self.traced(uv, wo, wi, footprint)
         return found
 
-    def _answered(self, call: Any, inputs: Any, number: int, outputs: int) -> Any:
+    def _answered(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:
         """What a network outputs for the inputs (n, D) that one query has for it: one row, or one a texel."""
         kind, network = self.dr.llvm.Float, self.networks[number]
-        return as_array([list(network.within(self.row, [kind(value) for value in row])) for row in inputs])
+        return [list(network.within(self.row, [kind(value) for value in row])) for row in inputs.items]

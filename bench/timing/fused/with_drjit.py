@@ -1,7 +1,7 @@
 """The folded network and the texture's fetch as one kernel on the CPU, weights literals in the code: Dr.Jit and LLVM.
 
 Every intermediate stays in registers or the innermost cache. Dr.Jit comes with the extra `mitsuba`; LLVM is the
-system's (`bench.llvm`). No minimum, maximum or arctangent is used: LLVM 16 and older cannot compile them.
+system's (`bench.program.llvm`). No minimum, maximum or arctangent is used: LLVM 16 and older cannot compile them.
 
 Where the network stands in the kernel's loop over samples, LLVM takes each literal for an invariant of the loop: it
 spreads it over a vector before, and reads back 64 bytes a weight, 174 kB for every 16 samples. So the network is a
@@ -20,7 +20,7 @@ from torch import Tensor
 
 from bench.codecs.decoder import LEAK, Decoder, Network
 from bench.errors import InputError
-from bench.llvm import drjit
+from bench.program.llvm import drjit
 from bench.timing.fused.layers import Layer, layers_of, sine_of_turns
 from bench.timing.native import features
 

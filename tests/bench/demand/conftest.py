@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench import llvm
+from bench.program import llvm
 
 
 @pytest.fixture(scope="module")

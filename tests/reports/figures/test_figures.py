@@ -8,11 +8,10 @@ from PIL import Image
 from bench.compare.paired import Interval
 from bench.records import load_run
 from reports import figures
-from reports.artefacts import arrays
+from reports.artefacts import arrays, program
 from reports.figures import contact, latents
 from reports.figures.significance import _caption as caption
 from reports.rows import footprint_curves, materials
-from reports.shaders.program import read
 
 
 @pytest.fixture
@@ -145,7 +144,7 @@ def test_intervals_are_drawn_over_all_materials_and_on_each_and_say_of_what_they
 
 def test_channels_are_those_of_textures_that_are_looked_up_by_the_place(made):
     run = run_of(made.job())
-    (texture,) = latents.textures(read(run.folder / "drawing.npz"))
+    (texture,) = latents.textures(program(run.folder / "drawing.npz"))
     assert texture.shape == (8, 8, 2)
     assert set(np.unique(texture)) == {0.0, 1.0}  # the finest level
     picture = drawn(run, figures.latent_channels)["latents-satin.png"]

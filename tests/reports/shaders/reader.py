@@ -96,7 +96,8 @@ def answer(shader: Shader, uv: Array, wo: Array, wi: Array, footprint: float) ->
     for line in body:
         text = line.strip().removesuffix(";")
         text = re.sub(r"\((\w+|true|false) \? (.+) : (.+)\)$", r"((\2) if (\1) else (\3))", text)
-        text = text.replace("true", "True").replace("false", "False").replace("&&", "and").replace("||", "or")
+        for theirs, pythons in (("true", "True"), ("false", "False"), ("&&", "and"), ("||", "or"), ("!(", "not (")):
+            text = text.replace(theirs, pythons)
         if text.startswith("return "):
             return np.asarray(eval(text.removeprefix("return "), words), np.float32)
         name, expression = re.sub(r"^(float|int|bool|vec4) ", "", text).split(" = ", 1)

@@ -11,16 +11,17 @@ import torch
 from torch import Tensor
 
 from bench.codec import Fit
-from bench.codecs.program import program_of
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import DecoderCost, Material
+from bench.program import Program
+from bench.program.recording import program_of
+from reports import artefacts
 from reports.shaders.dialects import DIALECTS, GLSL
 from reports.shaders.export import export
 from reports.shaders.generator import shader
-from reports.shaders.program import Program, read
 from tests.baselines.surfaces import bumps
 from tests.reports.shaders.reader import answer
 
@@ -45,8 +46,8 @@ def decoded(codec: str, settings: dict[str, Any]) -> Material:
 
 
 def stored(material: Material, folder: Path) -> Program:
-    program_of(material).save(folder / "program.npz")
-    return read(folder / "program.npz")
+    np.savez(folder / "program.npz", **program_of(material).arrays())
+    return artefacts.program(folder / "program.npz")
 
 
 @pytest.mark.parametrize("codec", CODECS)
@@ -109,7 +110,7 @@ def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:
     path = tmp_path / "other.npz"
     np.savez(path, values=np.zeros(3))
     with pytest.raises(InputError, match="no program of a material"):
-        read(path)
+        artefacts.program(path)
 
 
 @pytest.mark.parametrize("language", DIALECTS)

@@ -19,7 +19,6 @@ from bench.hemisphere import from_degrees
 from bench.material import Material
 from bench.metrics.display import to_display
 from bench.runs.drawing import drawable
-from reports.shaders.program import read
 from reports.viewer.page import Model, as_json, page
 from tests.baselines.surfaces import bumps
 
@@ -51,7 +50,7 @@ def materials() -> dict[str, Material]:
 def opened(browser: Any, materials: dict[str, Material], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """The page with every material at exposure 1, and what it said on the console."""
     folder = tmp_path_factory.mktemp("page")
-    programs = {name: read(drawable(material, folder / f"{name}.npz").path) for name, material in materials.items()}
+    programs = {name: drawable(material).program for name, material in materials.items()}
     models = [Model(f"<b>{name}</b>", program, 1.0) for name, program in programs.items()]
     (folder / "view.html").write_text(page("a <b>page</b>", models), encoding="utf-8")
     tab = browser.new_page(viewport={"width": 240, "height": 320})

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from bench import llvm
 from bench.errors import InputError
+from bench.program import llvm
 
 pytestmark = pytest.mark.short
 REACHED = "print('LLVM 15.0.6'); print('kernels', flush=True)\n"

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import bench
-from bench import llvm
-from bench.codecs.program import program_of
 from bench.errors import InputError
+from bench.program import llvm
+from bench.program.recording import program_of
 
 dr = pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
 pytestmark = pytest.mark.short
@@ -41,19 +41,19 @@ def test_each_codec_answers_alike(tmp_path, btf, codec):
         pytest.skip(reason)
     import drjit.llvm as kind
 
-    from bench.codecs.traced import Traced
+    from bench.program.kernel import Kernel
 
     file = tmp_path / "a.nbtf"
     bench.encode(btf, codec, file, **CODECS[codec])
     material, (uv, wo, wi, footprint) = bench.load(file), queries(2000)
-    traced = Traced(program_of(material), kind)
+    kernel = Kernel(program_of(material), kind)
     columns = ([kind.Float(column) for column in each.T] for each in (uv, wo, wi))
-    found = np.stack([np.asarray(dr.maximum(x, 0)) for x in traced(*columns, kind.Float(footprint))], 1)
+    found = np.stack([np.asarray(dr.maximum(x, 0)) for x in kernel(*columns, kind.Float(footprint))], 1)
     wanted = material.query(uv, wo, wi, footprint)
     off = np.abs(found - wanted) > 1e-4 * np.abs(wanted) + 1e-5
     assert wanted.std() > 0.01
     assert off.any(1).mean() <= 1e-3  # a march may step over an edge by the last bit
-    assert np.abs(traced(*([kind.Float(0.3)] * k for k in (2, 3, 3)), kind.Float(0))[0][0]) < np.inf
+    assert np.abs(kernel(*([kind.Float(0.3)] * k for k in (2, 3, 3)), kind.Float(0))[0][0]) < np.inf
 
 
 def test_a_large_network_is_of_functions_that_the_kernel_calls(tmp_path, btf, monkeypatch):
@@ -62,31 +62,31 @@ def test_a_large_network_is_of_functions_that_the_kernel_calls(tmp_path, btf, mo
         pytest.skip(reason)
     import drjit.llvm as kind
 
-    from bench.codecs import called, traced
+    from bench.program import kernel as module
 
-    monkeypatch.setattr(traced, "MOST_LITERALS", 10)
+    monkeypatch.setattr(module, "MOST_LITERALS", 10)
     file, calls = tmp_path / "a.nbtf", []
     bench.encode(btf, "neubtf-direct", file, steps=3, width=30)
-    product = called.called_product
-    monkeypatch.setattr(traced, "called_product", lambda *given: calls.append(given[2].shape) or product(*given))
+    product = module.called_product
+    monkeypatch.setattr(module, "called_product", lambda *given: calls.append(given[2].shape) or product(*given))
     material, (uv, wo, wi, footprint) = bench.load(file), queries(500)
     columns = ([kind.Float(column) for column in each.T] for each in (uv, wo, wi))
-    kernel = traced.Traced(program_of(material), kind)
+    kernel = module.Kernel(program_of(material), kind)
     found = np.stack([np.asarray(dr.maximum(x, 0)) for x in kernel(*columns, kind.Float(footprint))], 1)
     wanted = material.query(uv, wo, wi, footprint)
     np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-5)
-    assert any(columns % called.BLOCK for _, columns in calls)
-    assert max(columns for _, columns in calls) > called.BLOCK
+    assert any(columns % module.BLOCK for _, columns in calls)
+    assert max(columns for _, columns in calls) > module.BLOCK
 
 
 def test_an_operation_that_no_kernel_knows_is_named(tmp_path, btf):
     from dataclasses import replace
 
-    from bench.codecs.traced import Traced
+    from bench.program.kernel import Kernel
 
     file = tmp_path / "a.nbtf"
     bench.encode(btf, "mean-colour", file)
     program = program_of(bench.load(file))
     strange = replace(program, steps=(replace(program.steps[0], operation="erfinv"), *program.steps[1:]))
     with pytest.raises(InputError, match="no kernel can do 'erfinv' yet"):
-        Traced(strange, None)
+        Kernel(strange, None)

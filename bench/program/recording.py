@@ -1,4 +1,4 @@
-"""A decoded material as a program of plain operations on NumPy constants, for renderers without PyTorch.
+"""Records a decoded material as a program.
 
 `program_of` records the operations of `Material.evaluate` for one query by `torch.export`. So one generator writes the
 shaders of all codecs whose operations it knows, external ones included; no codec writes a shader. Operations on
@@ -6,62 +6,24 @@ constants alone are computed here and become constants.
 """
 
 import io
-import json
 import logging
 import threading
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bench import atomic
 from bench.errors import InputError
 from bench.material import Material
+from bench.program import INPUTS, Program, Step
 
-INPUTS = ("uv", "wo", "wi", "footprint")
 # Operations that only assert a property of their argument.
 SAME = ("alias", "detach", "clone", "contiguous", "lift_fresh_copy")
-
-
-@dataclass(frozen=True)
-class Step:
-    """One operation of PyTorch's core set (ATen): its name without overload, its arguments, its result.
-
-    An argument is a number, a string, None, a list of arguments, or {"of": NAME}: an input, a constant or a result.
-    """
-
-    name: str
-    operation: str
-    arguments: list[Any]
-    shape: tuple[int, ...]  # the first axis is the batch, of size 1
-    kind: str  # "float", "int" or "bool"
-
-
-@dataclass(frozen=True)
-class Program:
-    """The steps of one query, in order; the last gives RGB (1, 3), not yet masked below the horizon or clamped at 0."""
-
-    steps: tuple[Step, ...]
-    constants: dict[str, np.ndarray]
-    result: str
-    size: tuple[int, int]  # texels, (H, W)
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The content of its `.npz`: the steps as JSON, one array per constant. Nothing is pickled."""
-        says = {"result": self.result, "size": list(self.size), "steps": [vars(step) for step in self.steps]}
-        return {"program": np.frombuffer(json.dumps(says).encode(), np.uint8), **self.constants}
-
-    def save(self, path: Path) -> None:
-        """Write the program as `.npz`."""
-        with atomic.replacing(path) as partial, open(partial, "wb") as file:
-            np.savez_compressed(file, **self.arrays())  # type: ignore[arg-type]
 
 
 _ALONE = threading.Lock()  # what PyTorch keeps while it records is of the process: two records disturb each other
@@ -213,7 +175,7 @@ class _Recorder:
         for step in reversed(self.steps):
             if step.name in needed:
                 steps.append(step)
-                needed.update(_references(step.arguments))
+                needed |= step.names()
         constants = {k: v for k, v in self.values.items() if k in needed and isinstance(v, Tensor)}
         arrays = {name: _array(value) for name, value in constants.items()}
         return Program(tuple(reversed(steps)), arrays, last, size)
@@ -234,12 +196,6 @@ def _plain(argument: Any, keep: Callable[[Tensor], str]) -> Any:
     if isinstance(argument, str):
         return {"of": argument}
     return argument if argument is None or isinstance(argument, (int, float, bool)) else str(argument)
-
-
-def _references(arguments: Any) -> list[str]:
-    if isinstance(arguments, dict):
-        return [arguments["of"]]
-    return [name for each in arguments for name in _references(each)] if isinstance(arguments, list) else []
 
 
 def _kind(dtype: torch.dtype) -> str:

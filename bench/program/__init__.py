@@ -1,0 +1,76 @@
+"""The program of a decoded material: plain operations on NumPy constants, for renderers without PyTorch.
+
+`recording` makes it of a material, with PyTorch. `operations` has what each operation does, once for all back ends:
+`kernel` runs it by Dr.Jit, `reports.shaders` writes it as text.
+"""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+INPUTS = ("uv", "wo", "wi", "footprint")
+PRODUCTS = ("mm", "addmm", "bmm")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One operation of PyTorch's core set (ATen): its name without overload, its arguments, its result.
+
+    An argument is a number, a string, None, a list of arguments, or {"of": NAME}: an input, a constant or a result.
+    """
+
+    name: str
+    operation: str
+    arguments: list[Any]
+    shape: tuple[int, ...]  # the first axis is the batch, of size 1
+    kind: str  # "float", "int" or "bool"
+
+    def names(self) -> set[str]:
+        """The inputs, constants and results that its arguments name."""
+        return set(_names(self.arguments))
+
+
+def _names(arguments: Any) -> Iterator[str]:
+    if isinstance(arguments, dict):
+        yield arguments["of"]
+    elif isinstance(arguments, list):
+        for each in arguments:
+            yield from _names(each)
+
+
+@dataclass(frozen=True)
+class Program:
+    """The steps of one query, in order; the last gives RGB (1, 3), not yet masked below the horizon or clamped at 0."""
+
+    steps: tuple[Step, ...]
+    constants: dict[str, np.ndarray]  # float32 or int32
+    result: str
+    size: tuple[int, int]  # texels, (H, W)
+
+    def products(self) -> int:
+        """Multiply-adds of its matrix products."""
+        shapes = {step.name: step.shape for step in self.steps}
+        shapes |= {name: each.shape for name, each in self.constants.items()}
+        return sum(
+            math.prod(step.shape) * shapes[step.arguments[-1]["of"]][-2]
+            for step in self.steps
+            if step.operation in PRODUCTS
+        )
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The content of its `.npz`: the steps as JSON, one array per constant. Nothing is pickled."""
+        says = {"result": self.result, "size": list(self.size), "steps": [vars(step) for step in self.steps]}
+        return {"program": np.frombuffer(json.dumps(says).encode(), np.uint8), **self.constants}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray]) -> "Program":
+        """The program that `arrays` gave. `KeyError`, `TypeError` or `ValueError` where they are none."""
+        says = json.loads(arrays["program"].tobytes())
+        steps = tuple(Step(**step | {"shape": tuple(step["shape"])}) for step in says["steps"])
+        constants = {name: array for name, array in arrays.items() if name != "program"}
+        height, width = says["size"]
+        return cls(steps, constants, says["result"], (height, width))

@@ -1,0 +1,125 @@
+"""What a program is run by: `Kernel` here, and the `Writer` of shaders in `reports`.
+
+A tensor of one query is a NumPy array of scalars, each a number or what a back end has for one: an expression of a
+shader, an array over the queries. `operations` makes each operation of what is asked of a back end here.
+
+A formula is GLSL with arguments {0}, {1}, ..., which a back end writes out or reads.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.errors import InputError
+from bench.program import Program
+
+Array = np.ndarray
+Scalar = Any  # a number, or what a back end has for one
+Rows = list[list[Scalar]]
+Operation = Callable[..., Any]  # (back end, step, *arguments) → the scalars of the result, in an array or a list
+
+
+@dataclass(frozen=True)
+class Value:
+    """One tensor of the program: numbers, of a constant, or scalars; and its kind."""
+
+    items: Array
+    kind: str  # "float", "int" or "bool"
+
+
+class Backend(ABC):
+    """What computes scalars."""
+
+    what: str  # in messages
+    operations: dict[str, Operation]  # by name
+
+    @abstractmethod
+    def each(self, formula: str, arguments: Rows, of: str, kind: str) -> list[Scalar]:
+        """A formula for each element of its arguments, which are of one kind; the result may be of another."""
+
+    @abstractmethod
+    def as_kind(self, scalar: Scalar, of: str, kind: str) -> Scalar:
+        """A scalar of one kind as an argument of another."""
+
+    @abstractmethod
+    def convert(self, scalar: Scalar, of: str, kind: str) -> Scalar:
+        """A scalar of one kind as a result of another."""
+
+    @abstractmethod
+    def choose(self, condition: Scalar, yes: Scalar, no: Scalar, kind: str) -> Scalar:
+        """One of two scalars."""
+
+    @abstractmethod
+    def total(self, row: list[Scalar], formula: str) -> Scalar:
+        """A formula of the sum of some floats."""
+
+    @abstractmethod
+    def lengths(self, items: Array, rows: Callable[[Array], Rows]) -> list[Scalar]:
+        """The roots of the sums of squares of the rows of some floats."""
+
+    @abstractmethod
+    def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[Scalar]:
+        """The elements of the product of two matrices, or of each two of a batch, plus a bias."""
+
+    @abstractmethod
+    def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
+        """One row of a constant (rows, channels)."""
+
+    @abstractmethod
+    def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[Scalar]:
+        """The sum of some rows of a constant (rows, channels), each times its share."""
+
+    def cannot(self, what: str) -> InputError:
+        """The error of a program that asks for what this cannot do yet."""
+        return InputError(f"no {self.what} can {what} yet")
+
+    def check(self, program: Program) -> None:
+        """`InputError` where the program has an operation that this does not know."""
+        if absent := {step.operation for step in program.steps} - self.operations.keys():
+            raise self.cannot(f"do {min(absent)!r}")
+
+    def run(self, program: Program, inputs: dict[str, list[Scalar]]) -> list[Scalar]:
+        """The RGB of one query, or of what each scalar stands for, not yet clamped at 0."""
+        values = {name: Value(array, "float" if array.dtype.kind == "f" else "int")
+                  for name, array in program.constants.items()}  # fmt: skip
+        for name, scalars in inputs.items():
+            values[name] = Value(as_array(scalars if name == "footprint" else [scalars]), "float")
+        for step in program.steps:
+            arguments = [_resolved(each, values) for each in step.arguments]
+            items = self.operations[step.operation](self, step, *arguments)
+            values[step.name] = Value(as_array(items).reshape(step.shape), step.kind)
+        return list(values[program.result].items.reshape(-1))
+
+
+def _resolved(argument: Any, values: dict[str, Value]) -> Any:
+    if isinstance(argument, dict):
+        return values[argument["of"]]
+    return [_resolved(each, values) for each in argument] if isinstance(argument, list) else argument
+
+
+def as_array(values: Any) -> Array:
+    """An array of objects; those of a back end are not looked into."""
+    if isinstance(values, np.ndarray):
+        return values.astype(object)
+    if not isinstance(values, list):
+        found = np.empty((), object)
+        found[()] = values
+        return found
+    inner = [as_array(each) for each in values]
+    made = np.empty((len(inner), *(inner[0].shape if inner else ())), object)
+    for number, each in enumerate(inner):
+        made[number] = each[()] if each.ndim == 0 else each
+    return made
+
+
+def is_number(scalar: Scalar) -> bool:
+    """Whether a scalar is a number, not a back end's own."""
+    return isinstance(scalar, int | float | np.number)
+
+
+def listed(items: Array) -> list[Scalar]:
+    """Elements, numbers as Python's own."""
+    return list(items.astype(object).reshape(-1))

@@ -1,0 +1,145 @@
+"""A program by Dr.Jit, so that the kernel of a renderer evaluates any codec's file.
+
+A scalar is a number or a Dr.Jit array over the queries. Weights become literals of the kernel or, if they are very
+many, of functions that it calls. Tables are fetched from memory.
+"""
+
+import operator
+from collections.abc import Callable, Sequence
+from functools import cache, reduce
+from types import ModuleType
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from bench.program import INPUTS, Program
+from bench.program.backend import Array, Backend, Operation, Rows, Scalar, listed
+from bench.program.operations import OPERATIONS, looked_up
+
+MOST_LITERALS = 10_000  # products that a program has in line
+BLOCK = 24  # outputs of a function
+
+
+def _power(base: Scalar, exponent: Scalar) -> Scalar:
+    """Whole exponents are products, also of what is below 0."""
+    return dr.power(base, int(exponent) if isinstance(exponent, float) and exponent.is_integer() else exponent)
+
+
+_NAMES: dict[str, Any] = {
+    **{name: getattr(dr, name) for name in ("floor", "ceil", "exp", "log", "log2", "sin", "cos", "tanh", "sqrt")},
+    **{"abs": abs, "min": dr.minimum, "max": dr.maximum, "inversesqrt": dr.rsqrt, "pow": _power},
+    "inverse": lambda x: not x if isinstance(x, bool) else ~x,
+}
+
+
+@cache
+def _function(formula: str, count: int) -> Callable[..., Scalar]:
+    """A formula of operations as a function of Dr.Jit arrays: Python reads it but for three signs."""
+    python = formula.replace("&&", "&").replace("||", "|").replace("!(", "inverse(")
+    found: Callable[..., Scalar] = eval("lambda *x: " + python.format(*(f"x[{k}]" for k in range(count))), _NAMES)
+    return found
+
+
+class Kernel(Backend):
+    """A program that Dr.Jit records; `kind` is its module of arrays, such as `drjit.llvm`.
+
+    `more` computes operations that are the caller's own.
+    """
+
+    what = "kernel"
+
+    def __init__(self, program: Program, kind: ModuleType, more: dict[str, Operation] | None = None):
+        self.operations = OPERATIONS | (more or {})
+        self.check(program)
+        self.program, self.kind = program, kind
+        self.calls = program.products() > MOST_LITERALS
+        self.tables: dict[tuple[int, int], tuple[Array, Scalar]] = {}  # by place and size in memory
+
+    def __call__(self, uv: Sequence[Scalar], wo: Sequence[Scalar], wi: Sequence[Scalar], footprint: Scalar) -> Any:
+        """The RGB of queries above the horizon: three Dr.Jit arrays, not yet clamped at 0."""
+        given = (list(uv), list(wo), list(wi), [footprint])
+        return self.run(self.program, dict(zip(INPUTS, given, strict=True)))
+
+    def each(self, formula: str, arguments: Rows, of: str, kind: str) -> list[Scalar]:
+        if "%" in formula:
+            # A renderer fetches 0 for rays that it does not ask, and a division of whole numbers by 0 ends the process.
+            left, right = arguments
+            arguments = [left, [b if isinstance(b, int) else dr.select(b == 0, 1, b) for b in right]]
+        function = _function(formula, len(arguments))
+        return [function(*each) for each in zip(*arguments, strict=True)]
+
+    def as_kind(self, scalar: Scalar, of: str, kind: str) -> Scalar:
+        if isinstance(scalar, bool | int | float):
+            return {"float": float, "int": int, "bool": bool}[kind](scalar)
+        if kind == "bool":
+            return scalar if dr.is_mask_v(scalar) else scalar != 0
+        made = self.kind.Float if kind == "float" else self.kind.Int
+        return dr.select(scalar, made(1), made(0)) if dr.is_mask_v(scalar) else made(scalar)
+
+    convert = as_kind
+
+    def choose(self, condition: Scalar, yes: Scalar, no: Scalar, kind: str) -> Scalar:
+        return dr.select(condition, yes, no)
+
+    def total(self, row: list[Scalar], formula: str) -> Scalar:
+        return _function(formula, 1)(reduce(operator.add, row))
+
+    def lengths(self, items: Array, rows: Callable[[Array], Rows]) -> list[Scalar]:
+        return [dr.sqrt(_dot(row, row)) for row in rows(items)]
+
+    def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[Scalar]:
+        left, right = (each if each.ndim == 3 else each[None] for each in (left, right))
+        starts = iter(bias or [0.0] * (left.shape[0] * left.shape[1] * right.shape[2]))
+        found: list[Scalar] = []
+        for row, matrix in ((row, matrix) for rows, matrix in zip(left, right, strict=True) for row in rows):
+            if self.calls and matrix.dtype != object:
+                sums = called_product(self.kind, listed(row), matrix)
+                found += [total + start for total, start in zip(sums, starts, strict=False)]
+            else:
+                found += [_dot(listed(row), listed(column), next(starts)) for column in matrix.T]
+        return found
+
+    def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
+        key = (table.__array_interface__["data"][0], table.size)
+        if key not in self.tables:
+            made = self.kind.Float if kind == "float" else self.kind.Int
+            self.tables[key] = table, made(np.ascontiguousarray(table).reshape(-1))  # holds its memory, and so its key
+        # An altered file must not read other memory.
+        stored, first = self.tables[key][1], dr.minimum(self.kind.UInt(index), len(table) - 1) * table.shape[1]
+        return [dr.gather(type(stored), stored, first + channel) for channel in range(table.shape[1])]
+
+    def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[Scalar]:
+        rows = [looked_up(self, table, index, "float") for index in indices]
+        return [_dot(shares, channel) for channel in zip(*rows, strict=True)]
+
+
+def _dot(left: Sequence[Scalar], right: Sequence[Scalar], start: Scalar = 0.0) -> Scalar:
+    total = start
+    for a, b in zip(left, right, strict=True):
+        total = dr.fma(a, b, total)
+    return total
+
+
+def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) -> list[Scalar]:
+    """inputs · matrix, of a matrix of numbers (inputs, outputs), by functions with the weights as their literals.
+
+    In line, LLVM takes minutes for tens of thousands of literals, and a kernel that asks a network several times holds
+    all of them as often. Functions of some outputs each are compiled in seconds, once; their sums stay in registers.
+    """
+    given, backend = [kind.Float(value) for value in inputs], dr.backend_v(kind.Float)
+    # A switch of one case; its number, 0, must not be known before, else the function would be put in line.
+    zero = dr.select(given[0] > 0, kind.UInt32(1), kind.UInt32(0)) >> 1
+    found: list[Scalar] = []
+    for first in range(0, matrix.shape[1], BLOCK):
+        weights = matrix[:, first : first + BLOCK].tolist()
+
+        def block(*values: Scalar, weights: list[list[float]] = weights) -> tuple[Scalar, ...]:
+            sums = [kind.Float(0)] * len(weights[0])
+            for value, row in zip(values, weights, strict=True):
+                dr.detail.new_scope(backend)  # else Dr.Jit sorts output by output, and reads each input again
+                sums = [dr.fma(value, weight, total) for weight, total in zip(row, sums, strict=True)]
+            return tuple(sums)
+
+        found += dr.switch(zero, [block], *given)
+    return found

@@ -1,0 +1,326 @@
+"""What each operation of a program does, once for all back ends; operations bear PyTorch's names (ATen).
+
+NumPy does what only moves numbers. What computes is made of what a `Backend` does, here `m`.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from bench.program import Step
+from bench.program.backend import Array, Backend, Operation, Rows, Scalar, Value, as_array, is_number, listed
+
+INFINITE = 9_223_372_036_854_775_807  # what a slice without an end has as its end
+
+OPERATIONS: dict[str, Operation] = {}
+
+
+def operation(*names: str) -> Callable[[Operation], Operation]:
+    """Register a function under the names of its operations."""
+
+    def register(function: Operation) -> Operation:
+        OPERATIONS.update(dict.fromkeys(names, function))
+        return function
+
+    return register
+
+
+# What computes each number by itself.
+
+FORMULAS = {
+    **{"neg": "-({0})", "abs": "abs({0})", "floor": "floor({0})", "ceil": "ceil({0})", "exp": "exp({0})"},
+    **{"expm1": "exp({0}) - 1.0", "log": "log({0})", "log2": "log2({0})", "log1p": "log({0} + 1.0)"},
+    **{"sin": "sin({0})", "cos": "cos({0})", "tanh": "tanh({0})", "sqrt": "sqrt({0})", "rsqrt": "inversesqrt({0})"},
+    **{"reciprocal": "1.0 / ({0})", "sigmoid": "1.0 / (exp(-({0})) + 1.0)", "add": "{0} + {1}", "sub": "{0} - {1}"},
+    **{"mul": "{0} * {1}", "div": "{0} / {1}", "minimum": "min({0}, {1})", "maximum": "max({0}, {1})"},
+    "remainder": "{0} - {1} * floor({0} / {1})",
+}
+# Of whole numbers; the sign of a remainder is the divisor's.
+WHOLE = {name: FORMULAS[name] for name in ("neg", "abs", "add", "sub", "mul", "minimum", "maximum")}
+WHOLE["remainder"] = "({0} % {1} + {1}) % {1}"
+TRUTHS = {
+    **{"eq": "{0} == {1}", "ne": "{0} != {1}", "lt": "{0} < {1}", "le": "{0} <= {1}", "gt": "{0} > {1}"},
+    **{"ge": "{0} >= {1}", "logical_and": "{0} && {1}", "bitwise_and": "{0} && {1}", "logical_or": "{0} || {1}"},
+    **{"bitwise_or": "{0} || {1}", "logical_not": "!({0})", "bitwise_not": "!({0})"},
+}
+KINDS = {"bool": bool, "int": int, "float": float}  # each holds those before it
+
+
+def _kind_of(argument: Any) -> str:
+    return argument.kind if isinstance(argument, Value) else type(argument).__name__
+
+
+def _as_kind(m: Backend, argument: Any, kind: str) -> Array:
+    """The scalars of an argument, as those of some kind."""
+    if not isinstance(argument, Value):
+        return as_array(KINDS[kind](argument))
+    if argument.kind == kind:
+        return argument.items
+    return as_array([m.as_kind(x, argument.kind, kind) for x in listed(argument.items)]).reshape(argument.items.shape)
+
+
+def _flat(m: Backend, argument: Any, kind: str, shape: tuple[int, ...]) -> list[Scalar]:
+    return listed(np.broadcast_to(_as_kind(m, argument, kind), shape))
+
+
+def _each(m: Backend, step: Step, formula: str, *arguments: Any, of: str | None = None) -> Value:
+    """A formula for each element of a result, with NumPy's broadcasting."""
+    rows = [_flat(m, argument, of or step.kind, step.shape) for argument in arguments]
+    return Value(as_array(m.each(formula, rows, of or step.kind, step.kind)).reshape(step.shape), step.kind)
+
+
+def _computes(name: str) -> Operation:
+    def compute(m: Backend, step: Step, *arguments: Any) -> Array:
+        formulas = FORMULAS if step.kind == "float" else WHOLE
+        if name not in formulas:
+            raise m.cannot(f"do {name!r} of whole numbers")
+        return _each(m, step, formulas[name], *arguments).items
+
+    return compute
+
+
+def _decides(formula: str) -> Operation:
+    def decide(m: Backend, step: Step, *arguments: Any) -> Array:
+        kinds = {_kind_of(argument) for argument in arguments}
+        return _each(m, step, formula, *arguments, of=max(kinds, key=list(KINDS).index)).items
+
+    return decide
+
+
+OPERATIONS |= {name: _computes(name) for name in FORMULAS}
+OPERATIONS |= {name: _decides(formula) for name, formula in TRUTHS.items()}
+
+
+@operation("relu", "leaky_relu")
+def _relu(m: Backend, step: Step, source: Value, slope: float = 0.01) -> Array:
+    lower = _each(m, step, FORMULAS["mul"], source, slope) if step.operation == "leaky_relu" else 0
+    return _each(m, step, FORMULAS["maximum"], source, lower).items
+
+
+@operation("clamp", "clamp_min")
+def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = None) -> Array:
+    for limit, name in ((low, "maximum"), (high, "minimum")):
+        source = source if limit is None else _each(m, step, FORMULAS[name], source, limit)
+    return source.items
+
+
+@operation("clamp_max")
+def _clamp_max(m: Backend, step: Step, source: Value, high: Any) -> Array:
+    return _clamp(m, step, source, None, high)
+
+
+@operation("pow")
+def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
+    if exponent == 2:
+        return _each(m, step, "{0} * {0}", base).items
+    if exponent == 0.5:
+        return _each(m, step, FORMULAS["sqrt"], base).items
+    return _each(m, step, "pow({0}, {1})", base, exponent).items
+
+
+@operation("where")
+def _where(m: Backend, step: Step, condition: Value, yes: Any, no: Any) -> list[Scalar]:
+    kinds = ((condition, "bool"), (yes, step.kind), (no, step.kind))
+    flat = [_flat(m, argument, kind, step.shape) for argument, kind in kinds]
+    return [m.choose(holds, one, other, step.kind) for holds, one, other in zip(*flat, strict=True)]
+
+
+@operation("to_copy")
+def _to(m: Backend, step: Step, source: Value) -> Any:
+    if source.kind == step.kind:
+        return source.items
+    return [m.convert(x, source.kind, step.kind) for x in listed(source.items)]
+
+
+# What only moves numbers.
+
+
+@operation("view", "unsqueeze", "squeeze", "reshape")
+def _view(m: Backend, step: Step, source: Value, *_: Any) -> Array:
+    return source.items
+
+
+@operation("expand")
+def _expand(m: Backend, step: Step, source: Value, *_: Any) -> Array:
+    return np.broadcast_to(source.items, step.shape)
+
+
+@operation("permute")
+def _permute(m: Backend, step: Step, source: Value, axes: list[int]) -> Array:
+    return source.items.transpose(axes)
+
+
+@operation("cat")
+def _cat(m: Backend, step: Step, parts: list[Value], axis: int = 0) -> Array:
+    return np.concatenate([part.items.astype(object) for part in parts], axis)
+
+
+@operation("slice")
+def _slice(
+    m: Backend, step: Step, source: Value, axis: int = 0, start: int | None = None, end: int | None = None, by: int = 1
+) -> Array:
+    where = [slice(None)] * source.items.ndim
+    where[axis] = slice(start, None if end == INFINITE else end, by)
+    return source.items[tuple(where)]
+
+
+@operation("select")
+def _select(m: Backend, step: Step, source: Value, axis: int, number: int) -> Array:
+    return source.items.take([number], axis)
+
+
+@operation("constant_pad_nd")
+def _pad(m: Backend, step: Step, source: Value, pads: list[int], value: float = 0.0) -> Array:
+    sides = [(0, 0)] * source.items.ndim
+    for k in range(len(pads) // 2):
+        sides[-1 - k] = (pads[2 * k], pads[2 * k + 1])
+    return np.pad(source.items.astype(object), sides, constant_values=value)
+
+
+# What combines several numbers.
+
+
+@operation("mm", "addmm", "bmm")
+def _product(m: Backend, step: Step, *arguments: Value) -> list[Scalar]:
+    *bias, left, right = arguments
+    return m.product(left.items, right.items, _flat(m, bias[0], "float", step.shape) if bias else None)
+
+
+def _rows(items: Array, axes: Any) -> Rows:
+    """The scalars of a tensor as (results, summands), for a reduction over some axes; None: over all."""
+    if axes is None or axes == []:
+        return [listed(items)]
+    reduced = [axis % items.ndim for axis in (axes if isinstance(axes, list) else [axes])]
+    kept = [axis for axis in range(items.ndim) if axis not in reduced]
+    count = math.prod(items.shape[axis] for axis in reduced)
+    return [listed(row) for row in items.transpose(*kept, *reduced).reshape(-1, count)]
+
+
+def _folded(m: Backend, formula: str, row: list[Scalar], kind: str) -> Scalar:
+    """A formula of two numbers for a row, from the first number on."""
+    found = row[0]
+    for other in row[1:]:
+        (found,) = m.each(formula, [[found], [other]], kind, kind)
+    return found
+
+
+@operation("sum")
+def _sum(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    rows = _rows(_as_kind(m, source, step.kind), axes)
+    if step.kind == "float":
+        return [m.total(row, "{0}") for row in rows]
+    return [_folded(m, WHOLE["add"], row, step.kind) for row in rows]
+
+
+@operation("mean")
+def _mean(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    return [m.total(row, f"({{0}}) / {float(len(row))}") for row in _rows(source.items, axes)]
+
+
+@operation("linalg_vector_norm")
+def _norm(m: Backend, step: Step, source: Value, order: float, axes: Any = None, *_: Any) -> list[Scalar]:
+    if order != 2:
+        raise m.cannot(f"do a norm of order {order}")
+    return m.lengths(source.items, lambda items: _rows(items, axes))
+
+
+@operation("amin", "amax")
+def _extreme(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    formula = FORMULAS["minimum" if step.operation == "amin" else "maximum"]
+    return [_folded(m, formula, row, step.kind) for row in _rows(source.items, axes)]
+
+
+@operation("any", "all")
+def _joined(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    if source.kind != "bool":
+        raise m.cannot("ask whether any or all of some numbers are other than 0")
+    rows, sign = _rows(source.items, axes), " || " if step.operation == "any" else " && "
+    formula = sign.join(f"{{{k}}}" for k in range(len(rows[0])))
+    return [m.each(formula, [[x] for x in row], "bool", "bool")[0] for row in rows]
+
+
+@operation("argmax", "argmin")
+def _place(m: Backend, step: Step, source: Value, axis: Any = None, *_: Any) -> list[Scalar]:
+    formula, results = TRUTHS["gt" if step.operation == "argmax" else "lt"], []
+    for row in _rows(source.items, axis):
+        best, place = row[0], 0
+        for number, other in enumerate(row[1:], 1):
+            (better,) = m.each(formula, [[other], [best]], source.kind, "bool")
+            place = m.choose(better, number, place, "int")
+            best = m.choose(better, other, best, source.kind)
+        results.append(place)
+    return results
+
+
+# Look-ups.
+
+
+def looked_up(m: Backend, rows: Array, index: Scalar, kind: str) -> list[Scalar]:
+    """One row of an array (rows, channels): by a number here, of a constant by the back end, else by choices."""
+    if is_number(index):
+        return listed(rows[int(index)])
+    if rows.dtype != object:
+        return m.look_up(rows, index, kind)
+    chosen = list(rows[0])
+    for number in range(1, len(rows)):
+        (hit,) = m.each(TRUTHS["eq"], [[index], [number]], "int", "bool")
+        chosen = [m.choose(hit, other, known, kind) for other, known in zip(rows[number], chosen, strict=True)]
+    return chosen
+
+
+@operation("index_select")
+def _index_select(m: Backend, step: Step, table: Value, axis: int, index: Value) -> Array:
+    lead = np.moveaxis(table.items, axis, 0)
+    rows = lead.reshape(len(lead), -1)
+    found = as_array([looked_up(m, rows, i, step.kind) for i in listed(index.items)])
+    return np.moveaxis(found.reshape(index.items.size, *lead.shape[1:]), 0, axis)
+
+
+@operation("embedding")
+def _embedding(m: Backend, step: Step, table: Value, index: Value, *_: Any) -> Array:
+    return _index_select(m, step, table, 0, index)
+
+
+@operation("index")
+def _index(m: Backend, step: Step, table: Value, indices: list[Value | None]) -> Array:
+    given = [index.items for index in indices if index is not None]
+    if len(given) != len(indices):
+        raise m.cannot("index some axes alone")
+    lead = table.items.shape[: len(given)]
+    rows = table.items.reshape(math.prod(lead), -1)
+    places = zip(*(listed(grid) for grid in np.broadcast_arrays(*given)), strict=True)
+    return as_array([looked_up(m, rows, _row_of(m, place, lead), step.kind) for place in places])
+
+
+def _row_of(m: Backend, place: Sequence[Scalar], lead: Sequence[int]) -> Scalar:
+    """The number of a row, counted over several axes."""
+    flat: Scalar = 0
+    for number, length in zip(place, lead, strict=True):
+        if length == 1:
+            continue
+        if is_number(flat) and (is_number(number) or flat == 0):
+            flat = flat * length + number if flat else number
+        else:
+            (flat,) = m.each("{0} * {1} + {2}", [[flat], [length], [number]], "int", "int")
+    return flat
+
+
+@operation("embedding_bag_forward_only")
+def _bag(m: Backend, step: Step, table: Value, index: Value, bags: int, shares: Value | None = None) -> list[Scalar]:
+    if bags != 1:
+        raise m.cannot("add up several bags")
+    indices = listed(index.items)
+    return m.blend(table.items, indices, [1.0] * len(indices) if shares is None else listed(shares.items))
+
+
+@operation("gather")
+def _gather(m: Backend, step: Step, source: Value, axis: int, index: Value, *_: Any) -> list[Scalar]:
+    results = []
+    for place in np.ndindex(*index.items.shape):
+        where: list[Any] = list(place)
+        where[axis % source.items.ndim] = slice(None)
+        options = source.items[tuple(where)].reshape(-1, 1)
+        results += looked_up(m, options, index.items[place], step.kind)
+    return results

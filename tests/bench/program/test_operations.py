@@ -1,0 +1,79 @@
+"""Every back end has every operation: Dr.Jit and the text of a shader answer as PyTorch does."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from bench.hemisphere import uniform
+from bench.material import DecoderCost, Material
+from bench.program import llvm
+from bench.program.recording import program_of
+from reports.shaders.dialects import GLSL
+from reports.shaders.generator import shader
+from tests.reports.shaders.reader import answer
+
+Evaluate = Callable[[Tensor, Tensor, Tensor], Tensor]
+
+
+def whole(uv: Tensor) -> Tensor:
+    return (9 * uv).long()
+
+
+MATERIALS: dict[str, Evaluate] = {
+    "all": lambda uv, wo, wi: torch.where((wo > wi).all(1, keepdim=True), wo, wi),
+    "any": lambda uv, wo, wi: torch.where((wo > wi).any(1, keepdim=True), wo, wi),
+    "mean": lambda uv, wo, wi: wo * torch.cat([wo, wi], 1).mean(1, keepdim=True).abs(),
+    "a sum of whole numbers": lambda uv, wo, wi: wi.abs() * whole(uv).sum(1, keepdim=True),
+    "whole numbers without sign": lambda uv, wo, wi: wo.abs() * (whole(uv)[:, :1] - 4).abs(),
+    "whole numbers and truths": lambda uv, wo, wi: 0.1 * (whole(uv)[:, :1] + (wo > wi)),
+    "a remainder by a number of a tensor": lambda uv, wo, wi: wi.abs() * (whole(uv)[:, :1] % torch.tensor(4)),
+    "a remainder by what may be 1": lambda uv, wo, wi: wi.abs() * (whole(uv)[:, :1] % (whole(uv)[:, 1:] + 1)),
+}
+
+
+class Made(Material):
+    """A material of one formula."""
+
+    def __init__(self, formula: Evaluate):
+        super().__init__((2, 2), DecoderCost())
+        self.formula = formula
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return self.formula(uv, wo, wi)
+
+
+def queries(count: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(0)
+    sides = [uniform(rng, count, 85.0).astype(np.float32) for _ in range(2)]
+    return [rng.random((count, 2)).astype(np.float32), *sides, np.zeros(count, np.float32)]
+
+
+def truth(material: Material, given: list[np.ndarray]) -> np.ndarray:
+    return material.query(*(torch.from_numpy(x) for x in given)).numpy()
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_shader_does_it(name: str) -> None:
+    material, given = Made(MATERIALS[name]), queries(20)
+    made = shader(program_of(material), GLSL)
+    ours = np.stack([answer(made, *query) for query in zip(*given, strict=True)])
+    np.testing.assert_allclose(np.maximum(ours, 0), truth(material, given), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.short
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_kernel_does_it(name: str) -> None:
+    pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
+    import drjit.llvm as kind
+
+    from bench.program.kernel import Kernel
+
+    material, given = Made(MATERIALS[name]), queries(200)
+    uv, wo, wi = ([kind.Float(column) for column in each.T] for each in given[:3])
+    ours = np.stack([np.asarray(x) for x in Kernel(program_of(material), kind)(uv, wo, wi, kind.Float(given[3]))], 1)
+    np.testing.assert_allclose(np.maximum(ours, 0), truth(material, given), rtol=1e-5, atol=1e-6)
