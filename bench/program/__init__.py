@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from bench.btf import periods
+
 INPUTS = ("uv", "wo", "wi", "footprint")
 PRODUCTS = ("mm", "addmm", "bmm")
 
@@ -50,6 +52,11 @@ class Program:
     constants: dict[str, np.ndarray]  # float32 or int32
     result: str
     size: tuple[int, int]  # texels, (H, W)
+
+    @property
+    def periods(self) -> tuple[float, float]:
+        """How many periods of the texture its longer side is along u and along v: texels are square on a surface."""
+        return periods(self.size)
 
     def products(self) -> int:
         """Multiply-adds of its matrix products."""

@@ -88,7 +88,7 @@ def test_a_texture_that_is_not_square_is_not_squeezed(browser: Any, tmp_path: Pa
     """From above, the plane shows two of its longer sides across, and four of its shorter ones up."""
     codec = load_codec("mean-colour")()
     material = codec.decode(codec.encode(tiny_btf().crop(0, 0, 4, 8), Fit()), torch.device("cpu"))
-    model = Model("wide", read(drawable(material, tmp_path / "a.npz").path), 1.0)
+    model = Model("wide", drawable(material).program, 1.0)
     (tmp_path / "view.html").write_text(page("wide", [model]), encoding="utf-8")
     tab = browser.new_page(viewport={"width": 300, "height": 500})
     tab.goto((tmp_path / "view.html").as_uri())

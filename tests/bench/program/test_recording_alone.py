@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from bench.codec import Fit
-from bench.codecs.program import program_of
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
+from bench.program.recording import program_of
 
 
 @pytest.fixture(scope="module")
