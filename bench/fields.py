@@ -5,6 +5,7 @@ checked here. Fields that are not listed are free, but plain: finite numbers of 
 nested deeply.
 """
 
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from itertools import chain
@@ -237,6 +238,20 @@ _FACTS = Fields(
     {name: _JOB.known[name] for name in ("history", "fit_seconds", "fitted")} | {"sha256": TEXT},
     ("fit_key", "sha256", "fit_seconds", "history"),
 )
+_DIGITS = Plain("64 hexadecimal digits", lambda value: _is_text(value) and bool(re.fullmatch("[0-9a-f]{64}", value)))
+_SIDE = Plain("a whole number > 0", lambda value: _is_count(value) and value > 0)
+_SCENE = Fields(
+    {
+        **dict.fromkeys(("name", "demand"), TEXT),
+        "size": Several(_SIDE, 2),
+        "window": Several(COUNT, 4),
+        "factor": _SIDE,
+        "pairs": COUNT,
+        **dict.fromkeys(("finest", "uniform"), NOT_NEGATIVE),
+        **dict.fromkeys(("views", "lights"), _DIGITS),
+    },
+    ("name", "demand", "size", "window", "factor", "pairs", "finest", "uniform", "views", "lights"),
+)
 _FORMER = Fields({})  # rates of older runs, which nothing reads: they are compared when a table is made
 RECORDS = {"run": _RUN, "job": _JOB, "timing": _TIMING, "stress": _STRESS, "rate": _FORMER}
 
@@ -263,6 +278,11 @@ def fault_of_trade(found: Mapping[str, Any]) -> str:
 def fault_of_facts(found: Any) -> str:
     """The same of the facts of a fit, which lie beside a codec file."""
     return told(_fault(_FACTS, found, 0))
+
+
+def fault_of_scene(found: Any) -> str:
+    """The same of the scene that a codec file was fitted to; see `bench.demand.need`."""
+    return told(_fault(_SCENE, found, 0))
 
 
 Fault = tuple[str, str]  # the place of a field, `scores/heldout`, and what it must be

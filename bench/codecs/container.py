@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench import atomic
+from bench import atomic, fields
 from bench.codecs.zstd import compressed, expanded
 from bench.errors import ContainerError
 
@@ -33,7 +33,7 @@ SUFFIX = ".nbtf"
 MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or a network shared over materials
 ZEROS = b"0" * 64
 HEADER_LIMIT = 1 << 24
-MOST_EXPANSION, LEAST_EXPANDED = 1024, 64 << 20  # limits of all expanded parts: × the file, or bytes
+MOST_EXPANSION, LEAST_EXPANDED = 16, 64 << 20  # limits of all expanded parts: × the file, or bytes
 PARTS = ("decoder", "texture", "encoder", "sampling", "other")
 # Bytes a number of the dtypes that safetensors names and a codec may write.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
@@ -200,6 +200,8 @@ def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         raise ContainerError(f"{path}: format {says['format']} is newer than this version reads ({FORMAT}): upgrade")
     if wrong := next((name for name, sound in _FIELDS.items() if name in says and not sound(says[name])), ""):
         raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {wrong} is {says[wrong]!r:.60}")
+    if fault := fields.fault_of_scene(says["scene"]) if says.get("scene") else "":
+        raise ContainerError(f"{path}: the scene that it was fitted to is not sound: {fault}: encode it again")
     if missing := {"format", "codec", "version", "settings", "sha256"} - says.keys():
         raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete: no {', '.join(sorted(missing))}")
     return says
