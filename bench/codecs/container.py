@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench import atomic, fields
 from bench.codecs.zstd import compressed, expanded
-from bench.errors import ContainerError
+from bench.errors import ContainerError, refuse_pipe
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -106,7 +106,7 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
 
 def read_header(path: Path) -> Header:
     """Check a codec file against its own hash and read its header. `ContainerError` says what is wrong."""
-    return _parse(Path(path), _read(path))
+    return _parse(Path(path), _read(Path(path)))
 
 
 def read_parts(path: Path) -> "tuple[Header, Parts]":
@@ -140,8 +140,9 @@ def _check_numbers(path: Path, part: str, tensors: "dict[str, Tensor]") -> None:
 
 
 def _read(path: Path) -> bytes:
+    refuse_pipe(path)
     try:
-        return Path(path).read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
 

@@ -9,7 +9,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.errors import FINE
+from bench.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,11 @@ def run(options: argparse.Namespace) -> int:
     from reports.shaders.program import read
 
     with tempfile.TemporaryDirectory(prefix="neubtf-export-") as folder:
-        program = drawable(load(options.file).material, Path(folder) / "program.npz").path
-        files = export(read(program), options.file.stem, options.format, options.out)
+        material = load(options.file).material
+        try:
+            program = read(drawable(material, Path(folder) / "program.npz").path)
+            files = export(program, options.file.stem, options.format, options.out)
+        except InputError as error:
+            raise InputError(f"{options.file}: {error}") from error
     print("\n".join(f"wrote {path}" for path in files))
     return FINE
