@@ -148,6 +148,8 @@ def _verified(
         libraries = ", ".join(f"{each} {version}" for each, version in job["fit_key"].get("libraries", {}).items())
         says = f"codec {job['codec']} version {job['fit_key']['version']}, code {str(job['fit_key']['code'])[:12]}"
         return Verdict(name, NOT_VERIFIED, f"{says} is not installed here ({libraries})")
+    if not claims.compared(job):
+        return Verdict(name, NOT_VERIFIED, "its record has no scores to compare")
     spec = _material(job, start, places)
     data = table(f"data of {name}", Preparation, start.get("data"))
     if other := _other_data(job, spec, data):
@@ -193,6 +195,8 @@ def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progre
     header = loaded.header
     if header.codec != job["codec"]:
         return Verdict(job["job"], DIFFERS, f"the file is of codec {header.codec}")
+    if names := list(claims.misnamed(job, header)):
+        return Verdict(job["job"], DIFFERS, "; ".join(names))
     place = Place(out, of_run=True)
     found = evaluate(bench, loaded, 1, place.keep, show)
     found |= {"score_key": score_key(bench, header), "scored": made(), "machine": machine(), "status": "ok"}
@@ -201,9 +205,7 @@ def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progre
     named = {key: job[key] for key in ("kind", "job", "run", "material", "codec", "label", "curve", "seed")}
     record = named | {"split": split, "fit_key": fit} | found
     record["file"] = f"files/{place.put(f'files/{file.name}', file.read_bytes()).name}"
-    if not claims.compared(job):
-        return Verdict(job["job"], NOT_VERIFIED, "its record has no scores to compare")
-    reasons = [*claims.misnamed(job, header), *claims.differences(job, record)]
+    reasons = list(claims.differences(job, record))
     records.append(out, record)
     more = f" and {len(reasons) - SHOWN} more" if len(reasons) > SHOWN else ""
     return Verdict(job["job"], DIFFERS if reasons else AGREES, "; ".join(reasons[:SHOWN]) + more, record)

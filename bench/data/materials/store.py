@@ -50,7 +50,7 @@ def load_or_render(
 ) -> BTF:
     """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`.
 
-    An `outline` has everything but the values, which are 0: pairs and fingerprint are known before anything is rendered.
+    An `outline` has everything but the values, which are 0: its fingerprint is known before anything is rendered.
 
     Training pairs and held-out pairs are separate renderings, so another draw does not render the product again.
     """
