@@ -10,6 +10,8 @@ import torch
 
 from baselines.relief import latents as coding
 from baselines.relief.geometry import Relief
+from bench import directions
+from bench.btf import Layout
 from bench.codec import Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
@@ -119,3 +121,32 @@ def test_an_index_that_takes_no_bytes_is_bounded_over_all_stages(tmp_path):
     parts.texture["index1"] = parts.texture["index0"]
     with pytest.raises(ContainerError, match="an index of 0 bytes for 4096 × 4096 texels and 2 stages"):
         loading.load(container.save(tmp_path / "a.nbtf", codec, parts).path)
+
+
+def hemisphere(rng, count, spread=1.0):
+    found = rng.standard_normal((count, 3)) * [spread, spread, 1]
+    found[:, 2] = np.abs(found[:, 2]) + 0.1
+    return (found / np.linalg.norm(found, axis=1, keepdims=True)).astype(np.float32)
+
+
+def test_directions_that_crowd_in_one_place_are_refused():
+    crowd = np.concatenate([hemisphere(np.random.default_rng(0), 3000, 0.02), np.eye(3, dtype=np.float32)])
+    with pytest.raises(ValueError, match="triangles of directions meet in one place, and 4,096 are the limit"):
+        directions.Hemisphere(crowd)
+
+
+@pytest.mark.parametrize("kind", ["product", "scattered", "one view"])
+def test_directions_are_found_in_blocks_as_at_once(kind, monkeypatch):
+    rng = np.random.default_rng(0)
+    views, lights = hemisphere(rng, 40), hemisphere(rng, 40)
+    if kind != "scattered":
+        views, lights = np.repeat(views if kind == "product" else views[:1], 40, 0), np.tile(lights, (len(views), 1))
+    if kind == "one view":
+        views, lights = views[:40], lights[:40]
+    interpolator = directions.PairInterpolator(Layout.of(views, lights))
+    queries = torch.from_numpy(hemisphere(rng, 500, 3)), torch.from_numpy(hemisphere(rng, 500, 3))
+    once = interpolator(*queries)
+    monkeypatch.setattr(directions, "BLOCK", 1000)
+    blocks = interpolator(*queries)
+    assert once.sample.equal(blocks.sample)
+    torch.testing.assert_close(once.weight, blocks.weight)
