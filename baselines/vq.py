@@ -26,7 +26,7 @@ BLOCK_BYTES = 64 << 20  # slices read together
 PASSES = 4  # passes over the data for the principal components
 CLUSTERING_BATCH = 4_096
 MOST_CODES = 65_536
-MOST_TEXELS = 1 << 28  # limit for a codebook of one entry, which stores no index
+MOST_LABELS = 1 << 24  # of all stages, where fewer are stored: the index of a codebook of one entry takes no bytes
 
 
 class VQ(Codec):
@@ -70,6 +70,9 @@ class VQ(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         height, width = parts.other["size"].tolist()
         counts = parts.other["codes"].tolist()
+        stored = sum(packed.numel() for name, packed in parts.texture.items() if name.startswith("index"))
+        if height * width * len(counts) > max(MOST_LABELS, 8 * stored):
+            raise ValueError(f"an index of {stored} bytes for {height} × {width} texels and {len(counts)} stages")
         index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
         rows = torch.stack(index, 1) + starts
@@ -180,7 +183,7 @@ def pack_index(label: np.ndarray, codes: int) -> Tensor:
 def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
     """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` where bytes are missing."""
     bits = (codes - 1).bit_length()
-    if not 0 < count <= MOST_TEXELS or packed.ndim != 1 or len(packed) != (count * bits + 7) // 8:
+    if count < 1 or packed.ndim != 1 or len(packed) != (count * bits + 7) // 8:
         raise ValueError(f"an index of {packed.numel()} bytes for {count} texels and {codes} codes")
     label = unpack_bits(packed, count, bits)
     if label.amax() >= codes:

@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import itertools
 import json
 import math
 import zipfile
@@ -15,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF
-from bench.errors import InputError, readable
+from bench.errors import InputError, readable, refuse_pipe
 
 Array = np.ndarray
 MAX_FILE = 1 << 29
 LEAST, RATIO = 1 << 26, 64  # what is inflated of an entry: this many bytes, or times as many as it has
 STEP = 1 << 16
+_LOCAL = 30  # bytes before an entry's name
 
 
 def inside(name: str, label: str) -> str:
@@ -36,14 +38,21 @@ class ZipFiles:
 
     def __init__(self, path: Path):
         self.path = path
+        refuse_pipe(path)
         with (
             readable(str(path), "the archive is damaged or incomplete; get it again"),
             zipfile.ZipFile(path) as archive,
         ):
-            self.entries = {e.filename: e for e in archive.infolist() if not e.is_dir()}
+            held = archive.infolist()
+        self.entries = {entry.filename: entry for entry in held if not entry.is_dir()}
         self.length = path.stat().st_size
         for name in self.entries:
             inside(name, str(path))
+        # Entries that share bytes expand them again and again.
+        held.sort(key=lambda entry: entry.header_offset)
+        for entry, after in itertools.pairwise(held):
+            if entry.header_offset + _LOCAL + entry.compress_size > after.header_offset:
+                raise InputError(f"{self.label(after.filename)}: overlaps {entry.filename}: zip the files anew")
 
     def label(self, name: str) -> str:
         """The name that messages give the entry."""
@@ -75,11 +84,11 @@ class ZipFiles:
             )
         with readable(label), open(self.path, "rb") as stream:
             stream.seek(entry.header_offset)
-            local = stream.read(30)
-            if len(local) < 30 or local[:4] != b"PK\x03\x04":
+            local = stream.read(_LOCAL)
+            if len(local) < _LOCAL or local[:4] != b"PK\x03\x04":
                 raise InputError(f"{label}: no entry at offset {entry.header_offset}: the archive is damaged")
             extra = int.from_bytes(local[26:28], "little") + int.from_bytes(local[28:30], "little")
-        start = entry.header_offset + 30 + extra
+        start = entry.header_offset + _LOCAL + extra
         if start + entry.compress_size > self.length:
             raise InputError(f"{label}: ends behind the archive: it is truncated; get it again")
         return entry, start

@@ -10,6 +10,7 @@ The interpolated quantity is radiance / cos θ_i, multiplied by the cosine of th
 cosines into its weights, so a caller only sums weight × radiance.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ from torch import Tensor, nn
 from bench.btf import Layout
 
 CELLS = 64  # cells per side of the grid of candidate triangles: about two candidates a cell for the published sets
+MOST_CANDIDATES = 4096  # a cell: more is no measurement, but a way to fill the memory
+BLOCK = 1 << 22  # of queries × candidates that are looked at together
 SHEPARD_NEIGHBOURS = 8
 UNIT = 1e-3  # tolerance of a stored direction's length, and of its depth below the horizon
 ROUNDING = 1e-4  # barycentric weights of a sample itself come out as low as −2e-5 in float32
@@ -77,6 +80,10 @@ class Hemisphere(nn.Module):
 
     def _barycentric(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """The triangle (n,) that holds each point (n, 2), or the candidate nearest to it, and its weights (n, 3)."""
+        triangle, weights = _in_blocks(self._searched, self.candidates.shape[1], points)
+        return triangle, weights
+
+    def _searched(self, points: Tensor) -> tuple[Tensor, Tensor]:
         cell = ((points + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1)
         candidates = self.candidates[cell[:, 1] * CELLS + cell[:, 0]]
         # One number of the map at a time: tensors (n, candidates, 2, 2) take twice as long.
@@ -89,17 +96,23 @@ class Hemisphere(nn.Module):
         return candidates.gather(1, best)[:, 0], weights
 
     def _onto_hull(self, points: Tensor) -> Tensor:
+        return _in_blocks(self._projected, len(self.edges), points)[0]
+
+    def _projected(self, points: Tensor) -> tuple[Tensor]:
         start, end = self.edges[:, 0], self.edges[:, 1]
         along = end - start
         t = ((points[:, None] - start) * along).sum(-1) / (along * along).sum(-1)
         nearest = start + t.clamp(0, 1)[..., None] * along
         best = (points[:, None] - nearest).square().sum(-1).argmin(1)
-        return nearest[torch.arange(len(points), device=points.device), best]
+        return (nearest[torch.arange(len(points), device=points.device), best],)
+
+    def _nearest(self, points: Tensor) -> tuple[Tensor]:
+        return (torch.cdist(points, self.points.to(points.dtype)).argmin(1, keepdim=True),)
 
     def forward(self, queries: Tensor) -> Weights:
         points = stereographic(queries)
         if self.flat:
-            index = torch.cdist(points, self.points.to(points.dtype)).argmin(1, keepdim=True)
+            (index,) = _in_blocks(self._nearest, len(self.points), points)
             return Weights(index, torch.ones_like(index, dtype=points.dtype))
         triangle, weights = self._barycentric(points)
         outside = weights.amin(1) < -ROUNDING
@@ -124,16 +137,29 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
     edges = np.linspace(-1, 1, CELLS + 1)
     x = (low[:, None, 0] <= edges[1:] + slack) & (high[:, None, 0] >= edges[:-1] - slack)
     y = (low[:, None, 1] <= edges[1:] + slack) & (high[:, None, 1] >= edges[:-1] - slack)
-    meets = (y[:, :, None] & x[:, None, :]).reshape(len(corners), -1).T
-    middle = (edges[1:] + edges[:-1]) / 2
-    centres = np.stack(np.meshgrid(middle, middle), -1).reshape(-1, 2)
-    nearest = np.linalg.norm(centres[:, None] - corners.mean(1), axis=-1).argmin(1)
-    meets[np.arange(len(meets)), nearest] |= ~meets.any(1)
-    out = np.repeat(meets.argmax(1)[:, None], meets.sum(1).max(), 1)
-    for row, mask in enumerate(meets):
-        found = np.flatnonzero(mask)
-        out[row, : len(found)] = found
+    middle, centroids = (edges[1:] + edges[:-1]) / 2, corners.mean(1)
+    found = []
+    for row, column in np.ndindex(CELLS, CELLS):
+        here = np.flatnonzero(y[:, row] & x[:, column])
+        if not len(here):
+            here = np.linalg.norm((middle[column], middle[row]) - centroids, axis=-1).argmin(keepdims=True)
+        found.append(here)
+    most = max(map(len, found))
+    if most > MOST_CANDIDATES:
+        raise ValueError(f"{most:,} triangles of directions meet in one place, and {MOST_CANDIDATES:,} are the limit")
+    out = np.empty((len(found), most), np.int64)
+    for row, here in zip(out, found, strict=True):
+        row[: len(here)], row[len(here) :] = here, here[0]
     return out
+
+
+def _in_blocks(answer: Callable[[Tensor], tuple[Tensor, ...]], width: int, queries: Tensor) -> tuple[Tensor, ...]:
+    """The answers to queries (n, …), in blocks where a table (n, width) of them would take too much memory."""
+    rows = max(1, BLOCK // width)
+    if len(queries) <= rows or torch.compiler.is_compiling():
+        return answer(queries)
+    parts = [answer(some) for some in queries.split(rows)]
+    return tuple(torch.cat(found) for found in zip(*parts, strict=True))
 
 
 class PairInterpolator(nn.Module):
@@ -197,10 +223,7 @@ class PairInterpolator(nn.Module):
         Weights fall to zero at the first pair left out, so the result is continuous where the nearest pairs change:
         Franke and Nielson, "Smooth interpolation of large sets of scattered data", IJNME 15 (1980).
         """
-        queries = torch.cat([wo, wi], 1)
-        # The fast product form cannot resolve distances below 3e-4, so it would not be exact at the samples.
-        distance = torch.cdist(queries, self.pairs.to(wo.dtype), compute_mode="donot_use_mm_for_euclid_dist")
-        near, index = distance.topk(min(SHEPARD_NEIGHBOURS + 1, len(self.pairs)), largest=False)
+        near, index = _in_blocks(self._neighbours, len(self.pairs), torch.cat([wo, wi], 1))
         near = near.clamp_min(1e-6)
         if len(self.pairs) <= SHEPARD_NEIGHBOURS:
             weight = 1 / near.square()
@@ -208,6 +231,13 @@ class PairInterpolator(nn.Module):
             near, index, radius = near[:, :-1], index[:, :-1], near[:, -1:]
             weight = (1 / near - 1 / radius).square()
         return Weights(index, weight / weight.sum(1, keepdim=True))
+
+    def _neighbours(self, queries: Tensor) -> tuple[Tensor, Tensor]:
+        """Distances and indices (n, k) of the nearest pairs of queries (n, 6)."""
+        # The fast product form cannot resolve distances below 3e-4, so it would not be exact at the samples.
+        distance = torch.cdist(queries, self.pairs.to(queries.dtype), compute_mode="donot_use_mm_for_euclid_dist")
+        near, index = distance.topk(min(SHEPARD_NEIGHBOURS + 1, len(self.pairs)), largest=False)
+        return near, index
 
     def outside(self, wo: Tensor, wi: Tensor) -> Tensor:
         """Mask (n,) of queries whose view or light lies outside the hull of the samples; all False if scattered."""

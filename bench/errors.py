@@ -4,6 +4,7 @@ import difflib
 import errno
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 FINE = 0  # exit codes
 NO = 1  # negative verdict: a regression, a failed check
@@ -50,6 +51,12 @@ def unwritable(error: OSError) -> str:
     if error.errno in _NOT_ALLOWED and error.filename:
         return f"{place}cannot be used ({error.strerror}): choose another place, or mend its permissions"
     return ""
+
+
+def refuse_pipe(path: Path) -> None:
+    """Raise an `InputError` for a pipe, a socket or a device, which would make a reader wait, or never end."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise InputError(f"{path}: neither a file nor a folder: save what it gives as a file")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

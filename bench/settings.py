@@ -22,7 +22,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from bench.errors import InputError, did_you_mean
+from bench.errors import InputError, did_you_mean, refuse_pipe
 
 
 @dataclass(frozen=True)
@@ -118,6 +118,7 @@ def fields(where: str, kind: type, says: Any, without: Collection[str] = ()) -> 
 
 def read_toml(path: Path) -> str:
     """The text of a file of settings. `InputError` where it cannot be read or is too large to be one."""
+    refuse_pipe(path)
     try:
         if path.stat().st_size > TOML:
             raise InputError(f"{path}: larger than {TOML >> 20} MiB: no file of settings")

@@ -5,7 +5,6 @@ all text is escaped, and a content security policy allows the page's own scripts
 """
 
 import base64
-import hashlib
 import io
 from collections.abc import Iterator, Sequence
 from html import escape
@@ -24,7 +23,7 @@ from reports.notes import run_notes
 from reports.rows import Material, materials
 from reports.shaders.tables import WIDTH
 from reports.table import Table
-from reports.viewer.page import as_json, fragment
+from reports.viewer.page import as_json, fragment, hash_source
 
 INTERACTIVE = {"rate", "speed", "fits", "footprints"}  # figures that the page draws itself
 OPEN = {"summary", "main", "unfinished"}  # kinds of tables that are not folded away
@@ -76,8 +75,8 @@ class _Page:
         scripts = [self.viewer.script, *(_asset(f"{name}.js") for name in _SCRIPTS)]
         yield HEAD.format(
             title=escape(f"neubtf-bench {suite}".strip()),
-            style_hashes=" ".join(map(_hash, styles)),
-            script_hashes=" ".join(map(_hash, scripts)),
+            style_hashes=" ".join(map(hash_source, styles)),
+            script_hashes=" ".join(map(hash_source, scripts)),
             styles="\n".join(f"<style>{style}</style>" for style in styles),
         )
         yield from (f"{part}\n" for part in self._body())
@@ -176,10 +175,6 @@ _CODECS = (
 
 def _asset(name: str) -> str:
     return (files("reports") / "web" / name).read_text("utf-8")
-
-
-def _hash(text: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def _data(name: str, json: str) -> str:

@@ -5,6 +5,7 @@ the picture. A texel p of a slice shows, seen along ω_o, the surface point p + 
 there: a point of height z therefore appears at its own place − z · ω_o.xy / ω_o.z.
 """
 
+import itertools
 import math
 
 import torch
@@ -17,6 +18,8 @@ FINENESS = 256  # texels a side at least of the height that is searched; beyond,
 VIEW_STEPS, SECANTS = 16, 2  # of the search along the view
 LIGHT_STEPS = 12  # of the search toward the light
 LEAST_FACING = 0.3  # 1 − ∇h · along, 0 where a ray grazes the surface: below, a hit moves without bound
+MOST_FINE = 1 << 25  # samples of the finer copy, padding included
+BLOCK = 1 << 20  # samples of it that are made at once
 MOST_PADDED = 32  # times its texels a copy grows by padding; a picture far wider than high would grow by thousands
 
 
@@ -39,10 +42,12 @@ class Relief(nn.Module):
         self.low, self.high = float(height.min()), float(height.max())
         self.register_buffer("height", height.float()[..., None], persistent=False)
         self.fine = [side * max(1, round(FINENESS / side)) for side in self.shape]
+        if math.prod(self.fine) > MOST_FINE:  # a strip of texels
+            self.fine = [*self.shape]
         rise, wide = max(self.high - self.low, abs(self.low), abs(self.high)), self.shape[1] / self.shape[0]
         self.margin = [int(rise / LOWEST * grow * side) + 2 for side, grow in zip(self.fine, (wide, 1), strict=True)]
         growth = math.prod(1 + 2 * more / side for side, more in zip(self.fine, self.margin, strict=True))
-        self.wraps = growth > MOST_PADDED
+        self.wraps = growth > MOST_PADDED or growth * math.prod(self.fine) > MOST_FINE
         if self.wraps:
             self.margin = [0, 0]
         self.register_buffer("padded", self._padded(), persistent=False)
@@ -54,8 +59,13 @@ class Relief(nn.Module):
         (rows, cols), (above, left) = self.fine, self.margin
         v = 1 - (torch.arange(-above, rows + above) + 0.5) / rows
         u = (torch.arange(-left, cols + left) + 0.5) / cols
-        uv = torch.stack(torch.meshgrid(v, u, indexing="ij")[::-1], -1).flatten(0, 1)
-        return sample_texture(self.height, uv - uv.floor()).reshape(len(v), len(u))
+        found = torch.empty(len(v), len(u))
+        tall, wide = max(1, BLOCK // len(u)), min(BLOCK, len(u))
+        for top, left in itertools.product(range(0, len(v), tall), range(0, len(u), wide)):
+            part = found[top : top + tall, left : left + wide]
+            uv = torch.stack(torch.meshgrid(v[top : top + tall], u[left : left + wide], indexing="ij")[::-1], -1)
+            part.copy_(sample_texture(self.height, (uv - uv.floor()).flatten(0, 1)).reshape(part.shape))
+        return found
 
     def _nearest(self, u: Tensor, v: Tensor) -> Tensor:
         """Heights at u and v, of any one shape, within the margin around [0, 1)."""

@@ -13,6 +13,9 @@ from torch import Tensor
 from bench.errors import InputError
 
 MOST_BITS = 8
+MOST_CODES = (
+    1 << 25
+)  # of a texture, where its bytes hold no more: packed bits are up to eight a byte, LZMA's any number
 RANGES = 29  # shares of a channel's range, from 0.3 to all of it, that are tried: rounding finer, clipping more
 PACKED, ALONE, AFTER = range(3)  # the ways; LZMA's context are the high bits of the byte before
 
@@ -69,12 +72,17 @@ def compress(codes: Tensor, bits: list[int]) -> Tensor:
         ALONE: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(ALONE, planes.size)),
         AFTER: lzma.compress(shifted.tobytes(), lzma.FORMAT_RAW, filters=_coder(AFTER, planes.size)),
     }
-    way = min(ways, key=lambda each: len(ways[each]))
+    way = min((each for each in ways if codes.numel() <= _most(ways[each])), key=lambda each: len(ways[each]))
     return torch.frombuffer(bytearray([way, *bits]) + ways[way], dtype=torch.uint8)
 
 
+def _most(payload: bytes) -> int:
+    """How many codes some bytes may expand to."""
+    return max(MOST_CODES, 8 * len(payload))
+
+
 def expand(data: Tensor, shape: tuple[int, int, int]) -> Tensor:
-    """The codes (H, W, C), as floats, of what `compress` gave; memory stays within that shape."""
+    """The codes (H, W, C), as floats, of what `compress` gave; memory stays within that shape and `_most`."""
     height, width, channels = shape
     count, size = height * width * channels, height * width
     if not len(data) or data[0] > AFTER:
@@ -82,6 +90,8 @@ def expand(data: Tensor, shape: tuple[int, int, int]) -> Tensor:
     way, bits, payload = int(data[0]), data[1 : 1 + channels].numpy(), data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or not ((bits >= 1) & (bits <= MOST_BITS)).all():
         raise InputError("a texture of this file does not say its bits: encode it again")
+    if not 0 < count <= _most(payload):
+        raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")
     if way == PACKED:
         flags = np.unpackbits(np.frombuffer(payload, np.uint8))
         ends = np.cumsum(bits.astype(int) * size)

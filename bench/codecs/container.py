@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 from bench import atomic
 from bench.codecs.zstd import compressed, expanded
-from bench.errors import ContainerError, answered
+from bench.errors import ContainerError, answered, refuse_pipe
+from bench.records.fields import fault_of_scene
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -33,7 +34,7 @@ SUFFIX = ".nbtf"
 MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or a network shared over materials
 ZEROS = b"0" * 64
 HEADER_LIMIT = 1 << 24
-MOST_EXPANSION, LEAST_EXPANDED = 1024, 64 << 20  # limits of all expanded parts: × the file, or bytes
+MOST_EXPANSION, LEAST_EXPANDED = 16, 64 << 20  # limits of all expanded parts: × the file, or bytes
 PARTS = ("decoder", "texture", "encoder", "sampling", "other")
 # Bytes a number of the dtypes that safetensors names and a codec may write.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
@@ -126,7 +127,7 @@ def _check_parts(codec: "Codec | SharedNetwork", parts: object) -> None:
 
 def read_header(path: Path) -> Header:
     """Check a codec file against its own hash and read its header. `ContainerError` says what is wrong."""
-    return _parse(Path(path), _read(path))
+    return _parse(Path(path), _read(Path(path)))
 
 
 def read_parts(path: Path) -> "tuple[Header, Parts]":
@@ -160,8 +161,9 @@ def _check_numbers(path: Path, part: str, tensors: "dict[str, Tensor]") -> None:
 
 
 def _read(path: Path) -> bytes:
+    refuse_pipe(path)
     try:
-        return Path(path).read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
 
@@ -220,6 +222,8 @@ def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         raise ContainerError(f"{path}: format {says['format']} is newer than this version reads ({FORMAT}): upgrade")
     if wrong := next((name for name, sound in _FIELDS.items() if name in says and not sound(says[name])), ""):
         raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {wrong} is {says[wrong]!r:.60}")
+    if fault := fault_of_scene(says["scene"]) if says.get("scene") else "":
+        raise ContainerError(f"{path}: the scene that it was fitted to is not sound: {fault}: encode it again")
     if missing := {"format", "codec", "version", "settings", "sha256"} - says.keys():
         raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete: no {', '.join(sorted(missing))}")
     return says

@@ -4,6 +4,9 @@ NeuBTF's renderer, Rainer's decoders and NeuMIP's two networks are settings of i
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -16,6 +19,8 @@ from bench.material import sample_texture, saturated
 
 Activation = Literal["relu", "leaky-relu", "sine"]
 
+FREE = 1 << 22  # weights that any network may have, however few numbers its file holds
+_most: ContextVar[int | None] = ContextVar("_most", default=None)  # weights of a network that is being decoded
 LEAK = 0.01  # slope of the leaky ReLU below 0
 
 
@@ -76,6 +81,9 @@ class Decoder(Network):
 
     def __init__(self, architecture: Architecture, generator: torch.Generator | None = None):
         super().__init__()
+        most = _most.get()
+        if most is not None and architecture.parameters > most:
+            raise ValueError(f"a network of {architecture.parameters:,} weights, and its file holds fewer numbers")
         self.architecture = architecture
         self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(architecture.sizes))
         self.norms = nn.ModuleList(nn.LayerNorm(b) for b in architecture.widths) if architecture.norm else None
@@ -152,6 +160,19 @@ def _initialise(layer: nn.Module, architecture: Architecture, depth: int, genera
         # Random biases spread the kinks, or the phases, of a layer over its inputs.
         spread = 1 / math.sqrt(layer.in_features)
         layer.bias.uniform_(-spread, spread, generator=generator)
+
+
+@contextmanager
+def decoding(numbers: int) -> Iterator[None]:
+    """Refuse, by a `ValueError`, any `Decoder` of more weights than a file of so many numbers can hold.
+
+    A network is built from the settings in a file's header before its weights are read, and settings cost no bytes.
+    """
+    token = _most.set(max(FREE, numbers))
+    try:
+        yield
+    finally:
+        _most.reset(token)
 
 
 def to_vector(*networks: nn.Module) -> Tensor:

@@ -1,17 +1,23 @@
 """Decodes a codec file: finds its codec, its shared network if it needs one, and the scene it was fitted to."""
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import NamedTuple
 
 import torch
 
-from bench.codec import TrainedNetwork
+from bench.codec import Parts, TrainedNetwork
 from bench.codecs import registry, shared
-from bench.codecs.container import SHARED, Header, read_parts
+from bench.codecs.container import PARTS, SHARED, Header, read_parts
+from bench.codecs.decoder import decoding
 from bench.codecs.scene_material import SceneMaterial
 from bench.errors import CodecError, ContainerError, answered
 from bench.material import Material
+
+# A picture has at most so many texels, or so many times the numbers of its file: more than any codec shares a number
+# among, and few enough that slices of it fit into the memory.
+LEAST_TEXELS, MOST_TEXELS = 1 << 24, 64
 
 
 class Loaded(NamedTuple):
@@ -42,14 +48,18 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     elif network is None or network.sha256 != header.network:
         network = shared.named_by(header)
     parts = dataclasses.replace(parts, network=network)
+    numbers = _numbers(parts) + (_numbers(network.parts) if network else 0)
     try:
-        codec = codec_class(**header.settings)
-        material = codec.decode(parts, torch.device(device))
+        with decoding(numbers):
+            codec = codec_class(**header.settings)
+            material = codec.decode(parts, torch.device(device))
         if not isinstance(material, Material):
             raise answered(codec.decode, material, "a Material")
         _try(material)
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
+        if math.prod(material.size) > max(LEAST_TEXELS, MOST_TEXELS * numbers):
+            raise ContainerError(f"a picture of {material.size} texels is beyond all proportion to {numbers:,} numbers")
     except ContainerError as error:
         raise ContainerError(f"{path}: {error}") from error
     except CodecError as error:
@@ -58,6 +68,11 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
     return Loaded(header, material, network)
+
+
+def _numbers(parts: Parts) -> int:
+    """How many numbers the tensors hold."""
+    return sum(tensor.numel() for part in PARTS for tensor in getattr(parts, part).values())
 
 
 def _try(material: Material) -> None:

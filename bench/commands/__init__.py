@@ -32,11 +32,11 @@ def load(module: str) -> ModuleType:
     return importlib.import_module(module)
 
 
-def assignments(words: list[str]) -> dict[str, str]:
-    """`KEY=VALUE` words as a dictionary."""
+def assignments(words: list[str], option: str = "--set", form: str = "KEY=VALUE") -> dict[str, str]:
+    """The words of an option, `KEY=VALUE`, as a dictionary."""
     for word in words:
         if "=" not in word:
-            raise InputError(f"--set {word}: write KEY=VALUE")
+            raise InputError(f"{option} {word}: write {form}")
     return dict(word.split("=", 1) for word in words)
 
 

@@ -9,7 +9,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.errors import FINE
+from bench.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,7 +23,10 @@ def run(options: argparse.Namespace) -> int:
     from bench.runs.drawing import drawable
     from reports.shaders.export import export
 
-    program = drawable(load(options.file).material).program
-    files = export(program, options.file.stem, options.format, options.out)
+    material = load(options.file).material
+    try:
+        files = export(drawable(material).program, options.file.stem, options.format, options.out)
+    except InputError as error:
+        raise InputError(f"{options.file}: {error}") from error
     print("\n".join(f"wrote {path}" for path in files))
     return FINE

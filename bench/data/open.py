@@ -41,6 +41,14 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
 
 
+def outlined(spec: MaterialSpec, data: Preparation, draw: int = 0) -> BTF:
+    """A built-in material as `open_material` opens it, but without its values: its fingerprint takes no rendering."""
+    from bench.data.materials import recipe
+    from bench.data.materials.store import load_or_render
+
+    return load_or_render(spec.name, recipe(spec.name), data.size, data.sampling(draw), 0, outline=True)
+
+
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
     """The draw of test pairs for a repetition; 0 where all repetitions share one."""
     from bench.data.bake.naming import looks_like_maps

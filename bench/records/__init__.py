@@ -32,7 +32,7 @@ from bench.records.meaning import (
     shown_label,
     stats_of,
 )
-from bench.records.schema import ARTEFACT, CLAIM, REFERENCE, RESULTS, Record
+from bench.records.schema import ARTEFACT, CLAIM, NAMES, REFERENCE, RESULTS, Record
 
 __all__ = [
     "ARTEFACT",
@@ -41,6 +41,7 @@ __all__ = [
     "FILE",
     "FLIP",
     "LOG_PSNR",
+    "NAMES",
     "OUTSIDE",
     "PSNR",
     "REFERENCE",

@@ -8,7 +8,7 @@ from typing import Any, Literal, Required, get_args, get_origin, get_type_hints,
 from bench.errors import InputError
 from bench.records import kinds
 from bench.records.kinds import Each, Fields, Kind, Several
-from bench.records.schema import Facts, Job, Needed, Record, Shown, Start, Stress, Timing, Trade, Use
+from bench.records.schema import Facts, FileScene, Job, Needed, Record, Shown, Start, Stress, Timing, Trade, Use
 
 _MEASURED = ("scores", "metrics", "bytes", "parameters")  # of a job that has a result
 _TIMED = ("ns_per_sample", "ratio_to_floor", "ratio_interval95", "batch", "threads")
@@ -41,7 +41,7 @@ def kind_of(hint: Any) -> Kind:
 KINDS = {"run": Start, "job": Job, "timing": Timing, "stress": Stress}
 FIELDS: dict[str, Kind] = {name: kind_of(described) for name, described in KINDS.items()}
 FIELDS["rate"] = Fields({})  # of older runs, which nothing reads: rates are compared when a table is made
-_FACTS, _TRADE = kind_of(Facts), kind_of(Trade)
+_FACTS, _TRADE, _SCENE = kind_of(Facts), kind_of(Trade), kind_of(FileScene)
 
 
 def is_known(kind: object) -> bool:
@@ -73,6 +73,11 @@ def fault_of_facts(facts: Any) -> str:
     return kinds.in_words(kinds.fault_of(_FACTS, facts))
 
 
+def fault_of_scene(scene: Any) -> str:
+    """The same of the scene that a codec file was fitted to."""
+    return kinds.in_words(kinds.fault_of(_SCENE, scene))
+
+
 def kept(record: Record, use: Use) -> Record:
     """The shorter form of a record: its fields of that use, and theirs, in the order in which they are described."""
     return _kept(FIELDS[record["kind"]], record, use)
@@ -98,8 +103,8 @@ def shown() -> dict[str, Shown]:
     return {path: mark for path, marks in _marks(Job) for mark in marks if isinstance(mark, Shown)}
 
 
-def require(job: Record, by: Literal["comparison", "tables"], folder: Path) -> None:
-    """Check that a job has what a comparison or tables need. `InputError` names a field that it lacks."""
+def require(job: Record, by: Literal["comparison", "tables", "verification"], folder: Path) -> None:
+    """Check that a job has what a comparison, tables or a verification needs. `InputError` names a field that it lacks."""
     for path in _needed(by):
         value: Any = job
         for part in path.split("/"):

@@ -5,6 +5,7 @@ checked here. Fields that are not listed are free, but plain: finite numbers of 
 nested deeply.
 """
 
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -88,6 +89,10 @@ NOT_NEGATIVE = Plain("a finite number ≥ 0", lambda value: _is_number(value) an
 COUNT = Plain("a whole number ≥ 0", _is_count)
 TEXT = Plain("a text", _is_text)
 NAME = Plain("a name", lambda value: _is_text(value) and bool(value.strip()))
+SIDE = Plain("a whole number > 0", lambda value: _is_count(value) and value > 0)
+DIGITS = Plain(
+    "64 hexadecimal digits", lambda value: _is_text(value) and re.fullmatch("[0-9a-f]{64}", value) is not None
+)
 FLAG = Plain("true or false", lambda value: isinstance(value, bool))
 SETTING = Plain(
     "a finite number, a text, true or false",

@@ -24,19 +24,20 @@ class Use(Flag):
 
     REFERENCE = auto()  # kept in the reference of a suite
     RESULTS = auto()  # kept in published results, and on the page
-    CLAIM = auto()  # taken over from a submitted record, since only the fit could measure it
+    NAMES = auto()  # names the job
+    CLAIM = auto()  # compared where a submitted record is verified
     ARTEFACT = auto()  # names a file of the run's folder
     APART = auto()  # no number of a table of all numbers: it names the row, or is shown in a form of its own
 
 
-REFERENCE, RESULTS, CLAIM, ARTEFACT, APART = Use
+REFERENCE, RESULTS, NAMES, CLAIM, ARTEFACT, APART = Use
 PUBLISHED = REFERENCE | RESULTS
 
 
 class Needed(NamedTuple):
-    """A job with a result must have the field, and these keys of it, for a comparison or for tables."""
+    """A job with a result must have the field, and these keys of it, to be compared, shown or verified."""
 
-    by: Literal["comparison", "tables"]
+    by: Literal["comparison", "tables", "verification"]
     keys: tuple[str, ...] = ()
 
 
@@ -87,26 +88,26 @@ class Point(TypedDict, total=False):
 class FitKey(TypedDict, total=False):
     """All that a file depends on."""
 
-    codec: Annotated[Name, RESULTS]
-    version: Annotated[Count, PUBLISHED]
-    settings: Annotated[dict[str, Setting], PUBLISHED]
-    training: Annotated[Any, PUBLISHED]
+    codec: Annotated[Name, RESULTS | CLAIM]
+    version: Annotated[Count, PUBLISHED | CLAIM]
+    settings: Annotated[dict[str, Setting], PUBLISHED | CLAIM]
+    training: Annotated[Any, PUBLISHED | CLAIM]
     torch: Annotated[Any, RESULTS]
     code: Annotated[Any, RESULTS]
     libraries: Annotated[dict[str, Text | None], RESULTS]
-    shared: Annotated[Any, RESULTS]
+    shared: Annotated[Any, RESULTS | CLAIM]
 
 
 class ScoreKey(TypedDict, total=False):
     """All that scores depend on, beside the file."""
 
-    sha256: Annotated[Text, RESULTS]
-    btf: Annotated[Text, PUBLISHED]
-    exposure: Annotated[Number, PUBLISHED]
-    metrics: Annotated[dict[str, Count], RESULTS]
-    footprints: Annotated[Any, PUBLISHED]
+    sha256: Annotated[Text, RESULTS | CLAIM]
+    btf: Annotated[Text, PUBLISHED | CLAIM]
+    exposure: Annotated[Number, PUBLISHED | CLAIM]
+    metrics: Annotated[dict[str, Count], RESULTS | CLAIM]
+    footprints: Annotated[Any, PUBLISHED | CLAIM]
     demand: Annotated[Text | None, RESULTS]
-    deciding: Annotated[Text | None, PUBLISHED]
+    deciding: Annotated[Text | None, PUBLISHED | CLAIM]
 
 
 class Bytes(TypedDict, total=False):
@@ -160,39 +161,50 @@ class Scene(TypedDict):
 class Job(TypedDict, total=False):
     """One cell of a suite: what was encoded, its bytes and errors, or why it failed."""
 
-    kind: Annotated[Text, PUBLISHED | CLAIM | APART]
-    job: Annotated[Text, PUBLISHED | CLAIM | APART]
-    run: Annotated[Text, RESULTS | CLAIM | APART, Needed("tables")]
-    material: Required[Annotated[Name, PUBLISHED | CLAIM | APART]]
-    codec: Annotated[Name, RESULTS | CLAIM | APART, Needed("tables")]
-    label: Required[Annotated[Name, PUBLISHED | CLAIM | APART]]
-    curve: Annotated[Name, RESULTS | CLAIM]
-    seed: Required[Annotated[Count, PUBLISHED | CLAIM | APART]]
+    kind: Annotated[Text, PUBLISHED | NAMES | APART]
+    job: Annotated[Text, PUBLISHED | NAMES | APART]
+    run: Annotated[Text, RESULTS | NAMES | APART, Needed("tables"), Needed("verification")]
+    material: Required[Annotated[Name, PUBLISHED | NAMES | APART]]
+    codec: Annotated[Name, RESULTS | NAMES | APART, Needed("tables"), Needed("verification")]
+    label: Required[Annotated[Name, PUBLISHED | NAMES | APART]]
+    curve: Annotated[Name, RESULTS | NAMES, Needed("verification")]
+    seed: Required[Annotated[Count, PUBLISHED | NAMES | APART]]
     split: Annotated[Text, RESULTS | CLAIM]
     status: Required[Annotated[Literal["ok", "failed", "unavailable"], PUBLISHED | APART]]
     error: Annotated[Text, RESULTS]
     traceback: Annotated[Text, APART]
-    shape: Annotated[list[int], Several(kinds.COUNT, 2), RESULTS | APART, Needed("tables")]
-    pairs: Annotated[dict[str, Count], RESULTS, Needed("tables", ("train",))]
-    settings: Annotated[dict[str, Setting], RESULTS | APART]
-    bytes: Annotated[Bytes, PUBLISHED]
-    parameters: Annotated[Count | None, PUBLISHED]
-    cost: Annotated[dict[str, Count], RESULTS, Needed("tables", ("texture_channels",))]
-    metrics: Annotated[dict[str, Metric], PUBLISHED | APART]
-    scores: dict[str, Group]
-    footprints: Annotated[dict[str, Statistics], RESULTS]
+    shape: Annotated[list[int], Several(kinds.COUNT, 2), RESULTS | CLAIM | APART, Needed("tables")]
+    pairs: Annotated[dict[str, Count], RESULTS | CLAIM, Needed("tables", ("train",))]
+    settings: Annotated[dict[str, Setting], RESULTS | CLAIM | APART]
+    bytes: Annotated[Bytes, PUBLISHED | CLAIM]
+    parameters: Annotated[Count | None, PUBLISHED | CLAIM]
+    cost: Annotated[dict[str, Count], RESULTS | CLAIM, Needed("tables", ("texture_channels",))]
+    metrics: Annotated[dict[str, Metric], PUBLISHED | CLAIM | APART]
+    scores: Annotated[dict[str, Group], CLAIM]
+    footprints: Annotated[dict[str, Statistics], RESULTS | CLAIM]
     scene: Annotated[Scene, RESULTS]
     program: Annotated[Program, RESULTS]
-    fit_key: Annotated[FitKey, PUBLISHED | CLAIM | APART, Needed("comparison", ("settings", "training"))]
-    fit_seconds: Annotated[NotNegative, RESULTS | CLAIM, Shown("fit", "s", 2)]
+    fit_key: Annotated[
+        FitKey,
+        PUBLISHED | CLAIM | APART,
+        Needed("comparison", ("settings", "training")),
+        Needed("verification", ("version", "code")),
+    ]
+    fit_seconds: Annotated[NotNegative, RESULTS, Shown("fit", "s", 2)]
     fit_cached: bool
-    fitted: Annotated[dict[str, Text | None], RESULTS | CLAIM]
-    history: Annotated[list[Point], RESULTS | CLAIM]
-    score_key: Annotated[ScoreKey, PUBLISHED | APART, Needed("comparison", ("btf", "exposure")), Needed("tables")]
+    fitted: Annotated[dict[str, Text | None], RESULTS]
+    history: Annotated[list[Point], RESULTS]
+    score_key: Annotated[
+        ScoreKey,
+        PUBLISHED | CLAIM | APART,
+        Needed("comparison", ("btf", "exposure")),
+        Needed("tables"),
+        Needed("verification", ("btf", "metrics")),
+    ]
     scored: Annotated[dict[str, Text | None], RESULTS]
     provenance: Annotated[Provenance, RESULTS | APART]
     machine: Annotated[Machine, RESULTS]
-    file: Annotated[Text, RESULTS | ARTEFACT]
+    file: Annotated[Text, RESULTS | ARTEFACT, Needed("verification")]
     slices: Annotated[Any, kinds.TEXT_OR_TEXTS, ARTEFACT]
     angular: Annotated[Text, ARTEFACT]
     pictures: Annotated[Text, ARTEFACT]
@@ -270,6 +282,25 @@ class Facts(TypedDict, total=False):
     fit_seconds: Required[NotNegative]
     history: Required[list[Point]]
     fitted: dict[str, Text | None]
+
+
+Side = Annotated[int, kinds.SIDE]
+Digits = Annotated[str, kinds.DIGITS]
+
+
+class FileScene(TypedDict):
+    """The scene that a codec file was fitted to; see `bench.demand.need`."""
+
+    name: Text
+    demand: Text
+    size: Annotated[list[int], Several(kinds.SIDE, 2)]
+    window: Annotated[list[int], Several(kinds.COUNT, 4)]
+    factor: Side
+    pairs: Count
+    finest: NotNegative
+    uniform: NotNegative
+    views: Digits
+    lights: Digits
 
 
 class Noise(TypedDict):

@@ -5,30 +5,37 @@ networks that they share. Nothing in it is run: a codec that is not installed he
 """
 
 import dataclasses
-import math
+import os
+import shlex
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from bench import atomic, records
-from bench.archive import ZipFiles
+from bench.archive import ZipFiles, inside
 from bench.codec import Progress, silent
-from bench.codecs import loading, shared
+from bench.codecs import container, loading, shared
 from bench.codecs.registry import COMMAND, codec_entries
+from bench.data.bake.naming import looks_like_maps
+from bench.data.open import draw_of, outlined
 from bench.data.spec import MaterialSpec, Preparation
-from bench.errors import ContainerError, InputError, MissingDataError
-from bench.records import CLAIM, FILE, Record, Run, gate, kept, metrics_of
+from bench.errors import InputError
+from bench.records import FILE, NAMES, Record, Run, kept
+from bench.runs import claims
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import machine, made
 from bench.runs.place import Place
+from bench.runs.provenance import provenance
 from bench.runs.workbench import Workbench, workbench
 from bench.settings import table
 
-MOST_BYTES = 4 << 30  # of an archive's unpacked files
-DECIBELS, RELATIVE = 0.01, 1e-3  # what rounding on another processor may change
-
+MOST_BYTES, LEAST_BYTES, RATIO = 4 << 30, 256 << 20, 64  # of all unpacked files: at most, or as many times the archive
+MOST_BAKED = 4 << 30  # bytes of radiance that an archive may have baked here: they are not known to be its own before
+SHOWN = 4  # reasons that a verdict lists
+_STARTED = ("kind", "run", "suite", "data", "materials", "jobs")  # what is taken from the start of a submitted run
+_HERE = {"text": "", "device": "cpu", "threads": 1}
+_OTHER = "the data of {} here are others than those submitted"
 AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 
@@ -49,20 +56,28 @@ def chosen(run: Run, codecs: list[str]) -> Run:
 
 def pack(run: Run, lines: str, path: Path) -> None:
     """Write the archive of a run's jobs, whose records are these lines. `InputError` if a file is gone."""
-    files = [run.folder / job["file"] for job in run.jobs]
-    files += sorted({run.folder / "files" / name for job in run.jobs if (name := _network(job))})
-    if missing := next((file for file in files if not file.is_file()), None):
-        raise InputError(f"{missing}: gone, but its job is recorded: run the suite again")
+    files = {_own(run, job["file"], str(job["score_key"].get("sha256"))): None for job in run.jobs}
+    for job in run.jobs:
+        if digest := job["fit_key"].get("shared"):
+            files[_own(run, f"files/{shared.hashed_name(job['codec'], digest)}", digest)] = None
     with atomic.replacing(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(FILE, lines)
         for file in files:
             archive.write(file, f"files/{file.name}")
 
 
-def _network(job: Record) -> str:
-    """The name of the network file that a job's codec file needs, or ""."""
-    digest = job["fit_key"].get("shared")
-    return shared.hashed_name(job["codec"], digest) if digest else ""
+def _own(run: Run, name: str, digest: str) -> Path:
+    """A codec file of this run. `InputError` for any other: a record could name each file of this machine."""
+    file = run.folder / name
+    if not file.resolve().is_relative_to(run.folder.resolve()):
+        raise InputError(
+            f"{run.folder}: a record names the file {name!r}, which is not of this run: run the suite again"
+        )
+    if not file.is_file():
+        raise InputError(f"{file}: gone, but its job is recorded: run the suite again")
+    if container.read_header(file).sha256 != digest:
+        raise InputError(f"{file}: not the file that its job recorded: run the suite again")
+    return file
 
 
 def unpack(path: Path, folder: Path) -> Run:
@@ -71,8 +86,9 @@ def unpack(path: Path, folder: Path) -> Run:
         files = ZipFiles(path)
         if foreign := next((name for name in files.entries if not _belongs(name)), ""):
             raise InputError(f"{path}: {foreign!r} does not belong into an archive of results")
-        if sum(map(files.size, files.entries)) > MOST_BYTES:
-            raise InputError(f"{path}: unpacks to more than {MOST_BYTES >> 30} GiB: verify it in parts")
+        most = min(MOST_BYTES, max(LEAST_BYTES, RATIO * files.length))
+        if sum(map(files.size, files.entries)) > most:
+            raise InputError(f"{path}: unpacks to more than {most >> 20:,} MiB: verify it in parts")
         (folder / "files").mkdir(parents=True, exist_ok=True)
         for name in files.entries:
             (folder / name).write_bytes(files.read(name))
@@ -98,70 +114,96 @@ class Verdict:
     record: Record | None = None
 
 
-def verify(run: Run, out: Path, show: Progress = silent) -> Iterator[Verdict]:
-    """Decode and score the files of an unpacked archive, and write a run's folder of what was measured here."""
+def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, str] | None = None) -> Iterator[Verdict]:
+    """Decode and score the files of an unpacked archive, and write a run's folder of what was measured here.
+
+    `places` are paths of materials by name. Without one, measured data are looked for under `NEUBTF_DATA` alone: which
+    paths of this machine are opened is not the archive's to choose.
+    """
     starts = {start["run"]: start for start in run.starts}
     for start in starts.values():
-        records.append(out, start)
+        records.append(out, {key: start[key] for key in _STARTED if key in start} | _HERE | provenance())
     for job in run.jobs:
+        name = str(job.get("job"))
         try:
-            yield _verified(job, starts.get(job.get("run"), {}), run.folder, out, show)
-        except (ContainerError, MissingDataError) as error:
-            yield Verdict(str(job.get("job")), NOT_VERIFIED, str(error))
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            yield Verdict(
-                str(job.get("job")), NOT_VERIFIED, f"its record is not whole ({type(error).__name__}: {error})"
-            )
+            yield _verified(job, starts.get(job.get("run"), {}), run.folder, out, show, places or {})
+        except InputError as error:
+            yield Verdict(name, NOT_VERIFIED, str(error))
+        except OSError:
+            raise
+        except Exception as error:  # records and codec files of others may raise any error
+            what = f"{type(error).__name__}: {error}".splitlines()[0]
+            yield Verdict(name, NOT_VERIFIED, f"cannot be scored here ({what})")
 
 
-def _verified(job: Record, start: Record, folder: Path, out: Path, show: Progress) -> Verdict:
+def _verified(
+    job: Record, start: Record, folder: Path, out: Path, show: Progress, places: Mapping[str, str]
+) -> Verdict:
     name = job["job"]
     if job["status"] != "ok":
         return Verdict(name, NOT_VERIFIED, f"no result was submitted: {job.get('error', '')}")
+    records.require(job, "verification", folder)
     if job["codec"] not in (*codec_entries(), COMMAND):
         libraries = ", ".join(f"{each} {version}" for each, version in job["fit_key"].get("libraries", {}).items())
-        says = f"codec {job['codec']} version {job['fit_key']['version']}, code {job['fit_key']['code'][:12]}"
+        says = f"codec {job['codec']} version {job['fit_key']['version']}, code {str(job['fit_key']['code'])[:12]}"
         return Verdict(name, NOT_VERIFIED, f"{says} is not installed here ({libraries})")
-    spec = next(MaterialSpec(**each) for each in start["materials"] if each["name"] == job["material"])
-    data = table(f"data of {name}", Preparation, start["data"])
+    if not claims.compared(job):
+        return Verdict(name, NOT_VERIFIED, "its record has no scores to compare")
+    spec = _material(job, start, places)
+    data = table(f"data of {name}", Preparation, start.get("data"))
+    if other := _other_data(job, spec, data):
+        return Verdict(name, NOT_VERIFIED, other)
     metrics = tuple(job["score_key"]["metrics"])
     with workbench(job["run"], spec, data, None, show, "", int(job["seed"]), metrics) as bench:
         if bench.btf.fingerprint != job["score_key"]["btf"]:
-            return Verdict(name, NOT_VERIFIED, f"the data of {job['material']} here are others than those submitted")
-        return _judged(job, bench, folder, out, show)
+            return Verdict(name, NOT_VERIFIED, _OTHER.format(spec.name))
+        return _judged(job, bench, folder, out, show, data.split)
 
 
-def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progress) -> Verdict:
+def _material(job: Record, start: Record, places: Mapping[str, str]) -> MaterialSpec:
+    """The material of a job, with its place on this machine. `InputError` where the archive does not say, or know."""
+    listed = [table("materials of its run", MaterialSpec, each) for each in start.get("materials") or []]
+    spec = next((each for each in listed if each.name == job["material"]), None)
+    if spec is None:
+        raise InputError(f"its run does not say how {job['material']} was prepared: submit the run again")
+    if spec.name in places:
+        return dataclasses.replace(spec, path=places[spec.name])
+    if not spec.path:
+        return spec
+    remedy = f"say where it is with --material {shlex.quote(spec.name)}=PATH"
+    root = os.environ.get("NEUBTF_DATA")
+    if root is None or Path(spec.path).is_absolute():
+        raise InputError(f"the data of {spec.name} are not looked for at {spec.path}: {remedy}")
+    return dataclasses.replace(spec, path=str(Path(root) / inside(spec.path, f"the data of {spec.name}")))
+
+
+def _other_data(job: Record, spec: MaterialSpec, data: Preparation) -> str:
+    """Why the data of a job need not be prepared: they are others, or too large to be baked on an archive's word."""
+    draw = draw_of(spec, data, int(job["seed"]))
+    if not spec.path:
+        known = outlined(spec, data, draw).fingerprint == job["score_key"]["btf"]
+        return "" if known else _OTHER.format(spec.name)
+    needed = 12 * data.size**2 * (data.views * data.lights + data.heldout)
+    baked = looks_like_maps(Path(spec.path))
+    return f"{needed >> 30} GiB would have to be baked of {spec.name}" if baked and needed > MOST_BAKED else ""
+
+
+def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verdict:
     file = folder / "files" / Path(job["file"]).name
     loaded = loading.load(file)
-    if loaded.header.codec != job["codec"]:
-        return Verdict(job["job"], DIFFERS, f"the file is of codec {loaded.header.codec}")
+    header = loaded.header
+    if header.codec != job["codec"]:
+        return Verdict(job["job"], DIFFERS, f"the file is of codec {header.codec}")
+    if names := list(claims.misnamed(job, header)):
+        return Verdict(job["job"], DIFFERS, "; ".join(names))
     place = Place(out, of_run=True)
     found = evaluate(bench, loaded, 1, place.keep, show)
-    found |= {"score_key": score_key(bench, loaded.header), "scored": made(), "machine": machine(), "status": "ok"}
-    record = kept(job, CLAIM) | found
+    found |= {"score_key": score_key(bench, header), "scored": made(), "machine": machine(), "status": "ok"}
+    fit = {"codec": header.codec, "version": header.version, "settings": header.settings}
+    fit |= {"training": bench.training.fingerprint} | ({"shared": header.network} if header.network else {})
+    record = kept(job, NAMES) | {"split": split, "fit_key": fit} | found
     record["file"] = f"files/{place.put(f'files/{file.name}', file.read_bytes()).name}"
-    reasons = list(_differences(job, record))
+    reasons = list(claims.differences(job, record))
     records.append(out, record)
-    return Verdict(job["job"], DIFFERS if reasons else AGREES, "; ".join(reasons), record)
-
-
-def _differences(claimed: Record, here: Record) -> Iterator[str]:
-    """The numbers that differ by more than rounding on another processor, in words."""
-    for part, said in claimed["bytes"].items():
-        if here["bytes"].get(part) != said:
-            yield f"{part} has {here['bytes'].get(part)} bytes, not {said}"
-    if here["parameters"] != claimed["parameters"]:
-        yield f"{here['parameters']} parameters, not {claimed['parameters']}"
-    measured = metrics_of(here)
-    for name, stats in metrics_of(claimed, gate(claimed["scores"])).items():
-        mine = measured.get(name, {}).get("pooled")
-        if not _close(name, stats.get("pooled"), mine):
-            yield f"{name} is {mine}, not {stats.get('pooled')}"
-
-
-def _close(name: str, said: Any, mine: Any) -> bool:
-    if said is None or mine is None:
-        return said is mine
-    tolerance = DECIBELS if name.startswith("psnr") else RELATIVE * abs(mine)
-    return math.isclose(float(said), float(mine), rel_tol=0, abs_tol=tolerance)
+    more = f" and {len(reasons) - SHOWN} more" if len(reasons) > SHOWN else ""
+    return Verdict(job["job"], DIFFERS if reasons else AGREES, "; ".join(reasons[:SHOWN]) + more, record)

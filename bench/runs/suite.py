@@ -203,7 +203,11 @@ def canonical(suite: Suite) -> Suite:
     codecs.
     """
     unique: dict[str, CodecSpec] = {}
-    for spec in (dataclasses.replace(spec, settings=_told(spec)) for spec in suite.codecs):
+    try:
+        told = [dataclasses.replace(spec, settings=_told(spec)) for spec in suite.codecs]
+    except InputError as error:
+        raise InputError(f"suite {suite.name}: {error}") from error
+    for spec in told:
         known = unique.setdefault(spec.label, spec)
         both = tuple(dict.fromkeys(known.materials + spec.materials)) if known.materials and spec.materials else ()
         unique[spec.label] = dataclasses.replace(known, materials=both)

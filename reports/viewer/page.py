@@ -1,6 +1,7 @@
 """Writes the page of live materials: one HTML file that holds shaders, textures and the code that draws them."""
 
 import base64
+import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,18 +15,23 @@ from reports.shaders.tables import WIDTH
 
 SCRIPTS = ("shapes.js", "passes.js", "controls.js", "viewer.js")
 PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<html lang="en"><head><meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src {style_hash}; \
+script-src {script_hash}; base-uri 'none'; form-action 'none'">
+<meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{title}</title>
-<style>:root {{ color-scheme: light dark; }}
-body {{ font: 16px/1.4 system-ui, sans-serif; margin: 1rem auto; max-width: 70rem; padding: 0 1rem; }}
-{css}</style></head>
+<style>{style}</style></head>
 <body><h1>{title}</h1>
 {html}
 <script type="application/json" id="models">{data}</script>
-<script>{code}
+<script>{script}</script></body></html>
+"""
+STYLE = """:root { color-scheme: light dark; }
+body { font: 16px/1.4 system-ui, sans-serif; margin: 1rem auto; max-width: 70rem; padding: 0 1rem; }
+"""
+START = """
 const data = JSON.parse(document.getElementById("models").textContent);
 window.viewer = mountViewer(document.querySelector(".viewer"), data);
-</script></body></html>
 """
 
 
@@ -83,7 +89,14 @@ def fragment(models: Sequence[Model]) -> Fragment:
 def page(title: str, models: Sequence[Model]) -> str:
     """The whole page. `InputError` where no shader can do a program."""
     parts = fragment(models)
-    return PAGE.format(title=escape(title), css=parts.css, html=parts.html, code=parts.script, data=parts.data)
+    style, script = STYLE + parts.css, parts.script + START
+    hashes = {"style_hash": hash_source(style), "script_hash": hash_source(script)}
+    return PAGE.format(title=escape(title), style=style, html=parts.html, script=script, data=parts.data, **hashes)
+
+
+def hash_source(text: str) -> str:
+    """The hash by which a content security policy permits an inline style or script."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def as_json(data: object) -> str:

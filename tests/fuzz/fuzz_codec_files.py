@@ -14,6 +14,7 @@ import struct
 import sys
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from fuzzing import Reading, Target, main
 
@@ -22,9 +23,19 @@ from bench.codecs import container, loading, shared
 from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.check import tiny_btf
 from bench.conformance.stability.case import short
+from bench.console import file_lines
 
 VALUES = (-1, 0, 1, 255, 256, 10**9, 2**62, -(2**63), 10**30, 1.5, 1e308, True, None, "", "x", "é" * 99, [], {}, [[]])
 TYPES = tuple(container.ITEM_BYTES)
+SCENE: dict[str, Any] = {
+    "name": "a",
+    "demand": "1" * 64,
+    "size": [5, 5],
+    "window": [0, 0, 5, 5],
+    "factor": 1,
+    "pairs": 9,
+}
+SCENE |= {"finest": 0.1, "uniform": 0.1, "views": "f" * 64, "lights": "f" * 64}
 
 
 def small(name: str, folder: Path) -> None:
@@ -63,6 +74,9 @@ def mutated(content: bytes, rng: random.Random) -> bytes:
 
 
 def _field(header: dict, says: dict, body: bytearray, rng: random.Random) -> None:
+    if rng.random() < 0.3:  # a scene that is whole but for one field
+        says["scene"] = SCENE | {rng.choice([*SCENE]): rng.choice([*VALUES, [10**9, 10**9], [0, 0, 5, 5]])}
+        return
     says[rng.choice([*says, "scene", "shared", "kind", "provenance"])] = rng.choice(VALUES)
 
 
@@ -136,6 +150,7 @@ def attack(sample: Path, scratch: Path, rng: random.Random) -> Reading:
 def read(path: Path) -> None:
     """Decode a file and ask it; raises where an answer is not finite."""
     material = loading.load(path).material
+    file_lines(container.read_header(path))  # as `info` describes it
     answer = material.slice((0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (4, 4))
     if not answer.isfinite().all():
         raise AssertionError("an answer is not finite")

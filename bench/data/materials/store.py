@@ -7,6 +7,7 @@ that a reader would accept. Values are float16 (half the bytes, 5e-4 relative), 
 import hashlib
 import json
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,38 +40,48 @@ class StoredSource(ArraySource):
 
 
 def load_or_render(
-    name: str, recipe: Recipe, size: int, sampling: Sampling, seed: int, show: "Progress | None" = None
+    name: str,
+    recipe: Recipe,
+    size: int,
+    sampling: Sampling,
+    seed: int,
+    show: "Progress | None" = None,
+    outline: bool = False,
 ) -> BTF:
     """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`.
+
+    An `outline` has everything but the values, which are 0: its fingerprint is known before anything is rendered.
 
     Training pairs and held-out pairs are separate renderings, so another draw does not render the product again.
     """
     if size < 1:
         raise InputError(f"size must be at least 1, not {size}")
     directions = {"directions": sampling.directions, "views": sampling.views, "lights": sampling.lights}
-    product = _rendered(name, recipe, size, sampling.product(), seed, directions, show)
+    rendered = partial(_rendered, name, recipe, size, seed, outline, show)
+    product = rendered(sampling.product(), directions)
     product.heldout = np.zeros(len(product), bool)
     if not sampling.heldout:
         return product
     words = {"heldout": sampling.described()}
-    return with_heldout(product, _rendered(name, recipe, size, sampling.drawn(name, seed), seed, words, show), **words)
+    return with_heldout(product, rendered(sampling.drawn(name, seed), words), **words)
 
 
 def _rendered(
     name: str,
     recipe: Recipe,
     size: int,
-    pairs: tuple[Array, Array],
     seed: int,
-    sampled: dict[str, Any],
+    outline: bool,
     show: "Progress | None",
+    pairs: tuple[Array, Array],
+    sampled: dict[str, Any],
 ) -> BTF:
     """A surface at some pairs, `wo` and `wi`, which `sampled` describes: from the cache, or rendered into it."""
     described = _describe(name, recipe, size, seed) | sampled
     key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
     path = cache_dir() / "materials" / f"{name}-{size}-{key[:24]}.npy"
     shape = (len(pairs[0]), size, size, 3)
-    values = _read(path, shape)
+    values = np.broadcast_to(np.float16(0), shape) if outline else _read(path, shape)
     if values is None:
         with atomic.alone(path):
             values = _read(path, shape)
@@ -122,9 +133,9 @@ def _write(
     show: "Progress | None",
 ) -> None:
     maps = recipe.maps(seed)
-    with atomic.replacing(path) as partial:
+    with atomic.replacing(path) as place:
         for dtype in (np.float16, np.float32):
-            values = atomic.mapped(partial, dtype, shape)
+            values = atomic.mapped(place, dtype, shape)
             render(maps, wo, wi, (shape[1], shape[2]), SUB_POINTS, values, show, f"rendering {described['material']}")
             if all(np.isfinite(picture).all() for picture in values):
                 break

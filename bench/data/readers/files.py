@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bench.archive import MAX_FILE, ZipFiles
-from bench.errors import InputError, readable
+from bench.errors import InputError, readable, refuse_pipe
 
 WHOLE = 64 << 20
 BLOCK = 64 << 10
@@ -26,12 +26,14 @@ class FolderFiles:
         return (self.root / name).is_file()
 
     def size(self, name: str) -> int:
-        """Bytes of the file."""
+        """Bytes of the file. `InputError` for a pipe, which would make a reader wait."""
+        refuse_pipe(self.root / name)
         with readable(self.label(name)):
             return (self.root / name).stat().st_size
 
     def head(self, name: str, count: int) -> bytes:
         """The first `count` bytes, fewer where the file ends."""
+        refuse_pipe(self.root / name)
         with readable(self.label(name)), open(self.root / name, "rb") as stream:
             return stream.read(count)
 

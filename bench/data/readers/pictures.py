@@ -19,7 +19,7 @@ import numpy as np
 from bench.btf import Source, finite
 from bench.data.readers.files import Files, FolderFiles
 from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
-from bench.errors import InputError, readable
+from bench.errors import InputError, readable, refuse_pipe
 from bench.metrics.display import decode_srgb
 
 Array = np.ndarray
@@ -290,6 +290,7 @@ def _check_inflated(data: bytes, size: tuple[int, int], label: str) -> None:
 def _read_exr(path: Path, label: str, rgb_is_xyz: bool) -> Array:
     import OpenEXR
 
+    refuse_pipe(path)
     attributes = _exr_attributes(path.read_bytes(), label)
     if attributes is None:
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from bench.errors import refuse_pipe
+
 HEAD = 4096
 
 
@@ -19,6 +21,7 @@ class Seen:
         """Look at a path; `OSError` where it cannot be read."""
         if path.is_dir():
             return cls(path, b"")
+        refuse_pipe(path)
         with open(path, "rb") as stream:
             return cls(path, stream.read(HEAD))
 

@@ -1,8 +1,11 @@
 """An archive of results: what is packed, what is found out about it, what is refused."""
 
+import copy
 import json
+import shutil
 import zipfile
 
+import numpy as np
 import pytest
 
 from bench import cli
@@ -83,8 +86,175 @@ def test_a_flattered_number_is_found(packed, tmp_path, capsys):
     assert code == 1
     (line,) = [line for line in text.splitlines() if "differs " in line]
     assert "satin/pca" in line
-    assert "psnr_display is" in line
-    assert "total has" in line
+    assert "scores/heldout/metrics/psnr_display/pooled is" in line
+    assert "bytes/total is" in line
+
+
+def put(path, value):
+    """A change of a record: the field at a path becomes `value`, or `value` of what it was."""
+
+    def change(line):
+        *places, last = path.split("/")
+        held = line
+        for place in places:
+            held = held[place]
+        held[last] = value(held[last]) if callable(value) else value
+        return line
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("scores/heldout/metrics/psnr_display/mean", lambda x: x + 1),
+        ("scores/train/metrics/psnr_display/pooled", lambda x: x + 1),
+        ("scores/heldout, inside hull/metrics/psnr_display/pooled", lambda x: x + 1),
+        ("scores/heldout/slices", lambda x: x + 1),
+        ("scores/heldout/metrics/another", {"pooled": 1.0}),
+        ("footprints/4/psnr_display", lambda x: x + 1),
+        ("score_key/sha256", "0" * 64),
+        ("score_key/exposure", lambda x: 2 * x),
+        ("cost/flops_per_sample", lambda x: x - 1),
+        ("settings/components", 5),
+        ("fit_key/settings/components", 5),
+        ("fit_key/training", "0" * 64),
+        ("metrics/psnr_display/version", 9),
+        ("parameters", 5),
+        ("split", "validation"),
+        ("label", "vq"),
+        ("label", "pca"),
+        ("curve", "vq"),
+        ("job", "satin/pca components=4/7"),
+        ("seed", 7),
+    ],
+)
+def test_every_claim_is_compared(packed, tmp_path, capsys, path, value):
+    _, text = verified(altered(packed, tmp_path / "a.zip", of_pca(put(path, value))), tmp_path, capsys)
+    (line,) = [line for line in text.splitlines() if "differs " in line or " not verified " in line]
+    assert path.split("/")[-1] in line or "others than those submitted" in line, line
+    assert text.count(" agrees\n") == 3
+    kept = load_run(tmp_path / "verified")
+    assert {job["label"] for job in kept.jobs} <= {"mean-colour", "pca components=4"}
+
+
+def test_what_cannot_be_compared_is_not_published(packed, tmp_path, capsys):
+    def boast(line):
+        if line["kind"] == "run":
+            return line | {"git": "boast", "text": "boast", "packages": {"torch": "boast"}, "device": "boast"}
+        made = {"git": "boast", "at": "boast"}
+        return line | {"fit_seconds": 123.25, "fitted": made, "scored": made, "history": [{"step": 1, "psnr": 99.0}]}
+
+    code, text = verified(altered(packed, tmp_path / "a.zip", boast), tmp_path, capsys)
+    assert (code, text.count(" agrees\n")) == (0, 4)
+    kept = (tmp_path / "verified" / FILE).read_text()
+    assert not any(word in kept for word in ("boast", "123.25", "99.0"))
+
+
+@pytest.mark.parametrize(
+    "scores", [{}, {"heldout": {"metrics": {}}}, {"train": {"metrics": {"ssim": {"pooled": 1.0}}}}]
+)
+def test_where_nothing_is_compared_nothing_is_verified(packed, tmp_path, capsys, scores):
+    def change(line):
+        return line | {"scores": scores} if line["kind"] == "job" else line
+
+    code, text = verified(altered(packed, tmp_path / "a.zip", change), tmp_path, capsys)
+    assert (code, text.count("not verified  its record has no scores to compare")) == (4, 4)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "why"),
+    [
+        ("materials", [], "its run does not say how satin was prepared"),
+        ("materials", [{"name": 3}], "materials of its run"),
+        ("materials", [{"name": "satin", "path": "/etc/passwd"}], "say where it is with --material satin=PATH"),
+        ("materials", [{"name": "satin", "path": "../x"}], "leads out of the folder"),
+        ("materials", [{"name": "satin", "path": "none.btf"}], "none.btf: not there"),
+        ("data", None, "data of satin/mean-colour/0 must be a table"),
+        ("data", {"size": 4096, "views": 5, "lights": 5, "heldout": 8}, "are others than those submitted"),
+    ],
+)
+def test_an_archive_does_not_choose_what_is_opened_or_rendered(packed, tmp_path, capsys, monkeypatch, key, value, why):
+    def change(line):
+        return line | {key: value} if line["kind"] == "run" else line
+
+    def never(*_):
+        raise AssertionError("rendered")
+
+    monkeypatch.setenv("NEUBTF_DATA", str(tmp_path))
+    monkeypatch.setattr("bench.data.materials.store._write", never)
+    code, text = verified(altered(packed, tmp_path / "a.zip", change), tmp_path, capsys)
+    assert (code, text.count(why)) == (4, 4 if key == "materials" or value else 1), text
+    assert "internal" not in text
+
+
+def test_a_material_is_opened_where_the_user_says(packed, tmp_path, capsys):
+    def change(line):
+        return line | {"materials": [{"name": "satin", "path": "/none"}]} if line["kind"] == "run" else line
+
+    archive = altered(packed, tmp_path / "a.zip", change)
+    (tmp_path / "satin.txt").write_text("no BTF")
+    options = ["--out", str(tmp_path / "out"), "--material", f"satin={tmp_path / 'satin.txt'}"]
+    assert cli.main(["verify", str(archive), *options]) == 4
+    assert "no BTF known here" in capsys.readouterr().out
+
+
+def test_answers_that_are_not_finite_are_said_to_be(packed, tmp_path, capsys, monkeypatch):
+    def broken(self, pair, factor=1):
+        return np.full((12, 12, 3), np.nan, np.float32)
+
+    monkeypatch.setattr("bench.runs.evaluation.Slices.slice", broken)
+    code, text = verified(packed / "mine.zip", tmp_path, capsys)
+    assert (code, text.count("finite")) == (4, 4)
+    assert "not whole" not in text
+
+
+def test_messages_name_the_archive(packed, tmp_path, capsys):
+    files = {job["file"]: b"cut" for job in load_run(packed / "run").jobs}
+    code, text = verified(altered(packed, tmp_path / "a.zip", files=files), tmp_path, capsys)
+    assert (code, text.count(f"{tmp_path / 'a.zip'}: files/")) == (4, 4)
+    assert "neubtf-verify-" not in text
+
+
+@pytest.mark.parametrize("where", ["absolute", "../secret", "link", "network", "other"])
+def test_only_files_of_a_run_whose_hash_is_recorded_are_packed(packed, tmp_path, capsys, where):
+    shutil.copytree(packed / "run", tmp_path / "run")
+    secret = tmp_path / "secret"
+    shutil.copyfile(next((packed / "run" / "files").glob("*pca*.nbtf")), secret)
+    (tmp_path / "run" / "files" / "link").symlink_to(secret)
+    (tmp_path / "run" / "files" / "other").write_bytes(b"other")
+    name = {"absolute": str(secret), "../secret": "../secret", "link": "files/link", "other": "files/other"}.get(where)
+    lines = [json.loads(line) for line in (packed / "run" / FILE).read_text().splitlines()]
+    for line in lines:
+        line.pop("crc32", None)
+        if line["kind"] == "job":
+            line |= {"file": name} if name else {"fit_key": line["fit_key"] | {"shared": "../../secret"}}
+    (tmp_path / "run" / FILE).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert cli.main(["submit", str(tmp_path / "run"), "-o", str(tmp_path / "b.zip")]) == 2
+    assert "run" in capsys.readouterr().err
+    assert not (tmp_path / "b.zip").exists()
+
+
+def test_entries_that_overlap_are_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(FILE, "{}")
+        archive.writestr("files/a.nbtf", bytes(1 << 20))
+        for number in range(5):
+            twin = copy.copy(archive.filelist[1])
+            twin.filename = f"files/{number}.nbtf"
+            archive.filelist.append(twin)
+    with pytest.raises(InputError, match=r"a\.zip: files/.*\.nbtf: overlaps files/"):
+        unpack(tmp_path / "a.zip", tmp_path / "inside")
+
+
+def test_a_large_archive_is_refused_by_what_it_unpacks_to(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.runs.archive.LEAST_BYTES", 1 << 20)
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(FILE, "{}")
+        for number in range(3):
+            archive.writestr(f"files/{number}.nbtf", bytes(1 << 20))
+    with pytest.raises(InputError, match=r"a\.zip: unpacks to more than 1 MiB"):
+        unpack(tmp_path / "a.zip", tmp_path / "inside")
 
 
 def test_another_codecs_file_is_found(packed, tmp_path, capsys):
@@ -100,7 +270,7 @@ def test_another_codecs_file_is_found(packed, tmp_path, capsys):
     [
         (lambda line: line | {"codec": "theirs"}, "codec theirs version 2, code"),
         (lambda line: line | {"score_key": line["score_key"] | {"btf": "0" * 64}}, "others than those submitted"),
-        (lambda line: {key: value for key, value in line.items() if key != "file"}, "not whole"),
+        (lambda line: {key: value for key, value in line.items() if key != "file"}, "has no 'file'"),
         (lambda line: line | {"file": "files/none.nbtf"}, "none.nbtf"),
     ],
 )

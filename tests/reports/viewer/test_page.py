@@ -1,8 +1,10 @@
 """The page of live materials, in a real browser: it draws what `Material.query` answers, the right way round."""
 
 import base64
+import hashlib
 import io
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,21 @@ WO, WI = (from_degrees(*angles).astype(np.float32).ravel() for angles in ((35, 2
 
 def test_no_text_of_the_data_ends_the_script() -> None:
     assert "</script" not in as_json({"label": "</script><script>alert(1)</script>"})
+
+
+def test_a_page_runs_its_own_script_and_nothing_else() -> None:
+    codec = load_codec("mean-colour")()
+    material = codec.decode(codec.encode(tiny_btf(), Fit()), torch.device("cpu"))
+    text = page("a", [Model("a", drawable(material).program, 1.0)])
+    policy = re.search('<meta http-equiv="Content-Security-Policy" content="(.*?)">', text, re.S)
+    assert policy is not None
+    assert policy[1].startswith("default-src 'none';")
+    assert "unsafe" not in policy[1]
+    for kind in ("style", "script"):
+        (inline,) = re.findall(f"<{kind}>(.*?)</{kind}>", text, re.S)
+        digest = base64.b64encode(hashlib.sha256(inline.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}'" in policy[1]
+    assert " style=" not in text.partition("<body>")[2].partition("<script")[0]
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,64 @@
+"""Compares what a submitted record says of a codec file with what was measured of it on this machine."""
+
+import json
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from bench.codec import settings_dict
+from bench.codecs.container import Header
+from bench.codecs.registry import COMMAND, make_codec
+from bench.errors import InputError
+from bench.records import CLAIM, OUTSIDE, PSNR, Record, gate, kept, metrics_of
+
+DECIBELS, RELATIVE = 0.01, 1e-3  # what rounding on another processor may change
+
+
+def compared(claimed: Record) -> bool:
+    """Whether a record says the score by which jobs are compared."""
+    return "pooled" in metrics_of(claimed, gate(claimed["scores"])).get(PSNR, {})
+
+
+def differences(claimed: Record, here: Record) -> Iterator[str]:
+    """The claims that are not what was measured here, but for rounding on another processor, in words."""
+    here = json.loads(json.dumps(here))
+    for name, value in kept(claimed, CLAIM).items():
+        yield from _unlike(name, value, here[name])
+
+
+def _unlike(place: str, said: Any, mine: Any) -> Iterator[str]:
+    if isinstance(said, dict) and isinstance(mine, dict):
+        for name, value in said.items():
+            if place in ("scores", "pairs") and name in ("scene", OUTSIDE):
+                continue  # of a scene's demand, which no archive holds; not published
+            yield from _unlike(f"{place}/{name}", value, mine.get(name))
+    elif not _close(place, said, mine):
+        yield f"{place} is {mine}, not {said}"
+
+
+def _close(place: str, said: Any, mine: Any) -> bool:
+    if not (isinstance(said, float) or isinstance(mine, float)) or None in (said, mine):
+        return bool(said == mine)
+    decibels = "/psnr" in place or place.startswith("footprints/")
+    return math.isclose(said, mine, rel_tol=0, abs_tol=DECIBELS if decibels else RELATIVE * abs(mine))
+
+
+def misnamed(claimed: Record, header: Header) -> Iterator[str]:
+    """Why the names of a job are not those of its file: a label holds the codec and what differs from its defaults."""
+    label, curve = str(claimed["label"]), str(claimed["curve"])
+    given = header.settings if header.codec == COMMAND else {}
+    own = {key: given[key] for key in ("called", "encode", "decode") if key in given}
+    called = str(own.get("called", header.codec))
+    words = label.removeprefix(called).split()
+    try:
+        settings = dict(word.split("=", 1) for word in words)
+        told = settings_dict(make_codec(header.codec, own | settings))
+        whole = settings_dict(make_codec(header.codec, header.settings))
+    except (InputError, ValueError):
+        told, whole = {}, {"": None}
+    if not label.startswith(called) or told != whole:
+        yield f"label is {label!r}, which is not what the file's codec and settings are called"
+    if not curve.startswith(called) or not {*curve.removeprefix(called).split()} <= {*words}:
+        yield f"curve is {curve!r}, which is not of the label"
+    if (name := f"{claimed['material']}/{label}/{claimed['seed']}") != claimed["job"]:
+        yield f"job is {claimed['job']!r}, not {name!r}"

@@ -1,0 +1,153 @@
+"""Small files that ask for gigabytes: what a header claims is bounded by the file's bytes before memory is taken."""
+
+import importlib
+import lzma
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.relief import latents as coding
+from baselines.relief.geometry import Relief
+from bench import directions
+from bench.btf import Layout
+from bench.codec import Fit, Parts
+from bench.codecs import container, loading
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+from bench.console import file_lines
+from bench.errors import ContainerError
+
+SCENE = {
+    **{"name": "table", "demand": "1" * 64, "size": [8, 8], "window": [0, 0, 2, 2], "factor": 1, "pairs": 9},
+    **{"finest": 0.1, "uniform": 0.1, "views": "f" * 64, "lights": "f" * 64},
+}
+NETWORKS = ["neubtf-direct", "relief", "zeltner2024", "ntc"]
+
+
+@pytest.fixture
+def resealed(monkeypatch):
+    """Change the metadata of a codec file, and compute its hash again."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "benchmarks")
+    fuzzer = importlib.import_module("fuzz_codec_files")
+
+    def reseal(path, change):
+        header, says, body = fuzzer.parted(path.read_bytes())
+        change(says)
+        path.write_bytes(fuzzer.sealed(header, says, bytes(body)))
+        return path
+
+    return reseal
+
+
+def of_scene(tmp_path, **changes):
+    parts = Parts(texture={"mean": torch.ones(2, 2, 3)}, scene=SCENE | changes)
+    return tmp_path / "a.nbtf", load_codec("mean-colour")(), parts
+
+
+def test_a_file_of_a_scene_is_described(tmp_path):
+    path, codec, parts = of_scene(tmp_path)
+    assert "fitted to the scene table, demand 111111111111: 2 × 2 texels of 8 × 8" in file_lines(
+        container.save(path, codec, parts)
+    )
+
+
+@pytest.mark.parametrize("field", SCENE)
+@pytest.mark.parametrize("value", [None, -1, [], {}, [[]], [1, 2.5], 1e308])
+def test_no_field_of_a_scene_is_trusted(field, value, tmp_path, resealed):
+    path, codec, parts = of_scene(tmp_path)
+    container.save(path, codec, parts)
+    resealed(path, lambda says: says["scene"].update({field: value}))
+    with pytest.raises(ContainerError, match=rf"a\.nbtf: the scene that it was fitted to is not sound: {field}"):
+        container.read_header(path)
+
+
+@pytest.mark.parametrize("size", [[10**9, 10**9], [20_000, 20_000], [1, 1 << 40]])
+def test_a_scene_cannot_claim_a_picture_beyond_all_proportion(size, tmp_path):
+    path, codec, parts = of_scene(tmp_path, size=size)
+    with pytest.raises(ContainerError, match=r"a\.nbtf: a picture of .* is beyond all proportion to 12 numbers"):
+        file_lines(container.save(path, codec, parts))
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_weights_are_counted_before_a_network_is_built(name, tmp_path, resealed, monkeypatch):
+    codec = load_codec(name)(steps=1, batch=16)
+    path = container.save(tmp_path / "a.nbtf", codec, codec.encode(tiny_btf(5, 3, 3), Fit(seed=1))).path
+    resealed(path, lambda says: says["settings"].update(layers=64, width=4096))
+    monkeypatch.setattr(torch.nn, "Linear", None)  # no layer is made
+    with pytest.raises(ContainerError, match=r"a network of 1,0\d\d,\d{3},\d{3} weights, and its file holds fewer"):
+        loading.load(path)
+
+
+def test_codes_are_bounded_by_the_bytes_that_hold_them():
+    payload = lzma.compress(bytes(1 << 20), lzma.FORMAT_RAW, filters=coding._coder(coding.ALONE, 1 << 20))
+    data = torch.tensor([coding.ALONE, *[1] * 14, *payload], dtype=torch.uint8)
+    with pytest.raises(ValueError, match=r"has \d+ bytes for 234881024 codes"):
+        coding.expand(data, (4096, 4096, 14))
+
+
+def test_a_texture_beyond_proportion_is_stored_so_that_it_can_be_read(monkeypatch):
+    monkeypatch.setattr(coding, "MOST_CODES", 100)
+    codes = torch.zeros(64, 64, 2)
+    data = coding.compress(codes, [1, 2])
+    assert data[0] == coding.PACKED
+    assert coding.expand(data, (64, 64, 2)).equal(codes)
+
+
+@pytest.mark.parametrize("shape", [(1, 1 << 16), (64, 64), (3000, 3000)])
+def test_a_height_is_searched_in_bounded_memory(shape, monkeypatch):
+    monkeypatch.setattr("baselines.relief.geometry.MOST_FINE", 1 << 20)
+    surface = Relief(torch.linspace(-0.2, 0.2, shape[0] * shape[1]).reshape(shape))
+    assert surface.padded.numel() <= max(1 << 20, shape[0] * shape[1])
+
+
+def test_a_height_that_wraps_is_met_where_a_padded_one_is(monkeypatch):
+    rng = np.random.default_rng(0)
+    height = torch.from_numpy(0.05 * rng.random((48, 64))).float()
+    uv, wo = torch.rand(500, 2), torch.nn.functional.normalize(torch.rand(500, 3) + 0.1, dim=1)
+    padded = Relief(height)
+    monkeypatch.setattr("baselines.relief.geometry.MOST_FINE", 256 * 256)
+    wrapping = Relief(height)
+    assert (padded.wraps, wrapping.wraps) == (False, True)
+    torch.testing.assert_close(padded.meet(uv, wo), wrapping.meet(uv, wo))
+
+
+def test_an_index_that_takes_no_bytes_is_bounded_over_all_stages(tmp_path):
+    codec = load_codec("vq")(codes=1)
+    parts = codec.encode(tiny_btf(5, 3, 3), Fit(seed=1))
+    parts.other["size"] = torch.tensor([4096, 4096], dtype=torch.int32)
+    parts.other["codes"] = torch.tensor([1, 1], dtype=torch.int32)
+    parts.texture["index1"] = parts.texture["index0"]
+    with pytest.raises(ContainerError, match="an index of 0 bytes for 4096 × 4096 texels and 2 stages"):
+        loading.load(container.save(tmp_path / "a.nbtf", codec, parts).path)
+
+
+def hemisphere(rng, count, spread=1.0):
+    found = rng.standard_normal((count, 3)) * [spread, spread, 1]
+    found[:, 2] = np.abs(found[:, 2]) + 0.1
+    return (found / np.linalg.norm(found, axis=1, keepdims=True)).astype(np.float32)
+
+
+def test_directions_that_crowd_in_one_place_are_refused(monkeypatch):
+    monkeypatch.setattr(directions, "MOST_CANDIDATES", 100)
+    crowd = np.concatenate([hemisphere(np.random.default_rng(0), 3000, 0.02), np.eye(3, dtype=np.float32)])
+    with pytest.raises(ValueError, match="triangles of directions meet in one place, and 100 are the limit"):
+        directions.Hemisphere(crowd)
+
+
+@pytest.mark.parametrize("kind", ["product", "scattered", "one view"])
+def test_directions_are_found_in_blocks_as_at_once(kind, monkeypatch):
+    rng = np.random.default_rng(0)
+    views, lights = hemisphere(rng, 40), hemisphere(rng, 40)
+    if kind != "scattered":
+        views, lights = np.repeat(views if kind == "product" else views[:1], 40, 0), np.tile(lights, (len(views), 1))
+    if kind == "one view":
+        views, lights = views[:40], lights[:40]
+    interpolator = directions.PairInterpolator(Layout.of(views, lights))
+    queries = torch.from_numpy(hemisphere(rng, 500, 3)), torch.from_numpy(hemisphere(rng, 500, 3))
+    once = interpolator(*queries)
+    monkeypatch.setattr(directions, "BLOCK", 1000)
+    blocks = interpolator(*queries)
+    assert once.sample.equal(blocks.sample)
+    torch.testing.assert_close(once.weight, blocks.weight)
