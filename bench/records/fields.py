@@ -104,7 +104,7 @@ def shown() -> dict[str, Shown]:
 
 
 def require(job: Record, by: Literal["comparison", "tables", "verification"], folder: Path) -> None:
-    """Check that a job has what a comparison, tables or a verification needs. `InputError` names a field that it lacks."""
+    """Check that a job has what it is needed for. `InputError` names a field that it lacks."""
     for path in _needed(by):
         value: Any = job
         for part in path.split("/"):
