@@ -21,7 +21,8 @@ def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
 def ends_alike_when_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any, Any], None]:
     """Asserts that a fit of 30 steps that is killed at the 20th goes on to the same file as one that is not."""
     from bench.codec import Fit
-    from bench.codecs import container, training
+    from bench.codecs import container
+    from bench.training import fitting as training
 
     def halt(label: str, done: int, total: int) -> None:
         if label.startswith("fitting") and done == 20:

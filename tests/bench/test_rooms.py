@@ -12,8 +12,9 @@ FLOORS = [  # from the ground up; a room may enter those of lower floors, and a 
     {"errors", "atomic", "threads", "hemisphere", "density", "settings", "records", "archive", "material", "btf"}
     | {"directions", "codec", "scratch"},
     {"metrics", "program"},
-    {"data", "codecs"},
-    {"timing", "decoder", "quantise", "training"},
+    {"training"},
+    {"data", "codecs", "decoder", "quantise"},
+    {"timing"},
     {"demand"},
     {"runs"},
     {"compare", "conformance"},

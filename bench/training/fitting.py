@@ -21,11 +21,11 @@ from torch.nn import functional
 from bench import atomic
 from bench.btf import BTF, box_filter
 from bench.codec import REMARK, Fit
-from bench.codecs.optimiser import Optimisers
 from bench.errors import InputError
 from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
+from bench.training.optimiser import Optimisers
 
 if TYPE_CHECKING:
     from bench.density import Density

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from bench.codecs.inputs import COUNTS, Directions, direction_inputs
 from bench.hemisphere import uniform
+from bench.training.inputs import COUNTS, Directions, direction_inputs
 
 
 @pytest.mark.parametrize("kind", COUNTS)

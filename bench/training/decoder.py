@@ -104,7 +104,7 @@ class Decoder(Network):
         last.bias.copy_(outputs)
 
     def hidden_matrices(self) -> list[Tensor]:
-        """The weights between hidden layers: see `bench.codecs.optimiser`."""
+        """The weights between hidden layers: see `bench.training.optimiser`."""
         return [layer.weight for layer in self.layers[1:-1] if isinstance(layer, nn.Linear)]
 
     def forward(self, inputs: Tensor) -> Tensor:

@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from bench.codecs.decoder import Architecture, Decoder, load_vector, to_vector
+from bench.training.decoder import Architecture, Decoder, load_vector, to_vector
 
 NEUBTF = Architecture(18, (32, 32, 32), activation="sine", norm=True, residual=True)
 PUBLISHED = {

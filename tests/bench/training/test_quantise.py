@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from bench.codecs.quantise import half_scale, pack, unpack
+from bench.training.quantise import half_scale, pack, unpack
 
 VALUES = torch.rand(5, 7, 3, generator=torch.Generator().manual_seed(0)) * 2 - 1
 

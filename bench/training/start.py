@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Literal
 import torch
 from torch import Tensor
 
-from bench.codecs.svd import truncated_svd
+from bench.training.svd import truncated_svd
 
 if TYPE_CHECKING:
-    from bench.codecs.training import Samples
+    from bench.training.fitting import Samples
 
 Start = Literal["components", "random"]
 

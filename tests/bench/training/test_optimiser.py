@@ -2,8 +2,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from bench.codecs.decoder import Architecture, Decoder
-from bench.codecs.optimiser import MOMENTUM, Muon, Optimisers, groups_of, hidden_matrices, orthogonal
+from bench.training.decoder import Architecture, Decoder
+from bench.training.optimiser import MOMENTUM, Muon, Optimisers, groups_of, hidden_matrices, orthogonal
 
 
 @pytest.mark.parametrize("shape", [(32, 32), (16, 48), (48, 16)])

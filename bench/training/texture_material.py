@@ -2,9 +2,9 @@
 
 from torch import Tensor
 
-from bench.codecs.decoder import Decoder
-from bench.codecs.inputs import Directions, direction_inputs
 from bench.material import DecoderCost, Material, to_radiance
+from bench.training.decoder import Decoder
+from bench.training.inputs import Directions, direction_inputs
 
 
 class TextureMaterial(Material):

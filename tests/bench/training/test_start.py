@@ -7,9 +7,9 @@ import torch
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import start
-from bench.codecs.start import COMPONENT_SPREAD, components, first_latents
-from bench.codecs.training import Samples, gain_of
 from bench.conformance.check import tiny_btf
+from bench.training.fitting import Samples, gain_of
+from bench.training.start import COMPONENT_SPREAD, components, first_latents
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,12 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from bench.codecs.decoder import Decoder
-from bench.codecs.inputs import direction_inputs
-from bench.codecs.optimiser import Optimiser, groups_of
-from bench.codecs.start import Start
-from bench.codecs.training import Loss, Objective, Samples, distance
 from bench.settings import BatchSize, Natural, Positive
+from bench.training.decoder import Decoder
+from bench.training.fitting import Loss, Objective, Samples, distance
+from bench.training.inputs import direction_inputs
+from bench.training.optimiser import Optimiser, groups_of
+from bench.training.start import Start
 
 
 @dataclass(frozen=True)
