@@ -14,7 +14,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy and PyTorch are
 @pytest.fixture(autouse=True)
 def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     """No line of progress where a slow machine takes long: what a command prints is compared."""
-    monkeypatch.setattr("bench.console.SILENCE", math.inf)
+    monkeypatch.setattr("bench.cli.console.SILENCE", math.inf)
 
 
 @pytest.fixture

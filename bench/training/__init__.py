@@ -1,6 +1,5 @@
 """What learned codecs are made of: networks, inputs, latents, fits, stored precision. Codecs import from here alone."""
 
-from bench.training.blocks import blocks
 from bench.training.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
 from bench.training.fitting import (
     Batch,
@@ -27,6 +26,7 @@ from bench.training.quantise import (
     unpack,
     unpack_bits,
 )
+from bench.training.reading import blocks
 from bench.training.start import RANDOM_SPREAD, Start, components, first_latents
 from bench.training.svd import Factors, strongest, truncated_svd
 from bench.training.texture_fit import DirectedObjective, FitSettings, TextureObjective

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench import scratch
 from bench.atomic import cache_dir
+from bench.btf import scratch
 from bench.errors import InputError
 
 # The `source` of a provenance. These words are part of fingerprints, so they stay, however our packages are called.

@@ -26,9 +26,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
+    from bench.cli.console import Console
     from bench.codecs import container, loading
     from bench.codecs.registry import make_codec
-    from bench.console import Console
     from bench.demand.lobes import NAME, fitted, noise
 
     if not 1 <= options.cells <= 64:

@@ -21,7 +21,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.console import Console
+    from bench.cli.console import Console
     from bench.data.convert import changed, check_place, write_btf
     from bench.data.open import open_named
 

@@ -12,13 +12,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.commands import assignments, threads, usable_device
+from bench.cli.commands import assignments, threads, usable_device
 from bench.errors import FINE, NO, InputError
 
 if TYPE_CHECKING:
     from bench.btf import BTF
+    from bench.cli.console import Console
     from bench.codec import Codec, Fit
-    from bench.console import Console
     from bench.demand.demand import Demand
     from bench.demand.fitting import Found
 
@@ -41,10 +41,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import torch
 
+    from bench.cli.console import Console, file_lines
     from bench.codec import Fit
     from bench.codecs import container, shared
     from bench.codecs.registry import load_codec
-    from bench.console import Console, file_lines
     from bench.data.open import open_named
     from bench.demand import demand, require_demand
     from bench.threads import torch_threads

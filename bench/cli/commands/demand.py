@@ -26,7 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.console import Console
+    from bench.cli.console import Console
     from bench.demand import overview
     from bench.demand.collect import checked, collect
 

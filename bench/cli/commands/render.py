@@ -14,7 +14,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.commands import assignments, usable_device
+from bench.cli.commands import assignments, usable_device
 from bench.errors import FINE, InputError
 
 if TYPE_CHECKING:
@@ -48,8 +48,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import numpy as np
 
+    from bench.cli.console import Console
     from bench.codecs.loading import load
-    from bench.console import Console
     from bench.data.open import open_named
     from bench.demand import still
     from bench.demand.judge import table_of

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.cli.commands.view import _drawn
 from bench.codec import silent
-from bench.commands.view import _drawn
 from bench.hemisphere import thin, ubo2003
 from bench.material import DecoderCost, Material
 from reports.shaders.dialects import GLSL

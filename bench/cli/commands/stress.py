@@ -47,8 +47,8 @@ def run(options: argparse.Namespace) -> int:
     if options.query or options.data:
         return _again(options)
     from bench import records
+    from bench.cli.console import Console
     from bench.conformance.stability import run as stress
-    from bench.console import Console
     from bench.runs.provenance import provenance
     from reports import stress_text
 

@@ -15,7 +15,7 @@ import argparse
 import os
 from pathlib import Path
 
-from bench.commands import assignments
+from bench.cli.commands import assignments
 from bench.errors import FINE, NO, NOTHING, InputError
 
 
@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
 
     from tabulate import tabulate
 
-    from bench.console import Console
+    from bench.cli.console import Console
     from bench.records import FILE
     from bench.runs.archive import AGREES, DIFFERS, unpack, verify
 

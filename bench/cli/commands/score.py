@@ -11,7 +11,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.commands import assignments, threads, usable_device
+from bench.cli.commands import assignments, threads, usable_device
 from bench.errors import FINE, InputError
 
 
@@ -26,8 +26,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console
     from bench.codecs.container import read_header
-    from bench.console import Console
     from bench.data.open import open_named
     from bench.runs.library import score
     from reports import score_text

@@ -32,7 +32,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.console import Console
+    from bench.cli.console import Console
     from bench.data.bake import bake, read_surface, recognise, table
     from bench.data.spec import Preparation
 

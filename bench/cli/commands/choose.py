@@ -13,7 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.commands import usable_device
+from bench.cli.commands import usable_device
 from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Choice"]
 
 def _measure(folder: Path, suite: "Suite", device: str, missing: list[str]) -> tuple[list["Choice"], list[str]]:
     """The same, after a trade over the suite, which fits only what is missing."""
-    from bench.console import Console
+    from bench.cli.console import Console
     from bench.runs.runner import Options
     from bench.runs.trade import run_and_measure
 

@@ -9,7 +9,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.commands import assignments, usable_device
+from bench.cli.commands import assignments, usable_device
 from bench.errors import FAILED, FINE, NOTHING
 
 
@@ -32,7 +32,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.console import Console
+    from bench.cli.console import Console
     from bench.runs.runner import Options
     from bench.runs.suite import described_changes, load_suite, with_changes
     from bench.runs.trade import run_and_measure

@@ -5,7 +5,7 @@ from contextlib import nullcontext
 import pytest
 
 from bench import cli
-from bench.commands import run as command
+from bench.cli.commands import run as command
 from bench.records import load_run
 from bench.runs import runner
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import bench
-from bench import commands
+from bench.cli import commands
 from bench.codecs.registry import first_line
 from bench.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
 
@@ -112,7 +112,3 @@ def _add(listing: "argparse._SubParsersAction[argparse.ArgumentParser]", name: s
     )
     loaded.arguments(command)
     command.set_defaults(command=loaded.run)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,7 +7,7 @@ examples:
 
 import argparse
 
-from bench.commands import assignments
+from bench.cli.commands import assignments
 from bench.errors import FINE, NO
 
 
@@ -17,8 +17,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console
     from bench.conformance.verdicts import check, of, planned
-    from bench.console import Console
 
     failed = tried = 0
     with Console() as console:

@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.commands import assignments
+from bench.cli.commands import assignments
 from bench.errors import FINE, InputError
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _page(options: argparse.Namespace) -> str:
+    from bench.cli.console import Console
     from bench.codecs.loading import load
-    from bench.console import Console
     from bench.data.open import open_named
     from bench.runs.drawing import drawable_truth
     from reports.viewer.page import Model, page

@@ -17,7 +17,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.console import btf_lines, file_lines
+    from bench.cli.console import btf_lines, file_lines
     from bench.data.open import open_named
 
     path = Path(options.path)

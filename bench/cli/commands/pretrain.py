@@ -12,7 +12,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.commands import assignments, threads, usable_device
+from bench.cli.commands import assignments, threads, usable_device
 from bench.errors import FINE, InputError
 
 
@@ -33,10 +33,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import torch
 
+    from bench.cli.console import Console, file_lines
     from bench.codec import Fit
     from bench.codecs import shared
     from bench.codecs.registry import load_codec
-    from bench.console import Console, file_lines
     from bench.data.open import open_named
     from bench.runs.pretraining import MATERIALS, pretrain
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import bench
-from bench import cli, commands
+from bench import cli
+from bench.cli import commands
 from bench.codecs import loading
 from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
@@ -202,7 +203,7 @@ def test_an_interruption_is_130_and_an_internal_error_70(monkeypatch, capsys):
         return command
 
     for error, code in ((KeyboardInterrupt(), 130), (ZeroDivisionError("oops"), 70)):
-        monkeypatch.setattr("bench.commands.list.run", raises(error))
+        monkeypatch.setattr("bench.cli.commands.list.run", raises(error))
         assert cli.main(["list"]) == code
     assert "oops" in capsys.readouterr().err
 
@@ -284,7 +285,7 @@ def test_a_termination_is_as_an_interruption(monkeypatch, capsys):
     def command(options):
         signal.raise_signal(signal.SIGTERM)
 
-    monkeypatch.setattr("bench.commands.list.run", command)
+    monkeypatch.setattr("bench.cli.commands.list.run", command)
     before = signal.getsignal(signal.SIGTERM)
     assert cli.main(["list"]) == 130
     assert "interrupted" in capsys.readouterr().err

@@ -8,7 +8,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.commands import usable_device
+from bench.cli.commands import usable_device
 from bench.errors import FINE, InputError
 
 
@@ -25,8 +25,8 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from bench.btf import BTF
+    from bench.cli.console import Console
     from bench.codecs import loading
-    from bench.console import Console
     from bench.data.convert import DecodedSource, write_btf
     from bench.data.open import open_named
     from bench.errors import did_you_mean

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.commands import assignments, usable_device
+from bench.cli.commands import assignments, usable_device
 from bench.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.console import Console
+    from bench.cli.console import Console
     from bench.runs import runner
     from bench.runs.suite import described_changes, load_suite, with_changes, with_metrics
 
