@@ -16,12 +16,28 @@ from torch import Tensor, nn
 from baselines import bc1
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import COUNTS, Architecture, Decoder, Directions, TextureMaterial, load_vector, to_vector
 from bench.errors import InputError
 from bench.material import Material
-from bench.quantise import WeightPrecision, pack, unpack
 from bench.settings import Layers, Width
-from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, gain_of, train
+from bench.training import (
+    COUNTS,
+    Architecture,
+    Batch,
+    Decoder,
+    DirectedObjective,
+    Directions,
+    FitSettings,
+    Samples,
+    TextureMaterial,
+    WeightPrecision,
+    first_latents,
+    gain_of,
+    load_vector,
+    pack,
+    to_vector,
+    train,
+    unpack,
+)
 
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # of the steps: from there on latents are those of real blocks

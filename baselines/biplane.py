@@ -17,11 +17,24 @@ from baselines.biplane_decoder import COLOURS, FEATURES, MATRIX, BiplaneDecoder,
 from baselines.planes import Difference, blurred, blurring, half_and_difference, places
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, SharedNetwork
-from bench.decoder import load_vector, to_vector
 from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
-from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import BatchSize, Count, Natural, NotNegative, Positive
-from bench.training import RANDOM_SPREAD, Batch, Loss, Objective, Samples, distance, gain_of, train
+from bench.training import (
+    RANDOM_SPREAD,
+    Batch,
+    Loss,
+    Objective,
+    Precision,
+    Samples,
+    WeightPrecision,
+    distance,
+    gain_of,
+    load_vector,
+    pack,
+    to_vector,
+    train,
+    unpack,
+)
 
 SIDE = 20  # texels of the plane over half vectors
 PAIRS = 400  # of each material that the decoder is trained on

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.decoder import LEAK
 from bench.material import HALF_MAX
+from bench.training import LEAK
 
 FEATURES = 6  # of each plane
 MATRIX, COLOURS = 9, 12  # numbers of a texel's matrix, and of matrix and offset

@@ -16,9 +16,8 @@ from torch import Tensor
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.quantise import Precision, pack, unpack
 from bench.settings import NotNegative, Range
-from bench.training import gain_of
+from bench.training import Precision, gain_of, pack, unpack
 
 BLOCK_BYTES = 16 << 20  # slices read together
 LEAST_COSINE = 0.02  # of a light: keeps radiance / cosine finite at the horizon

@@ -15,23 +15,32 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import COUNTS, Architecture, Decoder, Directions, direction_inputs, load_vector, to_vector
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import BatchSize, Natural, Positive, Width
 from bench.training import (
+    COUNTS,
     RANDOM_SPREAD,
+    Architecture,
     Batch,
+    Decoder,
+    Directions,
     Objective,
     Optimiser,
+    Precision,
     Samples,
     Start,
+    WeightPrecision,
+    direction_inputs,
     first_latents,
     gain_of,
     groups_of,
+    load_vector,
+    pack,
+    to_vector,
     train,
+    unpack,
 )
 
 WIDTHS = (25, 25, 25)

@@ -15,21 +15,32 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import (
+from bench.errors import InputError
+from bench.material import DecoderCost, Material, texel_centres, texel_corners, to_radiance
+from bench.settings import Count, Layers, Range, Width
+from bench.training import (
     COUNTS,
     Activation,
     Architecture,
+    Batch,
     Decoder,
+    DirectedObjective,
     Directions,
+    FitSettings,
+    Samples,
+    WeightPrecision,
     direction_inputs,
+    distance,
+    first_latents,
+    gain_of,
     load_vector,
+    pack,
+    pack_bits,
     to_vector,
+    train,
+    unpack,
+    unpack_bits,
 )
-from bench.errors import InputError
-from bench.material import DecoderCost, Material, texel_centres, texel_corners, to_radiance
-from bench.quantise import WeightPrecision, pack, pack_bits, unpack, unpack_bits
-from bench.settings import Count, Layers, Range, Width
-from bench.training import Batch, DirectedObjective, FitSettings, Samples, distance, first_latents, gain_of, train
 
 OCTAVES, TILE, PLACE = 3, 8, 12  # of the encoding of places: it repeats after 8 texels, and has 12 numbers
 OMEGA = 2.0  # frequency of the sine, where the activation is one

@@ -15,9 +15,8 @@ from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.metrics.display import exposure
-from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Range
-from bench.training import Factors, blocks, strongest, truncated_svd
+from bench.training import Factors, Precision, blocks, pack, strongest, truncated_svd, unpack
 
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 LARGE = 4 << 30  # bytes of a matrix in float32; the components of a larger one are found in a part: see `_of_part`

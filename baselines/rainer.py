@@ -13,11 +13,22 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.codec import Fit
-from bench.decoder import LEAK, Architecture, Decoder, direction_inputs
 from bench.directions import stereographic
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.settings import BatchSize, Natural, Positive
-from bench.training import Batch, Loss, Objective, Optimiser, Samples, distance, groups_of
+from bench.training import (
+    LEAK,
+    Architecture,
+    Batch,
+    Decoder,
+    Loss,
+    Objective,
+    Optimiser,
+    Samples,
+    direction_inputs,
+    distance,
+    groups_of,
+)
 
 WIDTHS = (106, 106, 106, 106)
 CONVOLUTIONS = ((16, 7), (32, 5), (64, 5))  # channels and kernel of the encoder's layers

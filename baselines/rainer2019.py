@@ -25,11 +25,25 @@ from baselines.rainer import (
 )
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.material import Material
-from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import Natural, Positive, Width
-from bench.training import Batch, Samples, distance, first_latents, gain_of, groups_of, train
+from bench.training import (
+    Architecture,
+    Batch,
+    Decoder,
+    Precision,
+    Samples,
+    WeightPrecision,
+    distance,
+    first_latents,
+    gain_of,
+    groups_of,
+    load_vector,
+    pack,
+    to_vector,
+    train,
+    unpack,
+)
 
 
 class Rainer2019(Codec):

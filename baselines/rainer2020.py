@@ -28,13 +28,24 @@ from baselines.rainer import (
 )
 from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork
-from bench.decoder import Decoder, load_vector, to_vector
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.hemisphere import thin, ubo2003
 from bench.material import Material
-from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import Count, Natural, Width
-from bench.training import Batch, Optimiser, Samples, gain_of, train
+from bench.training import (
+    Batch,
+    Decoder,
+    Optimiser,
+    Precision,
+    Samples,
+    WeightPrecision,
+    gain_of,
+    load_vector,
+    pack,
+    to_vector,
+    train,
+    unpack,
+)
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
 ASKED = 128  # pairs of a material at which the decoder's answers are checked during encoding

@@ -14,23 +14,29 @@ from torch import Tensor, nn
 from baselines.planes import Difference, blurred, blurring, half_and_difference, places
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
-from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import Count, Natural, NotNegative, Positive
 from bench.training import (
     RANDOM_SPREAD,
+    Architecture,
     Batch,
+    Decoder,
     Loss,
     Objective,
     Optimiser,
+    Precision,
     Samples,
     Start,
+    WeightPrecision,
     distance,
     first_latents,
     gain_of,
     groups_of,
+    load_vector,
+    pack,
+    to_vector,
     train,
+    unpack,
 )
 
 WIDTHS = (32, 32, 32)

@@ -19,9 +19,8 @@ from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, at_least_float32, saturated
-from bench.quantise import Precision, pack, unpack
 from bench.settings import Count, Natural
-from bench.training import Factors, blocks, gain_of, truncated_svd
+from bench.training import Factors, Precision, blocks, gain_of, pack, truncated_svd, unpack
 
 PASSES = 4  # over the data, one where they are small
 OVERSAMPLED = 2  # components of the texels that the alternation chooses from, as a multiple of those kept

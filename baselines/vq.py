@@ -18,9 +18,8 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
-from bench.quantise import Precision, pack, pack_bits, unpack, unpack_bits
 from bench.settings import Count, Range
-from bench.training import blocks, gain_of, truncated_svd
+from bench.training import Precision, blocks, gain_of, pack, pack_bits, truncated_svd, unpack, unpack_bits
 
 BLOCK_BYTES = 64 << 20  # slices read together
 PASSES = 4  # passes over the data for the principal components

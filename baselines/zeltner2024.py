@@ -14,11 +14,27 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import Activation, Architecture, Decoder, Frames, load_vector, to_vector
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import Count, Natural
-from bench.training import Batch, FitSettings, Samples, TextureObjective, first_latents, gain_of, train
+from bench.training import (
+    Activation,
+    Architecture,
+    Batch,
+    Decoder,
+    FitSettings,
+    Frames,
+    Precision,
+    Samples,
+    TextureObjective,
+    WeightPrecision,
+    first_latents,
+    gain_of,
+    load_vector,
+    pack,
+    to_vector,
+    train,
+    unpack,
+)
 
 
 class Zeltner2024(Codec):

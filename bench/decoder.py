@@ -1,21 +1,13 @@
-"""The small network of every learned codec: part of the public interface, see `bench.codecs.decoder`."""
+"""The former name of a part of `bench.training`: it warns in this version, and goes in the next."""
 
-from bench.codecs.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
-from bench.codecs.frames import Frames
-from bench.codecs.inputs import COUNTS, Directions, direction_inputs
-from bench.codecs.texture_material import TextureMaterial
+import warnings
+from typing import Any
 
-__all__ = [
-    "COUNTS",
-    "LEAK",
-    "Activation",
-    "Architecture",
-    "Decoder",
-    "Directions",
-    "Frames",
-    "Network",
-    "TextureMaterial",
-    "direction_inputs",
-    "load_vector",
-    "to_vector",
-]
+from bench import training
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("__"):
+        raise AttributeError(name)
+    warnings.warn(f"bench.decoder is bench.training now: import {name} from there", DeprecationWarning, stacklevel=2)
+    return getattr(training, name)

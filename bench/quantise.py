@@ -1,14 +1,13 @@
-"""Stored precision of textures and weights: part of the public interface, see `bench.codecs.quantise`."""
+"""The former name of a part of `bench.training`: it warns in this version, and goes in the next."""
 
-from bench.codecs.quantise import (
-    HALF_PEAKS,
-    Precision,
-    WeightPrecision,
-    half_scale,
-    pack,
-    pack_bits,
-    unpack,
-    unpack_bits,
-)
+import warnings
+from typing import Any
 
-__all__ = ["HALF_PEAKS", "Precision", "WeightPrecision", "half_scale", "pack", "pack_bits", "unpack", "unpack_bits"]
+from bench import training
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("__"):
+        raise AttributeError(name)
+    warnings.warn(f"bench.quantise is bench.training now: import {name} from there", DeprecationWarning, stacklevel=2)
+    return getattr(training, name)

@@ -27,7 +27,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.decoder import Architecture, Decoder
 from bench.errors import InputError
 from bench.material import CHUNK, keep_buffers
 from bench.threads import torch_threads
@@ -36,6 +35,7 @@ from bench.timing.clock import calibrated, elapsed
 from bench.timing.execution import DTYPES, FUSED_CHUNK, LONG_CHUNK, needs_compiler
 from bench.timing.fused.lean import Lean, compiled
 from bench.timing.machine import Watch, unrest
+from bench.training import Architecture, Decoder
 
 NEUBTF = Architecture(18, (32, 32, 32), activation="sine", omega=2.0, norm=True, residual=True)
 OPERATIONS = 18 * 32 + 2 * 32 * 32 + 32 * 3 + 10 * 96

@@ -23,12 +23,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench import records, timing
-from bench.codecs import training
 from bench.runs import executors, runner
 from bench.runs.executors import Workers
 from bench.runs.job import FACTS
 from bench.runs.runner import Options
 from bench.runs.suite import Suite, parse_suite
+from bench.training import fitting as training
 
 if TYPE_CHECKING:
     from distributed import LocalCluster

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor, nn
 
 from bench.codecs import container
-from bench.decoder import load_vector, to_vector
 from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE, encode_srgb
+from bench.training import load_vector, to_vector
 from neubtf.autoencoder import Autoencoder
 
 LEAST_SPREAD = 1 / 255  # least deviation; that of a guidance image of one colour is 0

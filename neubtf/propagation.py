@@ -16,7 +16,7 @@ from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE
-from bench.quantise import pack
+from bench.training import pack
 from neubtf.autoencoder import HALO, STRIDE, Pooled, surrounded
 from neubtf.codec import NeuBTF
 from neubtf.encoder import Encoder, read_encoder

@@ -11,18 +11,21 @@ import torch
 from torch import Tensor
 
 from bench.codec import Parts
-from bench.decoder import (
+from bench.settings import Layers, Positive, Width
+from bench.training import (
     COUNTS,
     Architecture,
     Decoder,
     Directions,
+    Precision,
     TextureMaterial,
+    WeightPrecision,
     direction_inputs,
     load_vector,
+    pack,
     to_vector,
+    unpack,
 )
-from bench.quantise import Precision, WeightPrecision, pack, unpack
-from bench.settings import Layers, Positive, Width
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,9 @@ from typing import Annotated, Any, Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from bench.decoder import Decoder
 from bench.errors import InputError
 from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
-from bench.training import Batch, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
+from bench.training import Batch, Decoder, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
 from neubtf.augmentation import Disturbance, Window, draw_scale
 from neubtf.autoencoder import STRIDE
 from neubtf.encoder import Encoder, displayed

@@ -14,14 +14,15 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy and PyTorch are
 @pytest.fixture(autouse=True)
 def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     """No line of progress where a slow machine takes long: what a command prints is compared."""
-    monkeypatch.setattr("bench.console.SILENCE", math.inf)
+    monkeypatch.setattr("bench.cli.console.SILENCE", math.inf)
 
 
 @pytest.fixture
 def ends_alike_when_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any, Any], None]:
     """Asserts that a fit of 30 steps that is killed at the 20th goes on to the same file as one that is not."""
     from bench.codec import Fit
-    from bench.codecs import container, training
+    from bench.codecs import container
+    from bench.training import fitting as training
 
     def halt(label: str, done: int, total: int) -> None:
         if label.startswith("fitting") and done == 20:

@@ -21,11 +21,21 @@ from baselines.relief.network import Network
 from baselines.relief.pyramid import level_count
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.decoder import load_vector, to_vector
 from bench.material import Material
-from bench.quantise import WeightPrecision, pack, unpack
 from bench.settings import BatchSize, Layers, Natural, Positive, Range, Width
-from bench.training import Loss, Optimiser, Samples, Start, gain_of, train
+from bench.training import (
+    Loss,
+    Optimiser,
+    Samples,
+    Start,
+    WeightPrecision,
+    gain_of,
+    load_vector,
+    pack,
+    to_vector,
+    train,
+    unpack,
+)
 
 
 class Relief(Codec):

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.decoder import Architecture, Decoder, Frames
+from bench.training import Architecture, Decoder, Frames
 
 FRAMES = 2
 DEEPEST = 3.0  # level of detail, that of footprints of 8 texels, which the network sees as 1

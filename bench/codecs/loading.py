@@ -10,10 +10,10 @@ import torch
 from bench.codec import Parts, TrainedNetwork
 from bench.codecs import registry, shared
 from bench.codecs.container import PARTS, SHARED, Header, read_parts
-from bench.codecs.decoder import decoding
 from bench.codecs.scene_material import SceneMaterial
 from bench.errors import CodecError, ContainerError, answered
 from bench.material import Material
+from bench.training.decoder import decoding
 
 # A picture has at most so many texels, or so many times the numbers of its file: more than any codec shares a number
 # among, and few enough that slices of it fit into the memory.

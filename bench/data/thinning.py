@@ -6,8 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bench import scratch
-from bench.btf import BTF, Source
+from bench.btf import BTF, Source, scratch
 from bench.hemisphere import thin
 
 

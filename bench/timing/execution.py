@@ -24,10 +24,10 @@ import torch
 import torch._dynamo
 from torch import Tensor, nn
 
-from bench.codecs.decoder import Decoder
 from bench.errors import InputError, did_you_mean
 from bench.material import Material
 from bench.program.llvm import drjit, unusable
+from bench.training.decoder import Decoder
 
 EXECUTIONS = ("eager", "compiled", "fused")
 DTYPES = {

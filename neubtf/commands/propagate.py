@@ -10,7 +10,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.commands import usable_device
+from bench.cli.commands import usable_device
 from bench.errors import FINE, InputError
 
 MARGIN = 1 / 6  # of a side: about what the built-in photographs lose
@@ -44,8 +44,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console, file_lines
     from bench.codecs.loading import load
-    from bench.console import Console, file_lines
     from neubtf.guidance import Treatment
     from neubtf.propagation import propagate
     from neubtf.renderer import NeuBTFMaterial

@@ -8,12 +8,11 @@ from scipy.ndimage import gaussian_filter
 from baselines.neumip import LOSSES, Fitting, Networks, NeuMIP, NeuMIPMaterial, Pyramid, blur, level_count
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.codecs import training
 from bench.conformance.check import tiny_btf
-from bench.decoder import load_vector
 from bench.errors import InputError
 from bench.material import parameters, sample_texture
-from bench.training import Samples
+from bench.training import Samples, load_vector
+from bench.training import fitting as training
 
 CHANNELS = 7  # as the authors have it
 

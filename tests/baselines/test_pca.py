@@ -13,10 +13,10 @@ from bench import hemisphere
 from bench.btf import BTF, ArraySource, Source
 from bench.codec import Fit, Parts
 from bench.codecs import container, loading
-from bench.codecs.svd import truncated_svd
 from bench.errors import InputError
 from bench.material import Material
 from bench.metrics.display import exposure
+from bench.training.svd import truncated_svd
 
 CPU = torch.device("cpu")
 FLOAT32 = {"precision": "float32", "weights": "float32"}
@@ -56,7 +56,7 @@ def table(btf: BTF) -> np.ndarray:
 @pytest.fixture
 def streamed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small data are decomposed by reading them several times, as large data are."""
-    monkeypatch.setattr("bench.codecs.svd.EXACT_SIDE", 0)
+    monkeypatch.setattr("bench.training.svd.EXACT_SIDE", 0)
 
 
 @pytest.mark.parametrize("shape", [(25, 8, 6), (9, 16, 12)])
@@ -70,7 +70,7 @@ def test_all_components_reproduce_the_training_slices(tmp_path: Path, shape: tup
 @pytest.mark.parametrize("rank", [1, 4, 8])
 @pytest.mark.parametrize("side", [0, 1024], ids=["streamed", "exact"])
 def test_at_a_rank_it_is_as_good_as_scikit_learn(monkeypatch: pytest.MonkeyPatch, rank: int, side: int) -> None:
-    monkeypatch.setattr("bench.codecs.svd.EXACT_SIDE", side)
+    monkeypatch.setattr("bench.training.svd.EXACT_SIDE", side)
     btf = made(100, 20, 20, views=10)
     rows = table(btf).transpose(1, 2, 0, 3).reshape(400, 300).astype(np.float64)
     reference = decomposition.PCA(rank, svd_solver="full").fit(rows)
@@ -211,7 +211,7 @@ class Counted(Source):
 
 @pytest.mark.usefixtures("streamed")
 def test_the_data_are_read_as_often_as_stated_and_never_held(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.codecs.blocks.BLOCK_BYTES", 1 << 20)
+    monkeypatch.setattr("bench.training.blocks.BLOCK_BYTES", 1 << 20)
     source = Counted(144, (128, 128))
     wo, wi = (hemisphere.ubo2003()[hemisphere.thin(hemisphere.ubo2003(), 12)] for _ in range(2))
     btf = BTF("made", np.repeat(wo, 12, 0), np.tile(wi, (12, 1)), source)
@@ -226,7 +226,7 @@ def test_the_data_are_read_as_often_as_stated_and_never_held(monkeypatch: pytest
 
 @pytest.mark.usefixtures("streamed")
 def test_with_little_memory_the_last_images_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.codecs.svd.SPACE_BYTES", 0)
+    monkeypatch.setattr("bench.training.svd.SPACE_BYTES", 0)
     left, right = (torch.randn(n, generator=torch.Generator().manual_seed(4)) for n in ((300, 30), (30, 500)))
     matrix = (left * 0.7 ** torch.arange(30.0)) @ right
     found = truncated_svd(lambda _: iter(matrix.clone().split(70)), (300, 500), 5, 4, Fit().generator(), CPU)

@@ -9,11 +9,12 @@ import torch
 from baselines.rainer2020 import Pool, Rainer2020, Rainer2020Network, Resampler, canonical_pairs
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, TrainedNetwork
-from bench.codecs import container, loading, shared, training
+from bench.codecs import container, loading, shared
 from bench.conformance.check import others, tiny_btf
 from bench.errors import InputError
 from bench.hemisphere import from_degrees
 from bench.material import parameters
+from bench.training import fitting as training
 
 
 def network(**settings: Any) -> Rainer2020Network:

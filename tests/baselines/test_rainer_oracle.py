@@ -12,9 +12,8 @@ from baselines.rainer2020 import Rainer2020, Rainer2020Network
 from bench.codec import Fit
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
-from bench.decoder import to_vector
 from bench.material import texel_centres
-from bench.training import Samples
+from bench.training import Samples, to_vector
 
 Array = np.ndarray
 FLOAT32 = {"precision": "float32", "weights": "float32"}

@@ -13,13 +13,13 @@ from baselines.relief.fitting import Fitting
 from baselines.relief.material import ReliefMaterial
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.codecs import training
 from bench.conformance.check import tiny_btf
 from bench.conformance.counting import held_floats
 from bench.data.materials import load, recipe
 from bench.data.materials.maps import resize
 from bench.errors import InputError
 from bench.material import parameters
+from bench.training import fitting as training
 from bench.training import gain_of
 from tests.baselines.surfaces import bumps
 

@@ -11,7 +11,7 @@ from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import Material
-from bench.quantise import pack, unpack
+from bench.training import pack, unpack
 
 
 def decoded(btf: BTF, **settings: Any) -> Material:

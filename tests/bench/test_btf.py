@@ -174,7 +174,7 @@ def test_directions_must_match_the_pairs():
 
 
 def test_the_scratch_file_of_more_pairs_than_a_block_holds_is_the_same_table(monkeypatch):
-    monkeypatch.setattr("bench.scratch.TOGETHER", 10)
+    monkeypatch.setattr("bench.btf.scratch.TOGETHER", 10)
     btf, values = product(source=Slices)
     pairs = np.arange(len(btf))
     np.testing.assert_allclose(
@@ -184,7 +184,7 @@ def test_the_scratch_file_of_more_pairs_than_a_block_holds_is_the_same_table(mon
 
 
 def test_a_block_of_the_scratch_file_stays_small_whatever_the_picture(monkeypatch):
-    monkeypatch.setattr("bench.scratch.BLOCK", 6 * 4 * 6 * 3)
+    monkeypatch.setattr("bench.btf.scratch.BLOCK", 6 * 4 * 6 * 3)
     btf, values = product(source=Slices)
     assert btf.source._scratch.shape == (-(-len(btf) // 3), 4 * 6, 3, 3)
     pairs = np.arange(len(btf))

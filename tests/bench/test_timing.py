@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from bench import timing
-from bench.codecs.decoder import Architecture, Decoder
 from bench.material import DecoderCost, Material
 from bench.records import of_both_floors
 from bench.threads import torch_threads
@@ -15,6 +14,7 @@ from bench.timing.machine import unrest
 from bench.timing.profile import profile
 from bench.timing.queries import Queries
 from bench.timing.roofline import limit_ns, roofline
+from bench.training.decoder import Architecture, Decoder
 
 
 class Sleeper(Material):

@@ -422,7 +422,7 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
     elif share < 0.55:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # which lines were left out
-            from bench.commands.history import _table
+            from bench.cli.commands.history import _table
 
             frame = load_runs([folder, sound])
         _table(frame)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from bench.codecs.optimiser import hidden_matrices
+from bench.training.optimiser import hidden_matrices
 from neubtf.autoencoder import HALO, RADIUS, STRIDE, Autoencoder, Pooled, surrounded
 
 ROUNDING = 1e-5  # float32 sums in another order, through some ten layers of values of unit size

@@ -10,12 +10,12 @@ import torch
 
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
-from bench.codecs import container, training
+from bench.codecs import container
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import parameters
-from bench.quantise import unpack
-from bench.training import Samples
+from bench.training import Samples, unpack
+from bench.training import fitting as training
 from neubtf.autoencoder import FAINT, Autoencoder
 from neubtf.codec import NeuBTF, guiding_pair, most_frontal
 from neubtf.direct import NeuBTFDirect

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 
 from bench import metrics
-from bench.codecs.training import Loss, distance
 from bench.conformance.check import CheckError
 from bench.conformance.stability.case import Verdict, require
 from bench.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
+from bench.training.fitting import Loss, distance
 
 Array = np.ndarray
 SIDE = 16

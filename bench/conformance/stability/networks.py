@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bench.codecs.decoder import Decoder
 from bench.conformance.check import CheckError
 from bench.conformance.stability.case import Case, Measured, NotApplicable, Subject, Test, applicable, require
 from bench.conformance.stability.data import SAME_DB, firefly, ordinary
@@ -20,6 +19,7 @@ from bench.conformance.stability.queries import Queries, described, grazing, spr
 from bench.material import HALF_MAX, Material
 from bench.metrics.display import exposure_of, to_display
 from bench.metrics.psnr import psnr
+from bench.training.decoder import Decoder
 
 SHORT_FLOATS = {"fp16": torch.float16, "bf16": torch.bfloat16}
 ARGUMENT = 1e5

@@ -13,7 +13,7 @@ from numpy.polynomial import Polynomial
 from numpy.polynomial.chebyshev import Chebyshev
 from torch import Tensor, nn
 
-from bench.codecs.decoder import Activation, Decoder
+from bench.training.decoder import Activation, Decoder
 
 Array = np.ndarray
 

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.codecs.decoder import LEAK, Decoder, Network
 from bench.material import HALF_MAX, at_least_float32
 from bench.timing.fused.layers import Array, Layer, Norm, layers_of, sine_of_turns
+from bench.training.decoder import LEAK, Decoder, Network
 
 _CONTRACT = "cpp.enable_floating_point_contract_flag"
 _BITS = {"default": 1, "avx2": 256, "avx512": 512}  # of a vector, by ATEN_CPU_CAPABILITY

@@ -9,7 +9,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from bench.codecs.decoder import Decoder, Network
 from bench.errors import InputError
 from bench.material import Material
 from bench.program.backend import Value
@@ -17,6 +16,7 @@ from bench.program.kernel import Kernel
 from bench.program.llvm import drjit
 from bench.program.recording import program_of
 from bench.timing.fused.with_drjit import DrJitNetwork, Kernels, batched
+from bench.training.decoder import Decoder, Network
 
 WIDTHS = (2, 3, 3, 1)  # of uv, wo, wi, footprint
 MOST_PRODUCTS = 10_000  # of matrices outside of networks: their code is not made to stay in registers

@@ -18,11 +18,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from bench.codecs.decoder import LEAK, Decoder, Network
 from bench.errors import InputError
 from bench.program.llvm import drjit
 from bench.timing.fused.layers import Layer, layers_of, sine_of_turns
 from bench.timing.native import features
+from bench.training.decoder import LEAK, Decoder, Network
 
 MOST_PARAMETERS = 10_000  # beyond, the code outgrows every cache, and compiling it takes minutes
 BLOCK, LARGE_BLOCK = 12, 24  # sums of products that grow side by side, in 16 registers and in the 32 of AVX-512

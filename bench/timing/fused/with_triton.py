@@ -11,9 +11,9 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from bench.codecs.decoder import LEAK, Decoder, Network
 from bench.errors import InputError
 from bench.timing.fused.layers import Array, Layer, layers_of, sine_of_turns
+from bench.training.decoder import LEAK, Decoder, Network
 
 BLOCK = 128  # samples of one program
 SMALLEST = 16  # a side of the smallest matrix that the GPU multiplies

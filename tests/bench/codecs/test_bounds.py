@@ -11,11 +11,11 @@ from baselines.relief import latents as coding
 from baselines.relief.geometry import Relief
 from bench import directions
 from bench.btf import Layout
+from bench.cli.console import file_lines
 from bench.codec import Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.console import file_lines
 from bench.errors import ContainerError
 
 SCENE = {

@@ -5,11 +5,11 @@ import struct
 import pytest
 import torch
 
+from bench.cli.console import file_lines
 from bench.codec import Codec, Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.console import file_lines
 from bench.errors import ContainerError, InputError
 
 

@@ -14,13 +14,13 @@ import torch
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.btf import NotFiniteError
 from bench.codec import Parts
-from bench.codecs.decoder import Architecture, Decoder, load_vector, to_vector
-from bench.codecs.quantise import Precision, pack, unpack
 from bench.conformance import stability
 from bench.conformance.stability.case import subject_of
 from bench.conformance.stability.data import ordinary
 from bench.conformance.stability.queries import Queries
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, to_radiance
+from bench.training.decoder import Architecture, Decoder, load_vector, to_vector
+from bench.training.quantise import Precision, pack, unpack
 
 CASES = {case.name: case for case in stability.CASES}
 

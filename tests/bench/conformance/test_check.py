@@ -12,13 +12,13 @@ import torch
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench import cli
 from bench.codec import Codec, Parts
-from bench.codecs.quantise import unpack
 from bench.conformance import stability
 from bench.conformance.check import STAGES, encodes, framed
 from bench.conformance.stability import reference
 from bench.conformance.verdicts import check, of
 from bench.material import DecoderCost, Material
 from bench.records import FILE, append
+from bench.training.quantise import unpack
 
 OURS = [
     *("mean-colour", "table", "pca", "vq", "hsh", "tucker"),

@@ -11,9 +11,7 @@ import pytest
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.cli import main
 from bench.codec import Parts
-from bench.codecs.quantise import unpack
 from bench.codecs.registry import load_codec
-from bench.codecs.training import DivergedError
 from bench.conformance import stability
 from bench.conformance.stability import metrics, properties
 from bench.conformance.stability.case import SHORT, subject_of
@@ -21,6 +19,8 @@ from bench.conformance.stability.invariants import wild_rates
 from bench.errors import InputError
 from bench.material import Material
 from bench.records import load_run
+from bench.training.fitting import DivergedError
+from bench.training.quantise import unpack
 
 CASES = {case.name: case for case in stability.CASES}
 

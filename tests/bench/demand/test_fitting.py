@@ -17,7 +17,6 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading
 from bench.codecs.scene_material import SceneMaterial
-from bench.codecs.training import Samples
 from bench.codecs.window import Window, from_hex
 from bench.conformance.check import tiny_btf
 from bench.demand.collect import collect
@@ -30,6 +29,7 @@ from bench.demand.text_scene import TextScene
 from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import texel_centres
+from bench.training.fitting import Samples
 from neubtf.codec import NeuBTF
 from neubtf.direct import NeuBTFDirect
 

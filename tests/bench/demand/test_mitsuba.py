@@ -3,12 +3,13 @@ import importlib.util
 import numpy as np
 import pytest
 
-from bench import cli, llvm
+from bench import cli
 from bench.demand.collect import collect
 from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
 from bench.errors import InputError
 from bench.metrics import get
+from bench.program import llvm
 
 short = pytest.mark.short
 with_mitsuba = pytest.mark.skipif(

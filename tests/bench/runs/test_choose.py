@@ -52,7 +52,7 @@ def test_the_command_that_is_printed_is_what_a_shell_runs(tmp_path, monkeypatch,
     made |= {"execution": "eager", "precision": "float32"}
     suite = tmp_path / "own.toml"
     suite.write_text('materials = ["satin"]\n[[codecs]]\ncodec = "pca"\n')
-    monkeypatch.setattr("bench.commands.choose._measured", lambda *_: ([made], []))
+    monkeypatch.setattr("bench.cli.commands.choose._measured", lambda *_: ([made], []))
     (tmp_path / "my cloth; no; $HOME").mkdir()
     material = str(tmp_path / "my cloth; no; $HOME")
     assert cli.main(["choose", material, "--min-psnr", "30", "--suite", str(suite)]) == 0

@@ -115,7 +115,7 @@ def changed_source(monkeypatch, tmp_path, module):
 
 
 @pytest.mark.parametrize(
-    "module", ["bench.codecs.training", "bench.codecs.decoder", "bench.codecs.quantise", "bench.codecs.container"]
+    "module", ["bench.training.fitting", "bench.training.decoder", "bench.training.quantise", "bench.codecs.container"]
 )
 def test_the_part_of_the_suite_that_fits_and_writes_counts(module, monkeypatch, tmp_path):
     codec = load_codec("neubtf-direct")()

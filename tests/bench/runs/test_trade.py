@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from bench import cli, timing
-from bench.commands import choose as choose_command
+from bench.cli.commands import choose as choose_command
 from bench.conformance.check import tiny_btf
 from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from bench.codecs.decoder import Architecture, Decoder
 from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import CHUNK, DecoderCost, Material
 from bench.timing import execution
 from bench.timing.execution import Variant, networks, prepared
 from bench.timing.fused import lean
+from bench.training.decoder import Architecture, Decoder
 
 
 class Textured(Material):

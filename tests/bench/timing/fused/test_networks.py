@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import torch
 
-from bench.codecs.decoder import Architecture, Decoder
 from bench.errors import InputError
 from bench.material import sample_texture
 from bench.timing.execution import DTYPES, TOLERANCES
 from bench.timing.fused import with_drjit
 from bench.timing.fused.layers import layers_of, sine_of_turns
 from bench.timing.fused.lean import Lean
+from bench.training.decoder import Architecture, Decoder
 
 pytestmark = pytest.mark.short
 ARCHITECTURES = {

@@ -5,13 +5,13 @@ import pytest
 import torch
 
 import bench
-from bench.codecs.decoder import Architecture, Decoder
 from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import DecoderCost, Material, parameters
 from bench.program import llvm
 from bench.runs.suite import load_suite
 from bench.timing.execution import TOLERANCES, Variant, prepared
+from bench.training.decoder import Architecture, Decoder
 
 pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
 pytestmark = pytest.mark.short

@@ -1,0 +1,392 @@
+"""The bidirectional texture function (BTF): every reader returns one, every codec encodes one.
+
+Conventions, on which every docstring of the suite relies:
+
+- **Frame.** Seen from above with the picture upright, x points right (+u), y points up (+v) and the normal z
+  toward the eye. `wo` points to the camera and `wi` to the light: unit vectors, float32, z > 0 above the
+  surface. θ is measured from z, φ from +x counter-clockwise; radians, unless a name ends in `_deg`.
+- **Texels.** `uv` is in periods of the picture, u across and v up. Row 0 is the top row of the picture: texel (row,
+  col) has its centre at u = (col + 0.5) / W, v = 1 − (row + 0.5) / H. Texels are square: a period is W texels wide and
+  H high. A footprint is the side of a square box, in units of the longer side of the picture; see `periods`.
+- **Values.** Linear Rec. 709 RGB of f_r · cos θ_i: the radiance that leaves toward ω_o under a directional light
+  of unit irradiance on a plane that faces it. Highlights are not clamped. `BTF.provenance` lists the conversions
+    that the reader made.
+
+A *pair* is one (ω_o, ω_i); a *slice* is the picture of one pair, (H, W, 3); an *ABRDF* is one texel at all pairs.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bench.atomic import cache_dir
+from bench.btf import scratch
+from bench.errors import InputError
+
+# The `source` of a provenance. These words are part of fingerprints, so they stay, however our packages are called.
+RENDERED, BAKED = "rendered by bench.materials", "baked from maps by bench.bake"
+MANY_TEXELS = 4_096  # that are read at once: more are picked out of whole slices
+Array = np.ndarray
+
+
+class NotFiniteError(InputError):
+    """Radiance that is NaN or infinite; `values` holds what was read, for `bench.data.repair` to repair."""
+
+    def __init__(self, message: str, values: Array):
+        super().__init__(message)
+        self.values = values
+
+
+def finite(values: Array, label: str) -> Array:
+    """Return the values (..., 3); raise a `NotFiniteError` with the count and first index where some are not finite."""
+    good = np.isfinite(values)
+    if good.all():
+        return values
+    place = ", ".join(str(int(i)) for i in np.argwhere(~good)[0])
+    count = int(good.size - np.count_nonzero(good))
+    raise NotFiniteError(
+        f"{label}: {count} of {good.size} values are not finite (NaN or infinite), the first at index ({place}): "
+        "mend the values, leave the pair out, or mask them with --repair",
+        values,
+    )
+
+
+class Source:
+    """Where the values of a BTF come from. A reader implements `slice` and `fingerprint`; the rest has defaults.
+
+    One that reads several slices faster than one by one implements `slices`, and says in `at_once` how many.
+
+    The default `texels` (of few texels) and `gather` are for sources that can only read whole slices cheaply: they read
+    a half-float scratch file, which is made once and cached under the fingerprint.
+    """
+
+    shape: tuple[int, int]
+    count: int
+    at_once: int = 1
+
+    def slice(self, pair: int) -> Array:
+        """The picture of one pair, (H, W, 3) float32."""
+        raise NotImplementedError
+
+    def slices(self, pairs: Array) -> list[Array]:
+        """The pictures of some pairs, at best `at_once`."""
+        return [self.slice(int(pair)) for pair in pairs]
+
+    def fingerprint(self) -> str:
+        """A hex digest that changes with the content, found without reading all of it."""
+        raise NotImplementedError
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        """ABRDFs (n, len(pairs), 3) float32 of n texels at some pairs."""
+        if len(rows) > MANY_TEXELS:
+            return np.stack([self.slice(int(pair))[rows, cols] for pair in pairs], 1)
+        return scratch.scattered(self._scratch, pairs, (rows * self.shape[1] + cols)[:, None])
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        """Single values (n, 3) float32 at n places."""
+        return scratch.scattered(self._scratch, pair, row * self.shape[1] + col)
+
+    def window(self, top: int, left: int, height: int, width: int) -> "Source":
+        """A window of the pictures, which may reach around their borders."""
+        return _Cropped(self, top, left, height, width)
+
+    def of(self, pairs: Array) -> "Source":
+        """A source that must answer only these pairs, under the same indices; it may drop data of other pairs."""
+        return self
+
+    @cached_property
+    def _scratch(self) -> Array:
+        path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}-blocks.npy"
+        return scratch.opened(path, self.slice, self.count, self.shape)
+
+
+class ArraySource(Source):
+    """Values held in one array (count, H, W, 3), in memory or memory-mapped, of any float type."""
+
+    def __init__(self, values: Array):
+        if values.ndim != 4 or values.shape[-1] != 3:
+            raise ValueError(f"values must be (pairs, H, W, 3), not {values.shape}")
+        self.values = values
+        self.count, self.shape = len(values), (values.shape[1], values.shape[2])
+
+    def slice(self, pair: int) -> Array:
+        return np.asarray(self.values[pair], np.float32)
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        return np.asarray(self.values[pairs[None, :], rows[:, None], cols[:, None]], np.float32)
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        return np.asarray(self.values[pair, row, col], np.float32)
+
+    def fingerprint(self) -> str:
+        digest = hashlib.sha256(f"{self.values.shape} {self.values.dtype}".encode())
+        for block in self.values:
+            digest.update(np.ascontiguousarray(block).tobytes())
+        return digest.hexdigest()
+
+
+class _BoxFiltered(Source):
+    """Another source averaged over factor × factor texels; rows and columns that do not fill a box are left out."""
+
+    def __init__(self, source: Source, factor: int):
+        self.source, self.factor, self.count, self.at_once = source, factor, source.count, source.at_once
+        self.shape = (source.shape[0] // factor, source.shape[1] // factor)
+
+    def _box(self, rows: Array, cols: Array) -> tuple[Array, Array]:
+        step = np.arange(self.factor)
+        shape = (len(rows), self.factor, self.factor)
+        fine_rows = np.broadcast_to((rows[:, None] * self.factor + step)[:, :, None], shape)
+        fine_cols = np.broadcast_to((cols[:, None] * self.factor + step)[:, None, :], shape)
+        return fine_rows.reshape(-1), fine_cols.reshape(-1)
+
+    def slice(self, pair: int) -> Array:
+        return box_filter(self.source.slice(pair), self.factor)
+
+    def slices(self, pairs: Array) -> list[Array]:
+        return [box_filter(picture, self.factor) for picture in self.source.slices(pairs)]
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        # A few texels here are many there, for which whole slices would be read: they are read part by part.
+        most = max(1, MANY_TEXELS // self.factor**2)
+        if most < len(rows) <= MANY_TEXELS:
+            starts = range(0, len(rows), most)
+            return np.concatenate([self.texels(rows[i : i + most], cols[i : i + most], pairs) for i in starts])
+        fine = self.source.texels(*self._box(rows, cols), pairs)
+        return fine.reshape(len(rows), self.factor**2, len(pairs), 3).mean(1)
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        fine = self.source.gather(np.repeat(pair, self.factor**2), *self._box(row, col))
+        return fine.reshape(len(row), self.factor**2, 3).mean(1)
+
+    def fingerprint(self) -> str:
+        return hashlib.sha256(f"{self.source.fingerprint()} box {self.factor}".encode()).hexdigest()
+
+
+class _Cropped(Source):
+    """A window of another source, which may reach around its border."""
+
+    def __init__(self, source: Source, top: int, left: int, height: int, width: int):
+        self.source, self.count, self.shape, self.at_once = source, source.count, (height, width), source.at_once
+        self.rows = (top + np.arange(height)) % source.shape[0]
+        self.cols = (left + np.arange(width)) % source.shape[1]
+
+    def slice(self, pair: int) -> Array:
+        return self.source.slice(pair)[self.rows[:, None], self.cols]
+
+    def slices(self, pairs: Array) -> list[Array]:
+        return [picture[self.rows[:, None], self.cols] for picture in self.source.slices(pairs)]
+
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        return self.source.texels(self.rows[rows], self.cols[cols], pairs)
+
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        return self.source.gather(pair, self.rows[row], self.cols[col])
+
+    def fingerprint(self) -> str:
+        says = f"{self.source.fingerprint()} window {self.rows[0]} {self.cols[0]} {self.shape}"
+        return hashlib.sha256(says.encode()).hexdigest()
+
+
+def periods(size: tuple[int, int]) -> tuple[float, float]:
+    """How many periods of a picture (H, W) its longer side is along u and along v: 1 and 1 of a square one."""
+    height, width = size
+    return max(size) / width, max(size) / height
+
+
+def box_filter(picture: Array, factor: int) -> Array:
+    """The mean of each factor × factor box of a picture (H, W, C); an incomplete last row or column is left out."""
+    height, width = picture.shape[0] // factor, picture.shape[1] // factor
+    full = picture[: height * factor, : width * factor]
+    return full.reshape(height, factor, width, factor, -1).mean((1, 3))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the pairs of a BTF are arranged: its distinct views and lights, and whether they form a product."""
+
+    views: Array  # (V, 3)
+    lights: Array  # (L, 3)
+    view: Array  # (N,) index into views
+    light: Array  # (N,) index into lights
+
+    @classmethod
+    def of(cls, wo: Array, wi: Array) -> "Layout":
+        """The layout of pairs wo, wi (N, 3); directions within 1e-6 of each other are one."""
+        views, view = _distinct(wo)
+        lights, light = _distinct(wi)
+        return cls(views, lights, view, light)
+
+    @cached_property
+    def grid(self) -> Array | None:
+        """Pair indices (V, L) where every view is combined with every light exactly once, else None."""
+        if len(self.view) != len(self.views) * len(self.lights):
+            return None
+        grid = np.full((len(self.views), len(self.lights)), -1)
+        grid[self.view, self.light] = np.arange(len(self.view))
+        return None if (grid < 0).any() else grid
+
+
+@dataclass(frozen=True)
+class Split:
+    """Disjoint pair indices: what a codec may train on, and the held-out groups by name."""
+
+    train: Array
+    heldout: dict[str, Array] = field(default_factory=dict)
+
+
+class BTF:
+    """Outgoing radiance over texels × pairs, read lazily. See the module for frame, units and colour space.
+
+    Every read checks that the values are finite; if not, it raises a `NotFiniteError` with their number and place.
+
+    `wo` and `wi` are (N, 3) float32, `shape` is (H, W), `len(btf)` is N and `btf[i]` the slice (H, W, 3) float32.
+    `heldout`, where the data declare it, is an (N,) mask of pairs that no codec may train on.
+    `periodic` says that the picture wraps around without a seam, as every rendered material does.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        wo: ArrayLike,
+        wi: ArrayLike,
+        source: Source,
+        *,
+        heldout: ArrayLike | None = None,
+        periodic: bool = False,
+        provenance: dict[str, Any] | None = None,
+        pairs: Array | None = None,
+    ):
+        self.name, self.source, self.periodic = name, source, periodic
+        self.wo, self.wi = np.asarray(wo, np.float32), np.asarray(wi, np.float32)
+        self.pairs = np.arange(source.count) if pairs is None else pairs
+        self.heldout = None if heldout is None else np.asarray(heldout, bool)
+        self.provenance = dict(provenance or {})
+        if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
+            raise ValueError(f"wo and wi must be ({len(self.pairs)}, 3), not {self.wo.shape}, {self.wi.shape}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.source.shape
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __getitem__(self, pair: int) -> Array:
+        return finite(self.source.slice(int(self.pairs[pair])), f"{self.name}: pair {pair}")
+
+    def __iter__(self) -> Iterator[Array]:
+        for start in range(0, len(self), self.source.at_once):
+            pictures = self.source.slices(self.pairs[start : start + self.source.at_once])
+            yield from (finite(each, f"{self.name}: pair {start + i}") for i, each in enumerate(pictures))
+
+    def texels(self, rows: ArrayLike, cols: ArrayLike) -> Array:
+        """ABRDFs (n, N, 3) float32 of the n texels (rows[i], cols[i])."""
+        values = self.source.texels(np.asarray(rows), np.asarray(cols), self.pairs)
+        return finite(values, f"{self.name}: texels, pairs, channels")
+
+    def gather(self, pair: ArrayLike, row: ArrayLike, col: ArrayLike) -> Array:
+        """Values (n, 3) float32 at n scattered (pair, row, col)."""
+        values = self.source.gather(self.pairs[np.asarray(pair)], np.asarray(row), np.asarray(col))
+        return finite(values, f"{self.name}: samples, channels")
+
+    def _with(self, pairs: Array, source: Source, **changes: Any) -> "BTF":
+        provenance = self.provenance | changes
+        heldout = None if self.heldout is None else self.heldout[pairs]
+        return BTF(
+            self.name,
+            self.wo[pairs],
+            self.wi[pairs],
+            source,
+            heldout=heldout,
+            periodic=self.periodic,
+            provenance=provenance,
+            pairs=self.pairs[pairs],
+        )
+
+    def subset(self, pairs: ArrayLike) -> "BTF":
+        """The same BTF at some of its pairs, given by index."""
+        chosen = np.asarray(pairs)
+        return self._with(chosen, self.source.of(self.pairs[chosen]))
+
+    def downsample(self, factor: int) -> "BTF":
+        """The BTF box-filtered over factor × factor texels, in linear light.
+
+        Rows and columns at the end that do not fill a box are left out; the result is then not periodic.
+        """
+        if not 1 <= factor <= min(self.shape):
+            raise ValueError(f"factor must be between 1 and {min(self.shape)}, not {factor}")
+        if factor == 1:
+            return self
+        found = self.over(_BoxFiltered(self.source, factor), downsampled=factor)
+        found.periodic = self.periodic and not any(side % factor for side in self.shape)
+        return found
+
+    def crop(self, top: int, left: int, height: int, width: int) -> "BTF":
+        """The BTF of a window of texels, which may reach around the border; it is not periodic."""
+        if not (1 <= height <= self.shape[0] and 1 <= width <= self.shape[1]):
+            raise ValueError(f"a window of {height} × {width} does not fit into {self.shape}")
+        source = self.source.window(top, left, height, width)
+        cropped = self.over(source, cropped=[top, left, height, width])
+        cropped.periodic = False
+        return cropped
+
+    def over(self, source: Source, **provenance: Any) -> "BTF":
+        """The same pairs read from another source of equal count; `provenance` is added to say what was done."""
+        return self._with(np.arange(len(self)), source, **provenance)
+
+    @cached_property
+    def layout(self) -> Layout:
+        return Layout.of(self.wo, self.wi)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hex digest of content, pairs, directions and declared split; two BTFs that share it hold the same table."""
+        digest = hashlib.sha256(self.source.fingerprint().encode())
+        digest.update(self.pairs.astype(np.int64).tobytes())
+        digest.update(self.wo.tobytes() + self.wi.tobytes())
+        digest.update(json.dumps([self.heldout is not None and self.heldout.tolist(), self.periodic]).encode())
+        return digest.hexdigest()
+
+    def split(self, seed: int = 0, fraction: float = 0.125) -> Split:
+        """Training pairs and held-out groups, disjoint.
+
+        A declared split is kept as the one group `heldout`. Otherwise whole views and whole lights are held out
+        (`fraction` of each, by seed), so that the training pairs of a product stay a product; the groups are
+        `new view`, `new light` and `both new`. A side with fewer than four directions holds out none.
+        """
+        everything = np.arange(len(self))
+        if self.heldout is not None:
+            return Split(everything[~self.heldout], {"heldout": everything[self.heldout]})
+        rng = np.random.default_rng(seed)
+        new_view = _held(rng, len(self.layout.views), fraction)[self.layout.view]
+        new_light = _held(rng, len(self.layout.lights), fraction)[self.layout.light]
+        groups = {
+            "new view": everything[new_view & ~new_light],
+            "new light": everything[~new_view & new_light],
+            "both new": everything[new_view & new_light],
+        }
+        return Split(everything[~new_view & ~new_light], {k: v for k, v in groups.items() if len(v)})
+
+
+def _held(rng: np.random.Generator, count: int, fraction: float) -> Array:
+    """Mask (count,) of the held-out directions of one side; at least one where there are four or more."""
+    mask = np.zeros(count, bool)
+    if count >= 4:
+        mask[rng.permutation(count)[: max(1, round(count * fraction))]] = True
+    return mask
+
+
+def _distinct(directions: Array) -> tuple[Array, Array]:
+    """Distinct rows in the order of first appearance, and for each row the index of its distinct row."""
+    rounded = np.round(directions, 6) + 0.0
+    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return directions[first[order]], rank[inverse.reshape(-1)]

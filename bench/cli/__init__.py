@@ -1,0 +1,114 @@
+"""The command line, `neubtf-bench`: finds the command, runs it, and turns exceptions into exit codes."""
+
+import argparse
+import os
+import signal
+import sys
+import textwrap
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import bench
+from bench.cli import commands
+from bench.codecs.registry import first_line
+from bench.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
+
+WIDTH = 100  # maximal width of a help text, in columns
+EXAMPLES = "\n\nexamples:\n"  # text after this line of a command's docstring is shown unwrapped
+EVERYDAY = """examples:
+  neubtf-bench run quick                                 ten codecs on two materials, in minutes
+  neubtf-bench run quick --material PATH --codec pca     one codec on a measured BTF
+  neubtf-bench encode satin --codec pca -o satin.nbtf    one file
+  neubtf-bench score satin.nbtf satin                    its bytes and quality
+  neubtf-bench list codecs pca                           the settings of a codec
+  neubtf-bench COMMAND --help                            options of a command, with examples
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code; see `bench.errors`."""
+    if "OMP_WAIT_POLICY" not in os.environ:
+        # PyTorch's idle threads spin before they sleep: 0.2 ms instead of 8, since Dr.Jit's threads need the cores.
+        os.environ.setdefault("GOMP_SPINCOUNT", "5000")
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        with _terminated_as_interrupted():
+            options = parser(words[:1]).parse_args(words)
+            code: int = options.command(options)
+            return code
+    except InputError as error:
+        print(f"neubtf-bench: {error}", file=sys.stderr)
+        return USAGE
+    except KeyboardInterrupt:
+        print("\nneubtf-bench: interrupted; what is finished is kept", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        sys.stderr.close()
+        return FINE
+    except Exception as error:
+        if isinstance(error, OSError) and (why := unwritable(error)):
+            print(f"neubtf-bench: {why}", file=sys.stderr)
+            return USAGE
+        import traceback
+
+        traceback.print_exc()
+        print("neubtf-bench: internal error: please report the lines above", file=sys.stderr)
+        return INTERNAL
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Treat SIGTERM, which schedulers send, as Ctrl-C: finished work is kept."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
+    """Build the parser of the wanted command; the others are only listed by name, not imported.
+
+    `InputError` where there is no such command.
+    """
+    made = argparse.ArgumentParser(
+        prog="neubtf-bench",
+        description="Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample.",
+        epilog=EVERYDAY,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    made.add_argument("--version", action="version", version=f"neubtf-bench {bench.__version__}")
+    known = commands.modules()
+    if wanted and not wanted[0].startswith("-") and wanted[0] not in known:
+        raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
+    listing = made.add_subparsers(required=True, metavar="COMMAND")
+    for name in known:
+        module = known[name]
+        if name in wanted:
+            _add(listing, name, module)
+        else:
+            listing.add_parser(name, help="" if wanted and wanted[0] in known else first_line(module))
+    return made
+
+
+def _add(listing: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, module: str) -> None:
+    """Import a command and take its help from its docstring: wrapped paragraphs, then examples unwrapped."""
+    loaded = commands.load(module)
+    text, _, examples = (loaded.__doc__ or "").partition(EXAMPLES)
+    command = listing.add_parser(
+        name,
+        help=text.split("\n")[0],
+        description="\n\n".join(textwrap.fill(paragraph, WIDTH) for paragraph in text.split("\n\n")),
+        epilog=f"examples:\n{examples}" if examples else None,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    loaded.arguments(command)
+    command.set_defaults(command=loaded.run)

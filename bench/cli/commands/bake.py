@@ -1,0 +1,46 @@
+"""render a folder of PBR maps (ambientCG, Poly Haven, glTF, Substance) as a BTF
+
+examples:
+  neubtf-bench bake Bricks076_2K -o bricks.npz
+  neubtf-bench bake Bricks076_2K --size 128 --views 49 --lights 49 --depth 0.05 -o bricks.npz
+"""
+
+import argparse
+from pathlib import Path
+
+from bench.errors import FINE
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--size", type=int, default=64, help="texels of the longer side (default: 64)")
+    parser.add_argument("--directions", default="ubo2003", help="the published direction set (default: ubo2003) …")
+    parser.add_argument("--views", type=int, default=25, help="… thinned to this many views (default: 25)")
+    parser.add_argument("--lights", type=int, default=25, help="… and to this many lights (default: 25)")
+    parser.add_argument("--heldout", type=int, default=150, help="random pairs besides, held out (default: 150)")
+    parser.add_argument("--depth", type=float, help="white over black of the displacement, in widths of the picture")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of the held-out pairs, and of Mitsuba's paths (default: 0)"
+    )
+    parser.add_argument(
+        "--renderer",
+        default="builtin",
+        choices=["builtin", "mitsuba"],
+        help="builtin: direct light (default); mitsuba: path-traced with inter-reflections, resumed when killed",
+    )
+    parser.add_argument("-o", "--out", type=Path, required=True, help="an .npz file, or a folder of EXR pictures")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console
+    from bench.data.bake import bake, read_surface, recognise, table
+    from bench.data.spec import Preparation
+
+    data = Preparation(options.size, options.directions, options.views, options.lights, options.heldout)
+    with Console() as console:
+        surface = read_surface(recognise(options.folder), data.size, options.depth)
+        console.say(f"{options.folder}:\n{table(surface)}")
+        bake(surface, data, options.out, console.show, options.seed, options.renderer)
+    pairs = data.views * data.lights + data.heldout
+    console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}")
+    return FINE

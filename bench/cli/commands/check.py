@@ -1,0 +1,35 @@
+"""the conformance test of a codec, yours or ours
+
+examples:
+  neubtf-bench check pca
+  neubtf-bench check my-codec --set components=4
+"""
+
+import argparse
+
+from bench.cli.commands import assignments
+from bench.errors import FINE, NO
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("codec")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console
+    from bench.conformance.verdicts import check, of, planned
+
+    failed = tried = 0
+    with Console() as console:
+        codec = of(options.codec, assignments(options.set))
+        for result in check(codec, show=console.show):
+            failed, tried = failed + bool(result.failure), tried + 1
+            word = "FAIL" if result.failure else "n/a " if result.reason else "pass"
+            said = (text for text in (result.failure, result.reason, result.note) if text)
+            console.say(f"{word}  {result.name}" + "".join(f": {text}" for text in said))
+        rest = planned() - tried
+        verdict = f"{failed} of {tried} checks failed" + f", and the {rest} after them were not tried" * bool(rest)
+        verdict = verdict if failed else "every check passed"
+        console.say(f"{options.codec}: {verdict}")
+    return NO if failed else FINE

@@ -1,0 +1,93 @@
+"""pick the codec and settings that meet a wish for quality, bytes or time
+
+Where nothing that was measured meets it, and not all of the suite was, the rest is fitted and measured first.
+
+examples:
+  neubtf-bench choose satin --min-psnr 30
+  neubtf-bench choose satin --max-bytes 300k --max-ns 40
+"""
+
+import argparse
+import shlex
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.cli.commands import usable_device
+from bench.errors import FAILED, FINE, NO, InputError
+
+if TYPE_CHECKING:
+    from bench.data.spec import Preparation
+    from bench.runs.choose import Choice
+    from bench.runs.suite import Suite
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("material", help="a built-in material or the path of a BTF")
+    parser.add_argument("--min-psnr", type=float, metavar="DB", help="the held-out PSNR to reach")
+    parser.add_argument("--max-bytes", metavar="BYTES", help="what the file may take: 300k, 1.5M, 20000")
+    parser.add_argument("--max-ns", type=float, metavar="NS", help="what a sample may take, as a whole query")
+    parser.add_argument("--suite", default="trade", help="what is fitted where it is missing (default: trade)")
+    parser.add_argument("--out", type=Path, help="the folder of a `trade` (default: runs/SUITE), extended if need be")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.runs.choose import Wishes, choose, described, nearest, parse_bytes
+    from bench.runs.suite import load_suite, with_changes
+
+    size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
+    wishes = Wishes(options.min_psnr, size, options.max_ns)
+    if wishes == Wishes():
+        raise InputError("choose: give a wish: --min-psnr, --max-bytes or --max-ns")
+    suite = with_changes(load_suite(options.suite), [options.material], [], {}, None)
+    folder, material = options.out or Path("runs") / suite.name, suite.materials[0].name
+    rows, missing = _measured(folder, suite, options.device)
+    best = choose(rows, wishes)
+    if best is None and missing:
+        rows, _ = _measure(folder, suite, options.device, missing)
+        best = choose(rows, wishes)
+    if not rows:
+        print(f"{material}: nothing could be measured; the reasons are in {folder}")
+        return FAILED
+    if best is None:
+        print(f"{material}: no setting meets that; the nearest is {described(nearest(rows, wishes))}")
+        return NO
+    print(f"{material}: {described(best)}")
+    words = ["encode", options.material, "--codec", best["codec"]]
+    for key, value in (best["settings"] | _changed(suite.data)).items():
+        words += ["--set", f"{key}={value}"]
+    words += ["-o", f"{material}.nbtf"]
+    print(f"neubtf-bench {shlex.join(words)}")
+    return FINE
+
+
+def _changed(data: "Preparation") -> dict[str, object]:
+    """How a suite prepares its materials, where that is not the default: as `--set` wants it."""
+    found = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
+    return {f"data.{key}": str(value).lower() if value is True else value for key, value in found.items()}
+
+
+def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Choice"], list[str]]:
+    """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
+    from bench.records import load_trade
+    from bench.runs.choose import usable
+
+    material = suite.materials[0].name
+    found = load_trade(folder) or {"choices": []}
+    rows = [row for row in usable(found["choices"], material) if row["device"] == device]
+    tried = {row["label"] for row in found["choices"] if row["material"] == material and row["device"] == device}
+    return rows, [codec.label for codec in suite.codecs if codec.label not in tried]
+
+
+def _measure(folder: Path, suite: "Suite", device: str, missing: list[str]) -> tuple[list["Choice"], list[str]]:
+    """The same, after a trade over the suite, which fits only what is missing."""
+    from bench.cli.console import Console
+    from bench.runs.runner import Options
+    from bench.runs.trade import run_and_measure
+
+    with Console() as console:
+        several = f"{len(missing)} of {len(suite.codecs)} settings" if missing[1:] else missing[0]
+        console.say(f"{suite.materials[0].name}: {several} of {suite.name} are not in {folder}: measured first")
+        run_and_measure(suite, Options(folder, usable_device(device), show=console.show), console.ended)
+    return _measured(folder, suite, device)

@@ -1,0 +1,42 @@
+"""write a BTF anew, cut, shrunk or thinned, as .npz or EXR pictures
+
+examples:
+  neubtf-bench convert material.btf --thin 1000 -o thinned.npz
+  neubtf-bench convert material.btf --crop 0,0,128,128 --downsample 2 -o small
+"""
+
+import argparse
+from pathlib import Path
+
+from bench.errors import FINE
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("btf", help="a built-in material or the path of a BTF")
+    parser.add_argument("--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, evenly in angle")
+    parser.add_argument("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
+    parser.add_argument("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
+    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="an .npz file, or a folder of EXR pictures")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console
+    from bench.data.convert import changed, check_place, write_btf
+    from bench.data.open import open_named
+
+    check_place(options.out)
+    with Console() as console:
+        opened = open_named(options.btf, {"data.repair": "true"} if options.repair else {}, console.show)
+        btf = changed(opened, options.crop, options.downsample, options.thin)
+        write_btf(btf, options.out, console.show)
+    console.say(f"{len(btf)} slices of {btf.shape[0]} × {btf.shape[1]} in {options.out}")
+    return FINE
+
+
+def _window(text: str) -> tuple[int, int, int, int]:
+    try:
+        row, col, height, width = (int(number) for number in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: write four whole numbers with commas, as 0,0,128,128") from None
+    return row, col, height, width

@@ -1,0 +1,67 @@
+"""what a scene asks of a material: which texels, how large, seen and lit from where
+
+The scene is a TOML file (see docs/scenes.md), one that ships with the suite, by name, or a Mitsuba 3 XML file.
+
+examples:
+  neubtf-bench demand table-top -o table-top.npz
+  neubtf-bench demand room.xml --bsdf sofa -o sofa.npz
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.errors import FINE, InputError
+
+if TYPE_CHECKING:
+    from bench.demand.collect import Caster
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", help="a scene of the suite, a TOML file, or an XML file of Mitsuba 3")
+    parser.add_argument("--bsdf", metavar="ID", help="of a Mitsuba scene, the material: the id of its BSDF")
+    parser.add_argument("--queries", type=int, default=250_000, help="at most (default: 250000, no more than 1000000)")
+    parser.add_argument("--seed", type=int, default=0, help="of the samples of an environment (default: 0)")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="the demand, .npz; a .png is drawn beside it")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console
+    from bench.demand import overview
+    from bench.demand.collect import checked, collect
+
+    checked(options.queries, options.out)
+    with Console() as console:
+        demand = collect(_scene(options), options.queries, options.seed, console.show)
+        demand.save(options.out)
+        picture = options.out.with_suffix(".png")
+        overview.draw(demand, picture)
+        console.say(overview.summarise(demand).text())
+        console.say(f"wrote {options.out} ({options.out.stat().st_size / 1e6:.1f} MB) and {picture}")
+    return FINE
+
+
+def _scene(options: argparse.Namespace) -> "Caster":
+    if Path(options.scene).suffix == ".xml":
+        return _mitsuba_scene(Path(options.scene), options.bsdf)
+    if options.bsdf:
+        raise InputError(f"--bsdf: is of a Mitsuba scene, an .xml file; {options.scene} has one material")
+    from bench.demand.scene import named_scene
+    from bench.demand.text_scene import TextScene
+
+    return TextScene(named_scene(options.scene))
+
+
+def _mitsuba_scene(path: Path, bsdf: str | None) -> "Caster":
+    if not path.is_file():
+        raise InputError(f"{path}: not there: check the path")
+    if not bsdf:
+        raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
+    try:
+        from bench.demand.mitsuba_scene import MitsubaScene
+    except ImportError as error:
+        raise InputError(
+            f"{path}: needs Mitsuba 3, which cannot be imported ({error}): pip install 'neubtf-bench[mitsuba]', or "
+            "describe the scene in TOML"
+        ) from error
+    return MitsubaScene(path, bsdf)

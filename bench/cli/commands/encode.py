@@ -1,0 +1,124 @@
+"""encode one BTF, all its training pairs, into a codec file
+
+With --demand the file is the smallest that does as well in the pictures of a scene: see docs/scenes.md.
+
+examples:
+  neubtf-bench encode satin --codec pca --set components=8 -o satin.nbtf
+  neubtf-bench encode cable-knit --codec pca --demand table-top.npz -o cable-knit.nbtf
+"""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.cli.commands import assignments, threads, usable_device
+from bench.errors import FINE, NO, InputError
+
+if TYPE_CHECKING:
+    from bench.btf import BTF
+    from bench.cli.console import Console
+    from bench.codec import Codec, Fit
+    from bench.demand.demand import Demand
+    from bench.demand.fitting import Found
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("btf", help="a built-in material or the path of a BTF")
+    parser.add_argument("--codec", required=True)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
+    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    parser.add_argument("--demand", type=Path, help="fit to a scene, an .npz of `neubtf-bench demand`: the smallest …")
+    parser.add_argument("--target-psnr", type=float, metavar="DB", help="… whose frames have this PSNR …")
+    parser.add_argument("--target-flip", type=float, metavar="FLIP", help="… or this FLIP (default: as the full model)")
+    parser.add_argument("--uniform", type=float, help="the share of such a fit that is spread evenly (default: 0.1)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=threads, default=1)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="the codec file to write")
+
+
+def run(options: argparse.Namespace) -> int:
+    import torch
+
+    from bench.cli.console import Console, file_lines
+    from bench.codec import Fit
+    from bench.codecs import container, shared
+    from bench.codecs.registry import load_codec
+    from bench.data.open import open_named
+    from bench.demand import demand, require_demand
+    from bench.threads import torch_threads
+
+    _check(options)
+    changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})
+    settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
+    codec = load_codec(options.codec)(**settings)
+    asked = demand.load(options.demand) if options.demand else None
+    require_demand(codec, asked)
+    device = torch.device(usable_device(options.device))
+    network = shared.find_for(codec)  # missing, it is said before anything is rendered
+    code = FINE
+
+    def fit() -> Fit:
+        return Fit(device, options.threads, options.seed, console.show, network=network)
+
+    with Console() as console, torch_threads(options.threads):
+        btf = open_named(options.btf, changes, console.show)
+        if network:
+            shared.refuse(network, btf)
+        if asked:
+            code = _to_scene(options, codec, btf, asked, fit, console)
+        else:
+            container.save(options.out, codec, codec.encode(btf.subset(btf.split().train), fit()))
+    console.say(file_lines(container.read_header(options.out)))
+    return code
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse, before any work, what will not do."""
+    if not options.out.parent.is_dir():
+        raise InputError(f"{options.out}: its folder is not there: make it first")
+    words = {"--target-psnr": options.target_psnr, "--target-flip": options.target_flip, "--uniform": options.uniform}
+    for word, value in words.items():
+        if value is not None and not options.demand:
+            raise InputError(f"{word}: is of a fit to a scene: give its --demand")
+    if options.uniform is not None and not 0 <= options.uniform <= 1:
+        raise InputError(f"--uniform {options.uniform}: a share lies between 0 and 1")
+
+
+def _to_scene(
+    options: argparse.Namespace,
+    codec: "Codec",
+    btf: "BTF",
+    asked: "Demand",
+    fit: "Callable[[], Fit]",
+    console: "Console",
+) -> int:
+    """Write the smallest model that does in a scene, or the full one, and show what is gained and paid."""
+    import tempfile
+
+    from bench import atomic
+    from bench.demand import UNIFORM, fitting
+    from bench.demand.judge import Judge, table_of
+    from reports.scene_models import scene_models_text
+
+    judge = Judge(table_of(btf), asked, console.show)
+    uniform = UNIFORM if options.uniform is None else options.uniform
+    wanted = fitting.Goal(options.target_psnr, options.target_flip)
+    with tempfile.TemporaryDirectory() as folder:
+        search = fitting.Search(codec, btf.subset(btf.split().train), judge, fit, Path(folder), uniform)
+        found = search.run(None if wanted == fitting.Goal() else wanted)
+        console.say(scene_models_text(fitting.rows(found, judge, options.threads)))
+        atomic.write(options.out, found.chosen.header.path.read_bytes())
+    console.say(_verdict(found))
+    return FINE if found.met else NO
+
+
+def _verdict(found: "Found") -> str:
+    words = f"{found.fits} fits to the scene took {found.seconds:.1f} s."
+    if not found.met:
+        return f"The target is not reached; this is the {'scene' if found.scene else 'full'} model. {words}"
+    if found.scene is None:
+        return f"This is the full model: {found.why}. {words}"
+    share = found.scene.header.file_bytes / found.full.header.file_bytes
+    return f"The scene model takes {share:.0%} of the bytes: {found.why}. {words}"

@@ -1,0 +1,55 @@
+"""train the network that a codec shares over materials, and write its file
+
+The training set is procedural, so that it needs no data: variations of the built-in materials and random surfaces,
+none of which a suite holds. The file lies where encoding and decoding look for it: in $NEUBTF_SHARED, else in shared/
+under the cache folder. A training that was killed goes on from where it was.
+
+examples:
+  neubtf-bench pretrain rainer2020
+  neubtf-bench pretrain rainer2020 --steps 1000 --materials 16 -o brief.nbtf
+"""
+
+import argparse
+from pathlib import Path
+
+from bench.cli.commands import assignments, threads, usable_device
+from bench.errors import FINE, InputError
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("codec", help="a codec that shares a network, such as rainer2020")
+    parser.add_argument("-o", "--out", type=Path, help="the file to write (default: where codecs look for it)")
+    parser.add_argument("--steps", type=int, help="steps of the training, short for --set steps=N")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of the network")
+    parser.add_argument("--materials", type=int, help="how many procedural surfaces to train on, 0 for none")
+    parser.add_argument(
+        "--add", action="append", default=[], metavar="BTF", help="train on this BTF or folder of maps too; repeatable"
+    )
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=threads, default=1)
+    parser.add_argument("--device", default="cpu")
+
+
+def run(options: argparse.Namespace) -> int:
+    import torch
+
+    from bench.cli.console import Console, file_lines
+    from bench.codec import Fit
+    from bench.codecs import shared
+    from bench.codecs.registry import load_codec
+    from bench.data.open import open_named
+    from bench.runs.pretraining import MATERIALS, pretrain
+
+    codec = load_codec(options.codec)
+    if codec.network is None:
+        raise InputError(f"codec {options.codec} shares no network over materials: it needs no pretraining")
+    steps = {} if options.steps is None else {"steps": str(options.steps)}
+    network = codec.network(**assignments(options.set) | steps)
+    device = torch.device(usable_device(options.device))
+    count = MATERIALS if options.materials is None else options.materials
+    with Console() as console:
+        added = [open_named(name, {}, console.show) for name in options.add]
+        fit = Fit(device, options.threads, options.seed, console.show)
+        header = pretrain(network, fit, options.out or shared.place(codec.name), count, added)
+    console.say(file_lines(header))
+    return FINE

@@ -1,0 +1,127 @@
+"""render codec files in a scene, as still pictures
+
+The scene is `sphere`, `plane`, `drape` or another that ships with the suite, or a TOML file (see docs/scenes.md). With
+the extra [mitsuba] it may be an XML file of Mitsuba 3, of which the files replace one BSDF (see docs/rendering.md).
+Several files, and the BTF of --truth before them, stand side by side, at one exposure.
+
+examples:
+  neubtf-bench render satin.nbtf -o satin.png
+  neubtf-bench render satin.nbtf --truth satin --scene drape --lights environment -o satin.png
+  neubtf-bench render satin.nbtf --scene kitchen.xml --bsdf cloth --samples 64 -o kitchen.exr
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.cli.commands import assignments, usable_device
+from bench.errors import FINE, InputError
+
+if TYPE_CHECKING:
+    from bench.demand.scene import Scene
+
+LIMITS: dict[str, tuple[float, float]] = {
+    **{"tiling": (1e-3, 1e3), "exposure": (1e-12, 1e12), "width": (1, 16_384), "rays": (1, 16)},
+    "samples": (1, 1 << 20),
+}
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
+    parser.add_argument("--truth", metavar="BTF", help="a built-in material or a path, at the left of them")
+    parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how --truth is prepared")
+    parser.add_argument(
+        "--scene", default="sphere", help="a scene of the suite, a TOML file or Mitsuba's XML (default: sphere)"
+    )
+    parser.add_argument("--bsdf", metavar="ID", help="of a Mitsuba scene: what the files replace")
+    parser.add_argument("--samples", type=int, help="of a Mitsuba scene: a pixel (default: the scene's)")
+    parser.add_argument("--frame", type=int, default=0, help="of a scene with a path of cameras (default: 0)")
+    parser.add_argument("--lights", choices=("sun", "environment"), help="instead of the scene's own")
+    parser.add_argument("--tiling", type=float, default=1.0, help="times as many of the texture's periods (default: 1)")
+    parser.add_argument("--width", type=int, help="of one picture in pixels (default: the scene's)")
+    parser.add_argument("--rays", type=int, help="along each side of a pixel (default: 2)")
+    parser.add_argument("--exposure", type=float, help="factor on radiance (default: 0.8 over the 99th percentile)")
+    parser.add_argument("--device", help="what answers (default: cpu)")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="the picture, .png or .exr (linear)")
+
+
+def run(options: argparse.Namespace) -> int:
+    import numpy as np
+
+    from bench.cli.console import Console
+    from bench.codecs.loading import load
+    from bench.data.open import open_named
+    from bench.demand import still
+    from bench.demand.judge import table_of
+
+    still.check_ending(options.out)
+    _check_limits(options)
+    if options.scene.endswith(".xml"):
+        return _path_traced(options)
+    scene = _scene(options)
+    if not (options.files or options.truth):
+        raise InputError("nothing to render: name a codec file, or a BTF with --truth")
+    if options.set and not options.truth:
+        raise InputError("--set: says how --truth is prepared: name it, too")
+    device = usable_device(options.device or "cpu")
+    with Console() as console:
+        sides = [still.of_material(load(file, device).material) for file in options.files]
+        if options.truth:
+            truth = open_named(options.truth, assignments(options.set), console.show)
+            sides.insert(0, still.of_btf(table_of(truth)))
+        pictures = still.render(scene, sides, options.frame, options.rays or 2, show=console.show)
+        exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
+        still.write(options.out, np.concatenate(list(pictures), 1), exposure)
+        names = [*([options.truth] if options.truth else []), *(file.name for file in options.files)]
+        console.say(f"wrote {options.out}: {', '.join(names)}; exposure {exposure:.6g}")
+    return FINE
+
+
+def _path_traced(options: argparse.Namespace) -> int:
+    """Render files by Mitsuba, side by side."""
+    import numpy as np
+
+    from bench.demand import still
+
+    if not (options.files and options.bsdf):
+        raise InputError("a Mitsuba scene needs codec files, and --bsdf ID: which of its BSDFs they replace")
+    own = {
+        **{"--truth": "its files are codec files", "--set": "it has no --truth", "--lights": "its lights are its own"},
+        **{"--width": "its film says so", "--frame": "its first camera is rendered", "--rays": "give --samples"},
+        "--device": "Mitsuba's variant says so",
+    }
+    for name, reason in own.items():
+        if getattr(options, name[2:]):
+            raise InputError(f"{name}: not with a Mitsuba scene: {reason}")
+    try:
+        from bench.demand.path_traced import path_traced
+    except ImportError as error:
+        raise InputError(
+            f"--scene {options.scene}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]' ({error})"
+        ) from error
+    scene = Path(options.scene)
+    pictures = [path_traced(scene, options.bsdf, file, options.tiling, options.samples) for file in options.files]
+    exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
+    still.write(options.out, np.concatenate(pictures, 1), exposure)
+    print(f"wrote {options.out}: {', '.join(file.name for file in options.files)}; exposure {exposure:.6g}")
+    return FINE
+
+
+def _check_limits(options: argparse.Namespace) -> None:
+    for name, (low, high) in LIMITS.items():
+        value = getattr(options, name)
+        if value is not None and not low <= value <= high:
+            raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
+
+
+def _scene(options: argparse.Namespace) -> "Scene":
+    from bench.demand import still
+    from bench.demand.scene import named_scene
+
+    for name in ("bsdf", "samples"):
+        if getattr(options, name) is not None:
+            raise InputError(f"--{name}: is of a Mitsuba scene, an .xml file; {options.scene} has one material")
+    scene = still.changed(named_scene(options.scene), options.lights, options.tiling, options.width)
+    if not 0 <= options.frame < len(scene.cameras):
+        raise InputError(f"--frame {options.frame}: {scene.name} has frames 0 to {len(scene.cameras) - 1}")
+    return scene

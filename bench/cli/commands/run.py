@@ -1,0 +1,149 @@
+"""run a suite: encode, write, decode, score, time, record, report
+
+A run that was stopped, by Ctrl-C, a kill or a full disk, goes on when the same command is given again.
+
+examples:
+  neubtf-bench run quick
+  neubtf-bench run quick --material satin --codec pca --codec neumip --set pca.components=24 --out runs/mine
+  neubtf-bench run standard --jobs 8
+"""
+
+import argparse
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.cli.commands import assignments, usable_device
+from bench.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
+
+if TYPE_CHECKING:
+    from bench.runs.executors import Workers
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("suite", nargs="?", default="quick", help="a built-in suite or a TOML file (default: quick)")
+    parser.add_argument("--out", type=Path, help="the run's folder (default: runs/SUITE)")
+    parser.add_argument(
+        "--material", action="append", default=[], help="only this material, by name or path; repeatable"
+    )
+    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument("--metric", action="append", default=[], help="score with this metric too; repeatable")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
+    parser.add_argument("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
+    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    parser.add_argument("--demand", help="judge by a scene too, and fit to it where a codec has scene=true: an .npz")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    parser.add_argument("--seed", type=int, help="run this one seed instead of the suite's")
+    parser.add_argument("--fresh", action="store_true", help="fit and score again what is already there")
+    parser.add_argument("--retry-failed", action="store_true", help="try jobs again that failed before")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        metavar="N",
+        help="this many jobs at once, each in a process, and on a GPU, of its own; 0: one a core (default: 1)",
+    )
+    parser.add_argument(
+        "--max-seconds", type=float, metavar="S", help="a job that takes longer has failed (default: no limit)"
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="jobs on the workers of a Dask scheduler, by its address or the .json file it wrote",
+    )
+    parser.add_argument(
+        "--resource",
+        action="append",
+        default=[],
+        metavar="NAME=COUNT",
+        help="what a job takes of a Dask worker, as GPU=1; repeatable",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console
+    from bench.runs import runner
+    from bench.runs.suite import described_changes, load_suite, with_changes, with_metrics
+
+    changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
+    changes |= {"data.repair": "true"} if options.repair else {}
+    suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
+    suite = with_metrics(suite, options.metric)
+    if options.demand:
+        suite = replace(suite, demand=options.demand)
+    folder = options.out or Path("runs") / suite.name
+    device = options.device if options.scheduler else usable_device(options.device)
+    workers = _workers(options, suite.threads)
+    outcomes: list[runner.Outcome] = []
+    with Console() as console:
+        for line in described_changes(suite, changes):
+            console.say(line)
+        settings = runner.Options(
+            folder, device, options.fresh, options.retry_failed, console.show, console.say, workers
+        )
+        try:
+            for outcome in runner.run(suite, settings):
+                outcomes.append(outcome)
+                console.ended(outcome)
+        except KeyboardInterrupt:
+            console.say(_summary(outcomes))
+            total = len(suite.cells)
+            console.say(f"interrupted: {len(outcomes)} of {total} jobs are done; the same command goes on: {folder}")
+            return INTERRUPTED
+        from reports import write_report
+
+        console.show("drawing tables, figures and pages", 0, 1)
+        written = write_report(folder)
+        console.show("drawing tables, figures and pages", 1, 1)
+    console.say(written.text)
+    console.say(_summary(outcomes))
+    console.say(f"records, files, tables and pictures: {folder}")
+    return _verdict([outcome.record["status"] for outcome in outcomes])
+
+
+def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]] | None":
+    """Where jobs run; None where the runner decides."""
+    from bench.runs import executors
+
+    if options.resource and not options.scheduler:
+        raise InputError("--resource: for the workers of a Dask --scheduler only")
+    if options.max_seconds is not None and options.scheduler:
+        raise InputError("--max-seconds: not with a --scheduler, whose workers this process cannot end")
+    if options.scheduler:
+        if options.jobs != 1:
+            raise InputError("--jobs, --scheduler: give one of them; the scheduler knows how many workers it has")
+        return partial(executors.dask, options.scheduler, _resources(options.resource))
+    jobs = options.jobs or max(1, len(os.sched_getaffinity(0)) // threads)
+    if jobs == 1 and options.max_seconds is None:
+        return None
+    return partial(executors.processes, jobs, threads, options.device, options.max_seconds)
+
+
+def _resources(words: list[str]) -> dict[str, float]:
+    try:
+        return {name: float(count) for name, count in (word.split("=") for word in words)}
+    except ValueError:
+        raise InputError(f"--resource {' '.join(words)}: write NAME=COUNT, as GPU=1") from None
+
+
+def _summary(outcomes: list[Any]) -> str:
+    cached = [outcome.cached for outcome in outcomes]
+    status = [outcome.record["status"] for outcome in outcomes]
+    words = [f"{len(outcomes)} jobs: {status.count('ok')} ok"]
+    words += [f"{status.count(word)} {text}" for word, text in _WORDS.items() if word in status]
+    if any(cached):
+        words += [f"{cached.count('record')} cached whole, {cached.count('file')} scored again from cached files"]
+    return "; ".join(words) + ("" if not any(cached) else " (--fresh runs them anew); timings are new")
+
+
+_WORDS = {"failed": "failed (see the records; --retry-failed tries again)", "unavailable": "not available"}
+
+
+def _verdict(status: list[str]) -> int:
+    if "failed" in status:
+        return FAILED
+    return FINE if "ok" in status else NOTHING

@@ -1,0 +1,66 @@
+"""score a codec file against its BTF: bytes, and quality of what it decodes to
+
+The file may come from `neubtf-bench encode`, from a run, or from elsewhere. BTF is what it was encoded from: a built-in
+material or a path, with the same `--set data.KEY=VALUE`. Numbers are those that a run records.
+
+examples:
+  neubtf-bench score satin.nbtf satin
+  neubtf-bench score small.nbtf satin --set data.size=32 --json small.json
+"""
+
+import argparse
+from pathlib import Path
+
+from bench.cli.commands import assignments, threads, usable_device
+from bench.errors import FINE, InputError
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, help="the codec file")
+    parser.add_argument("btf", metavar="BTF", help="what it was encoded from: a built-in material or a path")
+    parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how the BTF is prepared")
+    parser.add_argument("--demand", type=Path, help="judge by a scene too, an .npz of `neubtf-bench demand`")
+    parser.add_argument("--threads", type=threads, default=1, help="CPU threads of the decoder (default: 1)")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write every number as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console
+    from bench.codecs.container import read_header
+    from bench.data.open import open_named
+    from bench.runs.library import score
+    from reports import score_text
+
+    changes = assignments(options.set)
+    if foreign := next((key for key in changes if not key.startswith("data.")), None):
+        raise InputError(f"--set {foreign}: the file has its codec's settings already; only data.KEY can be set here")
+    read_header(options.file)  # a file that is none is said before anything is rendered
+    with Console() as console:
+        btf = open_named(options.btf, changes, console.show)
+        found = score(
+            options.file,
+            btf,
+            demand=options.demand,
+            threads=options.threads,
+            device=usable_device(options.device),
+            show=console.show,
+        )
+    label = " ".join([found["codec"], *(f"{key}={value}" for key, value in found["settings"].items())])
+    job = {"kind": "job", "job": str(options.file), "material": btf.name, "label": label, "status": "ok", "run": ""}
+    print(score_text(job | found))
+    if options.json:
+        _write(options.json, found)
+    return FINE
+
+
+def _write(path: Path, found: dict[str, object]) -> None:
+    import json
+
+    from bench.atomic import write
+
+    try:
+        write(path, json.dumps(found, indent=2, allow_nan=False).encode())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}): choose another --json") from error
+    print(f"wrote {path}")

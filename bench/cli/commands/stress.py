@@ -1,0 +1,144 @@
+"""try codecs on extremes of data, queries, precision and training, and print what breaks
+
+Every installed codec is tried, or those of --codec, and every metric and loss on extreme pictures. Rows are extremes,
+columns codecs; a cell is pass, FAIL with the figure that is wrong, or n/a with the reason below. Records go to --out,
+and every report beside it shows them. --query and --data try one drawn case again, as a failure prints it.
+
+examples:
+  neubtf-bench stress
+  neubtf-bench stress --codec my-codec --case constant --out runs/constant
+"""
+
+import argparse
+import os
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.errors import FINE, NO, InputError
+from bench.records import STRESS
+
+if TYPE_CHECKING:
+    from bench.records import Record
+    from bench.runs.executors import Workers
+
+
+MOST = 81  # directions of a side to draw from
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument("--case", action="append", default=[], metavar="NAME", help="only this extreme; repeatable")
+    parser.add_argument("--cheap", action="store_true", help="only the extremes that `check` tries, too")
+    parser.add_argument("--list", action="store_true", help="list the extremes and what must hold, and try nothing")
+    parser.add_argument("--out", type=Path, default=Path("runs") / STRESS, help="its folder (default: runs/stress)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="at once (default: cores)")
+    parser.add_argument("--format", default="text", choices=["text", "markdown"], help="of the tables that are printed")
+    parser.add_argument("--query", metavar="NUMBERS", help='ask one query: "u v ω_o ω_i footprint", nine numbers')
+    parser.add_argument(
+        "--data", metavar="NUMBERS", help='try one drawn material: "height width views lights exponent seed"'
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    if options.list:
+        return _list()
+    if options.query or options.data:
+        return _again(options)
+    from bench import records
+    from bench.cli.console import Console
+    from bench.conformance.stability import run as stress
+    from bench.runs.provenance import provenance
+    from reports import stress_text
+
+    codecs, cases = stress.chosen(options.codec, options.case)
+    cases = [case for case in cases if case.cheap or not options.cheap]
+    _make(options.out)
+    records.append(options.out, {"kind": "run", "suite": "stress", "device": "cpu"} | provenance())
+    found: list[Record] = []
+    with Console() as console, _workers(options.jobs, len(codecs)) as workers:
+        for record in _all(stress.run(codecs, cases, workers, console.show), pictures=not options.case):
+            records.append(options.out, record)
+            found.append(record)
+    print(stress_text(found, options.format))
+    verdicts = [record["verdict"] for record in found]
+    print(f"{verdicts.count('pass')} pass, {verdicts.count('fail')} fail, {verdicts.count('n/a')} n/a: {options.out}")
+    return NO if "fail" in verdicts else FINE
+
+
+def _all(of_codecs: "Iterator[Record]", pictures: bool) -> "Iterator[Record]":
+    from bench.conformance.stability.run import picture_records
+
+    yield from of_codecs
+    if pictures:
+        yield from picture_records()
+
+
+def _workers(jobs: int, codecs: int) -> "AbstractContextManager[Workers]":
+    from bench.runs.executors import in_process, processes
+
+    count = min(jobs, 2 * codecs)
+    return in_process() if count == 1 else processes(count, threads=1)
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}): choose another --out") from error
+
+
+def _list() -> int:
+    from bench.conformance.stability import CASES, metrics
+
+    width = max(len(case.name) for case in CASES)
+    for case in CASES:
+        print(f"{case.group:<10}  {case.name:<{width}}  {case.holds}")
+    for picture in metrics.CASES:
+        print(f"{'pictures':<10}  {picture.name:<{width}}  {picture.holds}")
+    return FINE
+
+
+def _again(options: argparse.Namespace) -> int:
+    """Try one query or one drawn material on each codec, as a failed property prints it."""
+    import tempfile
+
+    from bench.codecs.registry import load_codec
+    from bench.conformance.check import CheckError
+    from bench.conformance.stability.case import subject_of
+    from bench.conformance.stability.properties import data_hold, query_holds
+    from bench.conformance.stability.run import chosen
+
+    queries = _numbers("--query", options.query, float)
+    data = _numbers("--data", options.data, int)
+    if data and (min(data[:4]) < 1 or max(data[2:4]) > MOST):
+        raise InputError(f"--data {options.data!r}: at least one texel and pair, at most {MOST} views and lights")
+    failed = False
+    for name in chosen(options.codec, [])[0]:
+        with tempfile.TemporaryDirectory() as folder:
+            subject = subject_of(load_codec(name), Path(folder))
+            try:
+                answers: list[Any] = [query_holds(subject, queries)] if queries else []
+                answers += [data_hold(subject, data)] if data else []
+                print(f"pass  {name}: {', '.join(map(str, answers))}")
+            except InputError:
+                raise
+            except Exception as error:  # whatever a codec raises is its failure
+                failed = True
+                what = error if isinstance(error, CheckError) else f"{type(error).__name__}: {error}"
+                print(f"FAIL  {name}: {what}")
+    return NO if failed else FINE
+
+
+def _numbers(option: str, text: str | None, kind: type) -> list[Any]:
+    if text is None:
+        return []
+    try:
+        numbers = [kind(word) for word in text.replace(",", " ").split()]
+    except ValueError as error:
+        raise InputError(f"{option} {text!r}: {error}: give numbers with spaces between them") from error
+    wanted = 9 if option == "--query" else 6
+    if len(numbers) != wanted:
+        raise InputError(f"{option} {text!r}: has {len(numbers)} numbers: it takes {wanted}")
+    return numbers

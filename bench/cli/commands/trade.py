@@ -1,0 +1,56 @@
+"""measure what each setting, execution and precision gives up in quality for speed and bytes
+
+examples:
+  neubtf-bench trade --material satin
+  neubtf-bench trade --material satin --codec neumip
+  neubtf-bench trade --material satin --codec pca --noise
+"""
+
+import argparse
+from pathlib import Path
+
+from bench.cli.commands import assignments, usable_device
+from bench.errors import FAILED, FINE, NOTHING
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("suite", nargs="?", default="trade", help="a built-in suite or a TOML file (default: trade)")
+    parser.add_argument("--out", type=Path, help="the run's folder (default: runs/SUITE)")
+    parser.add_argument("--material", action="append", default=[], help="this material, by name or path; repeatable")
+    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    parser.add_argument("--full", action="store_true", help="time batches up to 2^22, half an hour more")
+    parser.add_argument(
+        "--emulated", action="store_true", help="measure precisions that the processor only emulates too"
+    )
+    parser.add_argument(
+        "--noise",
+        action="store_true",
+        help="path-trace each file with Mitsuba: samples and seconds to 1 %% noise, a minute or two a file more",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench.cli.console import Console
+    from bench.runs.runner import Options
+    from bench.runs.suite import described_changes, load_suite, with_changes
+    from bench.runs.trade import run_and_measure
+
+    changes = assignments(options.set)
+    suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, None)
+    folder = options.out or Path("runs") / suite.name
+    device = usable_device(options.device)
+    with Console() as console:
+        for line in described_changes(suite, changes):
+            console.say(line)
+        run_options = Options(folder, device, show=console.show)
+        states = run_and_measure(suite, run_options, console.ended, options.full, options.emulated, options.noise)
+        if "ok" not in states:
+            return NOTHING
+        from reports import table_text, write_report
+
+        files = write_report(folder).files
+        console.say(table_text(folder, kind="trade"))
+        console.say("\n".join(f"wrote {path}" for path in files))
+    return FAILED if "failed" in states else FINE

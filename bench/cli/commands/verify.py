@@ -1,0 +1,59 @@
+"""decode and score every codec file of an archive anew on this machine, and say what agrees
+
+Nothing in an archive is run or installed. A codec from elsewhere must be installed here first; otherwise its jobs are
+named, with version and hash, and not verified. What was measured here is written as a run, which `table`, `compare` and
+`results add` read: nothing that is only claimed, such as the seconds of a fit. Measured data are looked for under
+NEUBTF_DATA, or where you say.
+
+examples:
+  neubtf-bench verify mine.zip
+  neubtf-bench verify mine.zip --material carpet=/data/carpet07.btf
+  neubtf-bench results add runs/mine docs/results/quick.jsonl
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+from bench.cli.commands import assignments
+from bench.errors import FINE, NO, NOTHING, InputError
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("archive", type=Path, help="an archive of `neubtf-bench submit`")
+    parser.add_argument("--material", action="append", default=[], metavar="NAME=PATH", help="where its data are here")
+    parser.add_argument("--out", type=Path, help="the folder of the run to write (default: runs/NAME)")
+
+
+def run(options: argparse.Namespace) -> int:
+    import tempfile
+
+    from tabulate import tabulate
+
+    from bench.cli.console import Console
+    from bench.records import FILE
+    from bench.runs.archive import AGREES, DIFFERS, unpack, verify
+
+    folder = options.out or Path("runs") / options.archive.stem
+    if (folder / FILE).exists():
+        raise InputError(f"--out {folder}: there is a run already: name another folder")
+    places = assignments(options.material, "--material", "NAME=PATH")
+    with tempfile.TemporaryDirectory(prefix="neubtf-verify-") as scratch, Console() as console:
+        try:
+            submitted = unpack(options.archive, Path(scratch))
+        except InputError as error:
+            raise InputError(_told(str(error), scratch, options.archive)) from error
+        folder.mkdir(parents=True, exist_ok=True)
+        found = list(verify(submitted, folder, console.show, places))
+    rows = [(each.job, each.verdict, _told(each.why, scratch, options.archive)) for each in found]
+    print(tabulate(rows, ["job", "verdict", ""], "simple"))
+    counts = {word: sum(each.verdict == word for each in found) for word in dict.fromkeys(v.verdict for v in found)}
+    print(f"\n{', '.join(f'{count} {word}' for word, count in counts.items())}; measured here: {folder}")
+    if DIFFERS in counts:
+        return NO
+    return FINE if AGREES in counts else NOTHING
+
+
+def _told(message: str, scratch: str, archive: Path) -> str:
+    """A message that names the archive instead of the folder that it was unpacked to, which is gone by now."""
+    return message.replace(f"{scratch}{os.sep}", f"{archive}: ").replace(scratch, str(archive))

@@ -1,0 +1,84 @@
+"""show codec files as live materials, in a page for the browser
+
+Plane, sphere and drape; camera and light to drag; two files, or a file and its BTF, side by side. The page holds
+everything that it shows: it needs neither a server nor a network.
+
+examples:
+  neubtf-bench view satin.nbtf --truth satin
+  neubtf-bench view small.nbtf large.nbtf -o compare.html
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.cli.commands import assignments
+from bench.errors import FINE, InputError
+
+if TYPE_CHECKING:
+    from bench.codec import Progress
+    from bench.codecs.loading import Loaded
+    from bench.runs.drawing import Drawable
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="codec files to look at")
+    parser.add_argument("--truth", metavar="BTF", help="the BTF beside them: a built-in material or a path")
+    parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how --truth is prepared")
+    parser.add_argument("-o", "--out", type=Path, help="write the page here, and open nothing")
+
+
+def run(options: argparse.Namespace) -> int:
+    import tempfile
+    import webbrowser
+
+    from bench import atomic
+
+    text = _page(options)
+    out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
+    atomic.write(out, text.encode())
+    print(f"{out}: {len(text) / 1e6:.1f} MB")
+    if not options.out and not webbrowser.open(out.as_uri()):
+        raise InputError(f"no browser could be opened: open {out} by hand, or choose a place with -o")
+    return FINE
+
+
+def _page(options: argparse.Namespace) -> str:
+    from bench.cli.console import Console
+    from bench.codecs.loading import load
+    from bench.data.open import open_named
+    from bench.runs.drawing import drawable_truth
+    from reports.viewer.page import Model, page
+
+    if options.set and not options.truth:
+        raise InputError("--set: says how --truth is prepared: name it, too")
+    changes = assignments(options.set)
+    with Console() as console:
+        models, shown = [], None
+        if options.truth:
+            btf = open_named(options.truth, changes, console.show)
+            truth = drawable_truth(btf, console.show)
+            note = "truth: the training pairs, interpolated between directions"
+            models, shown = [Model(f"{btf.name}, truth", truth.program, truth.exposure, note)], truth.exposure
+        for file in map(load, options.files):
+            found, note = _drawn(file, console.show)
+            shown = shown or found.exposure  # one exposure for all, so that brightness can be compared
+            label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
+            models.append(Model(label, found.program, shown, note))
+        return page(options.truth or options.files[0].stem, models)
+
+
+def _drawn(file: "Loaded", show: "Progress") -> "tuple[Drawable, str]":
+    """What a file decodes to and a note on it; its baked slices where no shader can do what it does."""
+    from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
+    from reports.shaders.dialects import GLSL
+    from reports.shaders.generator import shader
+
+    try:
+        found = drawable(file.material)
+        shader(found.program, GLSL)
+    except InputError as error:
+        name = file.header.path.stem
+        note = f"{name} is baked: its slices at {BAKED} × {BAKED} pairs, interpolated between directions, since {error}"
+        return drawable_truth(baked(file.material, name, show), show), note
+    return found, ""

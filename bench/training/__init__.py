@@ -1,0 +1,79 @@
+"""What learned codecs are made of: networks, inputs, latents, fits, stored precision. Codecs import from here alone."""
+
+from bench.training.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
+from bench.training.fitting import (
+    Batch,
+    DivergedError,
+    Loss,
+    Objective,
+    Samples,
+    display_psnr,
+    distance,
+    gain_of,
+    rate,
+    train,
+)
+from bench.training.frames import Frames
+from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.optimiser import Optimiser, groups_of
+from bench.training.quantise import (
+    HALF_PEAKS,
+    Precision,
+    WeightPrecision,
+    half_scale,
+    pack,
+    pack_bits,
+    unpack,
+    unpack_bits,
+)
+from bench.training.reading import blocks
+from bench.training.start import RANDOM_SPREAD, Start, components, first_latents
+from bench.training.svd import Factors, strongest, truncated_svd
+from bench.training.texture_fit import DirectedObjective, FitSettings, TextureObjective
+from bench.training.texture_material import TextureMaterial
+
+__all__ = [
+    "COUNTS",
+    "HALF_PEAKS",
+    "LEAK",
+    "RANDOM_SPREAD",
+    "Activation",
+    "Architecture",
+    "Batch",
+    "Decoder",
+    "DirectedObjective",
+    "Directions",
+    "DivergedError",
+    "Factors",
+    "FitSettings",
+    "Frames",
+    "Loss",
+    "Network",
+    "Objective",
+    "Optimiser",
+    "Precision",
+    "Samples",
+    "Start",
+    "TextureMaterial",
+    "TextureObjective",
+    "WeightPrecision",
+    "blocks",
+    "components",
+    "direction_inputs",
+    "display_psnr",
+    "distance",
+    "first_latents",
+    "gain_of",
+    "groups_of",
+    "half_scale",
+    "load_vector",
+    "pack",
+    "pack_bits",
+    "rate",
+    "strongest",
+    "to_vector",
+    "train",
+    "truncated_svd",
+    "unpack",
+    "unpack_bits",
+]

@@ -1,0 +1,191 @@
+"""The small network of every learned codec, in one class, so that counting, timing and export are written once.
+
+NeuBTF's renderer, Rainer's decoders and NeuMIP's two networks are settings of it; see `Architecture`.
+"""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.material import sample_texture, saturated
+
+Activation = Literal["relu", "leaky-relu", "sine"]
+
+FREE = 1 << 22  # weights that any network may have, however few numbers its file holds
+_most: ContextVar[int | None] = ContextVar("_most", default=None)  # weights of a network that is being decoded
+LEAK = 0.01  # slope of the leaky ReLU below 0
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """The shape of a network: `inputs` numbers → hidden layers of `widths` → `outputs` numbers, the last layer linear.
+
+    A hidden layer is linear → layer norm with gain and offset, if `norm` → activation; `omega` is the sine's frequency.
+    With `residual`, a hidden layer whose input has its own width adds that input.
+    """
+
+    inputs: int
+    widths: tuple[int, ...]
+    outputs: int = 3
+    activation: Activation = "relu"
+    omega: float = 1.0
+    norm: bool = False
+    residual: bool = False
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """The widths of all layers, from the inputs to the outputs."""
+        return (self.inputs, *self.widths, self.outputs)
+
+    @property
+    def parameters(self) -> int:
+        """Trainable numbers: weights and biases, and two a channel of each layer norm."""
+        linear = sum(a * b + b for a, b in pairwise(self.sizes))
+        return linear + (2 * sum(self.widths) if self.norm else 0)
+
+    @property
+    def flops(self) -> int:
+        """Operations of one sample, a fused multiply-add counted as two.
+
+        An activation counts as one a channel and a layer norm as eight: mean, variance, two of each to apply.
+        """
+        linear = sum(2 * a * b for a, b in pairwise(self.sizes))
+        added = sum(b for a, b in zip(self.sizes, self.widths, strict=False) if self.residual and a == b)
+        return linear + added + sum(self.widths) * (9 if self.norm else 1)
+
+
+class Network(nn.Module):
+    """The protocol of a network (n, inputs) → (n, outputs): a `Decoder`, or an execution's replacement of it."""
+
+    def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
+        """The outputs for a texture (H, W, C) at uv (n, 2), bilinear, followed by the numbers `first` and `second`."""
+        outputs: Tensor = self(torch.cat([sample_texture(texture, uv), first, second], 1))
+        return outputs
+
+
+class Decoder(Network):
+    """The network of an architecture: (n, inputs) → (n, outputs). Initialised from a generator, in float32.
+
+    Sine layers start as in SIREN (Sitzmann et al., "Implicit neural representations with periodic activation
+    functions", 2020, section 3.2), the others after He et al. 2015; the last layer is drawn like a hidden one, its bias
+    is 0. A layer norm starts with gain 1 and offset 0.
+    """
+
+    def __init__(self, architecture: Architecture, generator: torch.Generator | None = None):
+        super().__init__()
+        most = _most.get()
+        if most is not None and architecture.parameters > most:
+            raise ValueError(f"a network of {architecture.parameters:,} weights, and its file holds fewer numbers")
+        self.architecture = architecture
+        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(architecture.sizes))
+        self.norms = nn.ModuleList(nn.LayerNorm(b) for b in architecture.widths) if architecture.norm else None
+        with torch.no_grad():
+            for depth, layer in enumerate(self.layers):
+                _initialise(layer, architecture, depth, generator)
+
+    @torch.no_grad()
+    def start_at(self, outputs: Tensor) -> None:
+        """Set the last layer to output `outputs` (outputs,) for any input: its bias is `outputs`, its weights are 0.
+
+        A fit that starts at the mean of its data converges sooner than from random outputs, and a constant material is
+        exact from the start.
+        """
+        last = self.layers[-1]
+        assert isinstance(last, nn.Linear)
+        last.weight.zero_()
+        last.bias.copy_(outputs)
+
+    def hidden_matrices(self) -> list[Tensor]:
+        """The weights between hidden layers: see `bench.training.optimiser`."""
+        return [layer.weight for layer in self.layers[1:-1] if isinstance(layer, nn.Linear)]
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Outputs (n, outputs) of inputs (n, inputs), in their dtype; between them all is in that of the weights."""
+        x = inputs.to(next(self.parameters()).dtype)
+        for depth, layer in enumerate(self.layers[:-1]):
+            hidden = self._activate(saturated(layer(x)) if self.norms is None else self._normed(x, depth))
+            if self.architecture.residual and x.shape == hidden.shape:
+                hidden = saturated(x + hidden if hidden.requires_grad else hidden.add_(x))
+            x = hidden
+        return saturated(self.layers[-1](x)).to(inputs.dtype)
+
+    def _normed(self, x: Tensor, depth: int) -> Tensor:
+        """Apply a linear layer and its norm; without gradients, in fewer passes over the samples.
+
+        Without gradients the mean is removed from the weights beforehand, not from each output; half precision would
+        round it.
+        """
+        assert self.norms is not None
+        layer, norm = self.layers[depth], self.norms[depth]
+        assert isinstance(layer, nn.Linear)
+        assert isinstance(norm, nn.LayerNorm)
+        if torch.is_grad_enabled() or x.dtype.itemsize < 4:
+            normed: Tensor = norm(saturated(layer(x)))
+            return saturated(normed)
+        hidden = functional.linear(x, layer.weight - layer.weight.mean(0), layer.bias - layer.bias.mean())
+        length = torch.linalg.vector_norm(hidden, dim=1, keepdim=True)
+        hidden *= length.square_().div_(hidden.shape[1]).add_(norm.eps).rsqrt_()
+        return torch.addcmul(norm.bias, hidden, norm.weight, out=hidden)
+
+    def _activate(self, x: Tensor) -> Tensor:
+        """Apply the activation to a layer's outputs; in place where no gradient needs them, to save memory."""
+        free = not x.requires_grad
+        match self.architecture.activation:
+            case "sine":
+                if self.architecture.omega != 1:
+                    x = saturated(x.mul_(self.architecture.omega) if free else x * self.architecture.omega)
+                return x.sin_() if free else x.sin()
+            case "leaky-relu":
+                return functional.leaky_relu(x, LEAK, inplace=free)
+            case "relu":
+                return functional.relu(x, inplace=free)
+
+
+def _initialise(layer: nn.Module, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:
+    assert isinstance(layer, nn.Linear)
+    bound = math.sqrt(6 / layer.in_features)
+    if architecture.activation == "sine":
+        bound = 1 / layer.in_features if depth == 0 else bound / architecture.omega
+    layer.weight.uniform_(-bound, bound, generator=generator)
+    layer.bias.zero_()
+    if depth < len(architecture.widths):
+        # Random biases spread the kinks, or the phases, of a layer over its inputs.
+        spread = 1 / math.sqrt(layer.in_features)
+        layer.bias.uniform_(-spread, spread, generator=generator)
+
+
+@contextmanager
+def decoding(numbers: int) -> Iterator[None]:
+    """Refuse, by a `ValueError`, any `Decoder` of more weights than a file of so many numbers can hold.
+
+    A network is built from the settings in a file's header before its weights are read, and settings cost no bytes.
+    """
+    token = _most.set(max(FREE, numbers))
+    try:
+        yield
+    finally:
+        _most.reset(token)
+
+
+def to_vector(*networks: nn.Module) -> Tensor:
+    """Concatenate all parameters of some networks to one tensor, as a codec file stores them."""
+    return torch.cat([p.detach().reshape(-1) for network in networks for p in network.parameters()])
+
+
+def load_vector(vector: Tensor, *networks: nn.Module) -> None:
+    """The inverse of `to_vector`, from any float dtype. Raises `ValueError` where the count differs."""
+    parameters = [p for network in networks for p in network.parameters()]
+    wanted = sum(p.numel() for p in parameters)
+    if vector.shape != (wanted,):
+        raise ValueError(f"the networks have {wanted} parameters, the file {tuple(vector.shape)}")
+    with torch.no_grad():
+        for p, values in zip(parameters, vector.split([p.numel() for p in parameters]), strict=True):
+            p.copy_(values.reshape(p.shape))

@@ -1,0 +1,369 @@
+"""Fits learned codecs: seeded random samples of a BTF, and one training loop for every network.
+
+The loop uses Adam (Kingma and Ba 2015) with a linear warm-up and a cosine decay to 0, a budget in steps, a curve of
+PSNR over steps and seconds, a state on disk to resume from, and a guard against divergence. The same seed, machine,
+versions and threads give the same parameters, whether or not the fit was interrupted.
+"""
+
+import logging
+import math
+import time
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+from safetensors.torch import load_file
+from safetensors.torch import save as serialise
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench import atomic
+from bench.btf import BTF, box_filter
+from bench.codec import REMARK, Fit
+from bench.errors import InputError
+from bench.material import keep_buffers
+from bench.metrics.display import LOG_SCALE, exposure, to_display
+from bench.metrics.psnr import psnr as decibels
+from bench.training.optimiser import Optimisers
+
+if TYPE_CHECKING:
+    from bench.density import Density
+
+log = logging.getLogger(__name__)
+
+MEMORY_LIMIT = 640 << 20  # bytes of log radiance kept in memory; a larger BTF is read batch by batch
+COARSE_PAIRS = 2_048  # of a larger BTF, whose coarser levels of detail are kept
+PROBE = 8_192  # samples for the PSNR of the curve
+POINTS = 25  # of the curve
+WARMUP = 100  # steps, or a tenth of a short fit
+KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
+SHOW_SECONDS = 1.0  # between two moves of the progress bar
+SAVE_SECONDS = 5.0  # least seconds between two states on disk: the loss of a killed fit, beside KEEP_EVERY steps
+RESCUES = 3
+GAIN = 0.02  # dB: a fit that gains less within its patience ends
+AWAY = 10.0  # root mean square error of log radiance of a diverged fit: a factor of 22,000
+
+Loss = Literal["l1", "l2", "both"]
+
+
+class DivergedError(RuntimeError):
+    """A fit diverged, and again after each remedy."""
+
+
+def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
+    """The mean distance of two log radiances: absolute, squared, or the sum of both."""
+    match loss:
+        case "l1":
+            return functional.l1_loss(ours, target)
+        case "l2":
+            return functional.mse_loss(ours, target)
+        case "both":
+            return functional.l1_loss(ours, target) + functional.mse_loss(ours, target)
+
+
+class Batch(NamedTuple):
+    """Random samples of a BTF: texel (n,) as row · W + column, pair (n,), and log radiance (n, 3).
+
+    `pair` indexes `Samples.wo` and `wi`: a pair, or in a fit to a scene a direction between pairs.
+    """
+
+    texel: Tensor
+    pair: Tensor
+    target: Tensor
+
+
+class Samples:
+    """A BTF as log radiance, log1p(gain · radiance), for random reads; negative radiance counts as 0.
+
+    Within `MEMORY_LIMIT` it is read once, slice by slice, and kept as half floats, whose rounding (5e-4 of a value) is
+    far below any codec's error. `gain` is 8 × exposure: see `gain_of`.
+    """
+
+    density: "Density | None" = None  # of the scene, in a fit to one
+
+    def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
+        self.btf, self.gain, self.device = btf, gain, fit.device
+        self.shape, self.pairs = btf.shape, len(btf)
+        self.texels = btf.shape[0] * btf.shape[1]
+        self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
+        self.density = fit.density
+        if self.density:  # the scene's directions follow those of the pairs
+            self.wo = torch.cat([self.wo, self.density.wo.to(fit.device)])
+            self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
+        self.kept: Tensor | None = None  # (texels, pairs, 3)
+        if 6 * self.texels * self.pairs <= memory_limit:
+            self.kept = _filled({1: self}, fit.progress(btf, total=len(btf)))[0].to(fit.device)
+
+    @classmethod
+    def levels(cls, btf: BTF, count: int, gain: float, fit: Fit) -> "list[Samples]":
+        """The samples of the BTF at each level of detail, box-filtered over 2^level texels, by level.
+
+        The levels that fit into memory are made in one reading. Where the finest does not fit, the others are of
+        `COARSE_PAIRS` random pairs: reading a whole measurement takes minutes.
+        """
+        found = {1: cls(btf, gain, fit, memory_limit=0)}
+        if 6 * btf.shape[0] * btf.shape[1] * len(btf) > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
+            btf = btf.subset(torch.randperm(len(btf), generator=fit.generator())[:COARSE_PAIRS].sort().values.numpy())
+        found |= {2**level: cls(btf.downsample(2**level), gain, fit, memory_limit=0) for level in range(1, count)}
+        small = {factor: each for factor, each in found.items() if 6 * each.texels * each.pairs <= MEMORY_LIMIT}
+        if small:
+            tables = _filled(small, fit.progress(btf, total=len(btf)))
+            for each, table in zip(small.values(), tables, strict=True):
+                each.kept = table.to(fit.device)
+        return list(found.values())
+
+    def _log(self, radiance: np.ndarray) -> Tensor:
+        return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: a source may be read-only
+
+    def draw(self, count: int, generator: torch.Generator) -> Batch:
+        """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
+        if self.density:
+            return self._between(*(drawn.to(self.device) for drawn in self.density.draw(count, self.shape, generator)))
+        flat = torch.randint(self.texels * self.pairs, (count,), generator=generator).to(self.device)
+        texel = flat.div(self.pairs, rounding_mode="floor")
+        return self.at(texel, flat - texel * self.pairs)
+
+    def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
+        """Draw a sample at each of some texels (n,), uniform over pairs; in a fit to a scene, by its density."""
+        if self.density:
+            _, *drawn = self.density.draw(len(texel), self.shape, generator)
+            return self._between(texel, *(each.to(self.device) for each in drawn))
+        return self.at(texel, torch.randint(self.pairs, (len(texel),), generator=generator).to(self.device))
+
+    def mean(self, generator: torch.Generator) -> Tensor:
+        """The mean log radiance (3,), of a random sample."""
+        return self.draw(PROBE, generator).target.mean(0)
+
+    def at(self, texel: Tensor, pair: Tensor) -> Batch:
+        """The samples at some texels and pairs, both (n,)."""
+        if self.kept is not None:
+            return Batch(texel, pair, self.kept.view(-1, 3)[texel * self.pairs + pair].float())
+        row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
+        return Batch(texel, pair, self._log(self.btf.gather(pair.cpu().numpy(), row, col)).to(self.device))
+
+    def _between(self, texel: Tensor, direction: Tensor, pair: Tensor, weight: Tensor) -> Batch:
+        """The samples at some texels (n,) and directions (n,), whose radiance is the weighted sum of pairs (n, k)."""
+        corners = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten()).target.unflatten(0, pair.shape)
+        return Batch(texel, direction, (corners.expm1() * weight[..., None]).sum(1).log1p())
+
+    def abrdfs(self, texel: Tensor) -> Tensor:
+        """The log ABRDFs (n, pairs, 3) of some texels (n,)."""
+        if self.kept is not None:
+            return self.kept[texel].float()
+        return self._log(self.btf.texels(*np.divmod(texel.cpu().numpy(), self.shape[1]))).to(self.device)
+
+    def slices(self, pair: Tensor) -> Tensor:
+        """The log radiance (texels, n, 3) of some pairs (n,)."""
+        if self.kept is not None:
+            return self.kept[:, pair.to(self.device)].float()
+        chosen = self.btf.subset(pair.cpu().numpy())
+        return torch.stack([self._log(picture).reshape(-1, 3) for picture in chosen], 1).to(self.device)
+
+    def centres(self, texel: Tensor) -> Tensor:
+        """uv (n, 2) of the centres of some texels (n,); see `bench.btf` for the frame."""
+        height, width = self.shape
+        row = texel.div(width, rounding_mode="floor")
+        return torch.stack([(texel - row * width + 0.5) / width, 1 - (row + 0.5) / height], 1)
+
+
+def _filled(levels: dict[int, Samples], pictures: Iterable[np.ndarray]) -> list[Tensor]:
+    """The log radiance (texels, pairs, 3) of samples, in halves, from pictures to be averaged over each's factor."""
+    tables = [torch.empty(each.texels, each.pairs, 3, dtype=torch.float16) for each in levels.values()]
+    for pair, picture in enumerate(pictures):
+        for (factor, each), table in zip(levels.items(), tables, strict=True):
+            table[:, pair] = each._log(picture if factor == 1 else box_filter(picture, factor)).reshape(-1, 3)
+    return tables
+
+
+def gain_of(btf: BTF, fit: Fit) -> float:
+    """The gain, 8 × the exposure of the training pairs; a codec predicts log1p(gain · radiance) and stores the gain."""
+    return LOG_SCALE * exposure(btf, fit.seed)
+
+
+class Objective(nn.Module):
+    """The objective of a fit: parameters, their learning rates, and the loss of one step. Each codec writes one.
+
+    State that must survive an interruption must be a parameter or a buffer.
+    """
+
+    def __init__(self, samples: Samples):
+        super().__init__()
+        self.samples = samples
+
+    def groups(self) -> list[dict[str, Any]]:
+        """Parameter groups, each with its highest learning rate, `lr`.
+
+        Muon steps a group with `hidden`, which holds matrices between hidden layers; Adam steps the others.
+        """
+        raise NotImplementedError
+
+    def rate(self, step: int, steps: int, group: int) -> float:
+        """The learning rate of a group at a step, as a share of its highest; each stage of a fit has its own curve."""
+        return rate(step, steps)
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) at the texels and pairs of a batch; `progress` goes from 0 to 1."""
+        raise NotImplementedError
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss of one step, a scalar; every random number comes from the generator, which lives on the CPU."""
+        raise NotImplementedError
+
+
+def display_psnr(level: Tensor, target: Tensor) -> float:
+    """Display-space PSNR in dB of log radiance against its target."""
+    ours, truth = (to_display((x.double().expm1() / LOG_SCALE).cpu().numpy(), 1.0) for x in (level, target))
+    # A constant material is fitted exactly; the curve then shows 120 dB, since a record cannot hold infinity.
+    return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
+
+
+def rate(step: int, steps: int) -> float:
+    """The share of the highest learning rate at a step: a linear warm-up, then a cosine from 1 to 0."""
+    warm = min(1.0, (step + 1) / (min(WARMUP, steps // 10) + 1))
+    return warm * (1 + math.cos(math.pi * step / steps)) / 2
+
+
+def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> float:
+    """Fit the parameters of an objective in place, in `steps` steps; return the share of the steps that were taken.
+
+    With a `patience` above 0 a fit ends early, once its curve gained less than `GAIN` dB in that many steps; the last
+    point of the curve then has `ended`.
+
+    If `fit.checkpoint` names a file, the state is saved there, and a fit resumes from an existing one; the caller
+    removes it once the result is stored. If the loss or a parameter is not finite, or the error exceeds `AWAY`, the
+    last good state is restored and the learning rate halved; the fourth time, `DivergedError` is raised.
+    `InputError` where the file on disk belongs to another fit.
+    """
+    if steps < 1:
+        raise InputError(f"a fit needs at least 1 step, not {steps}")
+    keep_buffers()
+    loop = _Loop(objective.to(fit.device), fit, steps)
+    loop.resume()
+    while loop.step < steps and not (patience and loop.flat(patience)):
+        loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
+    if loop.step < steps:
+        log.info("ended at step %d of %d: the curve is flat", loop.step, steps)
+        fit.history[-1]["ended"] = 1.0
+        fit.show(loop.label, steps, steps)
+    return loop.step / steps
+
+
+class _Loop:
+    """The state of a fit under way: parameters, the optimisers' moments, generator, step, halvings, and the curve."""
+
+    def __init__(self, objective: Objective, fit: Fit, steps: int):
+        self.objective, self.fit, self.steps = objective, fit, steps
+        self.generator = fit.generator()
+        self.optimisers = Optimisers(objective.groups(), fit.device)
+        self.highest, self.parameters = self.optimisers.highest, self.optimisers.parameters
+        self.step, self.halvings, self.curve = 0, 0, list[tuple[int, float, float]]()
+        self.probe = objective.samples.draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
+        self.started = self.saved = self.shown = time.perf_counter()
+        self.good = self._state()
+
+    def _tensors(self) -> dict[str, Tensor]:
+        """Every tensor that a step changes, by name; not copies."""
+        model = {f"model.{name}": value for name, value in self.objective.state_dict().items()}
+        return model | self.optimisers.tensors()
+
+    def _state(self) -> dict[str, Tensor]:
+        progress = torch.tensor([self.step, self.halvings])
+        curve = torch.tensor(self.curve, dtype=torch.float64).reshape(-1, 3)
+        loop = {"loop.progress": progress, "loop.curve": curve, "loop.generator": self.generator.get_state()}
+        return {name: value.detach().clone() for name, value in self._tensors().items()} | loop
+
+    def _restore(self, state: dict[str, Tensor]) -> None:
+        ours = self._tensors()
+        if {k: v.shape for k, v in ours.items()} != {k: v.shape for k, v in state.items() if k[:5] != "loop."}:
+            raise InputError(f"{self.fit.checkpoint}: the state of another fit: remove it")
+        with torch.no_grad():
+            for name, value in ours.items():
+                value.copy_(state[name])
+        self.generator.set_state(state["loop.generator"].cpu())
+        self.step, self.halvings = state["loop.progress"].tolist()
+        self.curve = [(int(step), seconds, psnr) for step, seconds, psnr in state["loop.curve"].tolist()]
+
+    def resume(self) -> None:
+        """Go on from the state on disk, where there is one, and show the progress."""
+        path = self.fit.checkpoint
+        if path is None or not path.exists():
+            self._show()
+            return
+        try:
+            self.good = load_file(path)
+        except Exception as error:  # safetensors raises its own types; the remedy is the same for all
+            raise InputError(f"{path}: not the state of a fit: remove it ({error})") from error
+        self._restore(self.good)
+        log.info("going on from step %d of %d: %s", self.step, self.steps, path)
+        for step, seconds, psnr in self.curve:
+            self.fit.log(step, seconds=seconds, psnr=psnr)
+        self.started -= self.curve[-1][1] if self.curve else 0.0
+        self._show()
+
+    @property
+    def label(self) -> str:
+        """The fit in a progress bar, with its latest PSNR."""
+        return "fitting" + (f"{REMARK}{self.curve[-1][2]:.1f} dB" if self.curve else "")
+
+    def _show(self) -> None:
+        self.fit.show(self.label, self.step, self.steps)
+        self.shown = time.perf_counter()
+
+    def flat(self, patience: int) -> bool:
+        """Whether the curve gained less than `GAIN` in the last `patience` steps."""
+        before = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
+        return bool(before) and max(psnr for _, _, psnr in self.curve) < max(before) + GAIN
+
+    def advance(self, end: int) -> None:
+        """Step up to `end`, then save the state, or go back to the last good one."""
+        total = torch.zeros((), device=self.fit.device)
+        while self.step < end:
+            shares = (self.objective.rate(self.step, self.steps, i) for i in range(len(self.highest)))
+            loss = self.objective.loss(self.generator, self.step / self.steps)
+            loss.backward()
+            self.optimisers.step(
+                [highest * share / 2**self.halvings for highest, share in zip(self.highest, shares, strict=True)]
+            )
+            total += loss.detach()
+            self.step += 1
+            if self.step < end and time.perf_counter() - self.shown >= SHOW_SECONDS:
+                self._show()
+        # A parameter that is not finite stays so, so checking once in a while misses nothing.
+        if not all(t.isfinite().all() for t in (total, *self.parameters)) or not self._measured():
+            self._rescue()
+            return
+        self._show()
+        self.good = self._state()
+        if self.fit.checkpoint and time.perf_counter() - self.saved >= SAVE_SECONDS:
+            state = {name: value.cpu() for name, value in self.good.items()}
+            atomic.write(self.fit.checkpoint, serialise(state))  # a killed process leaves the old state or the new one
+            self.saved = time.perf_counter()
+
+    def _rescue(self) -> None:
+        if self.halvings == RESCUES:
+            raise DivergedError(
+                f"the fit diverged {RESCUES + 1} times, the last near step {self.step}, at a learning rate of "
+                f"{self.highest[0] / 2**self.halvings:.2g}: choose a lower one"
+            )
+        failed, halvings = self.step, self.halvings + 1
+        self._restore(self.good)
+        self.halvings = halvings
+        log.warning("the fit diverged near step %d: back to step %d with half the learning rate", failed, self.step)
+
+    @torch.no_grad()
+    def _measured(self) -> bool:
+        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end; return False where it diverged.
+
+        Dead rectifiers or arbitrary sine outputs can diverge while every number is finite.
+        """
+        last = self.curve[-1][0] if self.curve else 0
+        if self.step < self.steps and self.step - last < self.steps / POINTS:
+            return True
+        level = self.objective.predict(self.probe, self.step / self.steps)
+        if not (level - self.probe.target).square().mean() <= AWAY**2:
+            return False
+        psnr, seconds = display_psnr(level, self.probe.target), time.perf_counter() - self.started
+        self.curve.append((self.step, seconds, psnr))
+        self.fit.log(self.step, seconds=seconds, psnr=psnr)
+        return True

@@ -1,0 +1,74 @@
+"""What the fits of a neural texture and a network by random samples have in common: their settings and a step."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from bench.settings import BatchSize, Natural, Positive
+from bench.training.decoder import Decoder
+from bench.training.fitting import Loss, Objective, Samples, distance
+from bench.training.inputs import direction_inputs
+from bench.training.optimiser import Optimiser, groups_of
+from bench.training.start import Start
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a neural texture and its network are fitted."""
+
+    steps: Natural = 2_500  # of the fit
+    batch: BatchSize = 4_096  # samples a step
+    patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
+    start: Start = "components"  # of the neural texture: principal components of the log ABRDFs, or random
+    optimiser: Optimiser = "muon"  # of the network's hidden matrices; all else is Adam's
+    hidden_rate: Positive = 2e-2  # highest learning rate of Muon
+    rate: Positive = 1e-2  # highest learning rate of the network
+    latent_rate: Positive = 1e-2  # highest learning rate of the neural texture
+    loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+
+
+class TextureObjective(Objective):
+    """A texture and a network, `network`, both free; a codec writes `predict`. Every other parameter is the texture's.
+
+    Each step takes the distance of `predict` at uniform random samples from the data.
+    """
+
+    network: nn.Module
+
+    def __init__(self, samples: Samples, settings: Any):
+        super().__init__(samples)
+        self.settings = settings
+
+    def groups(self) -> list[dict[str, Any]]:
+        settings = self.settings
+        network = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
+        ours = {id(p) for p in self.network.parameters()}
+        texture = [p for p in self.parameters() if id(p) not in ours]
+        return [*network, {"params": texture, "lr": settings.latent_rate}]
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        batch = self.samples.draw(self.settings.batch, generator)
+        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
+
+
+class DirectedObjective(TextureObjective):
+    """The same with a `Decoder` of `settings.architecture`, which sees a texel's numbers and `settings.directions`.
+
+    The network starts at the mean of the data; its weights are the first numbers that the generator gives.
+    """
+
+    directions: Tensor  # (pairs, directions)
+
+    def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
+        super().__init__(samples, settings)
+        self.network: Decoder = Decoder(settings.architecture, generator)
+        self.network.start_at(samples.mean(generator))
+        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
+        self.register_buffer("directions", seen, persistent=False)
+
+    def answers(self, numbers: Tensor, pair: Tensor) -> Tensor:
+        """Log radiance (n, 3) of texels' numbers (n, D) at pairs (n,)."""
+        level: Tensor = self.network(torch.cat([numbers, self.directions.index_select(0, pair)], 1))
+        return level

@@ -1,0 +1,101 @@
+import argparse
+import re
+from contextlib import nullcontext
+
+import pytest
+
+from bench import cli
+from bench.cli.commands import run as command
+from bench.records import load_run
+from bench.runs import runner
+
+SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
+WORDS = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--codec", "table", *SMALL]
+
+
+@pytest.fixture(autouse=True)
+def small(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+
+
+def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch, capsys):
+    work, calls = runner.work, []
+
+    def interrupted(task, show):
+        calls.append(task.name)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return work(task, show)
+
+    monkeypatch.setattr(runner, "work", interrupted)
+    words = [*WORDS, "--out", str(tmp_path / "run")]
+    assert cli.main(words) == 130
+    shown = capsys.readouterr()
+    assert "1 jobs: 1 ok" in shown.out
+    assert "interrupted: 1 of 2 jobs are done; the same command goes on" in shown.out
+    assert shown.err == ""
+    assert not (tmp_path / "run" / "lock").exists()
+    part = str(tmp_path / "part.jsonl")
+    assert cli.main(["results", "add", str(tmp_path / "run"), part]) == 0  # what is finished can be published
+    assert cli.main(["table", "main", part]) == cli.main(["table", "unfinished", part]) == 0
+    assert re.search(r"satin +table +not run +seed 0", capsys.readouterr().out)
+    assert cli.main(words) == 0
+    assert "2 jobs: 2 ok; 1 cached whole" in capsys.readouterr().out
+
+
+def test_a_metric_is_chosen_at_the_command_line_and_scored_from_the_cached_file(tmp_path, capsys):
+    words = [*WORDS, "--out", str(tmp_path / "run")]
+    assert cli.main(words) == 0
+    assert cli.main([*words, "--metric", "flip_hdr_67ppd"]) == 0
+    assert "2 scored again from cached files" in capsys.readouterr().out
+    job = load_run(tmp_path / "run").jobs[0]
+    assert 0 < job["scores"]["heldout"]["metrics"]["flip_hdr_67ppd_periodic"]["mean"] < 1
+    assert cli.main(["table", "main", str(tmp_path / "run")]) == 0
+    assert "HDR FLIP" in capsys.readouterr().out
+    assert cli.main([*words, "--metric", "flip_hdr"]) == 2
+    assert "--metric: no metric is named 'flip_hdr'" in capsys.readouterr().err
+
+
+def test_jobs_run_in_so_many_processes_of_the_threads_of_the_suite(tmp_path, capsys):
+    assert cli.main([*WORDS, "--out", str(tmp_path / "run"), "--jobs", "2"]) == 0
+    assert "2 jobs: 2 ok" in capsys.readouterr().out
+
+
+def test_as_many_jobs_as_cores(monkeypatch):
+    made = []
+    monkeypatch.setattr("bench.runs.executors.processes", lambda count, *_: made.append(count) or nullcontext())
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1, 2, 3})
+    options = argparse.Namespace(jobs=0, resource=[], max_seconds=None, scheduler=None, device="cpu")
+    for threads in (1, 2):
+        command._workers(options, threads)()
+    assert made == [4, 2]
+    assert command._workers(options, 4) is None  # one at a time: here, with bars
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--jobs", "-1"], "--jobs -1: must be at least 1"),
+        (["--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "give one of them"),
+        (["--resource", "GPU=1"], "for the workers of a Dask --scheduler only"),
+        (["--scheduler", "tcp://127.0.0.1:9", "--resource", "GPU"], "write NAME=COUNT"),
+    ],
+)
+def test_workers_that_make_no_sense_are_bad_usage(words, message, tmp_path, capsys):
+    assert cli.main([*WORDS, "--out", str(tmp_path / "run"), *words]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "run" / "records.jsonl").exists()
+
+
+def test_a_run_says_first_what_is_left_and_after_each_job_how_far_it_is(tmp_path, capsys):
+    assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
+    said = capsys.readouterr().out.splitlines()
+    jobs = [line for line in said if line.startswith("satin/")]
+    assert [line.split("(")[-1] for line in jobs] == ["1 of 2 jobs)", "2 of 2 jobs)"]
+    started = "2 jobs: 2 left, no estimate, since no fit of mean-colour, table is on record here"
+    assert said.index(started) < said.index(jobs[0])
+    assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
+    assert "2 jobs, all on record" in capsys.readouterr().out
+    assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "two")]) == 0  # a run beside it
+    assert re.search(r"2 jobs: 2 left, about .* of fits\n", capsys.readouterr().out)

@@ -1,0 +1,40 @@
+"""What `view` shows of a material that no shader can do."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.cli.commands.view import _drawn
+from bench.codec import silent
+from bench.hemisphere import thin, ubo2003
+from bench.material import DecoderCost, Material
+from reports.shaders.dialects import GLSL
+from reports.shaders.generator import shader
+from tests.reports.shaders.reader import answer
+
+
+class Sorting(Material):
+    """A sum over channels that grows from left to right, times the cosine of the light: `cumsum` is in no shader."""
+
+    def __init__(self) -> None:
+        super().__init__((4, 4), DecoderCost())
+        self.texture = torch.linspace(0.1, 0.9, 16).reshape(4, 4)
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        texel = self.texture[((1 - uv[:, 1]) * 4).long().clamp(0, 3), (uv[:, 0] * 4).long().clamp(0, 3)]
+        return texel[:, None].expand(-1, 3).cumsum(1) * wi[:, 2:]
+
+
+def test_a_material_without_a_shader_is_baked_and_said_to_be(tmp_path: Path) -> None:
+    material = Sorting()
+    program, exposure, note = _drawn(material, "mine", tmp_path / "mine.npz", silent)
+    assert "mine is baked: its slices at 13 × 13 pairs" in note
+    assert "no shader can do 'cumsum' yet" in note
+    assert exposure > 0
+    directions = ubo2003()
+    wo, wi = directions[thin(directions, 13)][[3, 7]].astype(np.float32)
+    uv = np.array([0.375, 0.625], np.float32)  # a texel's centre
+    truth = material.query(uv[None], wo[None], wi[None])[0]
+    np.testing.assert_allclose(answer(shader(program, GLSL), uv, wo, wi, 0.25), truth, rtol=2e-3)

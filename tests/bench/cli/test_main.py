@@ -1,0 +1,292 @@
+import errno
+import json
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+
+import bench
+from bench import cli
+from bench.cli import commands
+from bench.codecs import loading
+from bench.conformance.check import tiny_btf
+from bench.data.readers import open_btf
+from bench.data.readers.folder import write_folder
+from bench.records import load_run
+
+SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
+
+
+@pytest.fixture(autouse=True)
+def small(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A BTF on disk: a folder of EXR pictures with pairs.csv."""
+    write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
+    return tmp_path / "btf"
+
+
+def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_path, monkeypatch, capsys):
+    words = ["run", "quick", "--out", str(tmp_path / "run"), "--material", "satin", "--codec", "mean-colour", *SMALL]
+    assert cli.main(words) == 0
+    out = capsys.readouterr().out
+    assert "mean-colour" in out
+    assert "1 jobs: 1 ok" in out
+    written = {path.suffix for path in (tmp_path / "run").rglob("*") if path.is_file()}
+    assert {".jsonl", ".nbtf", ".md", ".tex", ".csv", ".png"} <= written
+    assert cli.main(words) == 0
+    assert "1 cached whole" in capsys.readouterr().out
+    assert cli.main(["table", str(tmp_path / "run"), "--format", "csv"]) == 0
+    assert "mean-colour" in capsys.readouterr().out
+    assert cli.main(["report", str(tmp_path / "run")]) == 0
+    capsys.readouterr()
+    assert cli.main(["table", "rate", str(tmp_path / "run")]) == 4
+    assert "no such table: no two codecs were measured at three rates" in capsys.readouterr().err
+    assert cli.main(["table", "unfinished", str(tmp_path / "run")]) == 0
+    assert "every job has a result" in capsys.readouterr().err
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "run").rename(tmp_path / "runs" / "run")
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["table", "footprints"]) == 0
+    assert "mean-colour" in capsys.readouterr().out
+
+
+def test_all_pairs_lifts_the_suite_s_limit(tmp_path, folder, capsys):
+    suite = tmp_path / "some.toml"
+    suite.write_text(f'materials = ["{folder}"]\n[data]\npairs = 9\n[[codecs]]\ncodec = "mean-colour"\n')
+    for words, pairs in (([], 9), (["--all-pairs"], 36)):
+        run = tmp_path / str(pairs)
+        assert cli.main(["run", str(suite), "--out", str(run), *words]) == 0
+        assert load_run(run).jobs[0]["pairs"]["all"] == pairs
+
+
+def test_a_command_of_another_package_is_found_by_its_entry_point(tmp_path, monkeypatch, capsys):
+    (tmp_path / "shout.py").write_text(
+        '''"""say a word loudly"""
+
+def arguments(parser):
+    parser.add_argument("word")
+
+def run(options):
+    print(options.word.upper())
+    return 0
+'''
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("shout", "shout", group)])
+    assert cli.main(["shout", "hello"]) == 0
+    assert "HELLO" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        cli.main(["--help"])
+    assert "say a word loudly" in capsys.readouterr().out
+    monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("run", "shout", group)])
+    assert cli.main(["list"]) == 2
+    assert "two commands are named 'run'" in capsys.readouterr().err
+
+
+def test_a_folder_of_pictures_runs_like_any_material(tmp_path, folder, capsys):
+    words = ["run", "quick", "--out", str(tmp_path / "run"), "--material", str(folder), "--codec", "pca"]
+    assert cli.main([*words, "--set", "components=3"]) == 0
+    out = capsys.readouterr().out
+    assert "btf/pca components=3/0" in out
+    assert "--set components=3 changes pca\n" in out
+
+
+def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
+    file = tmp_path / "a.nbtf"
+    assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "components=3", "-o", str(file)]) == 0
+    assert cli.main(["info", str(file)]) == 0
+    out = capsys.readouterr().out
+    assert "codec pca" in out
+    assert "components = 3" in out
+    assert f"{file.stat().st_size:,} bytes" in out
+    assert cli.main(["decode", str(file), "--like", str(folder), "-o", str(tmp_path / "slices")]) == 0
+    decoded, material = open_btf(tmp_path / "slices"), loading.load(file)[1]
+    wo, wi = decoded.wo[7].tolist(), decoded.wi[7].tolist()
+    # The angles went through degrees in a text file.
+    np.testing.assert_allclose(decoded[7], material.slice(wo, wi).numpy(), atol=1e-4)
+    assert cli.main(["decode", str(file), "--count", "2", "-o", str(tmp_path / "four")]) == 0
+    assert len(open_btf(tmp_path / "four")) == 4
+
+
+@pytest.mark.parametrize("codec", ["neubtf-direct", "neumip", "relief", "pca"])
+def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, codec, capsys):
+    file, steps = str(tmp_path / "a.nbtf"), [] if codec == "pca" else ["--set", "steps=2"]
+    assert cli.main(["encode", str(folder), "--codec", codec, *steps, "-o", file]) == 0
+    capsys.readouterr()
+    assert cli.main(["info", file]) == 0
+    decoder, *lines = capsys.readouterr().out.partition("decoder: ")[2].splitlines()
+    told = [re.fullmatch(r"  [\w.]+ +(?:Linear|LayerNorm|Frames) +([\d,]+)", line) for line in lines]
+    counted = [int(match[1].replace(",", "")) for match in told if match]
+    assert sum(counted) == int(decoder.split()[0].replace(",", ""))
+    assert ("layers of the decoder and their trainable parameters, counted by torchinfo:" in lines) == (codec != "pca")
+
+
+def test_info_of_a_btf_says_what_it_is(folder, capsys):
+    assert cli.main(["info", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "12 × 12 texels, 36 pairs" in out
+    assert re.search(
+        r"^training: 25 pairs, 5 views up to [\d.]+°, 5 lights up to [\d.]+° \(their product\)$", out, re.M
+    )
+    assert re.search(r"^held out, new view: 5 pairs, 1 view up to [\d.]+°, 5 lights", out, re.M)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["encod"], "no command named 'encod'; did you mean 'encode'?"),
+        (["list", "codecs", "pcaa"], "did you mean 'pca'?"),
+        (["list", "suites", "quick"], "only codecs have settings"),
+        (["check", "pca", "--set", "components=0"], "must be a whole number ≥ 1, not '0'"),
+        (["run", "quik"], "did you mean 'quick'?"),
+        (["run", "--set", "components"], "write KEY=VALUE"),
+        (["run", "--codec", "pcaa"], "did you mean 'pca'?"),
+        (["run", "--material", "satn", "--codec", "mean-colour", *SMALL], "did you mean 'satin'?"),
+        (["run", "--material", "/no/such/btf", "--codec", "mean-colour"], "/no/such/btf: not there"),
+        (["run", "--device", "abacus"], "no such device"),
+        (["info", "/no/such/file"], "/no/such/file"),
+        (["check", "pca", "--set", "components=few"], "must be a whole number"),
+        (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "its folder is not there"),
+        (["table", "/no/such/run"], "no run here"),
+        (["table", "rate"], "there is no run under runs/"),
+        (["table", "rate", "main"], "one kind of table"),
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_code_2(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_material_that_is_not_there_means_nothing_was_measured(tmp_path, capsys):
+    suite = tmp_path / "paper.toml"
+    suite.write_text('[[materials]]\nname = "f"\npath = "f.btf"\nwhere = "ask UBO"\n[[codecs]]\ncodec = "pca"\n')
+    assert cli.main(["run", str(suite), "--out", str(tmp_path / "run")]) == 4
+    assert "ask UBO" in capsys.readouterr().out
+
+
+def test_a_failed_job_is_exit_code_3(tmp_path, monkeypatch, capsys):
+    def fail(self, btf, fit):
+        raise RuntimeError("no such luck")
+
+    monkeypatch.setattr("baselines.mean_colour.MeanColour.encode", fail)
+    words = ["run", "--out", str(tmp_path / "run"), "--material", "satin", "--codec", "mean-colour", "--codec", "table"]
+    assert cli.main([*words, *SMALL]) == 3
+    assert "no such luck" in capsys.readouterr().out
+
+
+def test_check_fails_with_exit_code_1(monkeypatch, capsys):
+    monkeypatch.setattr(
+        "baselines.mean_colour.MeanColourMaterial.evaluate", lambda self, uv, *_: uv.new_zeros(len(uv), 3)
+    )
+    assert cli.main(["check", "mean-colour"]) == 1
+    assert "FAIL  it follows the data" in capsys.readouterr().out
+
+
+def test_an_interruption_is_130_and_an_internal_error_70(monkeypatch, capsys):
+    def raises(error):
+        def command(options):
+            raise error
+
+        return command
+
+    for error, code in ((KeyboardInterrupt(), 130), (ZeroDivisionError("oops"), 70)):
+        monkeypatch.setattr("bench.cli.commands.list.run", raises(error))
+        assert cli.main(["list"]) == code
+    assert "oops" in capsys.readouterr().err
+
+
+def test_the_cache_is_shown_and_cleared(tmp_path, capsys):
+    assert cli.main(["cache"]) == 0
+    (tmp_path / "cache" / "scratch").mkdir(parents=True)
+    (tmp_path / "cache" / "scratch" / "a").write_bytes(b"12")
+    assert cli.main(["cache", "--clear"]) == 0
+    assert "removed 1 files" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import bench",
+        "from bench import cli; cli.main(['list'])",
+        "from bench import cli\ntry: cli.main(['--help'])\nexcept SystemExit: pass",
+        "import bench.records, reports",
+    ],
+)
+def test_light_commands_import_no_torch(code):
+    probe = f"{code}\nimport json, sys; print(json.dumps([m for m in ('torch', 'skimage') if m in sys.modules]))"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout.splitlines()[-1]) == []
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"neubtf-bench {bench.__version__}\n"
+
+
+def test_every_example_of_every_help_text_is_a_command_that_parses(capsys):
+    shown = [*cli.EVERYDAY.splitlines()]
+    for module in commands.modules().values():
+        _, _, examples = (commands.load(module).__doc__ or "").partition(cli.EXAMPLES)
+        assert examples, module
+        shown += examples.splitlines()
+    tried = 0
+    for line in shown:
+        words = shlex.split(re.split(" {4,}", line.strip())[0])
+        if words[:1] == ["neubtf-bench"] and words[1] != "COMMAND":
+            cli.parser(words[1:]).parse_args(words[1:])
+            tried += 1
+    assert tried > 40
+
+
+def test_help_shows_the_examples_as_they_stand(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["run", "--help"])
+    assert "\nexamples:\n  neubtf-bench run quick\n" in capsys.readouterr().out
+
+
+def test_the_settings_of_a_codec_are_listed(capsys):
+    assert cli.main(["list", "codecs", "rainer2020"]) == 0
+    out = capsys.readouterr().out
+    assert "of neubtf-bench" in out
+    assert re.search(r"^  precision +int8 +'float32' or 'half' or 'int8' +of the stored latents", out, re.M)
+    assert re.search(r"^  steps +40000 +a whole number ≥ 0 +of the training", out, re.M)
+    assert re.search(r"^  zstd +false", out, re.M)
+
+
+def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypatch, capsys):
+    def full(source, target):
+        raise OSError(errno.ENOSPC, "No space left on device", str(source))
+
+    monkeypatch.setattr("bench.atomic.os.replace", full)
+    file = tmp_path / "a.nbtf"
+    assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert said == f"neubtf-bench: {file}: cannot be written (No space left on device): " + said.split("): ")[1]
+    assert said.count("\n") == 1
+    assert not list(tmp_path.glob("*.partial"))
+
+
+def test_a_termination_is_as_an_interruption(monkeypatch, capsys):
+    def command(options):
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr("bench.cli.commands.list.run", command)
+    before = signal.getsignal(signal.SIGTERM)
+    assert cli.main(["list"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGTERM) is before

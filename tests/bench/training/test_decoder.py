@@ -1,0 +1,100 @@
+import math
+
+import pytest
+import torch
+
+from bench.training.decoder import Architecture, Decoder, load_vector, to_vector
+
+NEUBTF = Architecture(18, (32, 32, 32), activation="sine", norm=True, residual=True)
+PUBLISHED = {
+    "NeuBTF's renderer": (NEUBTF, 3011),
+    "Rainer 2019": (Architecture(12, (106,) * 4), 35725),
+    "Rainer 2020": (Architecture(36, (106,) * 4), 38269),
+    "NeuMIP, six outputs": (Architecture(11, (25, 25, 25), 6), 1756),
+    "NeuMIP, three outputs": (Architecture(11, (25, 25, 25), 3), 1678),
+    "NeuMIP's offset": (Architecture(9, (25, 25, 25), 1), 1576),
+}
+
+
+@pytest.mark.parametrize(("architecture", "published"), PUBLISHED.values(), ids=PUBLISHED.keys())
+def test_parameters_are_those_that_were_published(architecture: Architecture, published: int) -> None:
+    assert architecture.parameters == published
+    assert sum(p.numel() for p in Decoder(architecture).parameters()) == published
+
+
+def test_flops_count_a_multiply_add_twice() -> None:
+    assert Architecture(2, (3,), 1).flops == 2 * (2 * 3 + 3 * 1) + 3
+    assert Architecture(3, (3,), 1, norm=True, residual=True).flops == 2 * (3 * 3 + 3) + 9 * 3 + 3
+
+
+def test_the_network_is_the_one_described() -> None:
+    """Written out by hand: linear, layer norm, sine of ω times it, and the input where widths agree."""
+    architecture = Architecture(4, (5, 5), 2, activation="sine", omega=3.0, norm=True, residual=True)
+    network = Decoder(architecture, torch.Generator().manual_seed(1))
+    x = torch.randn(7, 4, generator=torch.Generator().manual_seed(2))
+    (w1, b1), (w2, b2), (w3, b3) = ((layer.weight, layer.bias) for layer in network.layers)
+
+    def norm(h: torch.Tensor) -> torch.Tensor:
+        return (h - h.mean(1, keepdim=True)) / (h.var(1, keepdim=True, correction=0) + 1e-5).sqrt()
+
+    hidden = torch.sin(3 * norm(x @ w1.T + b1))
+    hidden = hidden + torch.sin(3 * norm(hidden @ w2.T + b2))
+    torch.testing.assert_close(network(x), hidden @ w3.T + b3)
+
+
+@pytest.mark.parametrize("activation", ["relu", "leaky-relu"])
+def test_rectifiers(activation: str) -> None:
+    network = Decoder(Architecture(1, (1,), 1, activation=activation))  # type: ignore[arg-type]
+    load_vector(torch.tensor([1.0, 0.0, 1.0, 0.0]), network)
+    below = 0.0 if activation == "relu" else -0.01
+    assert network(torch.tensor([[2.0], [-1.0]])).flatten().tolist() == pytest.approx([2.0, below])
+
+
+def test_a_sine_network_starts_as_siren_says() -> None:
+    network = Decoder(Architecture(8, (64, 64), 3, activation="sine", omega=30.0), torch.Generator().manual_seed(0))
+    first, second, _ = (layer.weight.abs().max().item() for layer in network.layers)
+    assert 0.9 / 8 < first <= 1 / 8
+    assert 0.9 < second / (math.sqrt(6 / 64) / 30) <= 1
+
+
+def test_the_same_generator_gives_the_same_network() -> None:
+    ours, again, other = (Decoder(NEUBTF, torch.Generator().manual_seed(seed)) for seed in (3, 3, 4))
+    assert torch.equal(to_vector(ours), to_vector(again))
+    assert not torch.equal(to_vector(ours), to_vector(other))
+
+
+def test_weights_go_through_one_vector() -> None:
+    ours, theirs = Decoder(NEUBTF), Decoder(NEUBTF)
+    load_vector(to_vector(ours), theirs)
+    assert all(torch.equal(a, b) for a, b in zip(ours.parameters(), theirs.parameters(), strict=True))
+    with pytest.raises(ValueError, match="3011 parameters"):
+        load_vector(torch.zeros(3010), ours)
+
+
+@pytest.mark.parametrize("activation", ["relu", "leaky-relu", "sine"])
+@pytest.mark.parametrize("norm", [True, False])
+def test_a_half_saturates_instead_of_overflowing(activation: str, norm: bool) -> None:
+    architecture = Architecture(6, (6, 6), 3, activation=activation, omega=30.0, norm=norm, residual=True)  # type: ignore[arg-type]
+    network = Decoder(architecture, torch.Generator().manual_seed(0)).half()
+    with torch.no_grad():
+        for p in network.parameters():
+            p.copy_(p.sign() * 65504)
+    assert network(torch.full((4, 6), 1e3)).isfinite().all()
+
+
+def test_outputs_have_the_dtype_of_the_inputs() -> None:
+    network = Decoder(NEUBTF, torch.Generator().manual_seed(0))
+    x = torch.randn(5, 18, generator=torch.Generator().manual_seed(1))
+    exact, short = network(x), network.bfloat16()(x)
+    assert short.dtype == torch.float32
+    # Eight bits a number through four layers.
+    torch.testing.assert_close(short, exact, rtol=0, atol=0.1)
+
+
+def test_a_network_starts_at_one_answer_and_can_leave_it() -> None:
+    network = Decoder(NEUBTF, torch.Generator().manual_seed(0))
+    network.start_at(torch.tensor([0.1, 0.2, 0.3]))
+    x = torch.randn(5, 18, generator=torch.Generator().manual_seed(1))
+    assert torch.equal(network(x), torch.tensor([0.1, 0.2, 0.3]).expand(5, 3))
+    network(x)[:, 0].sum().backward()
+    assert network.layers[-1].get_parameter("weight").grad.any()  # type: ignore[union-attr]

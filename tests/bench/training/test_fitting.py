@@ -1,0 +1,214 @@
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from bench.btf import BTF
+from bench.codec import Fit
+from bench.conformance.check import tiny_btf
+from bench.errors import InputError
+from bench.training import fitting as training
+from bench.training.fitting import Batch, DivergedError, Objective, Samples, gain_of, train
+
+
+@pytest.fixture(scope="module")
+def btf() -> BTF:
+    return tiny_btf()
+
+
+class Mean(Objective):
+    """A colour a texel: the simplest thing that can be fitted. Some of its steps can be made to blow up."""
+
+    def __init__(self, samples: Samples, lr: float = 0.1):
+        super().__init__(samples)
+        self.lr = lr
+        self.colour = nn.Parameter(torch.zeros(samples.texels, 3))
+        self.calls = 0
+        self.bad_calls: set[int] = set()
+        self.stop_at = -1
+
+    def groups(self) -> list[dict[str, Any]]:
+        return [{"params": [self.colour], "lr": self.lr}]
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        return self.colour[batch.texel]
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        self.calls += 1
+        if self.calls == self.stop_at:
+            raise KeyboardInterrupt
+        batch = self.samples.draw(256, generator)
+        loss = (self.predict(batch, progress) - batch.target).square().mean()
+        return loss * torch.nan if self.calls in self.bad_calls else loss
+
+
+def objective(btf: BTF, **settings: Any) -> Mean:
+    return Mean(Samples(btf, gain_of(btf, Fit()), Fit()), **settings)
+
+
+@pytest.mark.parametrize("memory_limit", [1 << 20, 0])
+def test_samples_are_the_log_of_the_data(btf: BTF, memory_limit: int) -> None:
+    samples = Samples(btf, 2.5, Fit(), memory_limit)
+    batch = samples.draw(500, torch.Generator().manual_seed(1))
+    truth = btf.gather(batch.pair.numpy(), *np.divmod(batch.texel.numpy(), btf.shape[1]))
+    # Values in memory are half floats: 2⁻¹¹ of each.
+    np.testing.assert_allclose(batch.target, np.log1p(2.5 * truth), rtol=5e-4, atol=1e-6)
+    texels = torch.tensor([5, 60])
+    every = samples.abrdfs(texels)
+    assert every.shape == (2, len(btf), 3)
+    one = samples.at(texels, torch.tensor([7, 8])).target
+    torch.testing.assert_close(every[[0, 1], [7, 8]], one, rtol=1e-6, atol=1e-6)
+
+
+def test_samples_are_drawn_by_seed_and_cover_everything(btf: BTF) -> None:
+    samples = Samples(btf, 1.0, Fit())
+    ours, again = (samples.draw(20_000, torch.Generator().manual_seed(5)) for _ in range(2))
+    assert torch.equal(ours.target, again.target)
+    assert ours.texel.unique().tolist() == list(range(64))
+    assert ours.pair.unique().tolist() == list(range(len(btf)))
+
+
+def test_texel_centres_follow_the_frame(btf: BTF) -> None:
+    uv = Samples(btf, 1.0, Fit()).centres(torch.tensor([0, 9]))
+    assert uv.tolist() == [[0.5 / 8, 1 - 0.5 / 8], [1.5 / 8, 1 - 1.5 / 8]]
+
+
+def test_a_fit_finds_the_mean_and_says_how(btf: BTF) -> None:
+    shown: list[tuple[str, int, int]] = []
+    fit = Fit(show=lambda label, done, total: shown.append((label, done, total)))
+    mean = objective(btf)
+    train(mean, fit, 600)
+    truth = np.log1p(mean.samples.gain * np.stack(list(btf))).mean(0).reshape(-1, 3)
+    # The samples of the last steps, some dozens a texel, scatter by about 0.3: their mean by a few hundredths.
+    assert np.abs(mean.colour.detach().numpy() - truth).max() < 0.1
+    assert [point["step"] for point in fit.history] == [100, 200, 300, 400, 500, 600]
+    assert fit.history[-1]["psnr"] > fit.history[0]["psnr"]
+    assert all(a["seconds"] < b["seconds"] for a, b in zip(fit.history, fit.history[1:], strict=False))
+    assert "dB" in shown[-1][0]
+    assert shown[-1][1:] == (600, 600)
+
+
+@pytest.mark.parametrize("killed", [1, 150, 399])
+def test_a_killed_fit_goes_on_to_the_same_result(
+    btf: BTF, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed: int
+) -> None:
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+    whole = objective(btf)
+    train(whole, Fit(), 400)
+
+    state = tmp_path / "runs" / "state"
+    halted = objective(btf)
+    halted.stop_at = killed
+    with pytest.raises(KeyboardInterrupt):
+        train(halted, Fit(checkpoint=state), 400)
+    assert state.exists() == (killed > 100)
+    resumed, fit = objective(btf), Fit(checkpoint=state)
+    train(resumed, fit, 400)
+    assert torch.equal(resumed.colour, whole.colour)
+    assert [point["step"] for point in fit.history] == [100, 200, 300, 400]
+    assert [path.name for path in state.parent.iterdir()] == ["state"]
+
+
+def test_the_state_of_another_fit_is_refused(btf: BTF, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+    state = tmp_path / "state"
+    halted = objective(btf)
+    halted.stop_at = 150
+    with pytest.raises(KeyboardInterrupt):
+        train(halted, Fit(checkpoint=state), 400)
+    with pytest.raises(InputError, match="another fit"):
+        train(Mean(Samples(tiny_btf(4), 1.0, Fit())), Fit(checkpoint=state), 400)
+    state.write_bytes(b"nonsense")
+    with pytest.raises(InputError, match="not the state of a fit"):
+        train(objective(btf), Fit(checkpoint=state), 400)
+
+
+def test_a_fit_that_diverges_once_goes_back_and_slows_down(btf: BTF, caplog: pytest.LogCaptureFixture) -> None:
+    mean = objective(btf)
+    mean.bad_calls = {250}
+    with caplog.at_level(logging.WARNING):
+        train(mean, Fit(), 400)
+    assert mean.colour.isfinite().all()
+    assert mean.calls == 500  # steps 200 to 300 were taken twice
+    assert "back to step 200 with half the learning rate" in caplog.text
+
+
+def test_a_fit_that_keeps_diverging_gives_up(btf: BTF) -> None:
+    mean = objective(btf)
+    mean.bad_calls = set(range(1000))
+    with pytest.raises(DivergedError, match="diverged 4 times"):
+        train(mean, Fit(), 400)
+
+
+def test_a_fit_that_ran_away_has_diverged_though_every_number_is_finite(
+    btf: BTF, caplog: pytest.LogCaptureFixture
+) -> None:
+    with pytest.raises(DivergedError), caplog.at_level(logging.WARNING):
+        train(objective(btf, lr=1e6), Fit(), 200)
+    assert "half the learning rate" in caplog.text
+
+
+def test_a_patient_fit_ends_where_its_curve_is_flat_and_says_so(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Colours that may not move any more gain nothing; a fit without patience takes its steps all the same."""
+    for patience, steps in ((200, 300), (0, 2000)):
+        mean, fit = objective(btf), Fit()
+        monkeypatch.setattr(mean, "rate", lambda step, steps, group: 1.0 if step < 100 else 0.0)
+        assert train(mean, fit, 2000, patience) == steps / 2000
+        assert fit.history[-1]["step"] == steps
+        assert ("ended" in fit.history[-1]) == (patience > 0)
+
+
+def test_a_fit_that_gains_is_not_ended(btf: BTF) -> None:
+    fit = Fit()
+    assert train(objective(btf, lr=1e-3), fit, 400, patience=100) == 1
+    assert "ended" not in fit.history[-1]
+
+
+def test_a_budget_of_nothing_is_refused(btf: BTF) -> None:
+    with pytest.raises(InputError, match="at least 1 step"):
+        train(objective(btf), Fit(), 0)
+
+
+def test_the_rate_warms_up_and_ends_at_nothing() -> None:
+    rates = [training.rate(step, 1000) for step in range(1000)]
+    assert rates[0] < 0.011
+    assert max(rates) == pytest.approx(rates[100], rel=1e-6)
+    assert rates[-1] < 1e-5
+
+
+def test_distances_of_log_radiance() -> None:
+    ours, target = torch.tensor([0.0, 1.0, 3.0]), torch.tensor([0.0, 2.0, 1.0])
+    assert training.distance(ours, target, "l1").item() == pytest.approx(1)
+    assert training.distance(ours, target, "l2").item() == pytest.approx(5 / 3)
+    assert training.distance(ours, target, "both").item() == pytest.approx(8 / 3)
+
+
+def test_the_levels_of_detail_are_made_in_one_reading_and_are_those_made_one_by_one(btf: BTF) -> None:
+    labels: list[str] = []
+    levels = Samples.levels(
+        btf, 3, 2.5, Fit(show=lambda label, done, total: labels.append(label) if done == 0 else None)
+    )
+    assert len(labels) == 1
+    for level, samples in enumerate(levels):
+        alone = Samples(btf.downsample(2**level), 2.5, Fit())
+        assert samples.kept is not None
+        torch.testing.assert_close(samples.kept, alone.kept, rtol=0, atol=0)
+
+
+def test_coarser_levels_of_a_large_btf_are_kept_at_some_of_its_pairs(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "COARSE_PAIRS", 6)
+    monkeypatch.setattr(training, "MEMORY_LIMIT", 6 * (btf.shape[0] // 2) * (btf.shape[1] // 2) * 6)
+    finest, coarse, _ = Samples.levels(btf, 3, 2.5, Fit())
+    assert finest.kept is None
+    assert finest.pairs == len(btf)
+    assert coarse.kept is not None
+    assert coarse.pairs == 6
+    batch = coarse.draw(50, torch.Generator().manual_seed(0))
+    for texel, pair, target in zip(*batch, strict=True):
+        same = (np.abs(btf.wo - coarse.wo[pair].numpy()) + np.abs(btf.wi - coarse.wi[pair].numpy())).sum(1).argmin()
+        truth = np.log1p(2.5 * btf.downsample(2)[int(same)].reshape(-1, 3)[int(texel)])
+        np.testing.assert_allclose(target, truth, rtol=5e-4, atol=1e-6)

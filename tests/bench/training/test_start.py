@@ -1,0 +1,75 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from bench.btf import BTF, ArraySource
+from bench.codec import Fit
+from bench.codecs import start
+from bench.conformance.check import tiny_btf
+from bench.training.fitting import Samples, gain_of
+from bench.training.start import COMPONENT_SPREAD, components, first_latents
+
+
+@pytest.fixture(scope="module")
+def btf() -> BTF:
+    return tiny_btf()
+
+
+def whitened(btf: BTF, gain: float, count: int) -> np.ndarray:
+    """The scores of the log ABRDFs on their components, by a singular value decomposition of all of them."""
+    rows = np.log1p(gain * np.stack(list(btf))).transpose(1, 2, 0, 3).reshape(btf.shape[0] * btf.shape[1], -1)
+    left = np.linalg.svd(rows - rows.mean(0), full_matrices=False)[0][:, :count]
+    return left * len(left) ** 0.5
+
+
+@pytest.mark.parametrize("memory_limit", [1 << 20, 0], ids=["kept", "streamed"])
+def test_latents_start_at_whitened_principal_components(btf: BTF, memory_limit: int) -> None:
+    gain = gain_of(btf, Fit())
+    samples = Samples(btf, gain, Fit(), memory_limit)
+    latents = first_latents(samples, 3, "components", Fit().generator())
+    assert latents.shape == (64, 3)
+    truth = whitened(btf, gain, 3)
+    # The sign of a component is free; half floats of the samples turn components a little into each other.
+    turn = latents.numpy().T @ truth / (COMPONENT_SPREAD * 64)
+    np.testing.assert_allclose(np.abs(turn), np.eye(3), atol=0.02)
+    torch.testing.assert_close(latents.mean(0), torch.zeros(3), atol=1e-5, rtol=0)
+
+
+def test_channels_beyond_the_rank_are_random(btf: BTF) -> None:
+    """Of a BTF whose texels are alike there is no component."""
+    shades = np.linspace(1, 2, len(btf), dtype=np.float32)[:, None, None, None]
+    flat = BTF("flat", btf.wo, btf.wi, ArraySource(np.broadcast_to(shades, (len(btf), 8, 8, 3))))
+    samples = Samples(flat, 1.0, Fit())
+    assert components(samples, 4, Fit().generator()).shape == (64, 0)
+    latents = first_latents(samples, 4, "components", Fit().generator())
+    assert torch.equal(latents, first_latents(samples, 4, "random", Fit().generator()))
+    assert 0.05 < latents.std() < 0.2
+
+
+def test_components_are_those_of_some_pairs_where_there_are_many(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(start, "MOST_PAIRS", len(btf) // 2)
+    samples = Samples(btf, 4.0, Fit())
+    asked: list[int] = []
+    found = samples.slices
+    monkeypatch.setattr(samples, "slices", lambda pair: asked.extend(pair.tolist()) or found(pair))
+    assert components(samples, 3, Fit().generator()).shape == (64, 3)
+    assert len(set(asked)) == len(btf) // 2
+    assert first_latents(samples, 3, "components", Fit().generator()).isfinite().all()
+
+
+def test_a_scene_weighs_the_pairs(btf: BTF) -> None:
+    """What one pair alone shows is the first component where nothing else counts."""
+
+    @dataclasses.dataclass
+    class OnePair:
+        weights: torch.Tensor
+
+    samples = Samples(btf, 4.0, Fit())
+    weights = torch.full((len(btf),), 1e-6)
+    weights[5] = 1.0
+    samples.density = OnePair(weights)  # type: ignore[assignment]
+    score = components(samples, 1, Fit().generator())[:, 0]
+    shown = samples.slices(torch.tensor([5])).mean((1, 2))
+    assert abs(np.corrcoef(score, shown)[0, 1]) > 0.9
