@@ -18,7 +18,7 @@ import time
 import numpy as np
 
 from bench.data import materials
-from bench.data.bake.path_tracer import MAX_DEPTH, PathTracer, fastest_variant, path_trace, using
+from bench.data.bake.path_tracer import MAX_DEPTH, PathTracer, fastest_variant, launches, using
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
 from bench.data.pairs import Sampling
@@ -58,7 +58,8 @@ def agreement(maps: Maps) -> None:
     wo, wi = Sampling(views=5, lights=5, heldout=25, split="validation").everything("", 0)
     ours = render(maps, wo, wi, (64, 64), SUB_POINTS).mean((1, 2, 3))
     for name, depth in (("direct light", 2), ("all light", MAX_DEPTH)):
-        ratio = path_trace(maps, wo, wi, (64, 64), SUB_POINTS, depth=depth).mean((1, 2, 3)) / ours
+        traced = np.concatenate([*launches(maps, wo, wi, (64, 64), SUB_POINTS, depth=depth)])
+        ratio = traced.mean((1, 2, 3)) / ours
         print(f"{name} over built-in, slice means: {ratio.mean():.4f} ({ratio.min():.4f} to {ratio.max():.4f})")
 
 

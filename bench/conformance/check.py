@@ -286,4 +286,3 @@ STAGES: tuple[tuple[Check, ...], ...] = (
     (follows_data, slices, framed),
     (same_bytes, fresh_process, batches, order, wraps, refuses, counted),
 )
-CHECKS: tuple[Check, ...] = tuple(one for stage in STAGES for one in stage)

@@ -25,7 +25,7 @@ from bench.metrics.psnr import DisplayPSNR, LogPSNR
 Array = np.ndarray
 Decode = Callable[[int], Array]
 
-FOOTPRINTS_VERSION = 2  # of `score_footprints` and of the query positions in a box
+FOOTPRINTS_VERSION = 2  # of `footprint_errors` and of the query positions in a box
 _BLOCK_TEXELS = 1 << 16  # slices are scored in stacks of about this size, since Python's overhead dominates small ones
 
 
@@ -230,21 +230,6 @@ def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]
     return maps
 
 
-def score_footprints(
-    btf: BTF,
-    pairs: Sequence[int] | Array,
-    decode: Callable[[int, int], Array],
-    exposure: float,
-    factors: Sequence[int] = (1, 2, 4, 8),
-) -> dict[str, dict[str, float | int | None]]:
-    """Display PSNR at footprints of some texels, against box-filtered truth; arguments as of `footprint_errors`.
-
-    Gives {"1": {"psnr_display": pooled over pairs, "mean": over slices, "exact": …, "slices": …}, …}. None stands for
-    no error at all.
-    """
-    return summarise_footprints(footprint_errors(btf, pairs, decode, exposure, factors))
-
-
 def footprint_errors(
     btf: BTF,
     pairs: Sequence[int] | Array,
@@ -271,7 +256,10 @@ def footprint_errors(
 
 
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
-    """The summary of `footprint_errors` for a record; see `score_footprints`."""
+    """The summary of `footprint_errors` for a record: by factor, the PSNR of all pairs pooled, and their mean.
+
+    None stands for no error at all.
+    """
     found: dict[str, dict[str, float | int | None]] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)

@@ -34,7 +34,6 @@ _REGISTRY: dict[str, tuple[str, str]] = {
     ),
     "wicker": ("bench.data.materials.wicker:Wicker", "woven willow rods: parallax and gaps (kept apart)"),
 }
-KEPT_APART = ("hammered-copper", "wicker")  # no default is ever chosen on these: docs/materials.md
 
 
 def names() -> list[str]:

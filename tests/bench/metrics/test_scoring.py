@@ -10,7 +10,7 @@ from bench import metrics
 from bench.btf import BTF, ArraySource, box_filter
 from bench.errors import InputError
 from bench.metrics import display, scoring
-from bench.metrics.scoring import Scorer, polar_maps, score_footprints, summarise
+from bench.metrics.scoring import Scorer, footprint_errors, polar_maps, summarise, summarise_footprints
 
 
 def make(count=20, shape=(16, 18), seed=0, periodic=True, source=ArraySource):
@@ -256,10 +256,10 @@ def test_polar_maps_hold_every_scored_pair_once():
 
 def test_footprints_are_compared_with_box_filtered_truth():
     btf, decoded = make(shape=(16, 18))
-    found = score_footprints(btf, [1, 4], lambda i, f: box_filter(btf[i], f), 0.5)
+    found = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(btf[i], f), 0.5))
     assert list(found) == ["1", "2", "4", "8"]
     assert all(entry == {"psnr_display": None, "mean": None, "exact": 2, "slices": 2} for entry in found.values())
-    found = score_footprints(btf, [1, 4], lambda i, f: box_filter(decoded[i], f), 0.5)
+    found = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(decoded[i], f), 0.5))
     # Averaging removes independent noise, so the error falls with the footprint.
     values = [entry["psnr_display"] for entry in found.values()]
     assert values == sorted(values)
@@ -269,6 +269,6 @@ def test_footprints_are_compared_with_box_filtered_truth():
 
 def test_a_footprint_larger_than_the_picture_is_left_out_and_a_wrong_size_refused():
     btf, decoded = make(shape=(4, 4))
-    assert list(score_footprints(btf, [0], lambda i, f: box_filter(decoded[i], f), 1.0)) == ["1", "2", "4"]
+    assert list(footprint_errors(btf, [0], lambda i, f: box_filter(decoded[i], f), 1.0)) == [1, 2, 4]
     with pytest.raises(InputError, match="pair 0 at footprint 2"):
-        score_footprints(btf, [0], lambda i, f: decoded[i], 1.0)
+        footprint_errors(btf, [0], lambda i, f: decoded[i], 1.0)
