@@ -42,6 +42,15 @@ def answered(method: Callable[..., object], answer: object, due: str) -> CodecEr
     return CodecError(f"{called}{place} answered {what}, and {due} is due")
 
 
+@contextmanager
+def writable(path: object, remedy: str = "choose another place") -> Iterator[None]:
+    """Turn an `OSError` into an `InputError` that names `path` and the remedy."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}): {remedy}") from error
+
+
 def unwritable(error: OSError) -> str:
     """The message for a file that could not be written, with the remedy; "" for any other error."""
     place = f"{error.filename}: " if error.filename else ""

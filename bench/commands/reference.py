@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.atomic import write
     from bench.compare import check_whole
     from bench.compare.reference import few_seeds, pairs_by_seed, reference
-    from bench.errors import InputError
+    from bench.errors import InputError, writable
     from bench.records import load_run
 
     measured = load_run(options.run)
@@ -40,10 +40,8 @@ def run(options: argparse.Namespace) -> int:
     if before:
         check_whole(before)
     text = reference(measured, before)
-    try:
+    with writable(path, "give --out FILE"):
         write(path, text.encode())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}): give --out FILE") from error
     after = load_run(path)
     print(_changes(before or after, after))
     print(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
