@@ -14,13 +14,13 @@ import time
 
 from bench.data import materials
 from bench.data.materials.renderer import SUB_POINTS, render
-from bench.data.pairs import Sampling
+from bench.data.spec import Preparation
 
 
 def seconds(name: str, size: int, repeat: int) -> list[tuple[float, float]]:
     """Wall and processor time of each run, after one to warm up."""
     maps = materials.recipe(name).maps(0)
-    wo, wi = Sampling(views=25, lights=25, heldout=0).everything("", 0)
+    wo, wi = Preparation(views=25, lights=25, heldout=0).everything("", 0)
     taken = []
     for _ in range(repeat + 1):
         start, used = time.perf_counter(), time.process_time()

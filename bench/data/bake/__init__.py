@@ -55,16 +55,15 @@ def bake(
 ) -> None:
     """Render a surface at the pairs that `data` asks for and write it: `.npz`, or a folder of EXR pictures.
 
-    Pairs are those of the built-in materials (`bench.data.pairs`): a product, then held-out pairs, drawn by `seed`.
+    Pairs are those of the built-in materials (`bench.data.spec`): a product, then held-out pairs, drawn by `seed`.
     Values are linear Rec. 709 f_r · cos θ_i. The result appears under its name when it is complete.
     `renderer` is one of `RENDERERS`; what "mitsuba" had finished when it was killed is kept beside `out`, and taken up
     by the same call.
     Raises `InputError` where `out` cannot be written, counts are out of range or Mitsuba is not installed.
     """
-    sampling = data.sampling()
-    wo, wi = sampling.everything(surface.name, seed)
+    wo, wi = data.everything(surface.name, seed)
     heldout = np.arange(len(wo)) >= data.views * data.lights if data.heldout else None
-    described = _described(surface, seed) | _sampled(data) | {"heldout": sampling.described()}
+    described = _described(surface, seed) | _sampled(data) | {"heldout": data.described()}
     _bake(surface, Pairs(wo, wi, heldout), described, out, show, seed, renderer)
 
 
@@ -142,12 +141,11 @@ def open_svbrdf(folder: Path, data: Preparation, show: Progress, draw: int = 0) 
     Training pairs and held-out pairs are separate files, so another draw does not bake the product again.
     Raises `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
-    sampling = data.sampling(draw)
-    product = _cached(folder, data.size, Pairs(*sampling.product()), _sampled(data), show)
+    product = _cached(folder, data.size, Pairs(*data.product()), _sampled(data), show)
     if not data.heldout:
         return product
-    words = {"heldout": sampling.described()}
-    pairs = Pairs(*sampling.drawn(product.name, 0))
+    words = {"heldout": data.described(draw)}
+    pairs = Pairs(*data.drawn(product.name, 0, draw))
     return with_heldout(product, _cached(folder, data.size, pairs, words, show), **words)
 
 

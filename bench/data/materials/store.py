@@ -18,7 +18,7 @@ from bench.btf import BTF, RENDERED, ArraySource
 from bench.data.joined import with_heldout
 from bench.data.materials.maps import Recipe
 from bench.data.materials.renderer import RENDERER_VERSION, SUB_POINTS, render
-from bench.data.pairs import Sampling
+from bench.data.spec import Preparation
 from bench.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,21 +39,22 @@ class StoredSource(ArraySource):
 
 
 def load_or_render(
-    name: str, recipe: Recipe, size: int, sampling: Sampling, seed: int, show: "Progress | None" = None
+    name: str, recipe: Recipe, data: Preparation, seed: int = 0, draw: int = 0, show: "Progress | None" = None
 ) -> BTF:
     """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`.
 
     Training pairs and held-out pairs are separate renderings, so another draw does not render the product again.
     """
-    if size < 1:
-        raise InputError(f"size must be at least 1, not {size}")
-    directions = {"directions": sampling.directions, "views": sampling.views, "lights": sampling.lights}
-    product = _rendered(name, recipe, size, sampling.product(), seed, directions, show)
+    if data.size < 1:
+        raise InputError(f"size must be at least 1, not {data.size}")
+    directions = {"directions": data.directions, "views": data.views, "lights": data.lights}
+    product = _rendered(name, recipe, data.size, data.product(), seed, directions, show)
     product.heldout = np.zeros(len(product), bool)
-    if not sampling.heldout:
+    if not data.heldout:
         return product
-    words = {"heldout": sampling.described()}
-    return with_heldout(product, _rendered(name, recipe, size, sampling.drawn(name, seed), seed, words, show), **words)
+    words = {"heldout": data.described(draw)}
+    drawn = data.drawn(name, seed, draw)
+    return with_heldout(product, _rendered(name, recipe, data.size, drawn, seed, words, show), **words)
 
 
 def _rendered(
