@@ -23,6 +23,8 @@ from bench.records import CLAIM, FILE, Record, Run, gate, kept, metrics_of
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import machine, made
 from bench.runs.place import Place
+from bench.runs.suite import CodecSpec
+from bench.runs.task import Task
 from bench.runs.workbench import Workbench, workbench
 from bench.settings import table
 
@@ -125,7 +127,8 @@ def _verified(job: Record, start: Record, folder: Path, out: Path, show: Progres
     spec = next(MaterialSpec(**each) for each in start["materials"] if each["name"] == job["material"])
     data = table(f"data of {name}", Preparation, start["data"])
     metrics = tuple(job["score_key"]["metrics"])
-    with workbench(job["run"], spec, data, None, show, "", int(job["seed"]), metrics) as bench:
+    task = Task(job["run"], folder, spec, data, CodecSpec(job["codec"]), int(job["seed"]), 1, metrics=metrics)
+    with workbench(task, show) as bench:
         if bench.btf.fingerprint != job["score_key"]["btf"]:
             return Verdict(name, NOT_VERIFIED, f"the data of {job['material']} here are others than those submitted")
         return _judged(job, bench, folder, out, show)

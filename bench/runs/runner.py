@@ -28,13 +28,14 @@ from bench.demand import require_demand
 from bench.errors import CodecError, InputError
 from bench.records import Record, Run
 from bench.runs.executors import Workers, in_process, one_process
-from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, Task, WantsFiles, blamed, failed, work
+from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, WantsFiles, blamed, failed, work
 from bench.runs.lock import locked
 from bench.runs.outlook import Outlook
 from bench.runs.pretraining import ready
 from bench.runs.programs import Programs, permit
 from bench.runs.provenance import provenance
 from bench.runs.suite import Suite, canonical
+from bench.runs.task import Task
 from bench.runs.timed import timings
 from bench.runs.workbench import demand_of
 
