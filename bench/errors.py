@@ -68,6 +68,15 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
 
 
+def shown(value: object) -> str:
+    """A value that is not trusted, as a message shows it: on one line, cut to 60 characters."""
+    try:
+        text = repr(value) if not isinstance(value, int) or abs(value) < 1 << 63 else "a number of absurd size"
+    except (ValueError, RecursionError):  # a list with a number of thousands of digits, a list in a list in a list …
+        return f"a {type(value).__name__} of absurd size"
+    return text if len(text) <= 60 else f"{text[:60]} …"
+
+
 @contextmanager
 def readable(label: str, remedy: str = "the file is damaged; get it again") -> Iterator[None]:
     """Turn any exception of a decoder into an `InputError` that names `label`."""

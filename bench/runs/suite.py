@@ -45,9 +45,9 @@ from typing import Annotated, Any
 from bench.codecs.registry import COMMAND
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
-from bench.errors import CodecError, InputError, did_you_mean
+from bench.errors import CodecError, InputError, did_you_mean, shown
 from bench.metrics import DEFAULTS, chosen_names
-from bench.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, shown, table
+from bench.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, table
 
 MOST_JOBS = 100_000
 Words = tuple[str, ...]

@@ -230,7 +230,11 @@ ATTACKS = [
     ("size = 16", "repair = 1", "data: repair must be true or false, not 1"),
     ("[data]\nsize = 16", "data = [1]", "data must be a table, not [1]"),
     ("threads = 1", "threads = 100000", "threads must be a whole number from 1 to 1,024, not 100000"),
-    ("threads = 1", "threads = 0x" + "f" * 9000, "threads must be a whole number from 1 to 1,024, not a int of absurd"),
+    (
+        "threads = 1",
+        "threads = 0x" + "f" * 9000,
+        "threads must be a whole number from 1 to 1,024, not a number of absurd",
+    ),
     ("threads = 1", "threads = " + "9" * 9000, "not TOML"),
     ("threads = 1", "uniform = inf", "uniform must be a finite number from 0 to 1, not inf"),
     ("threads = 1", "uniform = -0.1", "uniform must be a finite number from 0 to 1, not -0.1"),
