@@ -217,10 +217,10 @@ def _told(spec: CodecSpec) -> dict[str, Any]:
 
     recipe = {key: value for key, value in spec.settings.items() if key == RECIPE}
     try:
-        given = settings_dict(make_codec(spec.codec, spec.settings))
-        default = settings_dict(make_codec(spec.codec, {}))
+        codec = make_codec(spec.codec, spec.settings)
+        given, default = settings_dict(codec), settings_dict(make_codec(spec.codec, recipe))
         if recipe:
-            default = settings_dict(make_codec(spec.codec, recipe)) | {RECIPE: default.get(RECIPE)}
+            default |= {RECIPE: codec.Settings.recipe}  # type: ignore[attr-defined]
     except CodecError:  # its jobs fail with this error
         return spec.settings
     return {key: given.get(key, value) for key, value in spec.settings.items() if given.get(key) != default.get(key)}
