@@ -21,7 +21,7 @@ from bench.decoder import load_vector, to_vector
 from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import BatchSize, Count, Natural, NotNegative, Positive
-from bench.training import RANDOM_SPREAD, Batch, Loss, Objective, Samples, distance, gain_of, train
+from bench.training import RANDOM_SPREAD, Batch, Loss, Objective, Samples, gain_of, train
 
 SIDE = 20  # texels of the plane over half vectors
 PAIRS = 400  # of each material that the decoder is trained on
@@ -175,10 +175,6 @@ class Fitting(Objective):
             plain = torch.cat([torch.zeros_like(colours[texel, :MATRIX]), mean], 1)
             colours[texel] = torch.where((errors[0] < errors[1])[:, None], colours[texel], plain)
         return colours
-
-    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
 
 class BiplaneMaterial(Material):

@@ -26,7 +26,6 @@ from bench.training import (
     Optimiser,
     Samples,
     Start,
-    distance,
     first_latents,
     gain_of,
     groups_of,
@@ -129,10 +128,6 @@ class Fitting(Objective):
         seen = (rows * weight[..., None]).sum(2).flatten(1)
         level: Tensor = self.network(torch.cat([self.texture.index_select(0, batch.texel), seen], 1))
         return level
-
-    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
 
 class TriplePlaneMaterial(Material):

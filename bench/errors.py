@@ -51,6 +51,15 @@ def writable(path: object, remedy: str = "choose another place") -> Iterator[Non
         raise InputError(f"{path}: cannot be written ({error.strerror or error}): {remedy}") from error
 
 
+@contextmanager
+def installed(message: str) -> Iterator[None]:
+    """Turn an `ImportError` into an `InputError` that says what is needed, and how to install it."""
+    try:
+        yield
+    except ImportError as error:
+        raise InputError(f"{message} ({error})") from error
+
+
 def unwritable(error: OSError) -> str:
     """The message for a file that could not be written, with the remedy; "" for any other error."""
     place = f"{error.filename}: " if error.filename else ""

@@ -27,7 +27,7 @@ from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
 from bench.data.spec import Preparation
-from bench.errors import InputError
+from bench.errors import InputError, installed
 
 __all__ = ["RENDERERS", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
 RENDERERS = ("builtin", "mitsuba")
@@ -106,13 +106,8 @@ def _path_traced(
     write: Callable[[Array, dict[str, Any]], None],
 ) -> None:
     """The bake by Mitsuba: launch after launch into a partial folder, then written as one."""
-    try:
+    with installed("the renderer mitsuba needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]'"):
         from bench.data.bake import path_tracer
-    except ImportError as error:
-        raise InputError(
-            f"the renderer mitsuba needs Mitsuba 3, which cannot be imported ({error}): "
-            'pip install "neubtf-bench[mitsuba]"'
-        ) from error
     described = described | path_tracer.described()
     partial = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
     label = f"baking {surface.name}"
