@@ -27,7 +27,6 @@ from bench.training import (
     Precision,
     Samples,
     WeightPrecision,
-    distance,
     gain_of,
     load_vector,
     pack,
@@ -188,10 +187,6 @@ class Fitting(Objective):
             plain = torch.cat([torch.zeros_like(colours[texel, :MATRIX]), mean], 1)
             colours[texel] = torch.where((errors[0] < errors[1])[:, None], colours[texel], plain)
         return colours
-
-    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
 
 class BiplaneMaterial(Material):

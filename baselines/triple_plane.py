@@ -28,7 +28,6 @@ from bench.training import (
     Samples,
     Start,
     WeightPrecision,
-    distance,
     first_latents,
     gain_of,
     groups_of,
@@ -135,10 +134,6 @@ class Fitting(Objective):
         seen = (rows * weight[..., None]).sum(2).flatten(1)
         level: Tensor = self.network(torch.cat([self.texture.index_select(0, batch.texel), seen], 1))
         return level
-
-    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
 
 class TriplePlaneMaterial(Material):

@@ -45,11 +45,9 @@ class VQ(Codec):
         gain = gain_of(btf, fit)
         points = _reduced(btf, gain, self.settings.components, fit)
         labels = []
-        for stage in range(self.settings.stages):
-            fit.show("clustering", stage, self.settings.stages)
+        for stage in fit.progress(range(self.settings.stages), "clustering"):
             labels.append(_cluster(points, self.settings.codes, fit.seed + stage))
             points = points - _means(points, labels[-1])[labels[-1]]
-        fit.show("clustering", self.settings.stages, self.settings.stages)
         counts = [int(label.max()) + 1 for label in labels]
         books = _codebooks(btf, gain, labels, fit)
         return Parts(

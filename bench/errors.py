@@ -43,6 +43,24 @@ def answered(method: Callable[..., object], answer: object, due: str) -> CodecEr
     return CodecError(f"{called}{place} answered {what}, and {due} is due")
 
 
+@contextmanager
+def writable(path: object, remedy: str = "choose another place") -> Iterator[None]:
+    """Turn an `OSError` into an `InputError` that names `path` and the remedy."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}): {remedy}") from error
+
+
+@contextmanager
+def installed(message: str) -> Iterator[None]:
+    """Turn an `ImportError` into an `InputError` that says what is needed, and how to install it."""
+    try:
+        yield
+    except ImportError as error:
+        raise InputError(f"{message} ({error})") from error
+
+
 def unwritable(error: OSError) -> str:
     """The message for a file that could not be written, with the remedy; "" for any other error."""
     place = f"{error.filename}: " if error.filename else ""
@@ -64,6 +82,15 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     known = sorted(known)
     near = difflib.get_close_matches(name, known, 1)
     return f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
+
+
+def shown(value: object) -> str:
+    """A value that is not trusted, as a message shows it: on one line, cut to 60 characters."""
+    try:
+        text = repr(value) if not isinstance(value, int) or abs(value) < 1 << 63 else "a number of absurd size"
+    except (ValueError, RecursionError):  # a list with a number of thousands of digits, a list in a list in a list …
+        return f"a {type(value).__name__} of absurd size"
+    return text if len(text) <= 60 else f"{text[:60]} …"
 
 
 @contextmanager

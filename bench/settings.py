@@ -22,7 +22,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from bench.errors import InputError, did_you_mean, refuse_pipe
+from bench.errors import InputError, did_you_mean, refuse_pipe, shown
 
 
 @dataclass(frozen=True)
@@ -135,15 +135,6 @@ def parse_toml(where: str, text: str) -> dict[str, Any]:
         raise InputError(f"{where}: nested too deeply") from error
     except ValueError as error:  # of TOML, or of a number with thousands of digits
         raise InputError(f"{where}: not TOML: {error}") from error
-
-
-def shown(value: Any) -> str:
-    """A value that is not trusted, as a message shows it: on one line, cut to 60 characters."""
-    try:
-        text = repr(value)
-    except (ValueError, RecursionError):  # a number of thousands of digits, a list in a list in a list …
-        return f"a {type(value).__name__} of absurd size"
-    return text if len(text) <= 60 else f"{text[:60]} …"
 
 
 @cache

@@ -18,10 +18,10 @@ import time
 import numpy as np
 
 from bench.data import materials
-from bench.data.bake.path_tracer import MAX_DEPTH, PathTracer, fastest_variant, path_trace, using
+from bench.data.bake.path_tracer import MAX_DEPTH, PathTracer, fastest_variant, launches, using
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
-from bench.data.pairs import Sampling
+from bench.data.spec import Preparation
 
 AIM = 2e6
 SUB_POINTS = 4
@@ -35,7 +35,7 @@ def surface(roughness: float, albedo: float) -> Maps:
 
 def rates(maps: Maps, size: int, repeat: int) -> list[tuple[float, float]]:
     """Samples a second of wall and of processor time of each launch, after one to compile."""
-    wo, wi = Sampling(views=25, lights=25, heldout=0).everything("", 0)
+    wo, wi = Preparation(views=25, lights=25, heldout=0).everything("", 0)
     begin = time.perf_counter()
     tracer = PathTracer(maps, (size, size), SUB_POINTS, float(wo[:, 2].min()), float(wi[:, 2].min()))
     print(f"mesh and search tree: {time.perf_counter() - begin:.2f} s")
@@ -55,10 +55,11 @@ def rates(maps: Maps, size: int, repeat: int) -> list[tuple[float, float]]:
 
 def agreement(maps: Maps) -> None:
     """Ratios of slice means to the built-in renderer's, at pairs up to 75°."""
-    wo, wi = Sampling(views=5, lights=5, heldout=25, split="validation").everything("", 0)
+    wo, wi = Preparation(views=5, lights=5, heldout=25, split="validation").everything("", 0)
     ours = render(maps, wo, wi, (64, 64), SUB_POINTS).mean((1, 2, 3))
     for name, depth in (("direct light", 2), ("all light", MAX_DEPTH)):
-        ratio = path_trace(maps, wo, wi, (64, 64), SUB_POINTS, depth=depth).mean((1, 2, 3)) / ours
+        traced = np.concatenate([*launches(maps, wo, wi, (64, 64), SUB_POINTS, depth=depth)])
+        ratio = traced.mean((1, 2, 3)) / ours
         print(f"{name} over built-in, slice means: {ratio.mean():.4f} ({ratio.min():.4f} to {ratio.max():.4f})")
 
 

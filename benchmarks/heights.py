@@ -26,7 +26,7 @@ from bench.codecs.registry import load_codec
 from bench.data.materials import load, recipe
 from bench.data.materials.maps import resize
 from bench.data.materials.store import load_or_render
-from bench.data.pairs import Sampling
+from bench.data.spec import Preparation
 from bench.metrics.angular import theta_deg
 from bench.metrics.display import exposure, to_display
 from bench.threads import torch_threads
@@ -43,7 +43,7 @@ def opened(name: str) -> tuple[BTF, Array]:
     material = recipe(name.removesuffix("-flat"))
     if name.endswith("-flat"):
         material = dataclasses.replace(material, height=0.0)
-    btf = load_or_render(name, material, SIZE, Sampling(heldout=0), 0)
+    btf = load_or_render(name, material, Preparation(SIZE, heldout=0))
     height = resize(material.maps(0).height, (SIZE, SIZE))
     return btf, height - height.mean()
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
-from propagation import BRIEF, fitted, guided, left_half
+from propagation import BRIEF, fitted, frontal, guided, left_half
 from scipy.spatial import cKDTree
 from skimage import data
 
@@ -36,7 +36,7 @@ from bench.metrics.scoring import Scorer
 from bench.records import SSIM, metric_of
 from bench.threads import torch_threads
 from neubtf import latents
-from neubtf.codec import NeuBTF, most_frontal
+from neubtf.codec import NeuBTF
 from neubtf.guidance import RADIANCE, Treatment
 from neubtf.propagation import Source
 from neubtf.renderer import NeuBTFMaterial
@@ -118,11 +118,6 @@ def grid(rows: Sequence[Sequence[Array]], titles: Sequence[str], names: Sequence
     for axes, title in zip(every[0], titles, strict=True):
         axes.set_title(title, fontsize=8)
     return figure
-
-
-def frontal(btf: BTF) -> Array:
-    """What a photograph with a flash shows, linear (H, W, 3)."""
-    return btf[most_frontal(btf.subset(btf.split().train))]
 
 
 def draw_propagation(bench: Bench) -> None:

@@ -27,7 +27,7 @@ from bench.data.materials import load
 from bench.metrics.display import exposure, to_display
 from bench.threads import torch_threads
 from neubtf import propagation
-from neubtf.codec import NeuBTF, most_frontal
+from neubtf.codec import NeuBTF
 from neubtf.guidance import RADIANCE, Treatment, guidance_of
 from neubtf.renderer import NeuBTFMaterial
 
@@ -107,14 +107,19 @@ def compared(btf: BTF, material: NeuBTFMaterial) -> Errors:
     return Errors(*np.mean(found, 0).tolist())
 
 
+def frontal(btf: BTF) -> Array:
+    """What a photograph with a flash shows, linear (H, W, 3)."""
+    trained = btf.subset(btf.split().train)
+    return btf[int((trained.wo[:, 2] + trained.wi[:, 2]).argmax())]
+
+
 def row(name: str, size: int, settings: dict[str, Any], folder: Path, seed: int) -> tuple[str, float]:
     """The line of a material in the table, and its margin."""
     btf, codec = load(name, size=size, split="validation"), NeuBTF(keep_encoder=True, **BRIEF | settings)
     start = time.process_time()
     source = propagation.Source.read(fitted(left_half(btf), codec, folder / f"{name}-{size}-left-{seed}.nbtf", seed))
     seconds = time.process_time() - start
-    frontal = btf[most_frontal(btf.subset(btf.split().train))]
-    errors = compared(btf, guided(source, frontal, Treatment(exposure=RADIANCE)))
+    errors = compared(btf, guided(source, frontal(btf), Treatment(exposure=RADIANCE)))
     seen, other, mean = (-10 * np.log10(error) for error in (errors.seen, errors.other, errors.mean_abrdf))
     cells = [name, *(f"{x:.2f}" for x in (seen, other, mean)), f"{other - mean:+.2f}", f"{seconds:.0f}"]
     return "| " + " | ".join(cells) + " |", other - mean

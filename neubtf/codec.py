@@ -70,11 +70,6 @@ def texture_of(stored: dict[str, Tensor], channels: int, device: torch.device) -
     return texture[0].movedim(0, -1)
 
 
-def most_frontal(btf: BTF) -> int:
-    """The pair whose view and light are nearest to the normal, as in a flash photograph."""
-    return int((btf.wo[:, 2] + btf.wi[:, 2]).argmax())
-
-
 def guiding_pair(samples: Samples) -> int:
     """The pair whose slice is the guidance: the most frontal one with enough contrast.
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from bench.atomic import replacing
 from bench.btf import box_filter
-from bench.errors import InputError
+from bench.errors import writable
 
 SIDE = 192  # pixels that the longer side of a channel has at least, and less than twice as many at most
 GAP = 6  # pixels between channels
@@ -49,8 +49,5 @@ def sheet(texture: Tensor) -> np.ndarray:
 
 def draw(texture: Tensor, out: Path) -> None:
     """Write the contact sheet of a texture (H, W, D) as a PNG. `InputError` where `out` cannot be written."""
-    try:
-        with replacing(out) as partial:
-            Image.fromarray(sheet(texture)).save(partial, format="png", optimize=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place") from error
+    with writable(out), replacing(out) as partial:
+        Image.fromarray(sheet(texture)).save(partial, format="png", optimize=True)

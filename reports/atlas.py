@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from bench.metrics.psnr import psnr
 from bench.records import FLIP, PSNR, Run
 from reports.artefacts import Arrays, arrays
 from reports.rows import Material, Row
@@ -72,7 +73,7 @@ class Atlases:
         place = {int(pair): i for i, pair in enumerate(scores["pairs"])}
         rows = [place[int(pair)] for pair in pictures["pairs"][:: self.step]]
         error = scores[PSNR][rows]
-        found = {"psnr": [round(float(-10 * np.log10(e)), 2) if e > 0 else None for e in error]}
+        found = {"psnr": [round(float(each), 2) if np.isfinite(each) else None for each in psnr(error)]}
         return found | ({"flips": np.round(scores[name][rows], 4).tolist()} if name in scores else {})
 
     def _encoded(self, pictures: np.ndarray) -> str:

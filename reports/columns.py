@@ -83,10 +83,6 @@ def _timed(name: str, unit: str, field: str, write: Callable[..., str] = signifi
     return Column(name, unit, value, write, pool=hull)
 
 
-def _range(interval: tuple[float, float]) -> str:
-    return " to ".join(map(significant, interval))
-
-
 def _whole(value: float) -> str:
     return integer(round(value))
 
@@ -133,7 +129,13 @@ SIZE = (
 
 def time() -> list[Column]:
     """What fields ask for, such as the seconds of a fit; and the time of a query."""
-    return [*_declared(), _NS, _timed("95 % interval", "ns", "interval95_ns", _range), _FLOOR, _FUSED]
+    return [
+        *_declared(),
+        _NS,
+        _timed("95 % interval", "ns", "interval95_ns", lambda both: " to ".join(map(significant, both))),
+        _FLOOR,
+        _FUSED,
+    ]
 
 
 def scored(material: Material) -> list[Column]:

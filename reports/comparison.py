@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
+from operator import attrgetter
 
 from bench.compare import Comparison
 from bench.compare.quantities import Quantity
@@ -11,6 +12,8 @@ from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
 from reports.text import WIDTH, escaped, grid, plain
 
+_DECIDING: Callable[[Row], list[Change]] = attrgetter("deciding")
+_SHOWN: Callable[[Row], list[Change]] = attrgetter("shown")
 _MARKS = {
     Verdict.FAILED: "❌ failed",
     Verdict.GONE: "❌ gone",
@@ -54,20 +57,12 @@ def markdown(comparison: Comparison) -> str:
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(_findings(comparison))]
     if comparison.rows:
         every = [*comparison.rows, *comparison.means]
-        blocks.append(grid(_combined(every, _decide, "verdict", [_MARKS[row.verdict] for row in every])))
+        blocks.append(grid(_combined(every, _DECIDING, "verdict", [_MARKS[row.verdict] for row in every])))
     if rows := [row for row in comparison.rows if row.shown]:
-        rest = grid(_combined(rows, _show, "time, × mean-colour", list(map(_time, rows))))
+        rest = grid(_combined(rows, _SHOWN, "time, × mean-colour", list(map(_time, rows))))
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
     blocks += [escaped(note) for note in comparison.notes]
     return "\n\n".join(block for block in blocks if block) + "\n"
-
-
-def _decide(row: Row) -> list[Change]:
-    return row.deciding
-
-
-def _show(row: Row) -> list[Change]:
-    return row.shown
 
 
 def _word(verdict: Verdict) -> str:
@@ -89,7 +84,7 @@ def _findings(comparison: Comparison) -> Iterator[str]:
 
 def _deciding(material: str, rows: Sequence[Row]) -> Table:
     """The table of the deciding metrics: PSNR itself, and the change and margin of each metric."""
-    quantities = _quantities(rows, _decide)
+    quantities = _quantities(rows, _DECIDING)
     headers = [("codec", "")]
     for quantity in quantities:
         headers += [(quantity.name, quantity.scale)] if quantity.name == "PSNR" else []
@@ -117,7 +112,7 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
 def _others(material: str, rows: Sequence[Row]) -> list[Table]:
     """The table of values that do not decide: changes, new − base, and times; None where there are none."""
     rows = [row for row in rows if row.shown]
-    quantities = [q for q in _quantities(rows, _show) if any(_changed(row, q) for row in rows)]
+    quantities = [q for q in _quantities(rows, _SHOWN) if any(_changed(row, q) for row in rows)]
     if not quantities and not any(row.timing for row in rows):
         return []
     headers = [("change of", ""), *((q.name.replace("_", " "), q.scale) for q in quantities)]

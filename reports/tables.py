@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 
-from bench.records import Record, Run
+from bench.records import Run
 from reports import KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
@@ -96,19 +96,14 @@ def unfinished_table(run: Run) -> Table | None:
     """Jobs without numbers, and why; those that were planned and not run, too."""
     words = {"failed": "failed", "unavailable": "not available"}
     rows = [
-        [row.job["material"], row.name, words.get(row.job["status"], row.job["status"]), _one_line(row.job)]
-        for each in materials(run)
-        for row in each.rows
-        if row.job["status"] != "ok"
+        [job["material"], name, words.get(job["status"], job["status"]), " ".join(str(job.get("error", "")).split())]
+        for name, job in [(row.name, row.job) for each in materials(run) for row in each.rows]
+        if job["status"] != "ok"
     ]
     for material, label, seeds in not_run(run):
         rows.append([material, label, "not run", f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"])
     headers = [("material", ""), ("codec", ""), ("state", ""), ("why", "")]
     return Table("unfinished", "Jobs without a result", headers, rows, words=4) if rows else None
-
-
-def _one_line(job: Record) -> str:
-    return " ".join(str(job.get("error", "")).split())
 
 
 def _table(kind: str, material: Material, about: str, chosen: Sequence[Column], notes: list[str]) -> Table | None:

@@ -64,15 +64,9 @@ def find(codec: str, path: Path | None = None) -> TrainedNetwork:
     return found
 
 
-def find_for(codec: Codec | type[Codec], btf: BTF | None = None) -> TrainedNetwork | None:
-    """Read a codec's shared network from its default place; None for a codec without one.
-
-    `InputError` where it was trained on the BTF that is to be encoded.
-    """
-    network = find(codec.name) if codec.network else None
-    if network and btf:
-        refuse(network, btf)
-    return network
+def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
+    """Read a codec's shared network from its default place; None for a codec without one."""
+    return find(codec.name) if codec.network else None
 
 
 def missing(codec: str, path: Path | None = None) -> MissingDataError:

@@ -4,7 +4,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from bench.errors import ContainerError, InputError
+from bench.errors import ContainerError, installed
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -38,8 +38,6 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
 
 
 def _library(what: str) -> ModuleType:
-    try:
+    with installed(f"{what}: needs the package zstandard: pip install 'neubtf-bench[zstd]'"):
         import zstandard
-    except ImportError:
-        raise InputError(f"{what}: needs the package zstandard: pip install 'neubtf-bench[zstd]'") from None
     return zstandard

@@ -14,7 +14,7 @@ from bench.compare.means import means
 from bench.compare.paired import Interval, cells, interval
 from bench.compare.rows import Row, compared
 from bench.compare.timings import advice, multiples
-from bench.compare.verdicts import Change, Verdict
+from bench.compare.verdicts import Verdict
 from bench.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
 from bench.records import Record, Run, require
 
@@ -168,15 +168,11 @@ def _notes(base: Run, new: Run, rows: list[Row]) -> Iterator[str]:
         changed = [f"{key} {mine[key]} → {theirs[key]}" for key in mine if mine[key] != theirs[key]]
         if changed:
             yield "not measured under the same conditions: " + "; ".join(changed)
-    if alone := [row.name for row in rows if any(_alone(change) for change in row.deciding)]:
+    if alone := [row.name for row in rows if any(c.margin and c.spread is None for c in row.deciding)]:
         yield (
             "one seed in BASE, or one that NEW has at the same pairs, so that the spread is not known and the margin "
             f"is a guess: {', '.join(alone)}"
         )
-
-
-def _alone(change: Change) -> bool:
-    return bool(change.margin) and change.spread is None
 
 
 def _conditions(start: Record) -> dict[str, object]:

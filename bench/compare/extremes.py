@@ -24,15 +24,11 @@ def changes(base: Run, new: Run, codecs: Sequence[str] = ()) -> Iterator[tuple[s
         if after is None:
             yield f"{subject}: {extreme}", GONE
         elif after["verdict"] != "pass":
-            yield f"{subject}: {extreme}", _said(after)
+            yield f"{subject}: {extreme}", f"held, and now {after['verdict']}: {after['detail'] or after['figure']}"
 
 
 def _cell(record: Record) -> tuple[str, str]:
     return record["subject"], record["extreme"]
-
-
-def _said(after: Record) -> str:
-    return f"held, and now {after['verdict']}: {after['detail'] or after['figure']}"
 
 
 def report(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str] = ()) -> tuple[str, int]:

@@ -1,7 +1,7 @@
 """Defines the numbers that a comparison reads from records: how to find and write each, which way is better."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from bench.records import FLIP, PSNR, Record, gate, metric_of, metrics_of
@@ -118,7 +118,7 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
 
     def value(job: Record) -> float | None:
         stats = [found for group in groups if (found := metrics_of(job, group).get(metric)) and found.get("slices", 1)]
-        return _average([_number(each, each.get("mean"), "dB") for each in stats])
+        return average([_number(each, each.get("mean"), "dB") for each in stats])
 
     return Quantity(name, "dB", "higher", 2, value, tolerance, metric)
 
@@ -126,10 +126,10 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
 def _footprints(job: Record) -> float | None:
     """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR where that is older."""
     sides = {side: stats for side, stats in job.get("footprints", {}).items() if side != "1"}
-    return _average([_number(stats, stats["mean" if "mean" in stats else PSNR], "dB") for stats in sides.values()])
+    return average([_number(stats, stats["mean" if "mean" in stats else PSNR], "dB") for stats in sides.values()])
 
 
-def _average(values: list[float | None]) -> float | None:
+def average(values: Sequence[float | None]) -> float | None:
     """The mean of the finite values; infinite if all are exact, None if one was not measured."""
     known = [value for value in values if value is not None]
     if not known or len(known) < len(values):

@@ -44,7 +44,8 @@ def reference(run: Run, before: Run | None = None) -> str:
     reduced = [_job(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
     kept = _still_true(reduced, list(before.jobs) if before else [])
     timings = _timings(run, [job for job in jobs if not judged or job["seed"] in judged])
-    return "".join(_text(line) + "\n" for line in [*_start(run), *_in_order([*reduced, *kept]), *timings])
+    lines = [*_start(run), *_in_order([*reduced, *kept]), *timings]
+    return "".join(json.dumps(line, sort_keys=True, allow_nan=False, separators=(",", ":")) + "\n" for line in lines)
 
 
 def few_seeds(run: Run) -> list[str]:
@@ -62,10 +63,6 @@ def pairs_by_seed(run: Run) -> list[str]:
     for job in run.jobs:
         rows.setdefault(f"{job['material']}/{job['label']}", set()).add(job["score_key"]["btf"])
     return [name for name, pairs in rows.items() if len(pairs) > 1]
-
-
-def _text(line: Record) -> str:
-    return json.dumps(line, sort_keys=True, allow_nan=False, separators=(",", ":"))
 
 
 def _start(run: Run) -> Iterator[Record]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.archive import MAX_FILE, read_arrays
 from bench.errors import InputError
+from bench.metrics.psnr import psnr
 from bench.records import PSNR, Record, gate
 
 Array = np.ndarray
@@ -38,9 +39,7 @@ def decibels(folder: Path, job: Record) -> Array | None:
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): run it again") from error
     raw = raw[heldout] if gate(job["scores"]) == "heldout" else raw
-    with np.errstate(divide="ignore"):
-        found: Array = -10 * np.log10(raw[~np.isnan(raw)])
-    return found
+    return psnr(raw[~np.isnan(raw)])
 
 
 def packed(values: Array) -> str:

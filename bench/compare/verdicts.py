@@ -21,7 +21,7 @@ from enum import StrEnum
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
-from bench.compare.quantities import Quantity, Tolerance
+from bench.compare.quantities import Quantity, Tolerance, average
 from bench.records import Record, scored_unlike
 
 if TYPE_CHECKING:
@@ -108,10 +108,10 @@ def judge(
     if quantity.tolerance is not None and not paired and not _again(before, after):
         base, before = reference, tells  # the same pairs for every seed: each tells as much as any
     if reason := _obstacle(quantity, base[0], new[0], before, after):
-        return Change(quantity, _mean(before), _mean(after), Verdict.UNLIKE, why=reason)
+        return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=reason)
     certain = bool(quantity.metric) and one_file(reference)
     spread = 0.0 if certain else _spread(tells)
-    change = Change(quantity, _mean(before), _mean(after), Verdict.SHOWN, spread=spread)
+    change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:
         return change
     chance = None
@@ -248,15 +248,6 @@ def verdict(loss: float, room: float) -> Verdict:
     if loss > room:
         return Verdict.WORSE
     return Verdict.BETTER if -loss > room else Verdict.SAME
-
-
-def _mean(values: Values) -> float | None:
-    """The mean of the finite values, infinite if all are exact, so that losing one exact seed shows."""
-
-    numbers = [value for value in values if value is not None]
-    if not numbers or len(numbers) < len(values):
-        return None
-    return fmean([value for value in numbers if math.isfinite(value)] or numbers)
 
 
 def _spread(values: Values) -> float | None:

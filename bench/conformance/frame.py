@@ -179,14 +179,15 @@ class Found:
 
     def mistake(self) -> str:
         """What is wrong, in words; empty where nothing is."""
-        likely = [(self.error(one.radiance(*self.queries)), one.says) for one in self._wrong()]
+        likely = [
+            (self.error(one.radiance(*self.queries)), one.says)
+            for one in ARRANGEMENTS
+            if self.share(one.radiance(*self.queries)) > WRONG
+        ]
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
             likely.append((self.error(truth(*self.queries).double() * scale), f"as {scale:.3g} times the truth"))
         return f"your answers fit better {min(likely)[1]}" if likely else ""
-
-    def _wrong(self) -> list[Arrangement]:
-        return [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
 
     def untold(self) -> list[str]:
         """The arrangements that the answers do not tell from the truth."""

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.codec import Codec, Progress, SharedNetwork, silent
+from bench.codec import Codec, Progress, SharedNetwork, followed, silent
 from bench.codecs.registry import load_codec
 from bench.conformance import stability
 from bench.conformance.check import STAGES, Bench, Check, CheckError, raised
@@ -78,14 +78,12 @@ def _extremes(bench: Bench) -> Iterator[Result]:
     subject = stability.Subject(bench)
     cases = [case for case in stability.CASES if case.cheap]
     said = set[str]()
-    for number, case in enumerate(cases):
-        bench.show("extremes", number, len(cases))
+    for case in followed(bench.show, cases, "extremes", len(cases)):
         found = stability.judge(case, subject)
         what = found.detail if found.detail not in said else "the same again"
         said.add(found.detail)
         failure = what + met_by_others(case.name) if found.verdict == "fail" else ""
         yield Result(f"{case.name}: {case.holds}", failure, found.detail if found.verdict == "n/a" else "")
-    bench.show("extremes", len(cases), len(cases))
 
 
 def count(name: str) -> Record:

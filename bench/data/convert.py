@@ -15,7 +15,7 @@ from bench.codec import Progress, silent
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
 from bench.data.thinning import thinned
-from bench.errors import InputError
+from bench.errors import InputError, writable
 from bench.material import Material
 
 Array = np.ndarray
@@ -82,12 +82,9 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
     """
     check_place(out)
     btf = btf.over(_Watched(btf.source, show, len(btf)))
-    try:
-        with atomic.replacing(out) as partial:
-            (write_npz if _is_file_name(out) else write_folder)(btf, partial)
-            open_btf(partial)  # what the readers would refuse must not stand there as if it were done
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}): is there room, and may you write?") from error
+    with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:
+        (write_npz if _is_file_name(out) else write_folder)(btf, partial)
+        open_btf(partial)  # what the readers would refuse must not stand there as if it were done
 
 
 def check_place(out: Path) -> None:

@@ -19,9 +19,10 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     `MissingDataError` says where to get measured data that are not there.
     """
     if not spec.path:
-        from bench.data.materials import load
+        from bench.data.materials import recipe
+        from bench.data.materials.store import load_or_render
 
-        return load(spec.name, data.size, data.sampling(draw), show=show)
+        return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
     path = spec.found()
     if path is None:
         under = f" or under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
@@ -46,7 +47,7 @@ def outlined(spec: MaterialSpec, data: Preparation, draw: int = 0) -> BTF:
     from bench.data.materials import recipe
     from bench.data.materials.store import load_or_render
 
-    return load_or_render(spec.name, recipe(spec.name), data.size, data.sampling(draw), 0, outline=True)
+    return load_or_render(spec.name, recipe(spec.name), data, draw=draw, outline=True)
 
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:

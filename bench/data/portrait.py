@@ -14,7 +14,7 @@ import numpy as np
 from bench.btf import BTF, Layout, box_filter
 from bench.data import periodic
 from bench.data.frame import Lobe, mean_lobe
-from bench.errors import InputError
+from bench.errors import writable
 from bench.hemisphere import thin, to_degrees
 from bench.metrics.display import exposure_of, to_display
 
@@ -166,10 +166,8 @@ def draw(seen: Look, out: Path) -> None:
         axes.imshow(to_display(thumb, exposure))
         axes.set_title(_angles(seen.btf, pair), fontsize=7)
         axes.set_axis_off()
-    try:
+    with writable(out):
         figure.savefig(out, format="png", dpi=100)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place") from error
 
 
 def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> None:

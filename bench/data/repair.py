@@ -6,7 +6,7 @@ import logging
 import numpy as np
 
 from bench.btf import BTF, Array, NotFiniteError, Source
-from bench.codec import Progress, silent
+from bench.codec import Progress, followed, silent
 from bench.errors import InputError
 
 log = logging.getLogger(__name__)
@@ -52,12 +52,10 @@ def repaired(btf: BTF, show: Progress = silent) -> BTF:
     """
     source = Repaired(btf.source)
     masked = {}
-    for done, pair in enumerate(btf.pairs.tolist()):
-        show("looking for values that are not finite", done, len(btf))
-        count = source.mended(pair)[1]
-        if count:
+    pairs = followed(show, btf.pairs.tolist(), "looking for values that are not finite", len(btf))
+    for done, pair in enumerate(pairs):
+        if count := source.mended(pair)[1]:
             masked[done] = count
-    show("looking for values that are not finite", len(btf), len(btf))
     if not masked:
         return btf
     listed = ", ".join(map(str, list(masked)[:10])) + (", …" if len(masked) > 10 else "")

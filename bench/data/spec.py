@@ -1,15 +1,25 @@
-"""The specification of a material in a suite or a command: which one, and how it is prepared."""
+"""The specification of a material in a suite or a command: which one, and how it is prepared.
+
+The pairs of a rendered material are a product to train on, and random held-out pairs for validation or test.
+`validation` pairs are one fixed draw; defaults, recipes and stopping are chosen on them. `test` pairs are only for
+tables; they use another random stream and are drawn anew for each repetition and each material.
+"""
 
 import dataclasses
+import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-from bench.data.pairs import SPLIT, Sampling, Split
+import numpy as np
+
 from bench.errors import InputError, did_you_mean
+from bench.hemisphere import DIRECTION_SETS, thin, uniform
 from bench.settings import Natural, Range, converted
 
+Array = np.ndarray
+Split = Literal["test", "validation"]
 MOST = 1 << 38  # bytes of the radiance of a rendered material, as float32
 Directions = Annotated[int, Range(1, 10_000)]
 
@@ -23,7 +33,7 @@ class Preparation:
     views: Directions = 25
     lights: Directions = 25
     heldout: Annotated[int, Range(0, 100_000)] = 150  # further random pairs, uniform in solid angle up to 75°
-    split: Split = SPLIT  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
+    split: Split = "test"  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
     # At most so many training pairs are scored, always the same ones, and of whole held-out views and lights; 0: all.
@@ -38,9 +48,42 @@ class Preparation:
                 f"{needed / 2**30:,.0f} GiB, and {MOST >> 30} are the limit: lower size, views, lights or heldout"
             )
 
-    def sampling(self, draw: int = 0) -> Sampling:
-        """The pairs of a rendered material; `draw` is of its test pairs."""
-        return Sampling(self.directions, self.views, self.lights, self.heldout, self.split, draw)
+        if self.heldout < 0:
+            raise InputError(f"heldout must be at least 0, not {self.heldout}")
+        if self.split not in get_args(Split):
+            raise InputError(f"split must be {' or '.join(get_args(Split))}, not {self.split!r}")
+
+    def product(self) -> tuple[Array, Array]:
+        """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, view-major."""
+        if self.directions not in DIRECTION_SETS:
+            raise InputError(f"unknown direction set {self.directions!r}: there are {', '.join(DIRECTION_SETS)}")
+        everything = DIRECTION_SETS[self.directions]()
+        counts = (self.views, self.lights)
+        if not all(1 <= count <= len(everything) for count in counts):
+            raise InputError(
+                f"views and lights must be between 1 and the {len(everything)} of {self.directions}, not {counts}"
+            )
+        views, lights = (everything[thin(everything, count)] for count in counts)
+        return np.repeat(views, len(lights), 0), np.tile(lights, (len(views), 1))
+
+    def drawn(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
+        """`wo` and `wi` (heldout, 3) float32, uniform in solid angle up to 75°; `draw` is of the test pairs."""
+        stream = [seed, 0x5EED]
+        if self.split == "test":
+            named = int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
+            stream = [seed, 0x7E57, draw, named]
+        rng = np.random.default_rng(stream)
+        return uniform(rng, self.heldout), uniform(rng, self.heldout)
+
+    def everything(self, material: str, seed: int) -> tuple[Array, Array]:
+        """`wo` and `wi` of the training pairs, then of the held-out ones."""
+        wo, wi = (np.concatenate(both) for both in zip(self.product(), self.drawn(material, seed), strict=True))
+        return wo, wi
+
+    def described(self, draw: int = 0) -> str:
+        """The held-out pairs in words, for a provenance."""
+        which = f"test pairs, draw {draw}" if self.split == "test" else "validation pairs"
+        return f"{self.heldout} {which}, uniform in solid angle, theta_deg <= 75"
 
 
 @dataclass(frozen=True)

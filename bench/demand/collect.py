@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bench.codec import Progress, silent
+from bench.codec import Progress, followed, silent
 from bench.demand.demand import CELLS, MOST, Demand
 from bench.demand.points import Light, Points, asked
 from bench.errors import InputError
@@ -50,14 +50,12 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
     cells = size[0] * size[1]
     rng = np.random.default_rng(seed)
     parts = []
-    for frame in range(scene.frames):
-        show("casting rays", frame, scene.frames)
+    for frame in followed(show, range(scene.frames), "casting rays", scene.frames):
         points = scene.cast(frame, *_places(scene.picture, size, rng))
         if len(points):
             queries = asked(points, scene.lights(points, rng))
             queries["pixel"] += frame * cells
             parts.append(queries)
-    show("casting rays", scene.frames, scene.frames)
     if not parts:
         raise InputError(f"{scene.name}: the material is too small for so few rays: move the camera, or ask for more")
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -12,9 +12,9 @@ import numpy as np
 from bench.archive import read_arrays
 from bench.atomic import replacing
 from bench.btf import periods
-from bench.errors import InputError, readable
+from bench.errors import InputError, readable, shown
 from bench.metrics.display import LUMA
-from bench.settings import Count, converted, shown
+from bench.settings import Count, converted
 
 FORMAT = 2
 MOST = 1_000_000  # queries of a demand

@@ -17,7 +17,7 @@ import torch
 from bench import timing
 from bench.btf import BTF, Layout
 from bench.codec import SCENE, Codec, Fit, Parts, settings_dict
-from bench.codecs import container, loading
+from bench.codecs import container, loading, shared
 from bench.codecs.container import Header
 from bench.codecs.scene_material import unreported
 from bench.codecs.window import Window
@@ -30,6 +30,7 @@ from bench.density import Density
 from bench.material import Material
 from bench.metrics.display import to_display
 from bench.metrics.psnr import psnr
+from bench.threads import torch_threads
 
 EQUAL_DB = 0.2  # a scene model within this many dB of the full one counts as equally good
 OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
@@ -76,9 +77,17 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     )
 
 
-def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
-    """Fit a codec to a demand on a BTF; returns the encoded parts."""
-    return Problem.of(codec, btf, demand, uniform).encode(codec, fit)
+def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand | None = None, uniform: float = UNIFORM) -> Parts:
+    """Fit a codec to the pairs of a BTF, or to a demand on it if its settings say so; returns the encoded parts.
+
+    `InputError` where the network that it shares over materials was trained on this one.
+    """
+    if fit.network:
+        shared.refuse(fit.network, btf)
+    with torch_threads(fit.threads):
+        if codec.scene and demand:
+            return Problem.of(codec, btf, demand, uniform).encode(codec, fit)
+        return codec.encode(btf, fit)
 
 
 @dataclass(frozen=True)

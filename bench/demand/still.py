@@ -16,7 +16,7 @@ from bench.demand.points import Array, asked
 from bench.demand.scene import LightSource, Scene, Vector
 from bench.demand.text_scene import TextScene
 from bench.demand.truth import truth
-from bench.errors import InputError
+from bench.errors import InputError, writable
 from bench.hemisphere import from_degrees
 from bench.material import Material
 from bench.metrics.display import exposure_of, to_display
@@ -118,11 +118,8 @@ def write(path: Path, picture: Array, exposure: float) -> None:
     written.
     """
     check_ending(path)
-    try:
-        with replacing(path) as partial:
-            (_write_exr if path.suffix == ".exr" else _write_png)(partial, picture, exposure)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}): choose another place") from error
+    with writable(path), replacing(path) as partial:
+        (_write_exr if path.suffix == ".exr" else _write_png)(partial, picture, exposure)
 
 
 def check_ending(path: Path) -> None:

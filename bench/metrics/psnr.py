@@ -17,7 +17,7 @@ from bench.metrics.picture import Picture
 Array = np.ndarray
 
 
-def psnr(mse: Array | float, peak: float) -> Array:
+def psnr(mse: Array | float, peak: float = 1.0) -> Array:
     """Decibels of a mean squared error, of any shape; ∞ where it is 0."""
     mse = np.asarray(mse, np.float64)
     safe = np.where(mse > 0, mse, 1)

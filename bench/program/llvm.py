@@ -11,7 +11,7 @@ from functools import cache
 from tempfile import TemporaryDirectory
 from types import ModuleType
 
-from bench.errors import InputError
+from bench.errors import InputError, installed
 
 CHOICE = "DRJIT_LIBLLVM_PATH"
 REMEDY = (
@@ -50,10 +50,8 @@ for name, trial in trials.items():
 
 def drjit() -> ModuleType:
     """Dr.Jit with an LLVM that compiles the suite's kernels. `InputError` says what to install."""
-    try:
+    with installed("fused on the CPU needs Dr.Jit: pip install neubtf-bench[mitsuba]"):
         import drjit as dr
-    except ImportError as error:
-        raise InputError(f"fused on the CPU needs Dr.Jit: pip install neubtf-bench[mitsuba] ({error})") from error
     reason = unusable()
     if reason:
         raise InputError(reason)

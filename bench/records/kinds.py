@@ -12,6 +12,8 @@ from functools import cache
 from itertools import chain
 from typing import Any
 
+from bench.errors import shown
+
 LARGEST = 1e18  # a number beyond is no measurement
 WHOLE = (1 << 63) - 1  # seeds reach as far
 DEEPEST = 12
@@ -167,5 +169,4 @@ def _plainly(kind: Kind, values: Collection[Any]) -> bool:
 def _shown(value: Any) -> str:
     if isinstance(value, dict | list):
         return f"{'an object' if isinstance(value, dict) else 'a list'} of {len(value)}"
-    text = repr(value) if not isinstance(value, int) or abs(value) <= WHOLE else "a number of absurd size"
-    return text if len(text) <= 60 else f"{text[:60]} …"
+    return shown(value)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, overload
 
-from bench.errors import InputError
+from bench.errors import InputError, writable
 from bench.records import fields
 from bench.records.schema import ARTEFACT, Record
 
@@ -37,21 +37,16 @@ _LONGEST_LINE = 16 << 20  # bytes; a record has some thousands
 def append(folder: Path, record: Record) -> None:
     """Append one record to a run and sync it to disk. `InputError` where it cannot be written."""
     line = _line(record)
-    try:
-        with open(folder / FILE, "ab", buffering=0) as file:
-            start = file.tell()
-            if start and not _ends_in_newline(folder / FILE):
-                line = b"\n" + line  # an earlier process was killed while writing its line
-            try:
-                _write(file.fileno(), line)
-            except OSError:
-                os.truncate(file.fileno(), start)
-                raise
-    except OSError as error:
-        raise InputError(
-            f"{folder / FILE}: cannot be written ({error.strerror}): make room, then give the same command again: "
-            "what is finished is kept"
-        ) from error
+    remedy = "make room, then give the same command again: what is finished is kept"
+    with writable(folder / FILE, remedy), open(folder / FILE, "ab", buffering=0) as file:
+        start = file.tell()
+        if start and not _ends_in_newline(folder / FILE):
+            line = b"\n" + line  # an earlier process was killed while writing its line
+        try:
+            _write(file.fileno(), line)
+        except OSError:
+            os.truncate(file.fileno(), start)
+            raise
 
 
 def _write(file: int, data: bytes) -> None:

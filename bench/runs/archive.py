@@ -27,6 +27,8 @@ from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import machine, made
 from bench.runs.place import Place
 from bench.runs.provenance import provenance
+from bench.runs.suite import CodecSpec
+from bench.runs.task import Task
 from bench.runs.workbench import Workbench, workbench
 from bench.settings import table
 
@@ -154,7 +156,8 @@ def _verified(
     if other := _other_data(job, spec, data):
         return Verdict(name, NOT_VERIFIED, other)
     metrics = tuple(job["score_key"]["metrics"])
-    with workbench(job["run"], spec, data, None, show, "", int(job["seed"]), metrics) as bench:
+    task = Task(job["run"], folder, spec, data, CodecSpec(job["codec"]), int(job["seed"]), 1, metrics=metrics)
+    with workbench(task, show) as bench:
         if bench.btf.fingerprint != job["score_key"]["btf"]:
             return Verdict(name, NOT_VERIFIED, _OTHER.format(spec.name))
         return _judged(job, bench, folder, out, show, data.split)

@@ -106,12 +106,9 @@ def _file(module: str) -> Path | None:
     if place is None or not parts:
         return place if place and place.is_file() else None
     inside = place.parent.joinpath(*parts)
-    candidates = (inside.with_name(f"{inside.name}.py"), inside / "__init__.py", *_compiled(inside))
+    compiled = (inside.with_name(inside.name + suffix) for suffix in EXTENSION_SUFFIXES)
+    candidates = (inside.with_name(f"{inside.name}.py"), inside / "__init__.py", *compiled)
     return next((path for path in candidates if path.is_file()), None)
-
-
-def _compiled(place: Path) -> Iterator[Path]:
-    return (path for suffix in EXTENSION_SUFFIXES for path in [place.with_name(place.name + suffix)])
 
 
 def _place(top: str) -> Path | None:

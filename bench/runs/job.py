@@ -30,67 +30,22 @@ from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_di
 from bench.codecs import container, loading, shared
 from bench.codecs.command import Programs
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
-from bench.data.spec import MaterialSpec, Preparation
-from bench.demand import UNIFORM, fitting, require_demand
+from bench.demand import fitting, require_demand
 from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
-from bench.metrics import DEFAULTS
 from bench.records import Record
 from bench.records.fields import fault_of_facts
 from bench.runs.evaluation import drawing, evaluate, score_key
 from bench.runs.identity import identity
 from bench.runs.place import Place
 from bench.runs.provenance import processor, revision
-from bench.runs.suite import CodecSpec
+from bench.runs.task import Task
 from bench.runs.undisturbed import undisturbed
 from bench.runs.workbench import Workbench, workbench
-from bench.threads import torch_threads
 
 log = logging.getLogger(__name__)
 
 STATE, FRESH_STATE = ".state", ".fresh"  # checkpoints of an unfinished fit; `.fresh` is valid within one run only
 FACTS = ".fit.json"  # beside a codec file
-
-
-@dataclass(frozen=True)
-class Task:
-    """Everything that a worker needs to know of one cell of a suite."""
-
-    run: str
-    folder: Path  # of the run
-    material: MaterialSpec
-    data: Preparation
-    codec: CodecSpec
-    repetition: int
-    threads: int
-    demand: str = ""  # path of the demand to judge by
-    uniform: float = UNIFORM
-    metrics: tuple[str, ...] = DEFAULTS  # as the suite names them
-    device: str = "cpu"
-    scorers: int | None = None  # threads that score; None: one a core
-    fresh: bool = False
-    earlier: Record | None = None  # status and keys of the job's latest record
-    sent: dict[str, bytes] = field(default_factory=dict)  # the files of that record's fit, if the worker asked for them
-    network: tuple[str, bytes] | None = None  # the file that the codec shares over materials, and its name in files/
-    losses: int = 0  # workers that died while they ran this job
-
-    @property
-    def name(self) -> str:
-        return f"{self.material.name}/{self.codec.label}/{self.repetition}"
-
-    @property
-    def base(self) -> Record:
-        """The fields with which each record of this job begins."""
-        return {
-            "kind": "job",
-            "job": self.name,
-            "run": self.run,
-            "material": self.material.name,
-            "codec": self.codec.codec,
-            "label": self.codec.label,
-            "curve": self.codec.curve,
-            "seed": self.repetition,
-            "split": self.data.split,
-        }
 
 
 @dataclass(frozen=True)
@@ -120,9 +75,8 @@ def seed_of(*parts: object) -> int:
 
 def work(task: Task, show: Progress = silent) -> Answer:
     """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`."""
-    where = (task.run, task.material, task.data, task.scorers, show, task.demand, task.repetition, task.metrics)
     try:
-        with workbench(*where) as bench, undisturbed():
+        with workbench(task, show) as bench, undisturbed():
             return Job(task, bench, lambda label, done, total: show(f"{task.name}: {label}", done, total)).run()
     except MissingDataError as error:
         return Result(task.base | {"status": "unavailable", "error": str(error)})
@@ -299,22 +253,11 @@ class Job:
 
     def _encode(self) -> tuple[Record, Parts]:
         """Fit the codec; returns the facts of the fit (seconds and curve) and the encoded parts."""
-        if self.network:
-            shared.refuse(self.network, self.bench.btf)
-        fit = Fit(
-            torch.device(self.task.device),
-            self.task.threads,
-            self.seed,
-            self.show,
-            self.checkpoint,
-            network=self.network,
-        )
-        with undisturbed(), torch_threads(self.task.threads):
+        device, threads = torch.device(self.task.device), self.task.threads
+        fit = Fit(device, threads, self.seed, self.show, self.checkpoint, network=self.network)
+        with undisturbed():
             start = time.perf_counter()
-            if self.codec.scene and self.bench.demand:
-                parts = fitting.encode(self.codec, self.bench.training, fit, self.bench.demand, self.task.uniform)
-            else:
-                parts = self.codec.encode(self.bench.training, fit)
+            parts = fitting.encode(self.codec, self.bench.training, fit, self.bench.demand, self.task.uniform)
             seconds = time.perf_counter() - start
         if fit.history:  # its clock continues when an interrupted fit is resumed
             seconds = max(seconds, fit.history[-1].get("seconds", 0.0))

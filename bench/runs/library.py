@@ -13,14 +13,13 @@ from bench.codec import Codec, Fit, Progress, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
 from bench.data.open import open_named
-from bench.demand import require_demand
+from bench.demand import fitting, require_demand
 from bench.demand.demand import load as load_demand
 from bench.errors import InputError
 from bench.material import Material
 from bench.records import ARTEFACT, Record, named
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.workbench import Workbench
-from bench.threads import torch_threads
 
 
 def open(name: str | Path, **data: Any) -> BTF:
@@ -55,11 +54,8 @@ def encode(
         raise InputError(f"encode: codec {codec.name} has its settings already: give {min(settings)} where it is made")
     made = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
     require_demand(made, None)
-    network = shared.find_for(made, btf)
-    fit = Fit(torch.device(device), threads, seed, show, network=network)
-    with torch_threads(threads):
-        parts = made.encode(btf.subset(btf.split().train), fit)
-    return container.save(Path(out), made, parts)
+    fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(made))
+    return container.save(Path(out), made, fitting.encode(made, btf.subset(btf.split().train), fit))
 
 
 def load(file: str | Path, device: str = "cpu") -> Material:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.atomic import is_still
-from bench.errors import InputError
+from bench.errors import InputError, writable
 
 log = logging.getLogger(__name__)
 
@@ -35,11 +35,9 @@ def locked(folder: Path, run: str) -> Iterator[None]:
     `InputError` names the holder, or says why the folder cannot be written. Takes over the lock of a dead process, with
     a warning. A lock that another host took over meanwhile, because this process was suspended, is left to it.
     """
-    try:
+    with writable(folder, "choose another --out"):
         folder.mkdir(parents=True, exist_ok=True)
         file = _acquire(folder, run)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another --out") from error
     done = threading.Event()
     renewal = threading.Thread(target=_renew, args=(folder, run, done), daemon=True)
     renewal.start()

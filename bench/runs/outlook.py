@@ -15,8 +15,8 @@ from bench.codec import settings_dict
 from bench.codecs.registry import make_codec
 from bench.errors import InputError
 from bench.records import FILE, Record, load_run
-from bench.runs.job import Task
 from bench.runs.provenance import processor
+from bench.runs.task import Task
 
 
 @dataclass(frozen=True)

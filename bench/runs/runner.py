@@ -29,12 +29,13 @@ from bench.demand import require_demand
 from bench.errors import CodecError, InputError
 from bench.records import Record, Run
 from bench.runs.executors import Workers, in_process, one_process
-from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, Task, WantsFiles, blamed, failed, work
+from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, WantsFiles, blamed, failed, work
 from bench.runs.lock import locked
 from bench.runs.outlook import Outlook
 from bench.runs.pretraining import ready
 from bench.runs.provenance import provenance
 from bench.runs.suite import Suite, canonical
+from bench.runs.task import Task
 from bench.runs.timed import timings
 from bench.runs.workbench import demand_of
 
@@ -186,7 +187,10 @@ class _Session:
         done = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
         unsound = [task for task in order if task.codec.label in self.faults]
         results = itertools.chain(((task, failed(task, self.faults[task.codec.label])) for task in unsound), done)
-        outlook = self._outlook(workers)
+        # Jobs whose records agree with their files are expected to hold.
+        holds = {task.name for task in self.tasks if self._earlier(task.name) is not None}
+        seats = workers.seats or (lambda: workers.at_once)
+        outlook = Outlook(self.tasks, holds, self.options.folder.absolute(), seats)
         self.options.say(outlook.first)
         self.options.show("jobs", 0, len(self.tasks))
         for count, (task, result) in enumerate(results, 1):
@@ -197,12 +201,6 @@ class _Session:
             if outcome.record["status"] == "ok":
                 self.done[task.name] = outcome.record
             yield outcome
-
-    def _outlook(self, workers: Workers) -> Outlook:
-        """The jobs ahead; those whose records agree with their files are expected to hold."""
-        holds = {task.name for task in self.tasks if self._earlier(task.name) is not None}
-        seats = workers.seats or (lambda: workers.at_once)
-        return Outlook(self.tasks, holds, self.options.folder.absolute(), seats)
 
     def _told(self, task: Task) -> dict[str, Any]:
         """The fields of a task that a worker cannot look up."""

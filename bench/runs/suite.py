@@ -45,9 +45,9 @@ from typing import Annotated, Any
 from bench.codecs.registry import COMMAND
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
-from bench.errors import CodecError, InputError, did_you_mean
+from bench.errors import CodecError, InputError, did_you_mean, shown
 from bench.metrics import DEFAULTS, chosen_names
-from bench.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, shown, table
+from bench.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, table
 
 MOST_JOBS = 100_000
 Words = tuple[str, ...]
@@ -221,10 +221,10 @@ def _told(spec: CodecSpec) -> dict[str, Any]:
 
     recipe = {key: value for key, value in spec.settings.items() if key == RECIPE}
     try:
-        given = settings_dict(make_codec(spec.codec, spec.settings))
-        default = settings_dict(make_codec(spec.codec, {}))
+        codec = make_codec(spec.codec, spec.settings)
+        given, default = settings_dict(codec), settings_dict(make_codec(spec.codec, recipe))
         if recipe:
-            default = settings_dict(make_codec(spec.codec, recipe)) | {RECIPE: default.get(RECIPE)}
+            default |= {RECIPE: codec.Settings.recipe}  # type: ignore[attr-defined]
     except CodecError:  # its jobs fail with this error
         return spec.settings
     return {key: given.get(key, value) for key, value in spec.settings.items() if given.get(key) != default.get(key)}

@@ -22,6 +22,8 @@ from bench.data.spec import MaterialSpec
 from bench.demand.lobes import fitted
 from bench.errors import InputError
 from bench.material import Material
+from bench.metrics.angular import as_number
+from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
 from bench.records import (
     FLIP,
@@ -40,6 +42,7 @@ from bench.runs import runner
 from bench.runs.choose import answers, psnr
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import Suite, canonical
+from bench.runs.task import Task
 from bench.runs.workbench import Workbench, workbench
 from bench.threads import torch_threads
 from bench.timing import native
@@ -115,7 +118,10 @@ def measure(
     for spec in suite.materials:
         jobs = _jobs(suite, spec, run)
         if jobs:
-            with workbench("trade", spec, suite.data, None, show, "", suite.seeds[0], suite.metrics) as bench:
+            task = Task(
+                "trade", run.folder, spec, suite.data, suite.codecs[0], suite.seeds[0], 1, metrics=suite.metrics
+            )
+            with workbench(task, show) as bench:
                 choices = _choices(bench, jobs, suite, run, device, ceilings, show)
             result["choices"] += [row | _noise(run, row, show) for row in choices] if noise else choices
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
@@ -257,11 +263,10 @@ def _score(bench: Workbench, material: Material, threads: int, show: Progress) -
 
 def _figures(metrics: dict[str, Any], squared: np.ndarray) -> dict[str, float | None]:
     flip = metric_of(metrics, FLIP)
-    worst = float(squared.max())
     return {
         "psnr": metrics[PSNR]["pooled"],
         "flip": metrics[flip]["mean"] if flip else None,
-        "worst": -10 * float(np.log10(worst)) if worst > 0 else None,
+        "worst": as_number(float(decibels(squared.max()))),
     }
 
 

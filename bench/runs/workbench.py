@@ -13,7 +13,6 @@ import torch
 from bench.btf import BTF, Split
 from bench.codec import Progress
 from bench.data.open import draw_of, open_material
-from bench.data.spec import MaterialSpec, Preparation
 from bench.demand.corners import pair_shares
 from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
@@ -24,6 +23,7 @@ from bench.hemisphere import to_degrees
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
 from bench.records import OUTSIDE, gate
+from bench.runs.task import Task
 
 STORED = 16  # slices that are stored as pictures, for the slice viewer of a report
 SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
@@ -137,29 +137,19 @@ def demand_of(run: str, path: str) -> Demand:
 
 
 @contextmanager
-def workbench(
-    run: str,
-    spec: MaterialSpec,
-    data: Preparation,
-    scorers: int | None,
-    show: Progress,
-    demand: str = "",
-    repetition: int = 0,
-    metrics: tuple[str, ...] = DEFAULTS,
-) -> Iterator[Workbench]:
-    """The workbench of a material, for one thread at a time; consecutive jobs of a run on one material share it.
+def workbench(task: Task, show: Progress) -> Iterator[Workbench]:
+    """The workbench of a task's material, for one thread at a time; consecutive tasks on one material share it.
 
-    Jobs of another `repetition` are scored at another draw of test pairs, if the material has several.
+    Tasks of another repetition are scored at another draw of test pairs, if the material has several.
     """
-
-    draw = draw_of(spec, data, repetition)
-    key = (run, spec, data, scorers, demand, draw, metrics)
+    draw = draw_of(task.material, task.data, task.repetition)
+    key = (task.run, task.material, task.data, task.scorers, task.demand, draw, task.metrics)
     with _ONE_AT_A_TIME:
         if key not in _latest:
             _latest.clear()
-            asked = demand_of(run, demand) if demand else None
-            btf = open_material(spec, data, show, draw)
-            if data.texels:
+            demand = demand_of(task.run, task.demand) if task.demand else None
+            btf = open_material(task.material, task.data, show, draw)
+            if task.data.texels:
                 btf.gather([0], [0], [0])  # writes the scratch file, if there is one: its time is no fit's
-            _latest[key] = Workbench(btf, spec.name, scorers, asked, data.scored, metrics)
+            _latest[key] = Workbench(btf, task.material.name, task.scorers, demand, task.data.scored, task.metrics)
         yield _latest[key]

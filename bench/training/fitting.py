@@ -187,6 +187,8 @@ class Objective(nn.Module):
     State that must survive an interruption must be a parameter or a buffer.
     """
 
+    settings: Any  # of the codec
+
     def __init__(self, samples: Samples):
         super().__init__()
         self.samples = samples
@@ -207,8 +209,12 @@ class Objective(nn.Module):
         raise NotImplementedError
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        """The loss of one step, a scalar; every random number comes from the generator, which lives on the CPU."""
-        raise NotImplementedError
+        """The loss of one step, a scalar; every random number comes from the generator, which lives on the CPU.
+
+        Unless a codec writes another, it is the distance of `predict` from the data at uniform random samples.
+        """
+        batch = self.samples.draw(self.settings.batch, generator)
+        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
 
 def display_psnr(level: Tensor, target: Tensor) -> float:

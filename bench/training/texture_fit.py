@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from bench.settings import BatchSize, Natural, Positive
 from bench.training.decoder import Decoder
-from bench.training.fitting import Loss, Objective, Samples, distance
+from bench.training.fitting import Loss, Objective, Samples
 from bench.training.inputs import direction_inputs
 from bench.training.optimiser import Optimiser, groups_of
 from bench.training.start import Start
@@ -30,10 +30,7 @@ class FitSettings:
 
 
 class TextureObjective(Objective):
-    """A texture and a network, `network`, both free; a codec writes `predict`. Every other parameter is the texture's.
-
-    Each step takes the distance of `predict` at uniform random samples from the data.
-    """
+    """A texture and a network, `network`, both free. Every parameter that is not the network's is the texture's."""
 
     network: nn.Module
 
@@ -47,10 +44,6 @@ class TextureObjective(Objective):
         ours = {id(p) for p in self.network.parameters()}
         texture = [p for p in self.parameters() if id(p) not in ours]
         return [*network, {"params": texture, "lr": settings.latent_rate}]
-
-    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
 
 class DirectedObjective(TextureObjective):

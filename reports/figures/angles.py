@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bench.metrics.psnr import psnr
 from bench.records import PSNR, Run
 from reports.artefacts import Arrays, arrays
 from reports.figures.canvas import Figure, legend, plots, png, style
@@ -50,4 +51,4 @@ def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]
     ring = np.clip(np.searchsorted(EDGES_DEG, theta + 1e-4, side="right") - 1, 0, len(EDGES_DEG) - 2)
     means = {int(i): error[ring == i].mean() for i in np.unique(ring)}
     centres = np.array([EDGES_DEG[i] + 7.5 for i, mean in means.items() if mean > 0])
-    return centres, -10 * np.log10([mean for mean in means.values() if mean > 0])
+    return centres, psnr(np.array([mean for mean in means.values() if mean > 0]))

@@ -89,5 +89,6 @@ def test_a_cache_that_may_not_be_written_is_no_failure_of_a_job(tmp_path, monkey
 def task_of(folder):
     from bench.data.spec import MaterialSpec, Preparation
     from bench.runs.suite import CodecSpec
+    from bench.runs.task import Task
 
-    return job.Task("run", folder, MaterialSpec("satin"), Preparation(), CodecSpec("mean-colour"), 0, 1)
+    return Task("run", folder, MaterialSpec("satin"), Preparation(), CodecSpec("mean-colour"), 0, 1)

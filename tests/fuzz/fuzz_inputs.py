@@ -463,7 +463,7 @@ def job() -> Any:
     suite = parse_suite("small", SMALL)
     folder = Path(tempfile.mkdtemp(prefix="fuzz-facts-"))
     task = Task("run", folder, suite.materials[0], suite.data, suite.codecs[0], 0, 1)
-    bench = workbench("run", task.material, task.data, None, lambda *_: None, "", 0, task.metrics).__enter__()
+    bench = workbench(task, lambda *_: None).__enter__()
     made = Job(task, bench, lambda *_: None)
     made._file()
     return made

@@ -17,7 +17,7 @@ from bench.material import parameters
 from bench.training import Samples, unpack
 from bench.training import fitting as training
 from neubtf.autoencoder import FAINT, Autoencoder
-from neubtf.codec import NeuBTF, guiding_pair, most_frontal
+from neubtf.codec import NeuBTF, guiding_pair
 from neubtf.direct import NeuBTFDirect
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, read_encoder
 
@@ -58,6 +58,10 @@ def test_the_files_texture_is_the_autoencoders(size: tuple[int, int], tmp_path: 
     # Eight bits round to half a step; the rest is float32.
     assert ((stored - texture).abs() <= 0.501 * step).all()
     assert step.min() > 1e-4
+
+
+def most_frontal(btf: BTF) -> int:
+    return int((btf.wo[:, 2] + btf.wi[:, 2]).argmax())
 
 
 def test_the_guidance_is_the_most_frontal_slice_as_it_is_displayed() -> None:

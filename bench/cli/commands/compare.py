@@ -75,10 +75,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _write(path: Path, text: str) -> None:
     from bench.atomic import write
-    from bench.errors import InputError
+    from bench.errors import writable
 
-    try:
+    with writable(path):
         write(path, text.encode())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
     print(f"wrote {path}")

@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.errors import FINE, InputError
+from bench.errors import FINE, InputError, installed
 
 if TYPE_CHECKING:
     from bench.demand.collect import Caster
@@ -57,11 +57,6 @@ def _mitsuba_scene(path: Path, bsdf: str | None) -> "Caster":
         raise InputError(f"{path}: not there: check the path")
     if not bsdf:
         raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
-    try:
+    with installed(f"{path}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]', or describe the scene in TOML"):
         from bench.demand.mitsuba_scene import MitsubaScene
-    except ImportError as error:
-        raise InputError(
-            f"{path}: needs Mitsuba 3, which cannot be imported ({error}): pip install 'neubtf-bench[mitsuba]', or "
-            "describe the scene in TOML"
-        ) from error
     return MitsubaScene(path, bsdf)

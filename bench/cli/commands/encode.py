@@ -8,7 +8,6 @@ examples:
 """
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from bench.errors import FINE, NO, InputError
 if TYPE_CHECKING:
     from bench.btf import BTF
     from bench.cli.console import Console
-    from bench.codec import Codec, Fit
+    from bench.codec import Codec, TrainedNetwork
     from bench.demand.demand import Demand
     from bench.demand.fitting import Found
 
@@ -39,15 +38,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    import torch
-
     from bench.cli.console import Console, file_lines
-    from bench.codec import Fit
     from bench.codecs import container, shared
     from bench.codecs.registry import load_codec
     from bench.data.open import open_named
     from bench.demand import demand, require_demand
-    from bench.threads import torch_threads
+    from bench.runs.library import encode
 
     _check(options)
     changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})
@@ -55,21 +51,15 @@ def run(options: argparse.Namespace) -> int:
     codec = load_codec(options.codec)(**settings)
     asked = demand.load(options.demand) if options.demand else None
     require_demand(codec, asked)
-    device = torch.device(usable_device(options.device))
-    network = shared.find_for(codec)  # missing, it is said before anything is rendered
-    code = FINE
-
-    def fit() -> Fit:
-        return Fit(device, options.threads, options.seed, console.show, network=network)
-
-    with Console() as console, torch_threads(options.threads):
+    device = usable_device(options.device)
+    network, code = shared.find_for(codec), FINE  # missing, it is said before anything is rendered
+    with Console() as console:
         btf = open_named(options.btf, changes, console.show)
-        if network:
-            shared.refuse(network, btf)
         if asked:
-            code = _to_scene(options, codec, btf, asked, fit, console)
+            code = _to_scene(options, codec, btf, asked, network, console)
         else:
-            container.save(options.out, codec, codec.encode(btf.subset(btf.split().train), fit()))
+            seed, count = options.seed, options.threads
+            encode(btf, codec, options.out, seed=seed, threads=count, device=device, show=console.show)
     console.say(file_lines(container.read_header(options.out)))
     return code
 
@@ -91,21 +81,31 @@ def _to_scene(
     codec: "Codec",
     btf: "BTF",
     asked: "Demand",
-    fit: "Callable[[], Fit]",
+    network: "TrainedNetwork | None",
     console: "Console",
 ) -> int:
     """Write the smallest model that does in a scene, or the full one, and show what is gained and paid."""
     import tempfile
 
+    import torch
+
     from bench import atomic
+    from bench.codec import Fit
+    from bench.codecs import shared
     from bench.demand import UNIFORM, fitting
     from bench.demand.judge import Judge, table_of
+    from bench.threads import torch_threads
     from reports.scene_models import scene_models_text
 
+    def fit() -> Fit:
+        return Fit(torch.device(options.device), options.threads, options.seed, console.show, network=network)
+
+    if network:
+        shared.refuse(network, btf)
     judge = Judge(table_of(btf), asked, console.show)
     uniform = UNIFORM if options.uniform is None else options.uniform
     wanted = fitting.Goal(options.target_psnr, options.target_flip)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, torch_threads(options.threads):
         search = fitting.Search(codec, btf.subset(btf.split().train), judge, fit, Path(folder), uniform)
         found = search.run(None if wanted == fitting.Goal() else wanted)
         console.say(scene_models_text(fitting.rows(found, judge, options.threads)))

@@ -57,23 +57,21 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _plot(runs: list[str], folder: Path) -> None:
-    from bench.errors import InputError
+    from bench.errors import writable
     from bench.records import load_run
     from reports import write_history
 
-    try:
+    with writable(folder, "choose another --plot"):
         written = write_history([load_run(run) for run in runs], folder)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another --plot") from error
     print("\n".join(f"wrote {path}" for path in written))
 
 
 def _write(frame: "pd.DataFrame", path: Path) -> None:
     from bench.atomic import replacing
-    from bench.errors import InputError
+    from bench.errors import InputError, writable
 
     try:
-        with replacing(path) as partial:
+        with writable(path, "choose another --out"), replacing(path) as partial:
             if path.suffix == ".csv":
                 frame.to_csv(partial, index=False)
             else:
@@ -82,8 +80,6 @@ def _write(frame: "pd.DataFrame", path: Path) -> None:
         raise InputError(
             f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv"
         ) from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}): choose another --out") from error
 
 
 def _table(frame: "pd.DataFrame") -> str:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from bench.errors import FINE
-from bench.records import Run
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,10 +26,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.atomic import write
-    from bench.compare import check_whole
+    from bench.compare import check_whole, compare
     from bench.compare.reference import few_seeds, pairs_by_seed, reference
-    from bench.errors import InputError
+    from bench.errors import InputError, writable
     from bench.records import load_run
+    from reports.comparison import terminal
 
     measured = load_run(options.run)
     path = options.out or _committed(options.run, measured.starts)
@@ -40,12 +40,10 @@ def run(options: argparse.Namespace) -> int:
     if before:
         check_whole(before)
     text = reference(measured, before)
-    try:
+    with writable(path, "give --out FILE"):
         write(path, text.encode())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}): give --out FILE") from error
     after = load_run(path)
-    print(_changes(before or after, after))
+    print(terminal(compare(before or after, after)))
     print(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
     drawn = pairs_by_seed(after)
     if few := [name for name in few_seeds(after) if name not in drawn]:
@@ -68,10 +66,3 @@ def _committed(folder: str, starts: Sequence[dict[str, Any]]) -> Path:
     if suite not in builtin_suites():
         raise InputError(f"{folder}: not a run of a built-in suite: give --out FILE")
     return committed(suite)
-
-
-def _changes(before: Run, after: Run) -> str:
-    from bench.compare import compare
-    from reports.comparison import terminal
-
-    return terminal(compare(before, after))

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.cli.commands import assignments, usable_device
-from bench.errors import FINE, InputError
+from bench.errors import FINE, InputError, installed
 
 if TYPE_CHECKING:
     from bench.demand.scene import Scene
@@ -93,12 +93,8 @@ def _path_traced(options: argparse.Namespace) -> int:
     for name, reason in own.items():
         if getattr(options, name[2:]):
             raise InputError(f"{name}: not with a Mitsuba scene: {reason}")
-    try:
+    with installed(f"--scene {options.scene}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]'"):
         from bench.demand.path_traced import path_traced
-    except ImportError as error:
-        raise InputError(
-            f"--scene {options.scene}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]' ({error})"
-        ) from error
     scene = Path(options.scene)
     pictures = [path_traced(scene, options.bsdf, file, options.tiling, options.samples) for file in options.files]
     exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure

@@ -20,7 +20,7 @@ import re
 import shlex
 from pathlib import Path
 
-from bench.errors import FINE, NO, InputError
+from bench.errors import FINE, NO, InputError, writable
 
 _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
 
@@ -55,10 +55,8 @@ def _add(run: Path, file: Path) -> int:
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
     whole = load_together([*([file] if file.exists() else []), run])
     text = published(whole)
-    try:
+    with writable(file, "choose another FILE"):
         write(file, text.encode())
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror}): choose another FILE") from error
     print(f"wrote {file}: {len(whole.jobs)} jobs, {len(text.encode()):,} bytes")
     return FINE
 

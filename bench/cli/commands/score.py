@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import assignments, threads, usable_device
-from bench.errors import FINE, InputError
+from bench.errors import FINE, InputError, writable
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,8 +59,6 @@ def _write(path: Path, found: dict[str, object]) -> None:
 
     from bench.atomic import write
 
-    try:
+    with writable(path, "choose another --json"):
         write(path, json.dumps(found, indent=2, allow_nan=False).encode())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}): choose another --json") from error
     print(f"wrote {path}")

@@ -11,12 +11,12 @@ examples:
 
 import argparse
 import os
-from collections.abc import Iterator
 from contextlib import AbstractContextManager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.errors import FINE, NO, InputError
+from bench.errors import FINE, NO, InputError, writable
 from bench.records import STRESS
 
 if TYPE_CHECKING:
@@ -54,11 +54,13 @@ def run(options: argparse.Namespace) -> int:
 
     codecs, cases = stress.chosen(options.codec, options.case)
     cases = [case for case in cases if case.cheap or not options.cheap]
-    _make(options.out)
+    with writable(options.out, "choose another --out"):
+        options.out.mkdir(parents=True, exist_ok=True)
     records.append(options.out, {"kind": "run", "suite": "stress", "device": "cpu"} | provenance())
     found: list[Record] = []
     with Console() as console, _workers(options.jobs, len(codecs)) as workers:
-        for record in _all(stress.run(codecs, cases, workers, console.show), pictures=not options.case):
+        pictures = () if options.case else stress.picture_records()
+        for record in chain(stress.run(codecs, cases, workers, console.show), pictures):
             records.append(options.out, record)
             found.append(record)
     print(stress_text(found, options.format))
@@ -67,26 +69,11 @@ def run(options: argparse.Namespace) -> int:
     return NO if "fail" in verdicts else FINE
 
 
-def _all(of_codecs: "Iterator[Record]", pictures: bool) -> "Iterator[Record]":
-    from bench.conformance.stability.run import picture_records
-
-    yield from of_codecs
-    if pictures:
-        yield from picture_records()
-
-
 def _workers(jobs: int, codecs: int) -> "AbstractContextManager[Workers]":
     from bench.runs.executors import in_process, processes
 
     count = min(jobs, 2 * codecs)
     return in_process() if count == 1 else processes(count, threads=1)
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}): choose another --out") from error
 
 
 def _list() -> int:

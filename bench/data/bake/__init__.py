@@ -23,11 +23,11 @@ from bench.data.bake.partial import Partial
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
 from bench.data.joined import with_heldout
-from bench.data.materials.renderer import RENDERER_VERSION, render
+from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
 from bench.data.spec import Preparation
-from bench.errors import InputError
+from bench.errors import InputError, installed
 
 __all__ = ["RENDERERS", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
 RENDERERS = ("builtin", "mitsuba")
@@ -55,16 +55,15 @@ def bake(
 ) -> None:
     """Render a surface at the pairs that `data` asks for and write it: `.npz`, or a folder of EXR pictures.
 
-    Pairs are those of the built-in materials (`bench.data.pairs`): a product, then held-out pairs, drawn by `seed`.
+    Pairs are those of the built-in materials (`bench.data.spec`): a product, then held-out pairs, drawn by `seed`.
     Values are linear Rec. 709 f_r · cos θ_i. The result appears under its name when it is complete.
     `renderer` is one of `RENDERERS`; what "mitsuba" had finished when it was killed is kept beside `out`, and taken up
     by the same call.
     Raises `InputError` where `out` cannot be written, counts are out of range or Mitsuba is not installed.
     """
-    sampling = data.sampling()
-    wo, wi = sampling.everything(surface.name, seed)
+    wo, wi = data.everything(surface.name, seed)
     heldout = np.arange(len(wo)) >= data.views * data.lights if data.heldout else None
-    described = _described(surface, seed) | _sampled(data) | {"heldout": sampling.described()}
+    described = _described(surface, seed) | _sampled(data) | {"heldout": data.described()}
     _bake(surface, Pairs(wo, wi, heldout), described, out, show, seed, renderer)
 
 
@@ -107,13 +106,8 @@ def _path_traced(
     write: Callable[[Array, dict[str, Any]], None],
 ) -> None:
     """The bake by Mitsuba: launch after launch into a partial folder, then written as one."""
-    try:
+    with installed("the renderer mitsuba needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]'"):
         from bench.data.bake import path_tracer
-    except ImportError as error:
-        raise InputError(
-            f"the renderer mitsuba needs Mitsuba 3, which cannot be imported ({error}): "
-            'pip install "neubtf-bench[mitsuba]"'
-        ) from error
     described = described | path_tracer.described()
     partial = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
     label = f"baking {surface.name}"
@@ -142,12 +136,11 @@ def open_svbrdf(folder: Path, data: Preparation, show: Progress, draw: int = 0) 
     Training pairs and held-out pairs are separate files, so another draw does not bake the product again.
     Raises `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
-    sampling = data.sampling(draw)
-    product = _cached(folder, data.size, Pairs(*sampling.product()), _sampled(data), show)
+    product = _cached(folder, data.size, Pairs(*data.product()), _sampled(data), show)
     if not data.heldout:
         return product
-    words = {"heldout": sampling.described()}
-    pairs = Pairs(*sampling.drawn(product.name, 0))
+    words = {"heldout": data.described(draw)}
+    pairs = Pairs(*data.drawn(product.name, 0, draw))
     return with_heldout(product, _cached(folder, data.size, pairs, words, show), **words)
 
 
@@ -192,7 +185,5 @@ def _described(surface: Surface, seed: int) -> dict[str, Any]:
         "sub_points": SUB_POINTS,
         "seed": seed,
         "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
-        "reference_plane": "mean height",
-        "transport": "direct light, self-shadowing; no inter-reflection",
-        "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
+        **DESCRIBED,
     }

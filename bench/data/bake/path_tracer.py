@@ -66,7 +66,7 @@ def using(variant: str) -> Iterator[None]:
             mi.set_variant(before)
 
 
-def path_trace(
+def launches(
     maps: Maps,
     wo: Array,
     wi: Array,
@@ -74,28 +74,15 @@ def path_trace(
     sub_points: int = 2,
     seed: int = 0,
     depth: int = MAX_DEPTH,
-) -> Array:
-    """Slices (N, H, W, 3) float32 of a surface at N pairs, linear Rec. 709 f_r · cos θ_i with inter-reflections.
-
-    `wo` and `wi` are (N, 3) unit vectors with z > 0; `size` is (H, W), rows at the top first; `depth` counts the edges
-    of a path (2: direct light alone). The same seed gives the same values, whatever is launched together. Raises
-    `InputError` for directions below the horizon and reliefs too deep to surround.
-    """
-    traced = launches(maps, wo, wi, size, sub_points, seed, depth)
-    return np.concatenate([np.empty((0, *size, 3), np.float32), *traced])
-
-
-def launches(
-    maps: Maps,
-    wo: Array,
-    wi: Array,
-    size: tuple[int, int],
-    sub_points: int,
-    seed: int,
-    depth: int = MAX_DEPTH,
     start: int = 0,
 ) -> Iterator[Array]:
-    """The same, one launch of slices at a time, from pair `start` on."""
+    """Slices (n, H, W, 3) float32 of a surface at N pairs, one launch at a time, from pair `start` on.
+
+    They are linear Rec. 709 f_r · cos θ_i with inter-reflections. `wo` and `wi` are (N, 3) unit vectors with z > 0;
+    `size` is (H, W), rows at the top first; `depth` counts the edges of a path (2: direct light alone). The same seed
+    gives the same values, whatever is launched together. Raises `InputError` for directions below the horizon and
+    reliefs too deep to surround.
+    """
     if wo.shape != wi.shape or not (np.minimum(wo[:, 2], wi[:, 2]) > 0).all():
         raise InputError("wo and wi must be as many directions, all above the horizon (z > 0)")
     with using(fastest_variant()):

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from bench.btf import BTF
     from bench.codec import Progress
     from bench.data.materials.maps import Recipe
-    from bench.data.pairs import Sampling
 
 _REGISTRY: dict[str, tuple[str, str]] = {
     "brick": ("bench.data.materials.photographs:Brick", "rough diffuse relief: brickwork from a photograph"),
@@ -58,21 +57,21 @@ def recipe(name: str) -> "Recipe":
 def load(
     name: str,
     size: int = 64,
-    sampling: "Sampling | None" = None,
     seed: int = 0,
+    draw: int = 0,
     show: "Progress | None" = None,
     **pairs: Any,
 ) -> "BTF":
     """A built-in material as a periodic BTF of size² texels, rendered once and then mapped from the cache.
 
-    Pairs are those of a `Sampling`, or of one with the fields given by name: `load("satin", views=81, lights=81)`. They
-    are the product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights + light),
-    then `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks: test pairs, or
-    those of `split="validation"`, to choose settings by. `seed` shapes the material's random structure and the held-out
-    pairs. `show(label, done, pairs)` is called while rendering. Raises `InputError` for an unknown name or direction
-    set and for counts out of range.
+    Pairs are those of a `Preparation` with the fields given by name: `load("satin", views=81, lights=81)`. They are
+    the product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights + light), then
+    `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks: test pairs, of a
+    `draw`, or those of `split="validation"`, to choose settings by. `seed` shapes the material's random structure and
+    the held-out pairs. `show(label, done, pairs)` is called while rendering. Raises `InputError` for an unknown name or
+    direction set and for counts out of range.
     """
     from bench.data.materials.store import load_or_render
-    from bench.data.pairs import Sampling
+    from bench.data.spec import Preparation
 
-    return load_or_render(name, recipe(name), size, sampling or Sampling(**pairs), seed, show)
+    return load_or_render(name, recipe(name), Preparation(size, **pairs), seed, draw, show)

@@ -18,8 +18,8 @@ from bench.atomic import cache_dir
 from bench.btf import BTF, RENDERED, ArraySource
 from bench.data.joined import with_heldout
 from bench.data.materials.maps import Recipe
-from bench.data.materials.renderer import RENDERER_VERSION, SUB_POINTS, render
-from bench.data.pairs import Sampling
+from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
+from bench.data.spec import Preparation
 from bench.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,9 +42,9 @@ class StoredSource(ArraySource):
 def load_or_render(
     name: str,
     recipe: Recipe,
-    size: int,
-    sampling: Sampling,
-    seed: int,
+    data: Preparation,
+    seed: int = 0,
+    draw: int = 0,
     show: "Progress | None" = None,
     outline: bool = False,
 ) -> BTF:
@@ -54,16 +54,16 @@ def load_or_render(
 
     Training pairs and held-out pairs are separate renderings, so another draw does not render the product again.
     """
-    if size < 1:
-        raise InputError(f"size must be at least 1, not {size}")
-    directions = {"directions": sampling.directions, "views": sampling.views, "lights": sampling.lights}
-    rendered = partial(_rendered, name, recipe, size, seed, outline, show)
-    product = rendered(sampling.product(), directions)
+    if data.size < 1:
+        raise InputError(f"size must be at least 1, not {data.size}")
+    directions = {"directions": data.directions, "views": data.views, "lights": data.lights}
+    rendered = partial(_rendered, name, recipe, data.size, seed, outline, show)
+    product = rendered(data.product(), directions)
     product.heldout = np.zeros(len(product), bool)
-    if not sampling.heldout:
+    if not data.heldout:
         return product
-    words = {"heldout": sampling.described()}
-    return with_heldout(product, rendered(sampling.drawn(name, seed), words), **words)
+    words = {"heldout": data.described(draw)}
+    return with_heldout(product, rendered(data.drawn(name, seed, draw), words), **words)
 
 
 def _rendered(
@@ -105,9 +105,7 @@ def _describe(name: str, recipe: Recipe, size: int, seed: int) -> dict[str, Any]
         "size": size,
         "sub_points": SUB_POINTS,
         "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
-        "reference_plane": "mean height",
-        "transport": "direct light, self-shadowing; no inter-reflection",
-        "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
+        **DESCRIBED,
     }
 
 

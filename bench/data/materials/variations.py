@@ -78,12 +78,12 @@ def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
     Pairs: 25 × 25 of the UBO2003 directions, then `heldout` random ones, as for built-in materials.
     """
     from bench.data.materials.store import load_or_render
-    from bench.data.pairs import Sampling
+    from bench.data.spec import Preparation
 
     kind, recipe = variation(number)
     # Seed 0 is that of the built-in materials, whose random structure must not be trained on.
-    pairs = Sampling(heldout=heldout, split="validation")
-    return load_or_render(f"variation-{number}-{kind}", recipe, size, pairs, number + 1)
+    data = Preparation(size, heldout=heldout, split="validation")
+    return load_or_render(f"variation-{number}-{kind}", recipe, data, number + 1)
 
 
 def _satin(rng: np.random.Generator) -> Satin:

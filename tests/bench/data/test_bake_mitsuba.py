@@ -10,7 +10,6 @@ from bench.data.bake import Surface, bake
 from bench.data.materials import brdf
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
-from bench.data.pairs import Sampling
 from bench.data.readers import open_btf
 from bench.data.spec import Preparation
 from bench.errors import InputError
@@ -58,6 +57,10 @@ def test_an_unknown_renderer_is_named(tmp_path):
         bake(Surface("x", (8, 8), hills()), SMALL, tmp_path / "x.npz", lambda label, done, total: None, renderer="pbrt")
 
 
+def path_trace(*arguments, **options):
+    return np.concatenate([*tracer().launches(*arguments, **options)])
+
+
 FLAT = {
     "diffuse": {"roughness": 1.0, "specular": 0.0},
     "rough dielectric": {"roughness": 0.4},
@@ -72,8 +75,8 @@ def test_without_relief_it_is_the_built_in_renderer(kind):
     """Asked for are 2 % of each slice's mean. There is nothing to estimate, so that rounding is all that differs."""
     base = np.random.default_rng(0).uniform(0.1, 0.9, (16, 16, 3)).astype(np.float32)
     maps = Maps(0.0, base, **FLAT[kind])
-    wo, wi = Sampling(views=6, lights=6, heldout=20).everything("", 0)
-    ours, theirs = (f(maps, wo, wi, (8, 8), 2).mean((1, 2)) for f in (render, tracer().path_trace))
+    wo, wi = Preparation(views=6, lights=6, heldout=20).everything("", 0)
+    ours, theirs = (f(maps, wo, wi, (8, 8), 2).mean((1, 2)) for f in (render, path_trace))
     np.testing.assert_allclose(theirs, ours, rtol=2e-3)
 
 
@@ -81,9 +84,9 @@ def test_without_relief_it_is_the_built_in_renderer(kind):
 def test_direct_light_on_relief_is_that_of_the_built_in_renderer():
     """Shadows, parallax and occlusion: within 1 % of each slice's mean, where inter-reflection adds far more."""
     maps = hills(128, height=0.15, base=0.9)
-    wo, wi = Sampling(views=5, lights=5, heldout=10).everything("", 0)
+    wo, wi = Preparation(views=5, lights=5, heldout=10).everything("", 0)
     ours = render(maps, wo, wi, (32, 32), 4).mean((1, 2, 3))
-    direct, full = (tracer().path_trace(maps, wo, wi, (32, 32), 4, depth=d).mean((1, 2, 3)) for d in (2, 16))
+    direct, full = (path_trace(maps, wo, wi, (32, 32), 4, depth=d).mean((1, 2, 3)) for d in (2, 16))
     np.testing.assert_allclose(direct, ours, rtol=0.01)
     assert (full > direct).all()
     assert full.mean() / direct.mean() > 1.05
@@ -96,7 +99,7 @@ def test_inter_reflection_is_that_of_mitsubas_own_integrator():
 
     maps = hills(height=0.48, base=0.9, roughness=1.0, specular=0.0)
     wo, wi = np.float32([[0.6, 0, 0.8]]), np.float32([[0.28, 0, 0.96]])
-    ours = tracer().path_trace(maps, wo, wi, (32, 32), 4).mean()
+    ours = path_trace(maps, wo, wi, (32, 32), 4).mean()
     with tracer().using("scalar_rgb"):
         made = tracer().PathTracer(maps, (32, 32), 1, 0.8, 0.8)
         sun = {"type": "directional", "direction": (-wi[0]).tolist(), "irradiance": 1.0}
@@ -163,7 +166,7 @@ def test_neighbouring_tiles_occlude():
     maps = hills(height=0.6)
     moved = Maps(np.roll(maps.height, 12, 1), maps.base_colour, 0.5)
     wo, wi = (np.float32([[x, 0, 0.28]]) for x in (0.96, -0.96))
-    first, second = (tracer().path_trace(m, wo, wi, (32, 32), 1, depth=2)[0] for m in (maps, moved))
+    first, second = (path_trace(m, wo, wi, (32, 32), 1, depth=2)[0] for m in (maps, moved))
     # Rounding moves single rays across the edge of a shadow.
     assert np.mean(np.isclose(np.roll(first, 12, 1), second, rtol=1e-2, atol=1e-4)) > 0.99
     np.testing.assert_allclose(first.mean(), second.mean(), rtol=0.01)
@@ -171,10 +174,10 @@ def test_neighbouring_tiles_occlude():
 
 @with_mitsuba
 def test_the_seed_decides_the_paths_and_the_launches_do_not(monkeypatch):
-    maps, (wo, wi) = hills(), Sampling(views=3, lights=3, heldout=0).everything("", 0)
-    first, other = (tracer().path_trace(maps, wo, wi, (8, 8), 2, seed=seed) for seed in (5, 6))
+    maps, (wo, wi) = hills(), Preparation(views=3, lights=3, heldout=0).everything("", 0)
+    first, other = (path_trace(maps, wo, wi, (8, 8), 2, seed=seed) for seed in (5, 6))
     monkeypatch.setattr("bench.data.bake.path_tracer.WAVEFRONT", 600)
-    again = tracer().path_trace(maps, wo, wi, (8, 8), 2, seed=5)
+    again = path_trace(maps, wo, wi, (8, 8), 2, seed=5)
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
     np.testing.assert_allclose(first.mean(), other.mean(), rtol=0.02)
@@ -220,10 +223,10 @@ def test_other_settings_take_nothing_from_a_killed_bake(tmp_path):
 
 @with_mitsuba
 def test_without_llvm_it_says_so_and_gives_the_same_values(monkeypatch, caplog):
-    maps, (wo, wi) = hills(8), Sampling(views=2, lights=2, heldout=0).everything("", 0)
-    first = tracer().path_trace(maps, wo, wi, (4, 4), 2)
+    maps, (wo, wi) = hills(8), Preparation(views=2, lights=2, heldout=0).everything("", 0)
+    first = path_trace(maps, wo, wi, (4, 4), 2)
     monkeypatch.setattr("bench.data.bake.path_tracer.unusable", lambda: "there is none")
-    second = tracer().path_trace(maps, wo, wi, (4, 4), 2)
+    second = path_trace(maps, wo, wi, (4, 4), 2)
     assert "scalar_rgb, some thousand times slower: there is none" in caplog.text
     np.testing.assert_allclose(second, first, rtol=1e-3, atol=1e-5)
 
@@ -232,7 +235,7 @@ def test_without_llvm_it_says_so_and_gives_the_same_values(monkeypatch, caplog):
 def test_what_cannot_be_traced_is_refused():
     up, down = np.float32([[0, 0, 1]]), np.float32([[0, 0, -1]])
     with pytest.raises(InputError, match="above the horizon"):
-        tracer().path_trace(hills(), up, down, (8, 8))
+        path_trace(hills(), up, down, (8, 8))
     low = np.float32([[1, 0, 1e-4]])
     with pytest.raises(InputError, match="too far to surround"):
-        tracer().path_trace(hills(), low, up, (8, 8))
+        path_trace(hills(), low, up, (8, 8))

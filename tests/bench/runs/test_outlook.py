@@ -9,10 +9,10 @@ from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
 from bench.records import append
 from bench.runs import outlook
-from bench.runs.job import Task
 from bench.runs.outlook import Outlook, duration
 from bench.runs.provenance import processor
 from bench.runs.suite import CodecSpec
+from bench.runs.task import Task
 
 DATA = Preparation(size=10, views=5, lights=4)
 PCA = {"components": 16, "center": True}

@@ -14,7 +14,6 @@ from bench.data.materials import store
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
 from bench.data.open import open_material
-from bench.data.pairs import Sampling
 from bench.data.spec import Preparation, named
 from bench.errors import InputError
 from bench.hemisphere import thin, to_degrees, ubo2003
@@ -146,8 +145,8 @@ def test_held_out_pairs_are_test_pairs_by_default_in_python_as_in_a_suite():
 
 
 def test_no_two_draws_share_a_pair_and_validation_pairs_are_one_draw():
-    def drawn(material="satin", **which):
-        return {tuple(w) for w in np.concatenate(Sampling(heldout=200, **which).drawn(material, 0))}
+    def drawn(material="satin", split="test", draw=0):
+        return {tuple(w) for w in np.concatenate(Preparation(heldout=200, split=split).drawn(material, 0, draw))}
 
     tests = [drawn(split="test", draw=draw) for draw in range(3)]
     everything = [*tests, drawn(split="validation"), drawn("brick", split="test")]
@@ -155,7 +154,7 @@ def test_no_two_draws_share_a_pair_and_validation_pairs_are_one_draw():
     assert drawn(split="validation", draw=1) == drawn("brick", split="validation")
     assert drawn(split="test", draw=1) == tests[1]
     with pytest.raises(InputError, match="test or validation, not 'tset'"):
-        Sampling(split="tset")
+        Preparation(split="tset")
 
 
 def test_joined_tables_answer_as_their_parts():
@@ -174,7 +173,7 @@ def test_highlights_beyond_half_precision_are_kept_in_single():
         def maps(self, seed):
             return Maps(0, 1.0, 0.03, metalness=1.0)
 
-    btf = store.load_or_render("polished", Polished(), 2, Sampling(views=1, lights=1, heldout=0), 0)
+    btf = store.load_or_render("polished", Polished(), Preparation(2, views=1, lights=1, heldout=0))
     assert btf.source.values.dtype == np.float32
     assert np.isfinite(btf[0]).all()
     assert btf[0].max() > 65504
