@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from bench.data.spec import Preparation
 
 from bench import cli
 from bench.btf import BTF, ArraySource
@@ -22,7 +21,7 @@ def mirrored(btf, side="wi"):
 @pytest.mark.parametrize("directions", [25, 81])
 @pytest.mark.parametrize("name", ["satin", "leather", "gravel", "grass"])
 def test_a_mirrored_side_is_told_from_the_frame_of_the_suite(name, directions):
-    btf = load(name, 16, Preparation(views=directions, lights=directions, heldout=0))
+    btf = load(name, 16, views=directions, lights=directions, heldout=0)
     lobe = mean_lobe(btf)
     assert lobe.given > 0.6
     assert lobe.given > 2 * lobe.mirrored
@@ -34,7 +33,7 @@ def test_a_mirrored_side_is_told_from_the_frame_of_the_suite(name, directions):
 
 
 def test_a_highlight_lies_in_the_mirror_direction_wherever_the_frame_is_turned():
-    btf = load("satin", 16, Preparation(views=81, lights=81, heldout=0))
+    btf = load("satin", 16, views=81, lights=81, heldout=0)
     assert mean_lobe(btf).peak_deg == pytest.approx(180, abs=5)
     turn = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], np.float32)  # of the lights, by a quarter
     turned = mean_lobe(BTF("turned", btf.wo, btf.wi @ turn, btf.source))
@@ -44,7 +43,7 @@ def test_a_highlight_lies_in_the_mirror_direction_wherever_the_frame_is_turned()
 def test_what_cannot_be_checked_has_no_lobe():
     btf = tiny_btf(8, 9, 9)  # too few azimuths
     assert mean_lobe(btf) is None
-    whole = load("satin", 8, Preparation(views=25, lights=25, heldout=10))
+    whole = load("satin", 8, views=25, lights=25, heldout=10)
     assert mean_lobe(whole) is not None  # the held-out pairs are no part of the product
     assert mean_lobe(whole.subset(np.arange(620))) is None  # no product
     ring = from_degrees(np.full(6, 60), np.arange(6) * 60)
@@ -62,13 +61,13 @@ def test_few_slices_are_read():
             read.append(pair)
             return super().slice(pair)
 
-    btf = load("satin", 8, Preparation(views=81, lights=81, heldout=0))
+    btf = load("satin", 8, views=81, lights=81, heldout=0)
     mean_lobe(BTF("a", btf.wo, btf.wi, Counted(np.stack(list(btf)))))
     assert len(read) <= frame.AZIMUTHS**2
 
 
 def test_info_tells_the_frame_and_warns_of_a_mirrored_one(tmp_path, capsys):
-    btf = load("satin", 8, Preparation(views=25, lights=25, heldout=0))
+    btf = load("satin", 8, views=25, lights=25, heldout=0)
 
     def told(each, name):
         write_btf(each, tmp_path / name)
