@@ -6,7 +6,7 @@ from functools import partial
 
 from bench.metrics import PERIODIC, label_of
 from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown
-from reports.column import Column, Value, hull
+from reports.column_type import Column, Value, hull
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, pooled, significant, spread
 from reports.rows import NEW_RUN, Material, Row, described
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
 
-from reports.marks import legend
+from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 

@@ -18,9 +18,9 @@ from reports import series
 from reports.atlas import Atlases
 from reports.figures import Figure
 from reports.html_tables import Links, details, note, table_html
-from reports.kept_records import RecordsOfPage
 from reports.live import Live, live
 from reports.notes import run_notes
+from reports.page_records import PageRecords
 from reports.rows import Material, materials
 from reports.shaders.tables import WIDTH
 from reports.table import Table
@@ -63,7 +63,7 @@ class _Page:
     def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure]):
         self.run, self.tables, self.figures = run, tables, figures
         self.materials = materials(run)
-        self.records = RecordsOfPage(run, self.materials)
+        self.records = PageRecords(run, self.materials)
         self.plots = series.plots(run, self.materials)
         self.atlases = Atlases(run, self.materials)
         self.live = live(run, self.materials)

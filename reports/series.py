@@ -10,8 +10,8 @@ from bench.compare.slices import decibels
 from bench.errors import InputError
 from bench.records import PSNR, Run, shown_label
 from reports.fits import fits
-from reports.looks import Looks
 from reports.rows import Codec, Material, Row, footprint_curves
+from reports.styles import Styles
 
 Plot = dict[str, Any]
 QUALITY = "display PSNR, dB"
@@ -19,10 +19,10 @@ QUALITY = "display PSNR, dB"
 
 def codecs(run: Run) -> list[dict[str, Any]]:
     """Every codec of the run with its colour, marker and line, in the order of the suite."""
-    looks = Looks(run)
+    styles = Styles(run)
     found = []
     for label in dict.fromkeys(map(shown_label, run.jobs)):
-        look = looks.of(label)
+        look = styles.of_codec(label)
         hollow = look["markerfacecolor"] != look["color"]
         found.append(
             {"label": label, "colour": look["color"], "marker": look["marker"], "hollow": hollow}

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from bench.records import Run
 from reports import columns
-from reports.column import Column
-from reports.marks import marks
+from reports.best_cells import best_cells
+from reports.column_type import Column
 from reports.missing import left_out_notes, missing_note
 from reports.notes import resting_over, unrest_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 def summary_table(run: Run, intervals: bool = True) -> Table | None:
     """A row a codec; None where fewer than two codecs were measured. Without `intervals` no slice is read."""
-    from reports.standing import against_the_best, standing  # loads NumPy, which a table of one material does without
+    from reports.ranking import against_the_best, ranked  # loads NumPy, which a table of one material does without
 
     found = [material for material in materials(run) if material.measured]
-    stand = standing(run)
-    if len(stand) < 2:
+    ranking = ranked(run)
+    if len(ranking) < 2:
         return None
     chosen = columns.summary(found)
     headers = [("codec", ""), ("materials", ""), ("mean rank", "↓"), ("won", "↑"), ("PSNR pooled", "dB ↑")]
     headers += [(column.name, column.unit) for column in chosen]
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
-    for each in stand:
+    for each in ranking:
         codecs = [codec for material in found for codec in material.codecs if codec.label == each.label]
         means = [_mean(column, codecs) for column in chosen]
         written = [NONE if mean is None else column.write(mean) for column, mean in zip(chosen, means, strict=True)]
@@ -50,7 +50,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
     notes = [*notes, *left_out_notes(run), *filter(None, [missing_note(run)])]
     names = ", ".join(material.name for material in found)
     title = f"Summary over {len(found)} material{'s' * (len(found) > 1)}: {names}"
-    return Table("summary", title, headers, rows, notes, marks=marks(rows, scores))
+    return Table("summary", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
 _NOTES = [

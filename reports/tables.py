@@ -5,9 +5,9 @@ from itertools import chain
 
 from bench.records import Record, Run
 from reports import KINDS, columns
+from reports.best_cells import best_cells
 from reports.columns import Column
 from reports.fits import fit_tables
-from reports.marks import marks
 from reports.missing import not_run
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE
@@ -123,7 +123,7 @@ def _table(kind: str, material: Material, about: str, chosen: Sequence[Column], 
     scores = [[None, *(column.score(codec.measured) for column in chosen)] for codec in codecs]
     rows += _native_row(material, chosen)
     notes = [*notes, *_seeds(material)]
-    return Table(kind, title, headers, rows, notes, material=material.name, marks=marks(rows, scores))
+    return Table(kind, title, headers, rows, notes, material=material.name, marks=best_cells(rows, scores))
 
 
 def _seeds(material: Material) -> Iterator[str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from tabulate import tabulate
 
-from reports.marks import legend
+from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 WIDTH = 120

@@ -7,10 +7,10 @@ from pathlib import Path
 from bench.atomic import replacing
 from bench.records import Run, load_run
 from reports import KINDS, Written, figures, trade
+from reports.csv_tables import results_csv
 from reports.figures.history import history_figures
 from reports.latex import latex
 from reports.page import page
-from reports.raw import csv_text
 from reports.table import Table
 from reports.tables import all_tables
 from reports.terminal import terminal
@@ -58,7 +58,7 @@ _HISTORY = """<!doctype html>
 
 
 def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Sequence[Table]) -> list[Path]:
-    files = [put(folder / "results.csv", csv_text(run).encode())]
+    files = [put(folder / "results.csv", results_csv(run).encode())]
     if choices := trade.csv_text(run.folder):
         files.append(put(folder / "trade.csv", choices.encode()))
     writers = {".md": (markdown, tables), ".tex": (latex, narrow)}

@@ -7,8 +7,8 @@ import numpy as np
 from bench.records import PSNR, Run
 from reports.artefacts import Arrays, arrays
 from reports.figures.canvas import Figure, legend, plots, png, style
-from reports.looks import Looks
 from reports.rows import Row, materials
+from reports.styles import Styles
 
 EDGES_DEG = np.arange(0.0, 91.0, 15.0)
 _READ = {PSNR, "heldout", "wo_deg", "wi_deg"}
@@ -16,7 +16,7 @@ _READ = {PSNR, "heldout", "wo_deg", "wi_deg"}
 
 def angle_curves(run: Run) -> Iterator[Figure]:
     """For each material: display PSNR, pooled over rings of 15° in θ_o and in θ_i, of the pairs that decide."""
-    looks = Looks(run)
+    styles = Styles(run)
     for material in materials(run):
         stored = [(row, arrays(run.folder, row.job, "slices", _READ)) for row in material.shown]
         curves = [(row, scores) for row, scores in stored if scores and scores.keys() >= _READ]
@@ -27,7 +27,7 @@ def angle_curves(run: Run) -> Iterator[Figure]:
             drawing, panels = plots(10, max(4.0, 1.6 + 0.2 * len(curves)), 2)
             for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θₒ", "light, θᵢ"), strict=True):
                 handles = [
-                    axes.plot(*_rings(row, scores, side), **looks.of(row.label), markersize=5, linewidth=1.2)[0]
+                    axes.plot(*_rings(row, scores, side), **styles.of_codec(row.label), markersize=5, linewidth=1.2)[0]
                     for row, scores in curves
                 ]
                 axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)

@@ -7,7 +7,7 @@ from statistics import fmean
 
 from bench.records import PSNR, Record, Records, Run, shown_label, stats_of
 from reports.figures.canvas import Figure, legend, log_ticks, new, png, style, svg
-from reports.looks import Looks
+from reports.styles import Styles
 
 Measured = tuple[Record, Record | None]  # a job and its timing
 Codecs = dict[str, dict[str, list[Measured]]]  # by label and start
@@ -19,7 +19,7 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
 
     A point is the mean over seeds; a codec without an error, without a size or without a time has none.
     """
-    looks, starts = Looks(_together(runs)), {start["run"]: start for run in runs for start in run.starts}
+    styles, starts = Styles(_together(runs)), {start["run"]: start for run in runs for start in run.starts}
     for material, codecs in _materials(runs).items():
         order = sorted({when for found in codecs.values() for when in found})
         with style():
@@ -31,7 +31,7 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
                 handles = []
                 for label, found in codecs.items():
                     values = [_mean(number, found.get(when, [])) for when in order]
-                    handles += axes.plot(range(len(order)), values, **looks.of(label), markersize=4, linewidth=1)
+                    handles += axes.plot(range(len(order)), values, **styles.of_codec(label), markersize=4, linewidth=1)
                 axes.set_ylabel(quantity, fontsize=8)
                 if number:
                     axes.set_yscale("log")

@@ -6,15 +6,15 @@ from typing import Any
 
 from bench.records import PSNR, Run
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
-from reports.looks import Looks
 from reports.rows import Material, Row, materials
+from reports.styles import Styles
 
 
 def rate_distortion(run: Run) -> Iterator[Figure]:
     """Pooled display PSNR against the bytes of the file, for each material."""
     for material in materials(run):
         axis = "size of the file (smaller is better)"
-        yield from _scatter(material, "rate", "rate and distortion", axis, _bytes, Looks(run))
+        yield from _scatter(material, "rate", "rate and distortion", axis, _bytes, Styles(run))
 
 
 def speed_accuracy(run: Run) -> Iterator[Figure]:
@@ -26,7 +26,7 @@ def speed_accuracy(run: Run) -> Iterator[Figure]:
             "speed and accuracy",
             "ns a sample, median and 95 % interval (less is better)",
             _nanoseconds,
-            Looks(run),
+            Styles(run),
         )
 
 
@@ -47,7 +47,7 @@ def _nanoseconds(row: Row) -> Place | None:
 
 
 def _scatter(
-    material: Material, kind: str, about: str, axis: str, place: Callable[[Row], Place | None], looks: Looks
+    material: Material, kind: str, about: str, axis: str, place: Callable[[Row], Place | None], styles: Styles
 ) -> Iterator[Figure]:
     curves, absent = _curves(material, place)
     if not curves:
@@ -55,7 +55,7 @@ def _scatter(
     title = f"{material.name}: {about}"
     with style():
         drawing, (axes,) = plots(8.2, max(4.2, 1.6 + 0.2 * len(curves)))
-        handles = [_draw(axes, looks.of(name), points) for name, points in curves.items()]
+        handles = [_draw(axes, styles.of_codec(name), points) for name, points in curves.items()]
         axes.set_xscale("log")
         log_ticks(axes.xaxis, "B" if kind == "rate" else "")
         axes.set(xlabel=axis, ylabel=f"display PSNR, dB ({_pairs(material)}; higher is better)")

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 from bench.records import Run
 from reports.figures.canvas import Figure, new, png, short, style, svg
-from reports.looks import Looks
 from reports.numbers import interval
+from reports.ranking import against_the_best
 from reports.rows import materials
-from reports.standing import against_the_best
+from reports.styles import Styles
 
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
@@ -18,32 +18,32 @@ if TYPE_CHECKING:
 
 def significance(run: Run) -> Iterator[Figure]:
     """The paired differences to the best codec with their intervals: over all materials, then on each."""
-    found, looks = against_the_best(run), Looks(run)
+    found, styles = against_the_best(run), Styles(run)
     parts = {material.name: found.on[material.name] for material in materials(run) if material.name in found.on}
     if len(parts) > 1:
-        yield _figure("", f"all {len(parts)} materials", found.first, found.over, looks)
+        yield _figure("", f"all {len(parts)} materials", found.first, found.over, styles)
     for name, part in parts.items():
-        yield _figure(name, name, found.first, part, looks)
+        yield _figure(name, name, found.first, part, styles)
 
 
-def _figure(material: str, where: str, best: str, found: "Found", looks: Looks) -> Figure:
+def _figure(material: str, where: str, best: str, found: "Found", styles: Styles) -> Figure:
     title = f"{where}: mean paired difference to {short(best, 40)}"
     found = dict(sorted(found.items(), key=lambda item: -item[1].mean))
     with style():
         height = 1.45 + 0.24 * (len(found) + 1)
         drawing = new(9.6, height)
         axes = drawing.add_axes((0.27, 0.95 / height, 0.46, 1 - 1.25 / height))
-        _draw(axes, best, found, looks)
+        _draw(axes, best, found, styles)
         drawing.text(0.012, 1 - 0.18 / height, title, va="center")
         drawing.text(0.012, 0.1 / height, _caption(found), fontsize=8, color="0.3", va="bottom")
         return Figure(material, "significance", title, png(drawing), svg(drawing))
 
 
-def _draw(axes: Any, best: str, found: "Found", looks: Looks) -> None:
+def _draw(axes: Any, best: str, found: "Found", styles: Styles) -> None:
     axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
-    axes.plot(0, 0, **looks.of(best) | {"linestyle": "none"}, markersize=6)
+    axes.plot(0, 0, **styles.of_codec(best) | {"linestyle": "none"}, markersize=6)
     for row, (label, each) in enumerate(found.items(), 1):
-        look = looks.of(label) | {"linestyle": "none"}
+        look = styles.of_codec(label) | {"linestyle": "none"}
         axes.plot([each.low, each.high], [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
         axes.plot(each.mean, row, **look, markersize=6)
         told = ", not told apart" if each.materials > 1 and not each.told else ""

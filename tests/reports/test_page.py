@@ -61,7 +61,7 @@ def test_every_number_leads_to_its_record(made):
 
 
 def test_records_that_have_no_room_are_said_to_be_elsewhere(made, monkeypatch):
-    monkeypatch.setattr("reports.kept_records.BUDGET", 9_000)
+    monkeypatch.setattr("reports.page_records.BUDGET", 9_000)
     page = page_of(made.job("one").job("two").job("three").job("four"))
     left = page.count('<details id="r0')
     assert 0 < left < 4

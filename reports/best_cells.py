@@ -10,7 +10,7 @@ FEW = 3
 LEGEND = "Bold: the best of a column; underlined: the second."
 
 
-def marks(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int], str]:
+def best_cells(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int], str]:
     """Marks by row and column, given how good each cell is, more is better; None is in no race.
 
     Cells that read alike are equally good. A column in which all read alike, or one alone is scored, has no mark, and

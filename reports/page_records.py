@@ -13,7 +13,7 @@ from reports.rows import Codec, Material
 BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
 
 
-class RecordsOfPage:
+class PageRecords:
     """The records of a run, by material and codec, each with its timing, until the budget is spent."""
 
     def __init__(self, run: Run, found: Sequence[Material]):

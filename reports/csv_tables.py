@@ -10,7 +10,7 @@ from reports.rows import Row, materials
 from reports.table import Table
 
 
-def csv_text(run: Run) -> str:
+def results_csv(run: Run) -> str:
     """One row a job. Names of columns are the paths of the record's fields: `bytes/total`, `scores/heldout/…/pooled`.
 
     `metric_version/NAME` and `timing/…` stand beside them; `not_comparable` says why a row must not be compared.
