@@ -60,7 +60,7 @@ def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", ki
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     run = load_together([runs] if isinstance(runs, str | Path) else runs)
     if format == "csv":
-        return trade.csv_text(run.folder) if kind == "trade" else results_csv(run)
+        return trade.choices_csv(run.folder) if kind == "trade" else results_csv(run)
     if format == "text" and kind is None:
         return terminal(run)
     tables = all_tables(run, narrow=format == "latex", kind=kind)

@@ -20,10 +20,10 @@ QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 
 class Atlases:
     """The slices of all materials of a run, all of one quality, chosen by how many pixels there are."""
 
-    def __init__(self, run: Run, found: Sequence[Material]):
+    def __init__(self, run: Run, materials: Sequence[Material]):
         self.run = run
         self.quality, self.step = None, 1
-        pixels = sum(self._pixels(material) for material in found)
+        pixels = sum(self._pixels(material) for material in materials)
         self.quality, per_pixel = next((q for q in QUALITIES if q[1] * pixels <= BUDGET), QUALITIES[-1])
         self.step = max(1, -int(-per_pixel * pixels // BUDGET))  # every how manyth pair is shown
 
@@ -32,7 +32,7 @@ class Atlases:
             return 0
         return int(np.prod(first["truth"].shape[:3])) * (2 * len(material.shown) + 1)
 
-    def of(self, material: Material) -> dict[str, Any]:
+    def slices_of(self, material: Material) -> dict[str, Any]:
         """What the slice viewer needs of a material; no `codecs` where nothing is stored.
 
         Pictures are data URLs of all pairs in a grid, `columns` wide. `left_out` lists codecs without the same pairs.
@@ -58,10 +58,10 @@ class Atlases:
         }
 
     def _codec(self, row: Row, pictures: Arrays) -> dict[str, Any]:
-        found = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
+        data = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
         if "flip" in pictures:
-            found["flip"] = self._encoded(pictures["flip"])
-        return found | self._numbers(row, pictures)
+            data["flip"] = self._encoded(pictures["flip"])
+        return data | self._numbers(row, pictures)
 
     def _numbers(self, row: Row, pictures: Arrays) -> dict[str, Any]:
         """PSNR and FLIP of each shown slice, from the stored numbers; null where there is no error."""
@@ -72,8 +72,8 @@ class Atlases:
         place = {int(pair): i for i, pair in enumerate(scores["pairs"])}
         rows = [place[int(pair)] for pair in pictures["pairs"][:: self.step]]
         error = scores[PSNR][rows]
-        found = {"psnr": [round(float(-10 * np.log10(e)), 2) if e > 0 else None for e in error]}
-        return found | ({"flips": np.round(scores[name][rows], 4).tolist()} if name in scores else {})
+        numbers = {"psnr": [round(float(-10 * np.log10(e)), 2) if e > 0 else None for e in error]}
+        return numbers | ({"flips": np.round(scores[name][rows], 4).tolist()} if name in scores else {})
 
     def _encoded(self, pictures: np.ndarray) -> str:
         """Pictures (n, H, W, 3) as one WebP in a grid."""

@@ -64,8 +64,8 @@ class Column:
         """The mean over seeds of the number, or of the first of those that stand together; None where there is none."""
         values = [self.value(row) for row in seeds]
         firsts = [value[0] if isinstance(value, tuple) else value for value in values]
-        found = [value for value in firsts if isinstance(value, int | float)]
-        return fmean(found) if found else None
+        numbers = [value for value in firsts if isinstance(value, int | float)]
+        return fmean(numbers) if numbers else None
 
     def score(self, seeds: Sequence[Row]) -> float | None:
         """How good the cell is, more is better; None where it is no number, or where no end of the scale is better."""

@@ -15,10 +15,10 @@ def _digits(unit: str) -> int:
     return 2 if unit == "dB" else 3
 
 
-def _scale(said: Record) -> str:
+def _scale(metric: Record) -> str:
     """The unit of a metric with an arrow to the better end."""
-    unit = "" if said["unit"] == "1" else said["unit"]
-    return f"{unit} {'↑' if said['direction'] == 'higher' else '↓'}".strip()
+    unit = "" if metric["unit"] == "1" else metric["unit"]
+    return f"{unit} {'↑' if metric['direction'] == 'higher' else '↓'}".strip()
 
 
 def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB") -> Column:
@@ -37,7 +37,7 @@ def _declared() -> list[Column]:
         write = partial(significant, digits=digits) if digits else _whole
         return Column(name, unit, lambda row: row.job.get(field), write)
 
-    return [column(field, *said) for field, said in shown().items()]
+    return [column(field, *heading) for field, heading in shown().items()]
 
 
 def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
@@ -59,8 +59,8 @@ def _bits(job: Record, size: int) -> float:
 
 
 def _native(job: Record) -> Record:
-    found: Record = job["provenance"]["native"]
-    return found
+    native: Record = job["provenance"]["native"]
+    return native
 
 
 def _other_bytes(row: Row) -> int:
@@ -74,8 +74,8 @@ def _timed(name: str, unit: str, field: str, write: Callable[..., str] = signifi
     def value(row: Row) -> Value:
         if row.timing is None:
             return None
-        found = row.timing[field]
-        number: Value = tuple(found) if isinstance(found, list) else found
+        measured = row.timing[field]
+        number: Value = tuple(measured) if isinstance(measured, list) else measured
         if row.timing_obstacle == NEW_RUN:
             return f"{write(number)}*"
         return NOT_COMPARABLE if row.timing_obstacle else number
@@ -167,15 +167,15 @@ def papers(material: Material) -> list[Column]:
     return [replace(PER_SLICE, name="PSNR"), *_others(material, _spread)]
 
 
-def summary(found: Sequence[Material]) -> list[Column]:
+def summary(materials: Sequence[Material]) -> list[Column]:
     """Columns of a summary over materials besides PSNR: every other metric, size, time."""
-    said = {label_of(name): (name, each) for material in found for name, each in material.metrics.items()}
+    metrics = {label_of(name): (name, each) for material in materials for name, each in material.metrics.items()}
     quality = [
         _pooled(label, _scale(each), name.removesuffix(PERIODIC), unit=each["unit"])
-        for label, (name, each) in said.items()
+        for label, (name, each) in metrics.items()
         if name != PSNR and each["unit"] != "radiance"
     ]
-    times = [_FLOOR, _FUSED] if any(row.fused for each in found for row in each.measured) else [_FLOOR]
+    times = [_FLOOR, _FUSED] if any(row.fused for each in materials for row in each.measured) else [_FLOOR]
     return [*quality, _TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
 
 
@@ -184,11 +184,11 @@ def _others(material: Material, make: Callable[..., Column] | None = None) -> It
 
     Decibels are pooled, other metrics are mean ± std over slices, unless `make` makes them all.
     """
-    for name, said in material.metrics.items():
-        unit = said["unit"]
+    for name, metric in material.metrics.items():
+        unit = metric["unit"]
         if name != PSNR and unit != "radiance":
             column = make or (_pooled if unit == "dB" else _spread)
-            yield column(label_of(name), _scale(said), family=name, unit=unit)
+            yield column(label_of(name), _scale(metric), family=name, unit=unit)
 
 
 def bands(job: Record) -> list[Column]:
@@ -209,14 +209,14 @@ def footprints(job: Record) -> list[Column]:
 def _bands(job: Record) -> list[tuple[str, str, int]]:
     """(name, group, slices) of the pairs that decide and their subsets, without subsets of subsets."""
     decides = gate(job["scores"])
-    found = [("held out" if decides == "heldout" else "all", decides)]
+    groups = [("held out" if decides == "heldout" else "all", decides)]
     for group in job["scores"]:
         prefix, _, band = group.partition(", ")
         if prefix == decides and band and ", " not in band:
-            found.append((_BAND_NAMES.get(band, band), group))
+            groups.append((_BAND_NAMES.get(band, band), group))
     order = list(_BAND_NAMES.values())
-    found[1:] = sorted(found[1:], key=lambda item: order.index(item[0]) if item[0] in order else len(order))
-    return [(name, group, job["scores"][group].get("slices", 0)) for name, group in found]
+    groups[1:] = sorted(groups[1:], key=lambda item: order.index(item[0]) if item[0] in order else len(order))
+    return [(name, group, job["scores"][group].get("slices", 0)) for name, group in groups]
 
 
 def scene(job: Record) -> list[Column]:
@@ -235,19 +235,19 @@ def scene(job: Record) -> list[Column]:
 
 
 def _weighted(name: str, job: Record) -> Column:
-    said = described(job, name)
-    return _pooled(f"weighted {label_of(name)}", _scale(said), name, "scene", said["unit"])
+    metric = described(job, name)
+    return _pooled(f"weighted {label_of(name)}", _scale(metric), name, "scene", metric["unit"])
 
 
 def _frames(name: str, job: Record) -> Column:
-    said = described(job, name)
+    metric = described(job, name)
 
     def value(row: Row) -> Value:
-        found = row.job.get("scene", {}).get("metrics", {})
-        known = metric_of(found, name)
-        return None if not known else EXACT if found[known] is None else found[known]
+        values = row.job.get("scene", {}).get("metrics", {})
+        known = metric_of(values, name)
+        return None if not known else EXACT if values[known] is None else values[known]
 
-    return Column(f"frames {label_of(name)}", _scale(said), value, partial(fixed, digits=_digits(said["unit"])))
+    return Column(f"frames {label_of(name)}", _scale(metric), value, partial(fixed, digits=_digits(metric["unit"])))
 
 
 _BAND_NAMES = {
@@ -277,8 +277,8 @@ def _with_relative(numbers: tuple[float, ...]) -> str:
 
 def _footprint(side: str) -> Column:
     def value(row: Row) -> Value:
-        found = row.job["footprints"].get(side)
-        return pooled({"pooled": found[PSNR]} | found) if found else None
+        stats = row.job["footprints"].get(side)
+        return pooled({"pooled": stats[PSNR]} | stats) if stats else None
 
     return Column(f"{side} texel{'s' * (side != '1')}", "dB ↑", value, partial(fixed, digits=2))
 

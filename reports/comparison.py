@@ -40,7 +40,7 @@ def terminal(comparison: Comparison) -> str:
         tables += [_deciding(material, rows), *_others(material, rows)]
     tables += [_deciding(comparison.means[0].material, comparison.means)] if comparison.means else []
     every = [*comparison.rows, *comparison.means]
-    findings = [_wrapped(f"{_word(verdict):<7} {row.name}: {text}") for row in every for verdict, text in _told(row)]
+    findings = [_wrapped(f"{_word(verdict):<7} {row.name}: {text}") for row in every for verdict, text in _remarks(row)]
     findings += [_wrapped(f"advice  {row.name}: {row.advice}") for row in comparison.rows if row.advice]
     legend = [_LEGEND] if any(row.deciding for row in comparison.rows) else []
     legend += [_UNLIKE] if comparison.having(Verdict.UNLIKE) else []
@@ -74,7 +74,7 @@ def _word(verdict: Verdict) -> str:
     return NOT_COMPARABLE if verdict == Verdict.UNLIKE else verdict
 
 
-def _told(row: Row) -> list[tuple[Verdict, str]]:
+def _remarks(row: Row) -> list[tuple[Verdict, str]]:
     """Each difference of a row with its verdict, and its notes with that of the row."""
     return [*row.findings(), *((row.verdict, note) for note in row.notes)]
 
@@ -123,22 +123,22 @@ def _others(material: str, rows: Sequence[Row]) -> list[Table]:
     headers = [("change of", ""), *((q.name.replace("_", " "), q.scale) for q in quantities)]
     cells = []
     for row in rows:
-        found = [_find(row.shown, quantity) for quantity in quantities]
-        line = [c.quantity.difference(c.difference) if c and c.difference is not None else NONE for c in found]
+        changes = [_find(row.shown, quantity) for quantity in quantities]
+        line = [c.quantity.difference(c.difference) if c and c.difference is not None else NONE for c in changes]
         cells.append([row.label, *line, _time(row)])
     title = f"{material}: everything else"
     return [Table("compare", title, [*headers, ("time", "× mean-colour")], cells)]
 
 
-def _combined(rows: Sequence[Row], of: Callable[[Row], list[Change]], name: str, last: list[str]) -> Table:
+def _combined(rows: Sequence[Row], changes_of: Callable[[Row], list[Change]], name: str, last: list[str]) -> Table:
     """Value, change and margin of each quantity in one cell, bold where it decides against or for the row."""
-    quantities, cells = _quantities(rows, of), []
+    quantities, cells = _quantities(rows, changes_of), []
     marks: dict[tuple[int, int], str] = {}
     for i, row in enumerate(rows):
-        found = [_find(of(row), quantity) for quantity in quantities]
-        cells.append([row.material, row.label, *map(_cell, found), last[i]])
+        changes = [_find(changes_of(row), quantity) for quantity in quantities]
+        cells.append([row.material, row.label, *map(_cell, changes), last[i]])
         decided = (Verdict.WORSE, Verdict.BETTER)
-        marks |= {(i, j): BOLD for j, change in enumerate(found, 2) if change and change.verdict in decided}
+        marks |= {(i, j): BOLD for j, change in enumerate(changes, 2) if change and change.verdict in decided}
     headers = [(f"{q.name.replace('_', ' ')}{',' if q.unit else ''}", q.scale) for q in quantities]
     return Table("compare", "", [("material", ""), ("codec", ""), *headers, (name, "")], cells, words=2, marks=marks)
 
@@ -163,13 +163,13 @@ def _time(row: Row) -> str:
     return f"{row.timing.base:.2f} → {row.timing.new:.2f}" if row.timing else NONE
 
 
-def _quantities(rows: Sequence[Row], of: Callable[[Row], list[Change]]) -> list[Quantity]:
+def _quantities(rows: Sequence[Row], changes_of: Callable[[Row], list[Change]]) -> list[Quantity]:
     """The quantities of some rows, one of each name, in the order of first appearance."""
-    found: dict[str, Quantity] = {}
+    by_name: dict[str, Quantity] = {}
     for row in rows:
-        for change in of(row):
-            found.setdefault(change.quantity.name, change.quantity)
-    return list(found.values())
+        for change in changes_of(row):
+            by_name.setdefault(change.quantity.name, change.quantity)
+    return list(by_name.values())
 
 
 def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:

@@ -19,18 +19,18 @@ def results_csv(run: Run) -> str:
     places: dict[str, int] = {}  # of columns, in the order in which they appear
     rows = []
     for row in (row for material in materials(run) for row in material.rows):
-        found: list[Any] = [None] * len(places)
+        cells: list[Any] = [None] * len(places)
         for name, value in _fields(row):
             place = places.setdefault(name, len(places))
-            if place < len(found):
-                found[place] = value
+            if place < len(cells):
+                cells[place] = value
             else:
-                found.append(value)
-        rows.append(found)
+                cells.append(value)
+        rows.append(cells)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(list(places) or ["job"])
-    writer.writerows(found + [None] * (len(places) - len(found)) for found in rows)
+    writer.writerows(cells + [None] * (len(places) - len(cells)) for cells in rows)
     return out.getvalue()
 
 

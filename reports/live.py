@@ -29,15 +29,15 @@ class Live:
     missing: dict[str, str]
 
 
-def live(run: Run, found: Sequence[Material]) -> dict[str, Live]:
+def live(run: Run, materials: Sequence[Material]) -> dict[str, Live]:
     """The models of each material: of each its best codec, then its second, until the budget is spent."""
-    made = {material.name: Live({}, {}) for material in found}
+    by_material = {material.name: Live({}, {}) for material in materials}
     left = BUDGET
-    for turn in zip_longest(*(sorted(material.shown, key=_psnr, reverse=True) for material in found)):
-        for material, row in zip(found, turn, strict=True):
+    for turn in zip_longest(*(sorted(material.shown, key=_psnr, reverse=True) for material in materials)):
+        for material, row in zip(materials, turn, strict=True):
             if row is None:
                 continue
-            here = made[material.name]
+            here = by_material[material.name]
             try:
                 packed = _packed(run, row, min(left, LARGEST))
             except InputError as error:
@@ -45,7 +45,7 @@ def live(run: Run, found: Sequence[Material]) -> dict[str, Live]:
                 continue
             here.models[row.label] = packed
             left -= len(packed)
-    return made
+    return by_material
 
 
 def _packed(run: Run, row: Row, room: int) -> str:

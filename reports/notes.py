@@ -18,7 +18,7 @@ def quality_notes(material: Material) -> list[str]:
     """Footnotes that define the quality columns."""
     if material.first is None:
         return []
-    return [_what(material.first), *_metrics(material), *common_notes(material)]
+    return [_definition(material.first), *_metrics(material), *common_notes(material)]
 
 
 def cost_notes(material: Material) -> list[str]:
@@ -36,16 +36,16 @@ def _shared(material: Material) -> Iterator[str]:
 
 
 def _by_shared_bytes(material: Material) -> dict[int, list[Row]]:
-    found: dict[int, list[Row]] = {}
+    by_bytes: dict[int, list[Row]] = {}
     for row in material.measured:
         if "shared" in row.job["bytes"]:
-            found.setdefault(row.job["bytes"]["shared"], []).append(row)
-    return found
+            by_bytes.setdefault(row.job["bytes"]["shared"], []).append(row)
+    return by_bytes
 
 
 def common_notes(material: Material) -> list[str]:
     """Footnotes common to all tables of a material: on exact slices, on one that decides, on rows left out."""
-    return [*_exact(material), *_resting(material), *_not_comparable(material)]
+    return [*_exact(material), *_single_slice(material), *_not_comparable(material)]
 
 
 def run_notes(run: Run) -> list[str]:
@@ -57,7 +57,7 @@ def run_notes(run: Run) -> list[str]:
     return notes
 
 
-def _what(job: Record) -> str:
+def _definition(job: Record) -> str:
     held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
     pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
     return (
@@ -69,7 +69,7 @@ def _what(job: Record) -> str:
 def _metrics(material: Material) -> Iterator[str]:
     """Full names of the metrics behind the columns, with unit, direction, space and version."""
     if material.metrics:
-        yield "Metrics: " + "; ".join(_metric(name, said) for name, said in material.metrics.items()) + "."
+        yield "Metrics: " + "; ".join(_metric(name, each) for name, each in material.metrics.items()) + "."
 
 
 def _metric(name: str, described: Record) -> str:
@@ -129,19 +129,19 @@ def _exact(material: Material) -> Iterator[str]:
 
 
 def resting_over(materials: Sequence[Material]) -> Iterator[str]:
-    """A footnote of several materials: on how many rows of each `_resting` speaks."""
-    found = {material.name: _shares(material) for material in materials}
-    most = {name: max(shares.values()) for name, shares in found.items() if shares}
-    counted = [f"{len(found[name])} of {name} (at most {100 * share:.0f} %)" for name, share in most.items()]
+    """A footnote of several materials: on how many rows of each `_single_slice` speaks."""
+    by_material = {material.name: _shares(material) for material in materials}
+    most = {name: max(shares.values()) for name, shares in by_material.items() if shares}
+    counted = [f"{len(by_material[name])} of {name} (at most {100 * share:.0f} %)" for name, share in most.items()]
     if counted:
         yield f"Rows whose pooled PSNR rests on a single slice, see the tables by material: {', '.join(counted)}."
 
 
-def _resting(material: Material) -> Iterator[str]:
+def _single_slice(material: Material) -> Iterator[str]:
     """The rows whose pooled PSNR rests on one slice; none of records that do not say."""
-    told = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all alike)"
+    note = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all alike)"
     if shares := _shares(material):
-        yield f"{told}: {', '.join(f'{name} ({100 * share:.0f} %)' for name, share in shares.items())}."
+        yield f"{note}: {', '.join(f'{name} ({100 * share:.0f} %)' for name, share in shares.items())}."
 
 
 def _shares(material: Material) -> dict[str, float]:
@@ -158,12 +158,12 @@ def _not_comparable(material: Material) -> Iterator[str]:
 
 def _older(run: Run) -> Iterator[str]:
     """The rows that another revision of the suite fitted or scored than the one that started last."""
-    found: dict[tuple[str, str], list[str]] = {}
+    older: dict[tuple[str, str], list[str]] = {}
     for job in run.jobs:
-        made = {step: (job.get(step) or {}).get("git") for step in ("fitted", "scored")}
-        if job["status"] == "ok" and set(made.values()) - {run.starts[-1].get("git"), None}:
-            found.setdefault((str(made["fitted"]), str(made["scored"])), []).append(job["job"])
-    for (fitted, scored), jobs in found.items():
+        revisions = {step: (job.get(step) or {}).get("git") for step in ("fitted", "scored")}
+        if job["status"] == "ok" and set(revisions.values()) - {run.starts[-1].get("git"), None}:
+            older.setdefault((str(revisions["fitted"]), str(revisions["scored"])), []).append(job["job"])
+    for (fitted, scored), jobs in older.items():
         listed = ", ".join(jobs[:5]) + (f" and {len(jobs) - 5} more" if len(jobs) > 5 else "")
         yield f"Fitted by revision {fitted}, scored by {scored}: {listed}."
 

@@ -135,29 +135,29 @@ class _Page:
 
     def _slices(self, number: int, material: Material) -> Iterator[str]:
         yield "<h3>Slices</h3>"
-        found = self.atlases.of(material)
-        if not found["codecs"]:
+        slices = self.atlases.slices_of(material)
+        if not slices["codecs"]:
             yield note("The run's pictures are not beside its records: there is nothing to show here.")
             return
-        self.data.append(_data(f"slices{number}", as_json(found)))
+        self.data.append(_data(f"slices{number}", as_json(slices)))
         yield f'<div data-slices="slices{number}"></div>'
-        if found["left_out"]:
-            yield note("Without pictures of the same pairs: " + ", ".join(found["left_out"]) + ".")
-        if found["quality"] is not None:
-            yield note(f"Pictures are WebP of quality {found['quality']}, so that the page stays small.")
+        if slices["left_out"]:
+            yield note("Without pictures of the same pairs: " + ", ".join(slices["left_out"]) + ".")
+        if slices["quality"] is not None:
+            yield note(f"Pictures are WebP of quality {slices['quality']}, so that the page stays small.")
 
-    def _live(self, number: int, found: Live) -> Iterator[str]:
+    def _live(self, number: int, material: Live) -> Iterator[str]:
         yield "<h3>Live material</h3>"
-        if found.models:
-            names = [f"live{number}-{i}" for i in range(len(found.models))]
-            self.data += [_packed(name, text) for name, text in zip(names, found.models.values(), strict=True)]
-            megabytes = sum(map(len, found.models.values())) / 1e6
+        if material.models:
+            names = [f"live{number}-{i}" for i in range(len(material.models))]
+            self.data += [_packed(name, text) for name, text in zip(names, material.models.values(), strict=True)]
+            megabytes = sum(map(len, material.models.values())) / 1e6
             yield (
                 f'<div data-live="{" ".join(names)}"><button type="button">Start: {len(names)} '
                 f'material{"s" * (len(names) > 1)}, {megabytes:.1f} MB</button><div class="place"></div></div>'
             )
         reasons: dict[str, list[str]] = {}
-        for label, why in found.missing.items():
+        for label, why in material.missing.items():
             reasons.setdefault(why, []).append(label)
         yield from (note(f"Not live: {', '.join(labels)}: {why}.") for why, labels in reasons.items())
 

@@ -9,7 +9,7 @@ import numpy as np
 from bench.compare.slices import decibels
 from bench.errors import InputError
 from bench.records import PSNR, Run, shown_label
-from reports.fits import fits
+from reports.fits import curves_by_material
 from reports.rows import Codec, Material, Row, footprint_curves
 from reports.styles import Styles
 
@@ -20,22 +20,22 @@ QUALITY = "display PSNR, dB"
 def codecs(run: Run) -> list[dict[str, Any]]:
     """Every codec of the run with its colour, marker and line, in the order of the suite."""
     styles = Styles(run)
-    found = []
+    entries = []
     for label in dict.fromkeys(map(shown_label, run.jobs)):
         look = styles.of_codec(label)
         hollow = look["markerfacecolor"] != look["color"]
-        found.append(
+        entries.append(
             {"label": label, "colour": look["color"], "marker": look["marker"], "hollow": hollow}
             | {"dash": {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}.get(look["linestyle"], "")}
         )
-    return found
+    return entries
 
 
-def plots(run: Run, found: Sequence[Material]) -> list[Plot]:
+def plots(run: Run, materials: Sequence[Material]) -> list[Plot]:
     """Every plot that has a point, those over all materials first."""
-    curves = fits(run)
-    by_material = [plot for material in found for plot in _of_material(run, material, curves.get(material.name, []))]
-    measured = [material for material in found if material.measured]
+    curves = curves_by_material(run)
+    by_material = [plot for each in materials for plot in _of_material(run, each, curves.get(each.name, []))]
+    measured = [material for material in materials if material.measured]
     means = [_mean(kind, by_material, len(measured)) for kind in ("rate", "speed")] if len(measured) > 1 else []
     return [plot for plot in (*means, *by_material) if plot["series"]]
 
@@ -109,15 +109,15 @@ def _nanoseconds(row: Row) -> Place | None:
 
 def _points(material: Material, place: Callable[[Row], Place | None]) -> list[dict[str, Any]]:
     """One point a codec, the mean of its seeds; `curve` joins those of a ladder of rates."""
-    found = []
+    points = []
     for codec in material.codecs:
         seeds = [(row.stats(row.gate, PSNR).get("pooled"), place(row)) for row in codec.measured]
         known = [(quality, at) for quality, at in seeds if quality is not None and at]
         if known:
             x, low, high = (fmean(at[i] for _, at in known) for i in range(3))
             point = [_short(x), _short(fmean(quality for quality, _ in known)), _short(low), _short(high)]
-            found.append({"label": codec.label, "curve": _curve(codec), "points": [point]})
-    return found
+            points.append({"label": codec.label, "curve": _curve(codec), "points": [point]})
+    return points
 
 
 def _curve(codec: Codec) -> str:
@@ -125,9 +125,9 @@ def _curve(codec: Codec) -> str:
     return str(job.get("curve") or job.get("codec") or codec.label)
 
 
-def _mean(kind: str, found: Sequence[Plot], materials: int) -> Plot:
+def _mean(kind: str, by_material: Sequence[Plot], materials: int) -> Plot:
     """The mean over materials of each codec that has a point on all of them."""
-    chosen = [plot for plot in found if plot["kind"] == kind]
+    chosen = [plot for plot in by_material if plot["kind"] == kind]
     by_label: dict[str, list[dict[str, Any]]] = {}
     for each in (series for plot in chosen for series in plot["series"]):
         by_label.setdefault(each["label"], []).append(each)

@@ -26,7 +26,7 @@ class Styles:
         self.variants = {codec: [label for label in labels if _codec(label) == codec] for codec in codecs}
 
     def of_codec(self, label: str) -> dict[str, Any]:
-        """The arguments of `plot` for a codec by its label, or a ladder of rates; every second setting has hollow markers."""
+        """How `plot` draws a label, or a ladder of rates; markers are hollow at every second setting."""
         codec = _codec(label)
         place, variants = self.places.get(codec, len(self.places)), self.variants.get(codec, [])
         variant = variants.index(label) if label in variants else 0

@@ -26,9 +26,8 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[
 
     `narrow` splits the main table in two, each of which fits a printed page.
     """
-    found = materials(run)
     makers = _OF_KIND | ({"main": _narrow} if narrow else {})
-    return [table for name in KINDS if kind in (None, name) for table in makers[name](run, found) if table]
+    return [table for name in KINDS if kind in (None, name) for table in makers[name](run, materials(run)) if table]
 
 
 def main_table(material: Material, chosen: Sequence[Column] = ()) -> Table | None:
@@ -74,16 +73,16 @@ def footprint_table(material: Material) -> Table | None:
 
 def scene_table(material: Material) -> Table | None:
     """The quality of each codec in the frames of a scene, if the run was given one."""
-    if material.first is None or not (says := material.first.get("scene")):
+    if material.first is None or not (scene := material.first.get("scene")):
         return None
-    count, height, width = says["frames"]
+    count, height, width = scene["frames"]
     notes = [
         f"Frames: the scene's {count} of {width} × {height}, rendered from the decoded file against the reference "
         "table, over the pixels that show the material.",
         "Weighted: the slices of all pairs, each counting as much as the scene looks at it. Outside: of the pairs that "
         "it does not look at. PSNR: of the held-out pairs, as in the main table.",
     ]
-    about = f"judged by the scene {says['name']}"
+    about = f"judged by the scene {scene['name']}"
     return _table("scene", material, about, columns.scene(material.first), [*notes, *common_notes(material)])
 
 
@@ -160,21 +159,21 @@ def _cells(codec: Codec, chosen: Sequence[Column]) -> list[str]:
     return [word] + [NONE] * (len(chosen) - 1)
 
 
-def _narrow(_: Run, found: list[Material]) -> Iterator[Table | None]:
-    yield from map(quality_table, found)
-    yield from map(cost_table, found)
+def _narrow(_: Run, materials: list[Material]) -> Iterator[Table | None]:
+    yield from map(quality_table, materials)
+    yield from map(cost_table, materials)
 
 
 Made = Iterable[Table | None]
 _OF_KIND: dict[str, Callable[[Run, list[Material]], Made]] = {
     "summary": lambda run, _: [summary_table(run)],
-    "main": lambda _, found: map(main_table, found),
-    "slices": lambda _, found: map(slices_table, found),
-    "angular": lambda _, found: map(angular_table, found),
-    "radiance": lambda _, found: map(radiance_table, found),
-    "footprints": lambda _, found: map(footprint_table, found),
-    "scene": lambda _, found: map(scene_table, found),
-    "rate": lambda _, found: [*map(rate_points, found), *chain.from_iterable(map(rate_tables, found))],
+    "main": lambda _, materials: map(main_table, materials),
+    "slices": lambda _, materials: map(slices_table, materials),
+    "angular": lambda _, materials: map(angular_table, materials),
+    "radiance": lambda _, materials: map(radiance_table, materials),
+    "footprints": lambda _, materials: map(footprint_table, materials),
+    "scene": lambda _, materials: map(scene_table, materials),
+    "rate": lambda _, materials: [*map(rate_points, materials), *chain.from_iterable(map(rate_tables, materials))],
     "fits": lambda run, _: fit_tables(run),
     "trade": lambda run, _: trade_tables(run.folder),
     "paper": lambda run, _: [paper_table(run)],

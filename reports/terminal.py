@@ -17,11 +17,11 @@ from reports.text import plain, wrapped
 
 def terminal(run: Run) -> str:
     """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
-    found = materials(run)
-    tables = [summary_table(run, intervals=False)] if len(found) > 1 else []
-    for material in found:
+    run_materials = materials(run)
+    tables = [summary_table(run, intervals=False)] if len(run_materials) > 1 else []
+    for material in run_materials:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
-    tables += chain.from_iterable(map(rate_tables, found))
+    tables += chain.from_iterable(map(rate_tables, run_materials))
     shown = [table for table in (*tables, unfinished_table(run)) if table]
     main = [table.notes for table in shown if table.kind == "main"]
     shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []

@@ -59,12 +59,12 @@ _HISTORY = """<!doctype html>
 
 def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Sequence[Table]) -> list[Path]:
     files = [put(folder / "results.csv", results_csv(run).encode())]
-    if choices := trade.csv_text(run.folder):
+    if choices := trade.choices_csv(run.folder):
         files.append(put(folder / "trade.csv", choices.encode()))
     writers = {".md": (markdown, tables), ".tex": (latex, narrow)}
     for kind in KINDS:
-        for suffix, (text, found) in writers.items():
-            chosen = [table for table in found if table.kind == kind]
+        for suffix, (text, candidates) in writers.items():
+            chosen = [table for table in candidates if table.kind == kind]
             if chosen:
                 files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
             else:  # of an earlier report, and no longer true

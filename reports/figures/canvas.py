@@ -111,8 +111,8 @@ class Sheet:
 def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:
     """Values as a picture (H, W, 4), uint8; what is not finite is transparent."""
     masked = np.ma.masked_invalid(values)
-    found: np.ndarray = matplotlib.colormaps[colours](norm(masked), bytes=True)
-    return found
+    picture: np.ndarray = matplotlib.colormaps[colours](norm(masked), bytes=True)
+    return picture
 
 
 def enlarged(picture: np.ndarray, factor: int) -> np.ndarray:
@@ -156,9 +156,9 @@ def log_ticks(axis: Any, unit: str = "") -> None:
 
 def legend(axes: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """A legend beside the last axes of `plots`, which make room for it."""
-    made = axes.legend(handles, list(map(short, labels)), loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0)
+    box = axes.legend(handles, list(map(short, labels)), loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0)
     drawing = axes.figure
-    wide = made.get_window_extent(drawing.canvas.get_renderer()).width / drawing.dpi + 0.3
+    wide = box.get_window_extent(drawing.canvas.get_renderer()).width / drawing.dpi + 0.3
     drawing.subplots_adjust(right=max(0.4, 1 - wide / drawing.get_figwidth()))
 
 

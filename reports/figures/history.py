@@ -21,7 +21,7 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
     """
     styles, starts = Styles(_together(runs)), {start["run"]: start for run in runs for start in run.starts}
     for material, codecs in _materials(runs).items():
-        order = sorted({when for found in codecs.values() for when in found})
+        order = sorted({when for by_start in codecs.values() for when in by_start})
         with style():
             title = f"{material}: from revision to revision"
             drawing = new(8.2, 7.5)
@@ -29,8 +29,8 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
                 zip(drawing.subplots(3, 1, sharex=True), QUANTITIES, strict=True)
             ):
                 handles = []
-                for label, found in codecs.items():
-                    values = [_mean(number, found.get(when, [])) for when in order]
+                for label, by_start in codecs.items():
+                    values = [_mean(number, by_start.get(when, [])) for when in order]
                     handles += axes.plot(range(len(order)), values, **styles.of_codec(label), markersize=4, linewidth=1)
                 axes.set_ylabel(quantity, fontsize=8)
                 if number:
@@ -55,13 +55,13 @@ def _together(runs: Sequence[Run]) -> Run:
 
 
 def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
-    found: dict[str, Codecs] = {}
+    by_material: dict[str, Codecs] = {}
     for run in runs:
         for job in run.jobs:
             if job["status"] == "ok":
-                codec = found.setdefault(job["material"], {}).setdefault(shown_label(job), {})
+                codec = by_material.setdefault(job["material"], {}).setdefault(shown_label(job), {})
                 codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job)))
-    return found
+    return by_material
 
 
 def _mean(number: int, jobs: Sequence[Measured]) -> float:

@@ -17,13 +17,13 @@ _SIDES = {"view": "by view", "light": "by light"}
 def polar_maps(run: Run) -> Iterator[Figure]:
     """For each material: mean FLIP over the cells of both hemispheres, a column a codec, one scale for all."""
     for material in materials(run):
-        found = []
+        maps = []
         for row in material.shown:
             stored, name = angular(run.folder, row.job), row.metric(FLIP)
             if stored and name in stored["polar"]:
-                found.append((row.label, stored["polar"][name]))
-        if found:
-            yield _figure(material, found)
+                maps.append((row.label, stored["polar"][name]))
+        if maps:
+            yield _figure(material, maps)
 
 
 def _figure(material: Material, maps: list[tuple[str, dict[str, Any]]]) -> Figure:

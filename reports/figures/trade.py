@@ -12,9 +12,9 @@ Choice = dict[str, Any]
 
 def trade_fronts(run: Run) -> Iterator[Figure]:
     """One figure for each material whose choices were measured."""
-    found = load_trade(run.folder) or {"choices": []}
-    for material in dict.fromkeys(row["material"] for row in found["choices"]):
-        rows = [r for r in found["choices"] if r["material"] == material and r.get("psnr") is not None]
+    trade = load_trade(run.folder) or {"choices": []}
+    for material in dict.fromkeys(row["material"] for row in trade["choices"]):
+        rows = [r for r in trade["choices"] if r["material"] == material and r.get("psnr") is not None]
         if rows:
             with style():
                 drawing = _fronts(material, rows, Styles(run))
