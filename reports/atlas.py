@@ -10,7 +10,7 @@ from PIL import Image
 
 from bench.records import FLIP, PSNR, Run
 from reports.artefacts import Arrays, arrays
-from reports.rows import Material, Row
+from reports.rows import MaterialRows, Row
 
 BUDGET = 8_000_000  # characters of all pictures in a page, about
 # Qualities of WebP and the characters that a pixel takes then, about; None is without loss.
@@ -20,19 +20,19 @@ QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 
 class Atlases:
     """The slices of all materials of a run, all of one quality, chosen by how many pixels there are."""
 
-    def __init__(self, run: Run, materials: Sequence[Material]):
+    def __init__(self, run: Run, materials: Sequence[MaterialRows]):
         self.run = run
         self.quality, self.step = None, 1
         pixels = sum(self._pixels(material) for material in materials)
         self.quality, per_pixel = next((q for q in QUALITIES if q[1] * pixels <= BUDGET), QUALITIES[-1])
         self.step = max(1, -int(-per_pixel * pixels // BUDGET))  # every how manyth pair is shown
 
-    def _pixels(self, material: Material) -> int:
+    def _pixels(self, material: MaterialRows) -> int:
         if not material.shown or not (first := arrays(self.run.folder, material.shown[0].job, "pictures", ("truth",))):
             return 0
         return int(np.prod(first["truth"].shape[:3])) * (2 * len(material.shown) + 1)
 
-    def slices_of(self, material: Material) -> dict[str, Any]:
+    def slices_of(self, material: MaterialRows) -> dict[str, Any]:
         """What the slice viewer needs of a material; no `codecs` where nothing is stored.
 
         Pictures are data URLs of all pairs in a grid, `columns` wide. `left_out` lists codecs without the same pairs.

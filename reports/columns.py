@@ -8,7 +8,7 @@ from bench.metrics import PERIODIC, label_of
 from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown
 from reports.column_type import Column, Value, hull
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, pooled, significant, spread
-from reports.rows import NEW_RUN, Material, Row, described
+from reports.rows import NEW_RUN, MaterialRows, Row, described
 
 
 def _digits(unit: str) -> int:
@@ -136,13 +136,13 @@ def time() -> list[Column]:
     return [*_declared(), _NS, _timed("95 % interval", "ns", "interval95_ns", _range), _FLOOR, _FUSED]
 
 
-def scored(material: Material) -> list[Column]:
+def scored(material: MaterialRows) -> list[Column]:
     """Columns for a file without a record of its fit, for a terminal."""
     train = replace(_TRAIN, name="train")
     return [_PARAMETERS, _CHANNELS, _TOTAL, _BITS, train, HELDOUT, *_others(material, _pooled)]
 
 
-def short(material: Material) -> list[Column]:
+def short(material: MaterialRows) -> list[Column]:
     """Columns that fit a terminal."""
     return means([*scored(material), *_declared(), _NS, _FLOOR, _FUSED], HELDOUT)
 
@@ -152,22 +152,22 @@ def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
     return [column if column in whole else replace(column, deviation=False) for column in chosen]
 
 
-def quality(material: Material) -> list[Column]:
+def quality(material: MaterialRows) -> list[Column]:
     """PSNR of training and of held-out pairs, and every other metric."""
     return [_TRAIN, HELDOUT, PER_SLICE, *_others(material)]
 
 
-def main(material: Material) -> list[Column]:
+def main(material: MaterialRows) -> list[Column]:
     """Columns of cost, quality and time of a codec."""
     return [*SIZE, *quality(material), *time()]
 
 
-def papers(material: Material) -> list[Column]:
+def papers(material: MaterialRows) -> list[Column]:
     """Every metric as papers report it: mean ± std over slices."""
     return [replace(PER_SLICE, name="PSNR"), *_others(material, _spread)]
 
 
-def summary(materials: Sequence[Material]) -> list[Column]:
+def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     """Columns of a summary over materials besides PSNR: every other metric, size, time."""
     metrics = {label_of(name): (name, each) for material in materials for name, each in material.metrics.items()}
     quality = [
@@ -179,7 +179,7 @@ def summary(materials: Sequence[Material]) -> list[Column]:
     return [*quality, _TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
 
 
-def _others(material: Material, make: Callable[..., Column] | None = None) -> Iterator[Column]:
+def _others(material: MaterialRows, make: Callable[..., Column] | None = None) -> Iterator[Column]:
     """A column for each metric but PSNR, and the errors of radiance, which have a table of their own.
 
     Decibels are pooled, other metrics are mean ± std over slices, unless `make` makes them all.

@@ -9,7 +9,7 @@ from itertools import zip_longest
 
 from bench.errors import InputError
 from bench.records import PSNR, Run
-from reports.rows import Material, Row
+from reports.rows import MaterialRows, Row
 from reports.shaders.program import read
 from reports.viewer.page import Model, model_data
 
@@ -29,7 +29,7 @@ class Live:
     missing: dict[str, str]
 
 
-def live(run: Run, materials: Sequence[Material]) -> dict[str, Live]:
+def live(run: Run, materials: Sequence[MaterialRows]) -> dict[str, Live]:
     """The models of each material: of each its best codec, then its second, until the budget is spent."""
     by_material = {material.name: Live({}, {}) for material in materials}
     left = BUDGET

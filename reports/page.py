@@ -21,7 +21,7 @@ from reports.html_tables import Links, details, note, table_html
 from reports.live import Live, live
 from reports.notes import run_notes
 from reports.page_records import PageRecords
-from reports.rows import Material, materials
+from reports.rows import MaterialRows, materials
 from reports.shaders.tables import WIDTH
 from reports.table import Table
 from reports.viewer.page import as_json, fragment
@@ -118,7 +118,7 @@ class _Page:
         items = "".join(f'<li><a href="#{escape(to)}">{escape(name)}</a></li>' for to, name in links)
         return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'
 
-    def _material(self, number: int, material: Material) -> Iterator[str]:
+    def _material(self, number: int, material: MaterialRows) -> Iterator[str]:
         yield f'<h2 id="m{number}">{escape(material.name)}</h2>'
         if material.first is None:
             yield "<p>Nothing was measured; the reasons are at the end.</p>"
@@ -133,7 +133,7 @@ class _Page:
         figures = [f for f in self.figures if f.material == material.name and f.kind not in INTERACTIVE]
         yield from (details(figure.title, _image(figure)) for figure in figures)
 
-    def _slices(self, number: int, material: Material) -> Iterator[str]:
+    def _slices(self, number: int, material: MaterialRows) -> Iterator[str]:
         yield "<h3>Slices</h3>"
         slices = self.atlases.slices_of(material)
         if not slices["codecs"]:

@@ -8,7 +8,7 @@ from typing import Any
 from bench.records import RESULTS, Run, kept
 from reports.html_tables import note
 from reports.live import pack
-from reports.rows import Codec, Material
+from reports.rows import CodecRows, MaterialRows
 
 BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
 
@@ -16,7 +16,7 @@ BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
 class PageRecords:
     """The records of a run, by material and codec, each with its timing, until the budget is spent."""
 
-    def __init__(self, run: Run, materials: Sequence[Material]):
+    def __init__(self, run: Run, materials: Sequence[MaterialRows]):
         self.run = run
         self.records: list[Any] = list(run.starts[-1:])
         self.places: dict[tuple[str, str], str] = {}
@@ -58,11 +58,11 @@ class PageRecords:
                 f"{self.left_out} more rows have their records in records.jsonl alone: there is no room for them."
             )
 
-    def _whole(self, codec: Codec) -> list[dict[str, Any]]:
+    def _whole(self, codec: CodecRows) -> list[dict[str, Any]]:
         return [{"job": row.job} | ({"timing": kept(row.timing, RESULTS)} if row.timing else {}) for row in codec.rows]
 
 
-def _fit_in_words(codec: Codec) -> str:
+def _fit_in_words(codec: CodecRows) -> str:
     """Seeds, revision and file of a codec's fits, or the status of what failed."""
     job = codec.rows[0].job
     if job["status"] != "ok":

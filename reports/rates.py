@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from reports.numbers import NONE
-from reports.rows import Material
+from reports.rows import MaterialRows
 from reports.table import Table
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 LITTLE = 0.25  # share of what two fronts cover below which their delta rests on little
 
 
-def compared(material: Material) -> "dict[str, Array]":
+def compared(material: MaterialRows) -> "dict[str, Array]":
     """The fronts of a material's codecs that are long enough to be compared; empty if fewer than two are."""
     files = Counter(codec.label.split()[0] for codec in material.codecs if codec.measured)
     if not files or files.most_common(1)[0][1] < 2:  # most tables have none, and are made without NumPy
@@ -28,7 +28,7 @@ def compared(material: Material) -> "dict[str, Array]":
     return long if len(long) > 1 else {}
 
 
-def rate_tables(material: Material) -> Iterator[Table]:
+def rate_tables(material: MaterialRows) -> Iterator[Table]:
     """BD-rate and BD-PSNR of each codec against each other, where two or more have fronts."""
     if not (fronts := compared(material)):
         return

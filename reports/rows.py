@@ -59,7 +59,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Codec:
+class CodecRows:
     """The jobs of one codec with its settings on one material, one a seed."""
 
     label: str
@@ -76,7 +76,7 @@ class Codec:
 
 
 @dataclass(frozen=True)
-class Material:
+class MaterialRows:
     """The rows of one material, in the order of the suite."""
 
     name: str
@@ -87,10 +87,10 @@ class Material:
         return [row for row in self.rows if row.measured]
 
     @cached_property
-    def codecs(self) -> list[Codec]:
+    def codecs(self) -> list[CodecRows]:
         """The rows by codec."""
         labels = dict.fromkeys(row.label for row in self.rows)
-        return [Codec(label, [row for row in self.rows if row.label == label]) for label in labels]
+        return [CodecRows(label, [row for row in self.rows if row.label == label]) for label in labels]
 
     @property
     def seeds(self) -> list[int]:
@@ -123,7 +123,7 @@ class Material:
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
 
 
-def footprint_curves(codec: Codec) -> list[tuple[int, float]]:
+def footprint_curves(codec: CodecRows) -> list[tuple[int, float]]:
     """(side of the footprint in texels, pooled display PSNR in dB), means over seeds, by side.
 
     Footprints at which a seed has no error, or was not measured, have no point.
@@ -144,14 +144,14 @@ def described(job: Record, name: str) -> Record:
 
 
 @lru_cache(maxsize=1)  # every table and figure of a report asks
-def materials(run: Run) -> list[Material]:
+def materials(run: Run) -> list[MaterialRows]:
     """The run's jobs by material. `InputError` where a finished one lacks what tables show."""
     by_name: dict[str, list[Record]] = {}
     for job in run.jobs:
         if job["status"] == "ok":
             require(job, "tables", run.folder)
         by_name.setdefault(job["material"], []).append(job)
-    return [Material(name, list(_rows(run, jobs))) for name, jobs in by_name.items()]
+    return [MaterialRows(name, list(_rows(run, jobs))) for name, jobs in by_name.items()]
 
 
 def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:

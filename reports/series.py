@@ -10,7 +10,7 @@ from bench.compare.slices import decibels
 from bench.errors import InputError
 from bench.records import PSNR, Run, shown_label
 from reports.fits import curves_by_material
-from reports.rows import Codec, Material, Row, footprint_curves
+from reports.rows import CodecRows, MaterialRows, Row, footprint_curves
 from reports.styles import Styles
 
 Plot = dict[str, Any]
@@ -31,7 +31,7 @@ def codecs(run: Run) -> list[dict[str, Any]]:
     return entries
 
 
-def plots(run: Run, materials: Sequence[Material]) -> list[Plot]:
+def plots(run: Run, materials: Sequence[MaterialRows]) -> list[Plot]:
     """Every plot that has a point, those over all materials first."""
     curves = curves_by_material(run)
     by_material = [plot for each in materials for plot in _of_material(run, each, curves.get(each.name, []))]
@@ -40,7 +40,7 @@ def plots(run: Run, materials: Sequence[Material]) -> list[Plot]:
     return [plot for plot in (*means, *by_material) if plot["series"]]
 
 
-def _of_material(run: Run, material: Material, curves: Sequence[Any]) -> Iterator[Plot]:
+def _of_material(run: Run, material: MaterialRows, curves: Sequence[Any]) -> Iterator[Plot]:
     if not material.measured:
         return
     pairs = "held-out pairs" if material.measured[0].gate == "heldout" else "all pairs"
@@ -67,7 +67,9 @@ def _of_material(run: Run, material: Material, curves: Sequence[Any]) -> Iterato
     )
 
 
-def _plot(material: Material, kind: str, title: str, x: dict[str, Any], y: dict[str, Any], series: list[Any]) -> Plot:
+def _plot(
+    material: MaterialRows, kind: str, title: str, x: dict[str, Any], y: dict[str, Any], series: list[Any]
+) -> Plot:
     missing = [codec.label for codec in material.codecs if codec.label not in {each["label"] for each in series}]
     return {
         "material": material.name,
@@ -80,7 +82,7 @@ def _plot(material: Material, kind: str, title: str, x: dict[str, Any], y: dict[
     }
 
 
-def _footprints(material: Material, y: dict[str, Any]) -> Plot:
+def _footprints(material: MaterialRows, y: dict[str, Any]) -> Plot:
     curves = {codec.label: footprint_curves(codec) for codec in material.codecs}
     sides = sorted({side for curve in curves.values() for side, _ in curve})
     x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": sides}
@@ -107,7 +109,7 @@ def _nanoseconds(row: Row) -> Place | None:
     return row.timing["ns_per_sample"], low, high
 
 
-def _points(material: Material, place: Callable[[Row], Place | None]) -> list[dict[str, Any]]:
+def _points(material: MaterialRows, place: Callable[[Row], Place | None]) -> list[dict[str, Any]]:
     """One point a codec, the mean of its seeds; `curve` joins those of a ladder of rates."""
     points = []
     for codec in material.codecs:
@@ -120,7 +122,7 @@ def _points(material: Material, place: Callable[[Row], Place | None]) -> list[di
     return points
 
 
-def _curve(codec: Codec) -> str:
+def _curve(codec: CodecRows) -> str:
     job = codec.measured[0].job
     return str(job.get("curve") or job.get("codec") or codec.label)
 

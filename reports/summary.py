@@ -12,7 +12,7 @@ from reports.column_type import Column
 from reports.missing import left_out_notes, missing_note
 from reports.notes import resting_over, unrest_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
-from reports.rows import Codec, materials
+from reports.rows import CodecRows, materials
 from reports.table import Table
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _standing(each: "Standing", count: int) -> list[str]:
     return [each.label, f"{each.materials} of {count}", fixed(each.rank, 1), integer(each.wins), psnr]
 
 
-def _mean(column: Column, codecs: Sequence[Codec]) -> float | None:
+def _mean(column: Column, codecs: Sequence[CodecRows]) -> float | None:
     """The mean over materials of a column's means over seeds; None where one has no number."""
     means = [column.mean(codec.measured) for codec in codecs if codec.measured]
     numbers = [mean for mean in means if mean is not None]

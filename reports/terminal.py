@@ -7,7 +7,7 @@ from bench.records import Run
 from reports import columns
 from reports.notes import run_notes
 from reports.rates import rate_tables
-from reports.rows import Material, materials
+from reports.rows import MaterialRows, materials
 from reports.stress import summary
 from reports.summary import summary_table
 from reports.table import Table
@@ -39,7 +39,7 @@ def scored(run: Run) -> str:
     return plain([table for table in tables if table])
 
 
-def _detail(material: Material) -> Table | None:
+def _detail(material: MaterialRows) -> Table | None:
     """One table in place of three: bands of directions and footprints."""
     if material.first is None:
         return None

@@ -6,7 +6,7 @@ from matplotlib.ticker import NullLocator
 
 from bench.records import Run
 from reports.figures.canvas import Figure, legend, plots, png, style
-from reports.rows import Material, footprint_curves, materials
+from reports.rows import MaterialRows, footprint_curves, materials
 from reports.styles import Styles
 
 
@@ -20,7 +20,7 @@ def footprint_plots(run: Run) -> Iterator[Figure]:
                 yield _figure(material, curves, styles)
 
 
-def _figure(material: Material, curves: dict[str, list[tuple[int, float]]], styles: Styles) -> Figure:
+def _figure(material: MaterialRows, curves: dict[str, list[tuple[int, float]]], styles: Styles) -> Figure:
     title = f"{material.name}: level of detail"
     drawing, (axes,) = plots(8.2, max(4.2, 1.6 + 0.2 * len(curves)))
     handles = [

@@ -9,7 +9,7 @@ import numpy as np
 from bench.errors import InputError
 from bench.records import Record, Run
 from reports.figures.canvas import Figure, Sheet, enlarged, short, style
-from reports.rows import Material, materials
+from reports.rows import MaterialRows, materials
 from reports.shaders.program import Program, read
 
 _CELL, _GAP, _LINE, _LEFT, _TOP, _MOST = 64, 4, 16, 250, 52, 48  # pixels; channels a line, and a texture
@@ -69,7 +69,7 @@ def _standardised(texture: np.ndarray) -> np.ndarray:
     return np.round(shown).astype(np.uint8).reshape(texture.shape)
 
 
-def _figure(material: Material, codecs: Sequence[tuple[str, Textures]]) -> Figure:
+def _figure(material: MaterialRows, codecs: Sequence[tuple[str, Textures]]) -> Figure:
     title = f"{material.name}: channels of each codec's texture"
     blocks = [(label, _counted(each), _cells(np.concatenate(each, -1))) for label, each in codecs]
     cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP

@@ -6,7 +6,7 @@ from typing import Any
 
 from bench.records import PSNR, Run
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
-from reports.rows import Material, Row, materials
+from reports.rows import MaterialRows, Row, materials
 from reports.styles import Styles
 
 
@@ -47,7 +47,7 @@ def _nanoseconds(row: Row) -> Place | None:
 
 
 def _scatter(
-    material: Material, kind: str, about: str, axis: str, place: Callable[[Row], Place | None], styles: Styles
+    material: MaterialRows, kind: str, about: str, axis: str, place: Callable[[Row], Place | None], styles: Styles
 ) -> Iterator[Figure]:
     curves, absent = _curves(material, place)
     if not curves:
@@ -67,14 +67,14 @@ def _scatter(
         yield Figure(material.name, kind, title, png(drawing))
 
 
-def _pairs(material: Material) -> str:
+def _pairs(material: MaterialRows) -> str:
     return "held-out pairs" if material.measured[0].gate == "heldout" else "all pairs"
 
 
 Point = tuple[Place, float]
 
 
-def _curves(material: Material, place: Callable[[Row], Place | None]) -> tuple[dict[str, list[Point]], list[str]]:
+def _curves(material: MaterialRows, place: Callable[[Row], Place | None]) -> tuple[dict[str, list[Point]], list[str]]:
     """Points by ladder, and the labels of what is exact: infinitely far up."""
     curves: dict[str, list[Point]] = {}
     absent = []
