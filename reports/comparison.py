@@ -1,7 +1,8 @@
 """A comparison of two runs as tables: for a terminal of 120 columns, and as GitHub Markdown."""
 
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 
 from bench.compare import Comparison
 from bench.compare.quantities import Quantity
@@ -54,20 +55,13 @@ def markdown(comparison: Comparison) -> str:
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(_findings(comparison))]
     if comparison.rows:
         every = [*comparison.rows, *comparison.means]
-        blocks.append(grid(_combined(every, _decide, "verdict", [_MARKS[row.verdict] for row in every])))
+        verdicts = [_MARKS[row.verdict] for row in every]
+        blocks.append(grid(_combined(every, [row.deciding for row in every], "verdict", verdicts)))
     if rows := [row for row in comparison.rows if row.shown]:
-        rest = grid(_combined(rows, _show, "time, × mean-colour", list(map(_time, rows))))
+        rest = grid(_combined(rows, [row.shown for row in rows], "time, × mean-colour", list(map(_time, rows))))
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
     blocks += [escaped(note) for note in comparison.notes]
     return "\n\n".join(block for block in blocks if block) + "\n"
-
-
-def _decide(row: Row) -> list[Change]:
-    return row.deciding
-
-
-def _show(row: Row) -> list[Change]:
-    return row.shown
 
 
 def _word(verdict: Verdict) -> str:
@@ -89,7 +83,7 @@ def _findings(comparison: Comparison) -> Iterator[str]:
 
 def _deciding(material: str, rows: Sequence[Row]) -> Table:
     """The table of the deciding metrics: PSNR itself, and the change and margin of each metric."""
-    quantities = _quantities(rows, _decide)
+    quantities = _quantities(row.deciding for row in rows)
     headers = [("codec", "")]
     for quantity in quantities:
         headers += [(quantity.name, quantity.scale)] if quantity.name == "PSNR" else []
@@ -117,7 +111,7 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
 def _others(material: str, rows: Sequence[Row]) -> list[Table]:
     """The table of values that do not decide: changes, new − base, and times; None where there are none."""
     rows = [row for row in rows if row.shown]
-    quantities = [q for q in _quantities(rows, _show) if any(_changed(row, q) for row in rows)]
+    quantities = [q for q in _quantities(row.shown for row in rows) if any(_changed(row, q) for row in rows)]
     if not quantities and not any(row.timing for row in rows):
         return []
     headers = [("change of", ""), *((q.name.replace("_", " "), q.scale) for q in quantities)]
@@ -130,12 +124,12 @@ def _others(material: str, rows: Sequence[Row]) -> list[Table]:
     return [Table("compare", title, [*headers, ("time", "× mean-colour")], cells)]
 
 
-def _combined(rows: Sequence[Row], changes_of: Callable[[Row], list[Change]], name: str, last: list[str]) -> Table:
+def _combined(rows: Sequence[Row], by_row: Sequence[list[Change]], name: str, last: list[str]) -> Table:
     """Value, change and margin of each quantity in one cell, bold where it decides against or for the row."""
-    quantities, cells = _quantities(rows, changes_of), []
+    quantities, cells = _quantities(by_row), []
     marks: dict[tuple[int, int], str] = {}
     for i, row in enumerate(rows):
-        changes = [_find(changes_of(row), quantity) for quantity in quantities]
+        changes = [_find(by_row[i], quantity) for quantity in quantities]
         cells.append([row.material, row.label, *map(_cell, changes), last[i]])
         decided = (Verdict.WORSE, Verdict.BETTER)
         marks |= {(i, j): BOLD for j, change in enumerate(changes, 2) if change and change.verdict in decided}
@@ -163,12 +157,11 @@ def _time(row: Row) -> str:
     return f"{row.timing.base:.2f} → {row.timing.new:.2f}" if row.timing else NONE
 
 
-def _quantities(rows: Sequence[Row], changes_of: Callable[[Row], list[Change]]) -> list[Quantity]:
-    """The quantities of some rows, one of each name, in the order of first appearance."""
+def _quantities(by_row: Iterable[Sequence[Change]]) -> list[Quantity]:
+    """The quantities of the changes of some rows, one of each name, in the order of first appearance."""
     by_name: dict[str, Quantity] = {}
-    for row in rows:
-        for change in changes_of(row):
-            by_name.setdefault(change.quantity.name, change.quantity)
+    for change in chain.from_iterable(by_row):
+        by_name.setdefault(change.quantity.name, change.quantity)
     return list(by_name.values())
 
 

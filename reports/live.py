@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 
 from bench.errors import InputError
-from bench.records import PSNR, Run
+from bench.records import Run
 from reports.rows import MaterialRows, Row
 from reports.shaders.program import read
 from reports.viewer.page import Model, model_data
@@ -64,8 +64,7 @@ def _packed(run: Run, row: Row, room: int) -> str:
 
 
 def _psnr(row: Row) -> float:
-    pooled = row.stats(row.gate, PSNR).get("pooled")
-    return float("inf") if pooled is None else float(pooled)
+    return float("inf") if row.psnr is None else row.psnr
 
 
 def pack(data: object) -> str:

@@ -30,17 +30,13 @@ def cost_notes(material: MaterialRows) -> list[str]:
 
 def _shared(material: MaterialRows) -> Iterator[str]:
     """Footnotes for codecs whose file also needs the file of a shared network."""
-    for size, rows in _by_shared_bytes(material).items():
-        labels = ", ".join(dict.fromkeys(row.label for row in rows))
-        yield f"{labels}: its decoder needs the shared network too: {size:,} bytes for all materials, not in the total."
-
-
-def _by_shared_bytes(material: MaterialRows) -> dict[int, list[Row]]:
-    by_bytes: dict[int, list[Row]] = {}
+    by_bytes: dict[int, dict[str, None]] = {}
     for row in material.measured:
         if "shared" in row.job["bytes"]:
-            by_bytes.setdefault(row.job["bytes"]["shared"], []).append(row)
-    return by_bytes
+            by_bytes.setdefault(row.job["bytes"]["shared"], {})[row.label] = None
+    for size, labels in by_bytes.items():
+        names = ", ".join(labels)
+        yield f"{names}: its decoder needs the shared network too: {size:,} bytes for all materials, not in the total."
 
 
 def common_notes(material: MaterialRows) -> list[str]:

@@ -24,12 +24,8 @@ def significant(value: float | None, digits: int = 3) -> str:
         return NONE
     if value == 0 or not 1e-5 <= abs(value) < 1e7:
         return f"{value:.{digits - 1}e}" if value else "0"
-    decimals = digits - 1 - _exponent(value)
+    decimals = digits - 1 - int(f"{abs(value):e}".rpartition("e")[2])
     return f"{value:,.{max(0, decimals)}f}"
-
-
-def _exponent(value: float) -> int:
-    return int(f"{abs(value):e}".rpartition("e")[2])
 
 
 def pooled(stats: dict[str, Any]) -> float | str | None:

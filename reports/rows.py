@@ -49,6 +49,11 @@ class Row:
         """The group of pairs that decides: held-out ones, or all where none are held out."""
         return gate(self.job["scores"])
 
+    @property
+    def psnr(self) -> float | None:
+        """The pooled display PSNR of the pairs that decide, in dB; None where they have no error."""
+        return self.stats(self.gate, PSNR).get("pooled")
+
     def metric(self, family: str) -> str:
         """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`), or ""."""
         return metric_of(metrics_of(self.job), family)
@@ -72,7 +77,13 @@ class CodecRows:
     @property
     def exact(self) -> bool:
         """Whether no slice that decides has an error, of any seed."""
-        return all(row.stats(row.gate, PSNR).get("pooled") is None for row in self.measured)
+        return all(row.psnr is None for row in self.measured)
+
+    @property
+    def ladder(self) -> str:
+        """The name of the ladder of rates that a figure joins: of a codec at several settings, else the codec alone."""
+        job = self.measured[0].job
+        return str(job.get("curve") or job.get("codec") or self.label)
 
 
 @dataclass(frozen=True)
@@ -111,6 +122,11 @@ class MaterialRows:
     def metrics(self) -> dict[str, Record]:
         """Every metric that a comparable row was scored with, as the records describe it."""
         return {name: described(row.job, name) for row in self.measured for name in metrics_of(row.job)}
+
+    @property
+    def deciding(self) -> str:
+        """The pairs that decide, in words."""
+        return "held-out pairs" if self.measured[0].gate == "heldout" else "all pairs"
 
     @property
     def split(self) -> str:

@@ -8,9 +8,9 @@ import numpy as np
 
 from bench.compare.slices import decibels
 from bench.errors import InputError
-from bench.records import PSNR, Run, shown_label
+from bench.records import Run, shown_label
 from reports.fits import curves_by_material
-from reports.rows import CodecRows, MaterialRows, Row, footprint_curves
+from reports.rows import MaterialRows, Row, footprint_curves
 from reports.styles import Styles
 
 Plot = dict[str, Any]
@@ -43,8 +43,7 @@ def plots(run: Run, materials: Sequence[MaterialRows]) -> list[Plot]:
 def _of_material(run: Run, material: MaterialRows, curves: Sequence[Any]) -> Iterator[Plot]:
     if not material.measured:
         return
-    pairs = "held-out pairs" if material.measured[0].gate == "heldout" else "all pairs"
-    y = {"label": f"{QUALITY} ({pairs})"}
+    y = {"label": f"{QUALITY} ({material.deciding})"}
     bytes_axis = {"label": "bytes of the file", "log": True, "unit": "B"}
     time_axis = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns"}
     yield _plot(material, "rate", "Rate and distortion", bytes_axis, y, _points(material, _bytes))
@@ -71,15 +70,8 @@ def _plot(
     material: MaterialRows, kind: str, title: str, x: dict[str, Any], y: dict[str, Any], series: list[Any]
 ) -> Plot:
     missing = [codec.label for codec in material.codecs if codec.label not in {each["label"] for each in series}]
-    return {
-        "material": material.name,
-        "kind": kind,
-        "title": title,
-        "x": x,
-        "y": y,
-        "series": series,
-        "missing": missing,
-    }
+    names = {"material": material.name, "kind": kind, "title": title}
+    return names | {"x": x, "y": y, "series": series, "missing": missing}
 
 
 def _footprints(material: MaterialRows, y: dict[str, Any]) -> Plot:
@@ -113,18 +105,13 @@ def _points(material: MaterialRows, place: Callable[[Row], Place | None]) -> lis
     """One point a codec, the mean of its seeds; `curve` joins those of a ladder of rates."""
     points = []
     for codec in material.codecs:
-        seeds = [(row.stats(row.gate, PSNR).get("pooled"), place(row)) for row in codec.measured]
+        seeds = [(row.psnr, place(row)) for row in codec.measured]
         known = [(quality, at) for quality, at in seeds if quality is not None and at]
         if known:
             x, low, high = (fmean(at[i] for _, at in known) for i in range(3))
             point = [_short(x), _short(fmean(quality for quality, _ in known)), _short(low), _short(high)]
-            points.append({"label": codec.label, "curve": _curve(codec), "points": [point]})
+            points.append({"label": codec.label, "curve": codec.ladder, "points": [point]})
     return points
-
-
-def _curve(codec: CodecRows) -> str:
-    job = codec.measured[0].job
-    return str(job.get("curve") or job.get("codec") or codec.label)
 
 
 def _mean(kind: str, by_material: Sequence[Plot], materials: int) -> Plot:

@@ -26,7 +26,7 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[
 
     `narrow` splits the main table in two, each of which fits a printed page.
     """
-    makers = _OF_KIND | ({"main": _narrow} if narrow else {})
+    makers = _OF_KIND | (_NARROW if narrow else {})
     return [table for name in KINDS if kind in (None, name) for table in makers[name](run, materials(run)) if table]
 
 
@@ -159,13 +159,9 @@ def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
     return [word] + [NONE] * (len(chosen) - 1)
 
 
-def _narrow(_: Run, materials: list[MaterialRows]) -> Iterator[Table | None]:
-    yield from map(quality_table, materials)
-    yield from map(cost_table, materials)
-
-
-Made = Iterable[Table | None]
-_OF_KIND: dict[str, Callable[[Run, list[MaterialRows]], Made]] = {
+Makers = dict[str, Callable[[Run, list[MaterialRows]], Iterable[Table | None]]]
+_NARROW: Makers = {"main": lambda _, materials: [*map(quality_table, materials), *map(cost_table, materials)]}
+_OF_KIND: Makers = {
     "summary": lambda run, _: [summary_table(run)],
     "main": lambda _, materials: map(main_table, materials),
     "slices": lambda _, materials: map(slices_table, materials),

@@ -73,7 +73,8 @@ def grid(table: Table) -> str:
     """The cells of a table as GitHub Markdown, without title and notes."""
     headers = [escaped(f"{name} {unit}") for name, unit in table.headers]
     rows = [[_marked(cell, table.marks.get((i, j))) for j, cell in enumerate(row)] for i, row in enumerate(table.rows)]
-    return tabulate(rows, headers, "pipe", colalign=_alignment(table), disable_numparse=True)
+    alignment = ["left" if i < table.words else "right" for i in range(len(headers))]
+    return tabulate(rows, headers, "pipe", colalign=alignment, disable_numparse=True)
 
 
 def _marked(cell: str, mark: str | None) -> str:
@@ -83,7 +84,3 @@ def _marked(cell: str, mark: str | None) -> str:
 def escaped(text: str) -> str:
     """Text that Markdown shows as it stands, on one line."""
     return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", " ".join(text.split()))
-
-
-def _alignment(table: Table) -> list[str]:
-    return ["left" if i < table.words else "right" for i in range(len(table.headers))]

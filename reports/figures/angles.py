@@ -31,16 +31,11 @@ def angle_curves(run: Run) -> Iterator[Figure]:
                     for row, scores in curves
                 ]
                 axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)
-            pairs = "held-out pairs" if curves[0][0].gate == "heldout" else "all pairs"
-            panels[0].set_ylabel(f"display PSNR, dB ({pairs}; higher is better)")
+            panels[0].set_ylabel(f"display PSNR, dB ({material.deciding}; higher is better)")
             panels[0].set_title(f"{title}\n{material.split}", loc="left")
-            legend(panels[1], handles, [_name(row) for row, _ in curves])
+            names = [f"{row.label} (no error)" if row.psnr is None else row.label for row, _ in curves]
+            legend(panels[1], handles, names)
             yield Figure(material.name, "angles", title, png(drawing))
-
-
-def _name(row: Row) -> str:
-    exact = row.stats(row.gate, PSNR).get("pooled") is None
-    return f"{row.label} (no error)" if exact else row.label
 
 
 def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:

@@ -31,8 +31,7 @@ def _figure(material: MaterialRows, curves: dict[str, list[tuple[int, float]]], 
     axes.set_xscale("log", base=2)
     axes.set_xticks(sides, list(map(str, sides)))
     axes.xaxis.set_minor_locator(NullLocator())
-    pairs = "held-out pairs" if material.measured[0].gate == "heldout" else "all pairs"
-    axes.set(xlabel="footprint in texels a side", ylabel=f"display PSNR, dB ({pairs}; higher is better)")
+    axes.set(xlabel="footprint in texels a side", ylabel=f"display PSNR, dB ({material.deciding}; higher is better)")
     axes.set_title(f"{title}\n{material.split}", loc="left")
     if absent := [codec.label for codec in material.codecs if codec.exact and codec.measured]:
         drawing.supxlabel("not drawn, without any error: " + ", ".join(absent), fontsize=8)

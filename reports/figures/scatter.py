@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from statistics import fmean
 from typing import Any
 
-from bench.records import PSNR, Run
+from bench.records import Run
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.rows import MaterialRows, Row, materials
 from reports.styles import Styles
@@ -58,17 +58,13 @@ def _scatter(
         handles = [_draw(axes, styles.of_codec(name), points) for name, points in curves.items()]
         axes.set_xscale("log")
         log_ticks(axes.xaxis, "B" if kind == "rate" else "")
-        axes.set(xlabel=axis, ylabel=f"display PSNR, dB ({_pairs(material)}; higher is better)")
+        axes.set(xlabel=axis, ylabel=f"display PSNR, dB ({material.deciding}; higher is better)")
         axes.set_title(f"{title}\n{material.split}", loc="left")
         axes.margins(0.08)
         if absent:
             drawing.supxlabel("not drawn, without any error: " + ", ".join(absent), fontsize=8)
         legend(axes, handles, list(curves))
         yield Figure(material.name, kind, title, png(drawing))
-
-
-def _pairs(material: MaterialRows) -> str:
-    return "held-out pairs" if material.measured[0].gate == "heldout" else "all pairs"
 
 
 Point = tuple[Place, float]
@@ -79,13 +75,12 @@ def _curves(material: MaterialRows, place: Callable[[Row], Place | None]) -> tup
     curves: dict[str, list[Point]] = {}
     absent = []
     for codec in material.codecs:
-        rows = [(row.stats(row.gate, PSNR).get("pooled"), place(row)) for row in codec.measured]
+        rows = [(row.psnr, place(row)) for row in codec.measured]
         points = [(where, quality) for quality, where in rows if quality is not None and where]
         if codec.measured and codec.exact:
             absent.append(codec.label)
         elif points:
-            job = codec.measured[0].job
-            curves.setdefault(job.get("curve") or job.get("codec") or codec.label, []).append(_mean(points))
+            curves.setdefault(codec.ladder, []).append(_mean(points))
     return curves, absent
 
 
