@@ -50,7 +50,7 @@ class BCF(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
-        fitting = Fitting(Samples(btf, gain, fit), self.settings, fit.generator())
+        fitting = BCFObjective(Samples(btf, gain, fit), self.settings, fit.generator())
         train(fitting, fit, self.settings.steps, self.settings.patience)
         blocks, low, span = fitting.blocks()
         return Parts(
@@ -94,7 +94,7 @@ def decoded(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
     return picture[: size[0], : size[1]]
 
 
-class Fitting(DirectedObjective):
+class BCFObjective(DirectedObjective):
     """The ends (2, B, T, 3) of each block's lines, each texel's share (H · W, T) of the way, and the network."""
 
     def __init__(self, samples: Samples, settings: BCF.Settings, generator: torch.Generator):

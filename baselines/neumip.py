@@ -85,9 +85,9 @@ class NeuMIP(Codec):
         if fit.density:  # levels that the scene never sees are left out
             count = min(count, fit.density.levels(max(btf.shape)))
         levels = Samples.levels(btf, count, gain, fit)
-        objective = Fitting(levels, self.settings, fit.generator())
-        taken = train(objective, fit, self.settings.steps, self.settings.patience)
-        pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=taken))
+        objective = NeuMIPObjective(levels, self.settings, fit.generator())
+        progress = train(objective, fit, self.settings.steps, self.settings.patience)
+        pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=progress))
         assert pyramid is not None
         texture = pack("pyramid", pyramid, self.settings.precision)
         if offset is not None:
@@ -224,7 +224,7 @@ def answer(
     return networks.colour(pyramid.fetch(table, uv, level), wo, wi)
 
 
-class Fitting(Objective):
+class NeuMIPObjective(Objective):
     """The textures and both networks, fitted at the finest level and, a share of each step, at a random coarser one."""
 
     def __init__(self, levels: list[Samples], settings: NeuMIP.Settings, generator: torch.Generator):

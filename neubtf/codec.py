@@ -48,7 +48,7 @@ class NeuBTF(Codec):
         guidance = as_guidance(picture)
         faint = settings.init == "faint"
         autoencoder = Autoencoder(settings.latents, generator, FAINT if faint else 1.0)
-        encoder = Encoder.of(guidance, autoencoder, centred=faint)
+        encoder = Encoder.for_guidance(guidance, autoencoder, centred=faint)
         staged = Staged(samples, settings, encoder, guidance, generator)
         train(staged, fit, settings.steps)
         stored = store_encoder(encoder, picture)
