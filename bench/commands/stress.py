@@ -56,13 +56,13 @@ def run(options: argparse.Namespace) -> int:
     cases = [case for case in cases if case.cheap or not options.cheap]
     _make(options.out)
     records.append(options.out, {"kind": "run", "suite": "stress", "device": "cpu"} | provenance())
-    found: list[Record] = []
+    tried: list[Record] = []
     with Console() as console, _workers(options.jobs, len(codecs)) as workers:
         for record in _all(stress.run(codecs, cases, workers, console.show), pictures=not options.case):
             records.append(options.out, record)
-            found.append(record)
-    print(stress_text(found, options.format))
-    verdicts = [record["verdict"] for record in found]
+            tried.append(record)
+    print(stress_text(tried, options.format))
+    verdicts = [record["verdict"] for record in tried]
     print(f"{verdicts.count('pass')} pass, {verdicts.count('fail')} fail, {verdicts.count('n/a')} n/a: {options.out}")
     return NO if "fail" in verdicts else FINE
 

@@ -10,6 +10,7 @@ examples:
 """
 
 import argparse
+from collections import Counter
 from pathlib import Path
 
 from bench.errors import FINE, NO, NOTHING, InputError
@@ -35,9 +36,9 @@ def run(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix="neubtf-verify-") as scratch, Console() as console:
         submitted = unpack(options.archive, Path(scratch))
         folder.mkdir(parents=True, exist_ok=True)
-        found = list(verify(submitted, folder, console.show))
-    print(tabulate([(each.job, each.verdict, each.why) for each in found], ["job", "verdict", ""], "simple"))
-    counts = {word: sum(each.verdict == word for each in found) for word in dict.fromkeys(v.verdict for v in found)}
+        verdicts = list(verify(submitted, folder, console.show))
+    print(tabulate([(each.job, each.verdict, each.why) for each in verdicts], ["job", "verdict", ""], "simple"))
+    counts = Counter(each.verdict for each in verdicts)
     print(f"\n{', '.join(f'{count} {word}' for word, count in counts.items())}; measured here: {folder}")
     if DIFFERS in counts:
         return NO

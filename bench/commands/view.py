@@ -78,11 +78,11 @@ def _drawn(material: "Material", name: str, path: Path, show: "Progress") -> "tu
     from reports.shaders.program import read
 
     try:
-        found = drawable(material, path)
-        program = read(found.path)
+        drawing = drawable(material, path)
+        program = read(drawing.path)
         shader(program, GLSL)
     except InputError as error:
-        found = drawable_truth(baked(material, name, show), path, show)
+        drawing = drawable_truth(baked(material, name, show), path, show)
         note = f"{name} is baked: its slices at {BAKED} × {BAKED} pairs, interpolated between directions, since {error}"
-        return read(found.path), found.exposure, note
-    return program, found.exposure, ""
+        return read(drawing.path), drawing.exposure, note
+    return program, drawing.exposure, ""
