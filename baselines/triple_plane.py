@@ -22,11 +22,10 @@ from bench.training import (
     RANDOM_SPREAD,
     Batch,
     Loss,
-    Objective,
     Optimiser,
     Samples,
     Start,
-    distance,
+    TextureObjective,
     first_latents,
     gain_of,
     groups_of,
@@ -87,12 +86,11 @@ class TriplePlane(Codec):
         return TriplePlaneMaterial(network, texture, planes, gain, self.settings.difference).to(device)
 
 
-class TriplePlaneObjective(Objective):
+class TriplePlaneObjective(TextureObjective):
     """The three planes and the network, all free."""
 
     def __init__(self, samples: Samples, settings: TriplePlane.Settings, generator: torch.Generator):
-        super().__init__(samples)
-        self.settings = settings
+        super().__init__(samples, settings)
         self.network = Decoder(settings.architecture, generator)
         self.network.start_at(samples.mean(generator))
         side, channels = settings.resolution, settings.channels
@@ -129,10 +127,6 @@ class TriplePlaneObjective(Objective):
         features = (rows * weight[..., None]).sum(2).flatten(1)
         level: Tensor = self.network(torch.cat([self.texture.index_select(0, batch.texel), features], 1))
         return level
-
-    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
 
 class TriplePlaneMaterial(Material):

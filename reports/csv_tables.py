@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from bench.records import Run, flattened
@@ -27,19 +27,19 @@ def results_csv(run: Run) -> str:
             else:
                 cells.append(value)
         rows.append(cells)
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(list(places) or ["job"])
-    writer.writerows(cells + [None] * (len(places) - len(cells)) for cells in rows)
-    return out.getvalue()
+    return as_csv([list(places) or ["job"], *(cells + [None] * (len(places) - len(cells)) for cells in rows)])
 
 
 def table_csv(tables: Sequence[Table]) -> str:
     """The cells of tables as they are shown, each with a line of headers."""
+    headers = ([" ".join(words).strip() for words in table.headers] for table in tables)
+    return as_csv(row for table, header in zip(tables, headers, strict=True) for row in (header, *table.rows))
+
+
+def as_csv(rows: Iterable[Sequence[Any]]) -> str:
+    """Rows of cells, the headers first, as CSV; None is an empty field."""
     out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    for table in tables:
-        writer.writerows([[" ".join(words).strip() for words in table.headers], *table.rows])
+    csv.writer(out, lineterminator="\n").writerows(rows)
     return out.getvalue()
 
 

@@ -21,6 +21,7 @@ from bench.records import (
     stats_of,
 )
 
+Span = tuple[float, float, float]  # where a job stands on an axis, and the ends of the interval about it
 NEW_RUN = "timed in an earlier run than its neighbours"
 
 
@@ -137,6 +138,20 @@ class MaterialRows:
         pairs = self.first["pairs"]
         heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out: scored on all"
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
+
+
+def byte_span(row: Row) -> Span:
+    """The bytes of a job's file."""
+    total = row.job["bytes"]["total"]
+    return total, total, total
+
+
+def time_span(row: Row) -> Span | None:
+    """The ns of a sample, median and 95 % interval; None where it was not timed as the others were."""
+    if row.timing is None or row.timing_obstacle:
+        return None
+    low, high = row.timing["interval95_ns"]
+    return row.timing["ns_per_sample"], low, high
 
 
 def footprint_curves(codec: CodecRows) -> list[tuple[int, float]]:

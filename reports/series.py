@@ -10,7 +10,7 @@ from bench.compare.slices import decibels
 from bench.errors import InputError
 from bench.records import Run, shown_label
 from reports.fits import curves_by_material
-from reports.rows import MaterialRows, Row, footprint_curves
+from reports.rows import MaterialRows, Row, Span, byte_span, footprint_curves, time_span
 from reports.styles import Styles
 
 Plot = dict[str, Any]
@@ -46,8 +46,8 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[Any]) -> Ite
     y = {"label": f"{QUALITY} ({material.deciding})"}
     bytes_axis = {"label": "bytes of the file", "log": True, "unit": "B"}
     time_axis = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns"}
-    yield _plot(material, "rate", "Rate and distortion", bytes_axis, y, _points(material, _bytes))
-    yield _plot(material, "speed", "Speed and accuracy", time_axis, y, _points(material, _nanoseconds))
+    yield _plot(material, "rate", "Rate and distortion", bytes_axis, y, _points(material, byte_span))
+    yield _plot(material, "speed", "Speed and accuracy", time_axis, y, _points(material, time_span))
     seconds = {"label": "seconds of the fit", "log": True, "unit": "s"}
     series = [
         {"label": fit.label, "line": True, "points": [[_short(s), _short(q)] for _, s, q in fit.points if s > 0]}
@@ -86,26 +86,11 @@ def _footprints(material: MaterialRows, y: dict[str, Any]) -> Plot:
     return _plot(material, "footprints", "Level of detail", x, y, series)
 
 
-Place = tuple[float, float, float]  # where a job stands on the x axis, and the interval about it
-
-
-def _bytes(row: Row) -> Place | None:
-    total = row.job["bytes"]["total"]
-    return total, total, total
-
-
-def _nanoseconds(row: Row) -> Place | None:
-    if row.timing is None or row.timing_obstacle:
-        return None
-    low, high = row.timing["interval95_ns"]
-    return row.timing["ns_per_sample"], low, high
-
-
-def _points(material: MaterialRows, place: Callable[[Row], Place | None]) -> list[dict[str, Any]]:
+def _points(material: MaterialRows, span: Callable[[Row], Span | None]) -> list[dict[str, Any]]:
     """One point a codec, the mean of its seeds; `curve` joins those of a ladder of rates."""
     points = []
     for codec in material.codecs:
-        seeds = [(row.psnr, place(row)) for row in codec.measured]
+        seeds = [(row.psnr, span(row)) for row in codec.measured]
         known = [(quality, at) for quality, at in seeds if quality is not None and at]
         if known:
             x, low, high = (fmean(at[i] for _, at in known) for i in range(3))

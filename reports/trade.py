@@ -1,13 +1,12 @@
 """Writes the results of `neubtf-bench trade`, `trade.json` of a run's folder, as tables."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from bench.records import load_trade
+from reports.csv_tables import as_csv
 from reports.numbers import EXACT, NONE, fixed, integer, significant
 from reports.table import Table
 
@@ -32,13 +31,8 @@ def choices_csv(folder: Path) -> str:
     if trade is None:
         return ""
     columns = list(dict.fromkeys(name for row in trade["choices"] for name in row))
-    out = io.StringIO()
-    writer = csv.DictWriter(out, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(
-        {k: json.dumps(v) if isinstance(v, dict) else v for k, v in row.items()} for row in trade["choices"]
-    )
-    return out.getvalue()
+    rows = [[row.get(name, "") for name in columns] for row in trade["choices"]]
+    return as_csv([columns, *([json.dumps(cell) if isinstance(cell, dict) else cell for cell in row] for row in rows)])
 
 
 _CHOICES = [

@@ -6,7 +6,7 @@ from typing import Any
 
 from bench.records import Run
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
-from reports.rows import MaterialRows, Row, materials
+from reports.rows import MaterialRows, Row, Span, byte_span, materials, time_span
 from reports.styles import Styles
 
 
@@ -14,42 +14,20 @@ def rate_distortion(run: Run) -> Iterator[Figure]:
     """Pooled display PSNR against the bytes of the file, for each material."""
     for material in materials(run):
         axis = "size of the file (smaller is better)"
-        yield from _scatter(material, "rate", "rate and distortion", axis, _bytes, Styles(run))
+        yield from _scatter(material, "rate", "rate and distortion", axis, byte_span, Styles(run))
 
 
 def speed_accuracy(run: Run) -> Iterator[Figure]:
     """Pooled display PSNR against the time of a sample with its 95 % interval, for each material."""
     for material in materials(run):
-        yield from _scatter(
-            material,
-            "speed",
-            "speed and accuracy",
-            "ns a sample, median and 95 % interval (less is better)",
-            _nanoseconds,
-            Styles(run),
-        )
-
-
-Place = tuple[float, tuple[float, float]]  # where a job stands on the x axis, and the interval about it
-
-
-def _bytes(row: Row) -> Place | None:
-    total = row.job["bytes"]["total"]
-    return total, (total, total)
-
-
-def _nanoseconds(row: Row) -> Place | None:
-    if row.timing is None or row.timing_obstacle:
-        return None
-    low, high = row.timing["interval95_ns"]
-    median = row.timing["ns_per_sample"]
-    return median, (min(low, median), max(high, median))
+        axis = "ns a sample, median and 95 % interval (less is better)"
+        yield from _scatter(material, "speed", "speed and accuracy", axis, time_span, Styles(run))
 
 
 def _scatter(
-    material: MaterialRows, kind: str, about: str, axis: str, place: Callable[[Row], Place | None], styles: Styles
+    material: MaterialRows, kind: str, about: str, axis: str, span: Callable[[Row], Span | None], styles: Styles
 ) -> Iterator[Figure]:
-    curves, absent = _curves(material, place)
+    curves, absent = _curves(material, span)
     if not curves:
         return
     title = f"{material.name}: {about}"
@@ -67,16 +45,16 @@ def _scatter(
         yield Figure(material.name, kind, title, png(drawing))
 
 
-Point = tuple[Place, float]
+Point = tuple[Span, float]  # on the x axis, and the quality
 
 
-def _curves(material: MaterialRows, place: Callable[[Row], Place | None]) -> tuple[dict[str, list[Point]], list[str]]:
+def _curves(material: MaterialRows, span: Callable[[Row], Span | None]) -> tuple[dict[str, list[Point]], list[str]]:
     """Points by ladder, and the labels of what is exact: infinitely far up."""
     curves: dict[str, list[Point]] = {}
     absent = []
     for codec in material.codecs:
-        rows = [(row.psnr, place(row)) for row in codec.measured]
-        points = [(where, quality) for quality, where in rows if quality is not None and where]
+        rows = [(span(row), row.psnr) for row in codec.measured]
+        points = [(x, quality) for x, quality in rows if x and quality is not None]
         if codec.measured and codec.exact:
             absent.append(codec.label)
         elif points:
@@ -86,14 +64,14 @@ def _curves(material: MaterialRows, place: Callable[[Row], Place | None]) -> tup
 
 def _mean(seeds: list[Point]) -> Point:
     """The mean over seeds; the interval holds those of all."""
-    lows, highs = zip(*(interval for (_, interval), _ in seeds), strict=True)
-    x, y = (fmean(values) for values in zip(*((at, quality) for (at, _), quality in seeds), strict=True))
-    return (x, (min(x, *lows), max(x, *highs))), y
+    middles, lows, highs = zip(*(span for span, _ in seeds), strict=True)
+    x = fmean(middles)
+    return (x, min(x, *lows), max(x, *highs)), fmean(quality for _, quality in seeds)
 
 
 def _draw(axes: Any, look: dict[str, Any], points: list[Point]) -> Any:
-    points = sorted(points)
-    x, y = [where[0] for where, _ in points], [quality for _, quality in points]
-    spans = [[where[0] - where[1][0] for where, _ in points], [where[1][1] - where[0] for where, _ in points]]
-    axes.errorbar(x, y, xerr=spans, fmt="none", ecolor=look["color"], elinewidth=1, capsize=2)
+    spans, y = zip(*sorted(points), strict=True)
+    x = [middle for middle, _, _ in spans]
+    errors = [[middle - low for middle, low, _ in spans], [high - middle for middle, _, high in spans]]
+    axes.errorbar(x, y, xerr=errors, fmt="none", ecolor=look["color"], elinewidth=1, capsize=2)
     return axes.plot(x, y, **look, markersize=6, linewidth=1, alpha=0.9)[0]
