@@ -133,7 +133,7 @@ class BCFObjective(DirectedObjective):
         return self.answers(latents.flatten(1), batch.pair)
 
     def codes(self, ends: Tensor) -> Tensor:
-        """Ends (…, T, 3) in 5, 6 and 5 bits, int64; their range is found when they are first asked for."""
+        """Ends (…, T, 3) in 5, 6 and 5 bits, int64; the first call sets their range."""
         if not self.span.any():
             low, high = self.ends.flatten(0, 1).amin(0), self.ends.flatten(0, 1).amax(0)
             self.low.copy_(low)

@@ -137,7 +137,7 @@ class Pyramid(nn.Module):
         return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
 
     def sample(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """What `fetch` answers at real levels, without a gradient: one bilinear fetch where all want the finest."""
+        """As `fetch` at real levels, without a gradient: one bilinear fetch where all levels are the finest."""
         if not torch.compiler.is_exporting() and not level.any():  # a recorded program has no branches
             return sample_texture(table[: self.counts[0]].unflatten(0, self.levels[0]), uv)
         index, weight = self._around(uv, level)

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from bench.runs.runner import Outcome
 
 
-class _Left(ProgressColumn):
-    """The time left at the mean pace since the bar appeared; nothing before it moved, or where its remark says it."""
+class _TimeLeft(ProgressColumn):
+    """The time left at the mean pace so far; empty before the first step, and where the remark says it already."""
 
     def render(self, task: Task) -> Text:
         steps = task.completed - task.fields["start_at"]
@@ -40,7 +40,7 @@ class Console:
 
     def __init__(self) -> None:
         self.out = RichConsole(highlight=False)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Left())
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _TimeLeft())
         self.bars = Progress(*columns, console=self.out, transient=True, disable=not self.out.is_terminal)
         self.tasks: dict[str, TaskID] = {}
         self.spoke = time.monotonic()
@@ -139,7 +139,7 @@ def _material_lines(header: Header) -> list[str]:
 
 
 def _layer_lines(material: "Material") -> list[str]:
-    """The layers of the decoder and what each counts; none of a table or another program."""
+    """The layers of the decoder and their counts of parameters; no line where there are no layers."""
     from bench.material import layers
 
     rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
@@ -177,7 +177,7 @@ def btf_lines(portrait: "Look") -> str:
 
 
 def _frame_lines(portrait: "Look") -> list[str]:
-    """Tell whether the mean lobe fits the azimuths of views and lights; nothing of one view."""
+    """Say whether the mean lobe fits the azimuths of views and lights; no line where there is one view."""
     if len(portrait.layout.views) < 2:
         return []
     if not portrait.lobe:

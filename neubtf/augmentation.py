@@ -97,7 +97,7 @@ class Window:
 
 
 class _Side(NamedTuple):
-    """One side of a window: as there."""
+    """One side of a window, with fields as in `Window`."""
 
     corner: int
     source: int
@@ -119,7 +119,7 @@ class _Side(NamedTuple):
 
 
 def draw_scale(smallest: float, keep: float, generator: torch.Generator) -> float:
-    """A scale of 1 in a share `keep` of all draws, else uniform between `smallest` and 1."""
+    """A scale: 1 with probability `keep`, else uniform between `smallest` and 1."""
     chance, share = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
     return 1.0 if chance < keep else smallest + (1 - smallest) * share
 

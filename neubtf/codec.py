@@ -88,5 +88,5 @@ def guiding_pair(samples: Samples) -> int:
 
 
 def _contrast(samples: Samples, pair: int) -> float:
-    """The deviation over the texels of a slice as it is displayed, the mean of its channels'."""
+    """The contrast of a slice as it is displayed: the deviation over texels, in the mean of its channels."""
     return displayed(slice_of(samples, pair))[0].flatten(1).std(1, correction=0).mean().item()

@@ -34,8 +34,8 @@ KINDS = tuple(WHY_EMPTY)
 
 
 @dataclass(frozen=True)
-class Written:
-    """The result of a report: the tables for a terminal, and the files written."""
+class Report:
+    """A report that was written: its tables for a terminal, and its files."""
 
     text: str
     files: list[Path]
@@ -97,7 +97,7 @@ def stress_text(records: Sequence["Record"], format: str = "text") -> str:
     return (text.markdown if format == "markdown" else text.plain)(tables(records))
 
 
-def write_report(run_folder: str | Path) -> Written:
+def write_report(run_folder: str | Path) -> Report:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file whole or not at all.
 
     The same records give the same files. Raises `InputError` where the folder holds no run.

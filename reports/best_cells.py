@@ -11,7 +11,7 @@ LEGEND = "Bold: the best of a column; underlined: the second."
 
 
 def best_cells(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int], str]:
-    """Marks by row and column, given how good each cell is, more is better; None is in no race.
+    """The marks of cells by row and column, from a score of each cell, more is better; None has no mark.
 
     Cells that read alike are equally good. A column in which all read alike, or one alone is scored, has no mark, and
     what more than `FEW` share is no distinction.

@@ -31,7 +31,7 @@ def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB
 
 
 def _declared() -> list[Column]:
-    """The columns that fields of a record ask for."""
+    """The columns that fields of a record declare; see `bench.records.shown`."""
 
     def column(field: str, name: str, unit: str, digits: int) -> Column:
         write = partial(significant, digits=digits) if digits else _whole
@@ -132,12 +132,12 @@ SIZE = (
 
 
 def time() -> list[Column]:
-    """What fields ask for, such as the seconds of a fit; and the time of a query."""
+    """The columns that fields declare, such as the seconds of a fit, and those of the time of a query."""
     return [*_declared(), _NS, _timed("95 % interval", "ns", "interval95_ns", _range), _FLOOR, _FUSED]
 
 
 def scored(material: MaterialRows) -> list[Column]:
-    """Columns for a file without a record of its fit, for a terminal."""
+    """Columns of a file that was scored alone, without a record of its fit."""
     train = replace(_TRAIN, name="train")
     return [_PARAMETERS, _CHANNELS, _TOTAL, _BITS, train, HELDOUT, *_others(material, _pooled)]
 
@@ -148,7 +148,7 @@ def short(material: MaterialRows) -> list[Column]:
 
 
 def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
-    """The same columns without the deviation over seeds, except for some, since a terminal is too narrow."""
+    """The same columns, all but `whole` without the deviation over seeds, for which a terminal is too narrow."""
     return [column if column in whole else replace(column, deviation=False) for column in chosen]
 
 

@@ -40,7 +40,7 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
 
 
 def _timed(point: Mapping[str, float]) -> bool:
-    """Whether a point of a curve has what its codec may leave out."""
+    """Whether a point of a curve has seconds and PSNR, which its codec may leave out."""
     return "seconds" in point and "psnr" in point
 
 

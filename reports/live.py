@@ -30,7 +30,7 @@ class Live:
 
 
 def live(run: Run, materials: Sequence[MaterialRows]) -> dict[str, Live]:
-    """The models of each material: of each its best codec, then its second, until the budget is spent."""
+    """The models of each material: its best codec, then its second, and so on until the budget is spent."""
     by_material = {material.name: Live({}, {}) for material in materials}
     left = BUDGET
     for turn in zip_longest(*(sorted(material.shown, key=_psnr, reverse=True) for material in materials)):

@@ -106,7 +106,7 @@ def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:
 
 
 def _programs(material: MaterialRows) -> Iterator[str]:
-    """The time of codecs that are programs: shown apart, since it holds what passes between two programs."""
+    """Footnotes on the time of codecs that are programs, which includes files between two programs."""
     for codec in material.codecs:
         times = [row.job["program"]["ns_per_query"] for row in codec.measured if "program" in row.job]
         if times:
@@ -125,7 +125,7 @@ def _exact(material: MaterialRows) -> Iterator[str]:
 
 
 def resting_over(materials: Sequence[MaterialRows]) -> Iterator[str]:
-    """A footnote of several materials: on how many rows of each `_single_slice` speaks."""
+    """A footnote over several materials: how many rows of each rest on a single slice; see `_single_slice`."""
     by_material = {material.name: _shares(material) for material in materials}
     most = {name: max(shares.values()) for name, shares in by_material.items() if shares}
     counted = [f"{len(by_material[name])} of {name} (at most {100 * share:.0f} %)" for name, share in most.items()]
@@ -134,7 +134,7 @@ def resting_over(materials: Sequence[MaterialRows]) -> Iterator[str]:
 
 
 def _single_slice(material: MaterialRows) -> Iterator[str]:
-    """The rows whose pooled PSNR rests on one slice; none of records that do not say."""
+    """A footnote on the rows whose pooled PSNR rests on one slice; none where records lack that share."""
     note = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all alike)"
     if shares := _shares(material):
         yield f"{note}: {', '.join(f'{name} ({100 * share:.0f} %)' for name, share in shares.items())}."
@@ -153,7 +153,7 @@ def _not_comparable(material: MaterialRows) -> Iterator[str]:
 
 
 def _older(run: Run) -> Iterator[str]:
-    """The rows that another revision of the suite fitted or scored than the one that started last."""
+    """Footnotes on rows that were fitted or scored by another revision than the one that started last."""
     older: dict[tuple[str, str], list[str]] = {}
     for job in run.jobs:
         revisions = {step: (job.get(step) or {}).get("git") for step in ("fitted", "scored")}

@@ -17,7 +17,7 @@ from bench.records import Run
 from reports import series
 from reports.atlas import Atlases
 from reports.figures import Figure
-from reports.html_tables import Links, details, note, table_html
+from reports.html_tables import details, note, table_html
 from reports.live import Live, live
 from reports.notes import run_notes
 from reports.page_records import PageRecords
@@ -53,7 +53,7 @@ script-src {script_hashes}; base-uri 'none'; form-action 'none'">
 
 
 def page(run: Run, tables: Sequence[Table], figures: Sequence[Figure]) -> Iterator[str]:
-    """The page of a run, in pieces: whole, its text would take several times its size in memory."""
+    """The page of a run, in pieces, since its whole text would take several times its size in memory."""
     return _Page(run, tables, figures).pieces()
 
 
@@ -162,7 +162,7 @@ class _Page:
         yield from (note(f"Not live: {', '.join(labels)}: {why}.") for why, labels in reasons.items())
 
     def _table(self, table: Table) -> str:
-        text = table_html(table, Links(self.records.place))
+        text = table_html(table, self.records.place)
         return text if table.kind in OPEN else details(table.title, text)
 
 

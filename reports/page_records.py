@@ -35,7 +35,7 @@ class PageRecords:
                 self.records.append(record)
 
     def place(self, material: str, label: str) -> str:
-        """The id of a record's element; of no material, the first that the codec was measured on; "" of none."""
+        """The id of a record's element, without a material that of the codec's first one; "" where there is none."""
         if material:
             return self.places.get((material, label), "")
         return next((place for (_, other), place in self.places.items() if other == label), "")

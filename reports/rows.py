@@ -168,7 +168,7 @@ def footprint_curves(codec: CodecRows) -> list[tuple[int, float]]:
 def described(job: Record, name: str) -> Record:
     """What a record says of a metric: unit, direction, space, version.
 
-    Of one that it does not describe, as those of frames, which have a border, it is what it says of a variant.
+    For a metric that it does not describe, such as those of frames, it is the description of a variant.
     """
     known = job["metrics"]
     return {"unit": "1", "direction": "higher", "version": "?"} | known.get(name, known.get(metric_of(known, name), {}))
@@ -204,14 +204,14 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
 
 @lru_cache(maxsize=1)
 def _fused(run: Run) -> dict[str, Record]:
-    """What `neubtf-bench trade` timed of the jobs of a run as fused float32, by job."""
+    """The time of each job as one fused kernel in float32, as `neubtf-bench trade` measured it."""
     choices = (load_trade(run.folder) or {"choices": []})["choices"]
     wanted = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
     return {row["job"]: row for row in wanted if "job" in row and "ratio_to_floor" in row}
 
 
 def _difference(key: Record, wanted: Record) -> str:
-    """The conditions in which two scores differ and must not, in words."""
+    """The conditions, in words, in which two scores differ although they must agree."""
     reasons = scored_unlike(key, wanted)
     reasons += ["another demand of a scene"] if key.get("demand") != wanted.get("demand") else []
     mine, theirs = key.get("metrics", {}), wanted.get("metrics", {})

@@ -12,7 +12,7 @@ FOLD = 36  # columns of a terminal for the name of an extreme
 
 
 def stress_tables(run: Run) -> list[Table]:
-    """The tables of a run's own stress records, or of those beside it as far as the codecs are those of the run."""
+    """The tables of a run's own stress records, else of those beside it, for the codecs of the run."""
     if len(run.stress):
         return tables(run.stress)
     folder = run.folder.parent / STRESS
@@ -89,7 +89,7 @@ class _Cells:
         return [*notes, *self._nearest(), *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
 
     def _nearest(self) -> list[str]:
-        """Of each extreme whose records say at which query how much of the bound is used: where most of it is."""
+        """For each extreme, the record that uses most of its bound, among those that say how much."""
         worst: dict[str, Record] = {}
         for record in self.records.values():
             used, extreme = record.get("used"), record["extreme"]

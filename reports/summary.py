@@ -61,7 +61,7 @@ _NOTES = [
 
 
 def _paired(against: "Against") -> str:
-    """What the differences to the best are, what their intervals are of, and who is told apart."""
+    """A note on the differences to the best: what their intervals cover, and how many codecs are told apart."""
     every = against.over.values()
     materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
     told = sum(each.told for each in every)
@@ -94,7 +94,7 @@ def _mean(column: Column, codecs: Sequence[CodecRows]) -> float | None:
 
 
 def _scores(each: "Standing", chosen: Sequence[Column], means: Sequence[float | None]) -> list[float | None]:
-    """How good each cell is; of a codec that is not ranked, none is in a race."""
+    """The score of each cell, more is better; all None for a codec that is not ranked."""
     if each.rank is None or each.wins is None:
         return [None] * (3 + len(chosen))
     others = [None if mean is None else column.sign * mean for column, mean in zip(chosen, means, strict=True)]

@@ -92,7 +92,7 @@ def rate_points(material: MaterialRows) -> Table | None:
 
 
 def unfinished_table(run: Run) -> Table | None:
-    """Jobs without numbers, and why; those that were planned and not run, too."""
+    """Jobs without numbers, and why, with those that were planned and not run."""
     words = {"failed": "failed", "unavailable": "not available"}
     rows = [
         [row.job["material"], row.name, words.get(row.job["status"], row.job["status"]), _one_line(row.job)]
@@ -126,7 +126,7 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
 
 
 def _seeds(material: MaterialRows) -> Iterator[str]:
-    """What ± is over where there are several seeds, and which codecs lack some."""
+    """Notes on what ± covers where there are several seeds, and on codecs that lack some."""
     seeds = material.seeds
     if len(seeds) < 2:
         return

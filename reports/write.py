@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bench.atomic import replacing
 from bench.records import Run, load_run
-from reports import KINDS, Written, figures, trade
+from reports import KINDS, Report, figures, trade
 from reports.csv_tables import results_csv
 from reports.figures.history import history_figures
 from reports.latex import latex
@@ -17,7 +17,7 @@ from reports.terminal import terminal
 from reports.text import markdown
 
 
-def write(folder: Path) -> Written:
+def write(folder: Path) -> Report:
     """See `reports.write_report`."""
     run = load_run(folder)
     drawn = [figure for draw in figures.ALL for figure in draw(run)]
@@ -32,7 +32,7 @@ def write(folder: Path) -> Written:
     files.append(folder / "report.html")
     with replacing(files[-1]) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
         file.writelines(page(run, narrow, drawn))
-    return Written(terminal(run), files)
+    return Report(terminal(run), files)
 
 
 def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:

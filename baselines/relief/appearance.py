@@ -37,7 +37,7 @@ def refine(height: Tensor, slices: Tensor, views: Tensor) -> Tensor:
 
 
 def unexplained(height: Tensor, slices: Tensor, views: Tensor) -> float:
-    """What the components of the surface points leave of their log radiance, in the mean; arguments as of `refine`."""
+    """The mean |log radiance| that the components of the surface points do not explain; arguments as of `refine`."""
     apart, _, _, basis = _components(height, slices, views)
     return float((apart - basis @ (basis.T @ apart)).abs().mean())
 

@@ -48,7 +48,7 @@ class Rectified(Samples):
 
 
 class ReliefObjective(Objective):
-    """The latents of the finest level, the network, and where a found height is refined."""
+    """The latents of the finest level, the network and, where there is a height, its refinement."""
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
         super().__init__(levels[0])
@@ -128,7 +128,7 @@ class ReliefObjective(Objective):
         return coding.shared_out(noise.cpu(), (bits or coding.MOST_BITS) * len(noise), bearable)
 
     def _rounding(self, bits: int) -> Tensor:
-        """What rounding each channel to some bits changes of the latents."""
+        """The change of the latents when each channel is rounded to some bits."""
         counts = torch.full_like(self.bits, bits)
         return coding.rounded(self.latents, *coding.steps_for(self.latents, counts), counts) - self.latents
 

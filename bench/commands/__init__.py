@@ -17,7 +17,7 @@ GROUP = "neubtf_bench.commands"
 
 
 def modules() -> dict[str, str]:
-    """The module of each command by its name; importing none. Two packages that claim one name are an error."""
+    """The module of each command by its name; imports none. Two packages that claim one name are an error."""
     names = (info.name for info in pkgutil.iter_modules(__path__) if not info.name.startswith("_"))  # no helpers
     by_name = {name.replace("_", "-"): f"{__name__}.{name}" for name in names}
     for entry in entry_points(group=GROUP):

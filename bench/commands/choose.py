@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _changed(data: "Preparation") -> dict[str, object]:
-    """How a suite prepares its materials, where that is not the default: as `--set` wants it."""
+    """The settings of a suite's data that are not the defaults, as `--set` takes them."""
     changed = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
     return {f"data.{key}": str(value).lower() if value is True else value for key, value in changed.items()}
 

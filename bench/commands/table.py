@@ -80,7 +80,7 @@ def _newest_run(kinds: list[str]) -> Path:
 
 
 def _runs() -> list[Path]:
-    """The folders of runs under runs/, the newest last; that of the stress test is none."""
+    """The folders of runs under runs/ without the stress test's, the newest last."""
     from bench.records import FILE, STRESS
 
     files = [path for path in Path("runs").glob(f"*/{FILE}") if path.parent.name != STRESS]

@@ -71,7 +71,7 @@ def _page(options: argparse.Namespace, folder: Path) -> str:
 
 
 def _drawn(material: "Material", name: str, path: Path, show: "Progress") -> "tuple[Program, float, str]":
-    """Program, exposure and a note on a material; its baked slices where no shader can do what it does."""
+    """The program of a material, its exposure and a note; of its baked slices where no shader can run it."""
     from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
     from reports.shaders.dialects import GLSL
     from reports.shaders.generator import shader

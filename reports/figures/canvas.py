@@ -32,7 +32,7 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """Its file's name: that of the material where it is fit for one, else with a digest that tells it apart."""
+        """The name of its file: the material's name, changed and with a digest where a file cannot be called so."""
         plain = re.sub("[^A-Za-z0-9.=_-]+", "-", self.material)
         if plain != self.material:
             plain += f"-{hashlib.sha256(self.material.encode()).hexdigest()[:6]}"
@@ -41,7 +41,7 @@ class Figure:
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Matplotlib as every figure here wants it: labels are words, not formulas, and any script may occur in them."""
+    """The style of every figure here: labels are words in any script, not formulas."""
     settings: dict[Any, Any] = {
         "font.family": "DejaVu Sans",
         "font.size": 9,
@@ -135,7 +135,7 @@ def svg(drawing: Drawing) -> bytes:
 
 
 def short(label: str, length: int = 38) -> str:
-    """A label that fits, and that no legend takes for a hidden one."""
+    """A label cut to a length; a space goes before an underscore, since legends hide labels that begin with one."""
     label = label if len(label) <= length else label[: length - 1] + "…"
     return f" {label}" if label.startswith("_") else label
 

@@ -80,5 +80,5 @@ def _value(number: int, job: Record, timing: Record | None) -> float | None:
 
 
 def _name(start: Record, when: str) -> str:
-    """A start as an axis names it: its revision, or the day of its time."""
+    """The name of a start on an axis: its revision, or the day of its time."""
     return str(start.get("git") or when[:8])[:12]
