@@ -66,7 +66,7 @@ class BCF(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
-        fitting = Fitting(Samples(btf, gain, fit), self.settings, fit.generator())
+        fitting = BCFObjective(Samples(btf, gain, fit), self.settings, fit.generator())
         train(fitting, fit, self.settings.steps, self.settings.patience)
         blocks, low, span = fitting.blocks()
         return Parts(
@@ -110,7 +110,7 @@ def decoded(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
     return picture[: size[0], : size[1]]
 
 
-class Fitting(DirectedObjective):
+class BCFObjective(DirectedObjective):
     """The ends (2, B, T, 3) of each block's lines, each texel's share (H · W, T) of the way, and the network."""
 
     def __init__(self, samples: Samples, settings: BCF.Settings, generator: torch.Generator):
@@ -149,7 +149,7 @@ class Fitting(DirectedObjective):
         return self.answers(latents.flatten(1), batch.pair)
 
     def codes(self, ends: Tensor) -> Tensor:
-        """Ends (…, T, 3) in 5, 6 and 5 bits, int64; their range is found when they are first asked for."""
+        """Ends (…, T, 3) in 5, 6 and 5 bits, int64; the first call sets their range."""
         if not self.span.any():
             low, high = self.ends.flatten(0, 1).amin(0), self.ends.flatten(0, 1).amax(0)
             self.low.copy_(low)

@@ -38,7 +38,7 @@ from bench.training import (
 SIDE = 20  # texels of the plane over half vectors
 PAIRS = 400  # of each material that the decoder is trained on
 BLOCK = 256  # texels read at once
-ASKED = 64  # pairs of a material at which the decoder's answers are held against the mean of each texel
+CHECKED = 64  # pairs of a material at which the decoder's answers are compared with the mean of each texel
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class BiplaneNetwork(SharedNetwork):
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         pool, decoder = Pool(btfs, self.settings.kept, fit), BiplaneDecoder(fit.generator())
-        train(Fitting(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
+        train(BiplaneObjective(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
         return Parts(decoder=pack("weights", to_vector(decoder), self.settings.weights))
 
     def brief(self) -> "BiplaneNetwork":
@@ -88,9 +88,10 @@ class Biplane(Codec):
         network, gain, precision = fit.shared(self.name), gain_of(btf, fit), self.settings.precision
         decoder = BiplaneDecoder()
         load_vector(unpack("weights", network.parts.decoder), decoder)
-        fitting = Fitting(Samples(btf, gain, fit), decoder.requires_grad_(False), self.settings, fit.generator())
+        decoder.requires_grad_(False)
+        fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
         train(fitting, fit, self.settings.steps)
-        texture = torch.cat([fitting.texture, fitting.told()], 1).reshape(*btf.shape, -1)
+        texture = torch.cat([fitting.texture, fitting.stored_colours()], 1).reshape(*btf.shape, -1)
         return Parts(
             decoder=pack("half", fitting.planes()[0], precision),
             texture=pack("texels", texture, precision),
@@ -113,22 +114,22 @@ class Pool(Samples):
     """Some texels and pairs of many BTFs: texel t is of BTF `material[t]`, which has `PAIRS` rows of `wo` and `wi`."""
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
-        generator, kept, wo, wi, material = fit.generator(), [], [], [], []
+        generator, abrdfs, wo, wi, material = fit.generator(), [], [], [], []
         for number, btf in enumerate(fit.progress(btfs, "materials")):
             texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
             pair = order[torch.arange(PAIRS) % len(btf)]
             samples = Samples(btf, gain_of(btf.subset(btf.split().train), fit), fit)
-            kept += [samples.abrdfs(block)[:, pair].half() for block in texel.split(BLOCK)]
+            abrdfs += [samples.abrdfs(block)[:, pair].half() for block in texel.split(BLOCK)]
             wo.append(samples.wo[pair])
             wi.append(samples.wi[pair])
             material += [number] * len(texel)
-        self.device, self.kept, self.pairs = fit.device, torch.cat(kept), PAIRS
+        self.device, self.kept, self.pairs = fit.device, torch.cat(abrdfs), PAIRS
         self.texels, self.material = len(material), torch.tensor(material, device=fit.device)
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
 
 
-class Fitting(Objective):
+class BiplaneObjective(Objective):
     """Planes, matrices and offsets of one material or of a pool, and the decoder, where it is free."""
 
     def __init__(self, samples: Samples, decoder: BiplaneDecoder, settings: Any, generator: torch.Generator):
@@ -173,14 +174,14 @@ class Fitting(Objective):
         return coloured(answer, self.colours.index_select(0, batch.texel))
 
     @torch.no_grad()
-    def told(self) -> Tensor:
+    def stored_colours(self) -> Tensor:
         """The matrices and offsets (texels, 12); of a texel whose mean is nearer than the answers, the mean alone."""
         colours, pairs = self.colours.detach().clone(), self.samples.pairs
-        asked = torch.linspace(0, pairs - 1, min(pairs, ASKED)).round().long().to(colours.device)
+        checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(colours.device)
         for texel in torch.arange(len(colours), device=colours.device).split(BLOCK):
             abrdfs = self.samples.abrdfs(texel)
-            mean, truth = abrdfs.mean(1), abrdfs[:, asked]
-            each = Batch(texel.repeat_interleave(len(asked)), asked.repeat(len(texel)), truth)
+            mean, truth = abrdfs.mean(1), abrdfs[:, checked]
+            each = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth)
             errors = [
                 (x - truth).square().mean((1, 2)) for x in (self.predict(each, 1.0).reshape(truth.shape), mean[:, None])
             ]

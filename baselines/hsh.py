@@ -51,15 +51,15 @@ class HSH(Codec):
         cosine = _cosine(torch.from_numpy(btf.wi), settings.cosine)
         solve = self._solution(btf, bands, cosine, fit).to(fit.device)
         texels = btf.shape[0] * btf.shape[1]
-        found = torch.zeros(len(solve), texels * 3, device=fit.device)
+        coefficients = torch.zeros(len(solve), texels * 3, device=fit.device)
         step, pictures = max(1, BLOCK_BYTES // (texels * 12)), fit.progress(btf, total=len(btf))
         for rows in torch.arange(len(btf)).split(step):
             block = torch.stack(
                 [torch.from_numpy(picture).flatten() for _, picture in zip(rows, pictures, strict=False)]
             )
             values = block.clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)
-            found += solve[:, rows] @ ((gain * values).log1p() if settings.domain == "log" else values)
-        texture = found.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)
+            coefficients += solve[:, rows] @ ((gain * values).log1p() if settings.domain == "log" else values)
+        texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)
         other = {"gain": torch.tensor([gain]), "bands": torch.tensor(bands, dtype=torch.uint8)}
         return Parts(texture=pack("coefficients", texture, settings.precision), other=other)
 
@@ -104,7 +104,7 @@ def harmonics(directions: Tensor, bands: int) -> Tensor:
     around = 2 * (z / (1 + z)).sqrt()  # P_l^m has (1 − t²)^(m/2), t = 2z − 1; with cos mφ that is Re (a + ib)^m
     a, b, t = around * x, around * y, 2 * z - 1
     real, imaginary = torch.ones_like(t), torch.zeros_like(t)
-    found: dict[tuple[int, int], Tensor] = {}
+    terms: dict[tuple[int, int], Tensor] = {}
     for m in range(bands):
         before, legendre = torch.zeros_like(t), torch.full_like(t, math.prod(range(1, 2 * m, 2)))
         for band in range(m, bands):
@@ -112,11 +112,11 @@ def harmonics(directions: Tensor, bands: int) -> Tensor:
                 before, legendre = legendre, (t * (2 * band - 1) * legendre - (band + m - 1) * before) / (band - m)
             norm = math.sqrt((2 * band + 1) * math.factorial(band - m) / (2 * math.pi * math.factorial(band + m)))
             scaled = legendre * (norm * (math.sqrt(2) if m else 1))
-            found[band, m] = scaled * real
+            terms[band, m] = scaled * real
             if m:
-                found[band, -m] = scaled * imaginary
+                terms[band, -m] = scaled * imaginary
         real, imaginary = a * real - b * imaginary, a * imaginary + b * real
-    return torch.stack([found[band, m] for band in range(bands) for m in range(-band, band + 1)], 1)
+    return torch.stack([terms[band, m] for band in range(bands) for m in range(-band, band + 1)], 1)
 
 
 class HSHMaterial(Material):

@@ -94,9 +94,9 @@ class NeuMIP(Codec):
         if fit.density:  # levels that the scene never sees are left out
             count = min(count, fit.density.levels(max(btf.shape)))
         levels = Samples.levels(btf, count, gain, fit)
-        objective = Fitting(levels, self.settings, fit.generator())
-        taken = train(objective, fit, self.settings.steps, self.settings.patience)
-        pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=taken))
+        objective = NeuMIPObjective(levels, self.settings, fit.generator())
+        progress = train(objective, fit, self.settings.steps, self.settings.patience)
+        pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=progress))
         assert pyramid is not None
         texture = pack("pyramid", pyramid, self.settings.precision)
         if offset is not None:
@@ -146,7 +146,7 @@ class Pyramid(nn.Module):
         return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
 
     def sample(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """What `fetch` answers at real levels, without a gradient: one bilinear fetch where all want the finest."""
+        """As `fetch` at real levels, without a gradient: one bilinear fetch where all levels are the finest."""
         if not torch.compiler.is_exporting() and not level.any():  # a recorded program has no branches
             return sample_texture(table[: self.counts[0]].unflatten(0, self.levels[0]), uv)
         index, weight = self._around(uv, level)
@@ -233,7 +233,7 @@ def answer(
     return networks.colour(pyramid.fetch(table, uv, level), wo, wi)
 
 
-class Fitting(Objective):
+class NeuMIPObjective(Objective):
     """The textures and both networks, fitted at the finest level and, a share of each step, at a random coarser one."""
 
     def __init__(self, levels: list[Samples], settings: NeuMIP.Settings, generator: torch.Generator):

@@ -79,7 +79,7 @@ class NTC(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, bits = gain_of(btf, fit), self.settings.bits
-        fitting = Fitting(Samples(btf, gain, fit), self.settings, fit.generator())
+        fitting = NTCObjective(Samples(btf, gain, fit), self.settings, fit.generator())
         train(fitting, fit, self.settings.steps, self.settings.patience)
         return Parts(
             decoder=pack("weights", to_vector(fitting.network), self.settings.weights),
@@ -146,7 +146,7 @@ class Reader(nn.Module):
         return torch.cat([near, wide, self.place[texel].to(near.dtype)], 1)
 
 
-class Fitting(DirectedObjective):
+class NTCObjective(DirectedObjective):
     """Both grids, (points, features), and the network, all free."""
 
     def __init__(self, samples: Samples, settings: NTC.Settings, generator: torch.Generator):
@@ -160,18 +160,18 @@ class Fitting(DirectedObjective):
 
     def grids(self, progress: float, generator: torch.Generator | None = None) -> list[Tensor]:
         """Both grids as they are read at some progress of the fit; a generator draws their noise."""
-        bits, rounding, found = self.settings.bits, self.settings.rounding, []
+        bits, rounding, grids = self.settings.bits, self.settings.rounding, []
         for grid in self.free:
             with torch.no_grad():
                 stored = values_of(codes_of(grid.clamp_(-1, 1), bits), bits)
             if progress >= ROUNDED_FROM[rounding]:  # as published, noisy grids do not move any more then
-                found.append(stored if rounding == "noise" else grid + (stored - grid).detach())
+                grids.append(stored if rounding == "noise" else grid + (stored - grid).detach())
             elif rounding == "noise" and generator is not None:
                 noise = torch.rand(grid.shape, generator=generator).to(grid.device) - 0.5
-                found.append(grid + noise * (2 / (2**bits - 1)))
+                grids.append(grid + noise * (2 / (2**bits - 1)))
             else:
-                found.append(grid)
-        return found
+                grids.append(grid)
+        return grids
 
     def predict(self, batch: Batch, progress: float, generator: torch.Generator | None = None) -> Tensor:
         return self.answers(self.reader(batch.texel, *self.grids(progress, generator)), batch.pair)
@@ -198,6 +198,6 @@ class NTCMaterial(Material):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         texel, weight = texel_corners(self.size, uv)
         directions = torch.cat(direction_inputs(wo, wi, self.directions), 1).repeat_interleave(4, 0)
-        seen = self.reader(texel.flatten(), self.fine, self.coarse)
-        texels = to_radiance(self.network(torch.cat([seen, directions.to(seen.dtype)], 1)), self.gain)
+        features = self.reader(texel.flatten(), self.fine, self.coarse)
+        texels = to_radiance(self.network(torch.cat([features, directions.to(features.dtype)], 1)), self.gain)
         return (texels.clamp_min(0).unflatten(0, (-1, 4)) * weight[..., None].to(texels.dtype)).sum(1)

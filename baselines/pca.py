@@ -71,8 +71,8 @@ class PCA(Codec):
             torch.randperm(count, generator=fit.generator())[:most].sort().values
             for count, most in ((len(btf), PART_PAIRS), (btf.shape[0] * btf.shape[1], PART_TEXELS))
         )
-        found = self._of_all(btf.subset(pairs.numpy()), fit, gain, self.settings.components + SPARE)
-        known = functional.pad(found.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)  # the mean's is 1
+        factors = self._of_all(btf.subset(pairs.numpy()), fit, gain, self.settings.components + SPARE)
+        known = functional.pad(factors.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)  # the mean's is 1
         solve = torch.linalg.pinv(known).T.float()
         place, rows = np.divmod(texels.numpy(), btf.shape[1]), []
         for start in fit.progress(range(0, len(btf), PAIRS_AT_ONCE), "fitting each pair"):
@@ -80,7 +80,7 @@ class PCA(Codec):
             values = torch.from_numpy(some.texels(*place)).flatten(1).to(fit.device)
             rows.append(solve @ (values if gain is None else values.clamp_min_(0).mul_(gain).log1p_()))
         table = torch.cat(rows, 1)
-        return strongest(Factors(table[0], table[1:].T, found.coefficients), self.settings.components)
+        return strongest(Factors(table[0], table[1:].T, factors.coefficients), self.settings.components)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         texture = unpack("coefficients", parts.texture)

@@ -76,9 +76,9 @@ def statistics(abrdfs: Tensor) -> Tensor:
     return torch.stack([abrdfs.mean(1), abrdfs.std(1, correction=0).clamp_min(LEAST_DEVIATION)], 1)
 
 
-def encoded(encoder: nn.Module, abrdfs: Tensor, found: Tensor) -> Tensor:
+def encoded(encoder: nn.Module, abrdfs: Tensor, stats: Tensor) -> Tensor:
     """The latents (n, D) of log ABRDFs (n, pairs, 3) with their statistics (n, 2, 3)."""
-    mean, deviation = found.unbind(1)
+    mean, deviation = stats.unbind(1)
     return encoder((abrdfs - mean[:, None]) / deviation[:, None])
 
 
@@ -89,9 +89,9 @@ def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic"
     return torch.cat(direction_inputs(wo, wi, directions), 1)
 
 
-def radiance(decoder: Decoder, latents: Tensor, found: Tensor, where: Tensor) -> Tensor:
+def radiance(decoder: Decoder, latents: Tensor, stats: Tensor, where: Tensor) -> Tensor:
     """Log radiance (n, 3) of latents (n, D), statistics (n, 6), and coordinates of directions (n, 4)."""
-    mean, deviation = found.chunk(2, 1)
+    mean, deviation = stats.chunk(2, 1)
     return mean + deviation * decoder(torch.cat([latents, where], 1))
 
 
@@ -117,8 +117,8 @@ class Fitted(Objective):
         super().__init__(samples)
         self.decoder, self.settings = decoder, settings
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
-        found = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
-        self.register_buffer("statistics", torch.cat(found), persistent=False)
+        stats = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
+        self.register_buffer("statistics", torch.cat(stats), persistent=False)
 
     def where(self, batch: Batch) -> Tensor:
         """The decoder's coordinates (n, k) of the pairs of a batch."""
@@ -171,5 +171,5 @@ class RainerMaterial(Material):
         self.decoder, self.texture, self.gain, self.directions = decoder, texture, gain, directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        latents, found = sample_texture(self.texture, uv).tensor_split([-STATISTICS], dim=1)
-        return to_radiance(radiance(self.decoder, latents, found, coordinates(wo, wi, self.directions)), self.gain)
+        latents, stats = sample_texture(self.texture, uv).tensor_split([-STATISTICS], dim=1)
+        return to_radiance(radiance(self.decoder, latents, stats, coordinates(wo, wi, self.directions)), self.gain)

@@ -48,7 +48,7 @@ from bench.training import (
 )
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
-ASKED = 128  # pairs of a material at which the decoder's answers are checked during encoding
+CHECKED = 128  # pairs of a material at which the decoder's answers are checked during encoding
 FIREFLY = 2.0  # × the brightest sample of an ABRDF: larger answers of the decoder are wrong
 TARGETS = 375  # pairs of each training material that the decoder is asked for
 
@@ -70,7 +70,7 @@ class Rainer2020Network(SharedNetwork):
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         canonical = canonical_pairs()
         pool = Pool(btfs, canonical, self.settings.kept, fit)
-        fitting = Fitting(pool, self.settings, fit)
+        fitting = Rainer2020Objective(pool, self.settings, fit)
         train(fitting, fit, self.settings.steps)
         return Parts(
             decoder=pack("weights", to_vector(fitting.decoder), self.settings.weights),
@@ -147,39 +147,40 @@ class Coder(torch.nn.Module):
         self.encoder, canonical = encoder_of(network)
         self.decoder = decoder_of(network)
         self.resampled = Resampler(samples.btf.layout, canonical)
-        self.register_buffer("asked", torch.linspace(0, samples.pairs - 1, min(samples.pairs, ASKED)).round().long())
-        self.register_buffer("where", coordinates(samples.wo, samples.wi).cpu()[self.asked])
+        count = min(samples.pairs, CHECKED)
+        self.register_buffer("checked", torch.linspace(0, samples.pairs - 1, count).round().long())
+        self.register_buffer("where", coordinates(samples.wo, samples.wi).cpu()[self.checked])
 
-    asked: Tensor  # (P,)
+    checked: Tensor  # (P,)
     where: Tensor  # (P, 4)
 
     @torch.no_grad()
     def forward(self, abrdfs: Tensor) -> Tensor:
         canonical, own = self.resampled(abrdfs), statistics(abrdfs)
-        found = statistics(canonical)
-        latents = encoded(self.encoder, canonical, found)
-        answers, truth, mean = self.answers(latents, found), abrdfs[:, self.asked], own[:, :1]
-        told = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)
-        told &= answers.amax(1).expm1() <= FIREFLY * abrdfs.amax(1).expm1()
+        stats = statistics(canonical)
+        latents = encoded(self.encoder, canonical, stats)
+        answers, truth, mean = self.answers(latents, stats), abrdfs[:, self.checked], own[:, :1]
+        usable = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)
+        usable &= answers.amax(1).expm1() <= FIREFLY * abrdfs.amax(1).expm1()
         plain = torch.cat([mean, torch.zeros_like(mean)], 1)
-        return torch.cat([latents, found.where(told[:, None], plain).flatten(1)], 1)
+        return torch.cat([latents, stats.where(usable[:, None], plain).flatten(1)], 1)
 
-    def answers(self, latents: Tensor, found: Tensor) -> Tensor:
+    def answers(self, latents: Tensor, stats: Tensor) -> Tensor:
         """The decoder's answers at the queried pairs, (n, P, 3)."""
         count, where = len(self.where), self.where.repeat(len(latents), 1)
-        latent, statistic = (x.repeat_interleave(count, 0) for x in (latents, found.flatten(1)))
+        latent, statistic = (x.repeat_interleave(count, 0) for x in (latents, stats.flatten(1)))
         return radiance(self.decoder, latent, statistic, where).unflatten(0, (-1, count))
 
 
 class Resampler(torch.nn.Module):
     """Log ABRDFs (n, N, 3) of one layout → (n, C, 3) of another, interpolated as radiance."""
 
-    def __init__(self, layout: Layout, wanted: Layout):
+    def __init__(self, layout: Layout, target: Layout):
         super().__init__()
-        wo, wi = wanted.views[wanted.view], wanted.lights[wanted.light]
-        found = PairInterpolator(layout)(torch.from_numpy(wo), torch.from_numpy(wi))
-        self.register_buffer("sample", found.sample)
-        self.register_buffer("weight", found.weight)
+        wo, wi = target.views[target.view], target.lights[target.light]
+        taps = PairInterpolator(layout)(torch.from_numpy(wo), torch.from_numpy(wi))
+        self.register_buffer("sample", taps.sample)
+        self.register_buffer("weight", taps.weight)
 
     sample: Tensor
     weight: Tensor
@@ -199,44 +200,44 @@ class Pool(Samples):
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
         generator, device = fit.generator(), fit.device
         drawn = [_drawn(btf, canonical, most, generator, fit) for btf in fit.progress(btfs, "materials")]
-        seen, asked, where = zip(*drawn, strict=True)
-        self.device, self.seen, self.kept = device, torch.cat(seen), torch.cat(asked)
-        self.texels, self.pairs = len(self.seen), TARGETS
+        inputs, targets, where = zip(*drawn, strict=True)
+        self.device, self.inputs, self.kept = device, torch.cat(inputs), torch.cat(targets)
+        self.texels, self.pairs = len(self.inputs), TARGETS
         self.where = torch.stack(where)
-        counts = torch.tensor([len(texels) for texels in seen], device=device)
+        counts = torch.tensor([len(texels) for texels in inputs], device=device)
         self.material = torch.arange(len(drawn), device=device).repeat_interleave(counts)
 
     def abrdfs(self, texel: Tensor) -> Tensor:
-        return self.seen[texel].float()
+        return self.inputs[texel].float()
 
 
 def _drawn(
     btf: BTF, canonical: Layout, most: int, generator: torch.Generator, fit: Fit
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Of some texels of a BTF what is encoded (n, C, 3), what is asked (n, TARGETS, 3), and where (TARGETS, 4)."""
+    """For some texels: inputs of the encoder (n, C, 3), targets (n, TARGETS, 3) and their coordinates (TARGETS, 4)."""
     texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
-    given, asked = btf.subset(btf.split().train), btf.subset(_asked(btf, generator))
+    given, queried = btf.subset(btf.split().train), btf.subset(_target_pairs(btf, generator))
     gain = gain_of(given, fit)
     resampled, samples = Resampler(given.layout, canonical).to(fit.device), Samples(given, gain, fit)
-    seen = torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(BLOCK)])
-    targets = Samples(asked, gain, fit)
-    return seen, targets.abrdfs(texel).half(), coordinates(targets.wo, targets.wi)
+    inputs = torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(BLOCK)])
+    targets = Samples(queried, gain, fit)
+    return inputs, targets.abrdfs(texel).half(), coordinates(targets.wo, targets.wi)
 
 
-def _asked(btf: BTF, generator: torch.Generator) -> np.ndarray:
+def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
     """`TARGETS` pairs: held-out ones where the BTF declares them, else any; in turn again where there are fewer."""
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(btf.heldout)
     return pairs[np.resize(torch.randperm(len(pairs), generator=generator).numpy(), TARGETS)]
 
 
-class Fitting(Autoencoder):
+class Rainer2020Objective(Autoencoder):
     """Encoder and decoder of all materials."""
 
     samples: Pool
 
     def __init__(self, pool: Pool, settings: Rainer2020Network.Settings, fit: Fit):
         generator = fit.generator()
-        encoder = Encoder(pool.seen.shape[1], settings.latents, generator)
+        encoder = Encoder(pool.inputs.shape[1], settings.latents, generator)
         decoder = Decoder(architecture(settings.latents, settings.activation), generator)
         super().__init__(pool, encoder, decoder, settings, fit)
 

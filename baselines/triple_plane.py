@@ -22,11 +22,11 @@ from bench.training import (
     Batch,
     Decoder,
     Loss,
-    Objective,
     Optimiser,
     Precision,
     Samples,
     Start,
+    TextureObjective,
     WeightPrecision,
     first_latents,
     gain_of,
@@ -76,7 +76,7 @@ class TriplePlane(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, precision = gain_of(btf, fit), self.settings.precision
-        fitting = Fitting(Samples(btf, gain, fit), self.settings, fit.generator())
+        fitting = TriplePlaneObjective(Samples(btf, gain, fit), self.settings, fit.generator())
         train(fitting, fit, self.settings.steps, self.settings.patience)
         decoder = pack("weights", to_vector(fitting.network), self.settings.weights)
         for name, plane in zip(PLANES, fitting.planes(), strict=True):
@@ -92,12 +92,11 @@ class TriplePlane(Codec):
         return TriplePlaneMaterial(network, texture, planes, gain, self.settings.difference).to(device)
 
 
-class Fitting(Objective):
+class TriplePlaneObjective(TextureObjective):
     """The three planes and the network, all free."""
 
     def __init__(self, samples: Samples, settings: TriplePlane.Settings, generator: torch.Generator):
-        super().__init__(samples)
-        self.settings = settings
+        super().__init__(samples, settings)
         self.network = Decoder(settings.architecture, generator)
         self.network.start_at(samples.mean(generator))
         side, channels = settings.resolution, settings.channels
@@ -131,8 +130,8 @@ class Fitting(Objective):
     def predict(self, batch: Batch, progress: float) -> Tensor:
         texel, weight = self.texel[batch.pair], self.weight[batch.pair]
         rows = self.planes().flatten(0, 2).index_select(0, texel.flatten()).unflatten(0, texel.shape)
-        seen = (rows * weight[..., None]).sum(2).flatten(1)
-        level: Tensor = self.network(torch.cat([self.texture.index_select(0, batch.texel), seen], 1))
+        features = (rows * weight[..., None]).sum(2).flatten(1)
+        level: Tensor = self.network(torch.cat([self.texture.index_select(0, batch.texel), features], 1))
         return level
 
 

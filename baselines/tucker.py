@@ -52,8 +52,8 @@ class Tucker(Codec):
             return blocks(btf, fit, label, gain if settings.domain == "log" else None)
 
         shape, rank = (3 * len(btf), btf.shape[0] * btf.shape[1]), OVERSAMPLED * settings.components
-        found = truncated_svd(read, shape, rank, PASSES, fit.generator(), fit.device, fit.row_weights)
-        tensor, turn = _tensor(found, layout)
+        factors = truncated_svd(read, shape, rank, PASSES, fit.generator(), fit.device, fit.row_weights)
+        tensor, turn = _tensor(factors, layout)
         ranks = _ranks(settings, layout)
         texel, view, light, core = factored(tensor, (settings.components, *ranks), settings.alternations)
         coefficients = turn.T @ texel
@@ -99,15 +99,15 @@ def _ranks(settings: Tucker.Settings, layout: Layout) -> tuple[int, int]:
     return min(settings.views, len(layout.views)), min(settings.lights, len(layout.lights))
 
 
-def _tensor(found: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
+def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
     """The table on an orthonormal basis of texels: tensor (k + 1, V, L, 3), the mean first, and basis (k, T)."""
-    length = torch.linalg.vector_norm(found.coefficients, dim=1, keepdim=True)
-    texels = found.coefficients.shape[1]
-    rows = torch.cat([found.mean[:, None] * texels**0.5, found.basis * length.T], 1)  # (3 · N, k + 1)
+    length = torch.linalg.vector_norm(factors.coefficients, dim=1, keepdim=True)
+    texels = factors.coefficients.shape[1]
+    rows = torch.cat([factors.mean[:, None] * texels**0.5, factors.basis * length.T], 1)  # (3 · N, k + 1)
     view, light = _modes(layout)
     tensor = torch.zeros(rows.shape[1], int(view.max()) + 1, int(light.max()) + 1, 3, device=rows.device)
     tensor[:, view, light] = rows.T.unflatten(1, (-1, 3))
-    return tensor, found.coefficients / length
+    return tensor, factors.coefficients / length
 
 
 def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
@@ -125,9 +125,9 @@ def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> 
     view, light = leading(tensor, 1, ranks[1]), leading(tensor, 2, ranks[2])
     texel = leading(tensor[1:], 0, ranks[0])
     for _ in range(alternations):
-        kept = torch.cat([tensor[:1], torch.einsum("kvlc,kK->Kvlc", tensor[1:], texel)])
-        view = leading(torch.einsum("kvlc,lm->kvmc", kept, light), 1, ranks[1])
-        light = leading(torch.einsum("kvlc,vj->kjlc", kept, view), 2, ranks[2])
+        reduced = torch.cat([tensor[:1], torch.einsum("kvlc,kK->Kvlc", tensor[1:], texel)])
+        view = leading(torch.einsum("kvlc,lm->kvmc", reduced, light), 1, ranks[1])
+        light = leading(torch.einsum("kvlc,vj->kjlc", reduced, view), 2, ranks[2])
         texel = leading(torch.einsum("kvlc,vj,lm->kjmc", tensor[1:], view, light), 0, ranks[0])
     view, light, texel = _signed(view), _signed(light), _signed(texel)
     core = torch.einsum("kvlc,vj,lm->kjmc", tensor, view, light)

@@ -60,7 +60,7 @@ class Zeltner2024(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
-        fitting = Fitting(Samples(btf, gain, fit), self.settings, fit.generator())
+        fitting = Zeltner2024Objective(Samples(btf, gain, fit), self.settings, fit.generator())
         train(fitting, fit, self.settings.steps, self.settings.patience)
         return Parts(
             decoder=pack("weights", to_vector(fitting.network), self.settings.weights),
@@ -87,14 +87,13 @@ class FramedNetwork(nn.Module):
         self.decoder = Decoder(architecture, generator)
 
     def forward(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
-        seen = [wo, wi, functional.normalize(wo + wi, dim=1)][: self.directions]
-        directions = torch.stack(seen, 1)
+        directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)][: self.directions], 1)
         turned = directions.flatten(1) if self.frames is None else self.frames.turned(latents, directions)
         level: Tensor = self.decoder(torch.cat([latents, turned.to(latents.dtype)], 1))
         return level
 
 
-class Fitting(TextureObjective):
+class Zeltner2024Objective(TextureObjective):
     """The neural texture (H · W, D) and the network, both free."""
 
     def __init__(self, samples: Samples, settings: Zeltner2024.Settings, generator: torch.Generator):

@@ -48,7 +48,7 @@ def opened(name: str) -> tuple[BTF, Array]:
     return btf, height - height.mean()
 
 
-def row(name: str, found: sweep.Found, truth: Array) -> str:
+def row(name: str, found: sweep.SweptHeight, truth: Array) -> str:
     """The row of one material."""
     cells = ["", "", "", f"{truth.std():.4f}", f"{found.gain:.2f}", f"{found.likeness:.2f}"]
     if truth.any():

@@ -46,8 +46,8 @@ class Window:
 
     def inner(self) -> Tensor:
         """The texels (n,) of the window without its surroundings, as row · width + column of its size, row by row."""
-        (height, width), (above, beside) = self.size, self.around
-        return torch.arange(height * width).view(height, width)[above : height - above, beside : width - beside].ravel()
+        (height, width), (above, left) = self.size, self.around
+        return torch.arange(height * width).view(height, width)[above : height - above, left : width - left].ravel()
 
     @property
     def whole(self) -> tuple[bool, bool]:
@@ -97,7 +97,7 @@ class Window:
 
 
 class _Side(NamedTuple):
-    """One side of a window: as there."""
+    """One side of a window, with fields as in `Window`."""
 
     corner: int
     source: int
@@ -119,9 +119,9 @@ class _Side(NamedTuple):
 
 
 def draw_scale(smallest: float, keep: float, generator: torch.Generator) -> float:
-    """A scale of 1 in a share `keep` of all draws, else uniform between `smallest` and 1."""
-    kept, share = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
-    return 1.0 if kept < keep else smallest + (1 - smallest) * share
+    """A scale: 1 with probability `keep`, else uniform between `smallest` and 1."""
+    chance, share = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
+    return 1.0 if chance < keep else smallest + (1 - smallest) * share
 
 
 def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
@@ -146,7 +146,7 @@ class Disturbance:
     blur: float = 1.0  # largest σ in texels
     noise: float = 0.05  # largest σ, where pictures reach from 0 to 1
 
-    def of(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
+    def disturbed(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], disturbed at random, within [0, 1]."""
         hue, blur, noise = torch.rand(3, generator=generator, dtype=torch.float64).tolist()
         pictures = turned(pictures, self.hue * hue)

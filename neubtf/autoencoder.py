@@ -10,7 +10,7 @@ attention at the bottleneck (Woo et al., 2018), nearest-neighbour upsampling, ci
 
     pooled = None
     for tile in tiles:                           # with HALO texels of the periodic picture around each
-        here = Pooled.of(autoencoder.encode(tile).deep[..., inner cells])
+        here = Pooled.of_cells(autoencoder.encode(tile).deep[..., inner cells])
         pooled = here if pooled is None else pooled.joined(here)
     for tile in tiles:
         texture = autoencoder.decode(autoencoder.encode(tile), pooled)[..., inner texels]
@@ -55,7 +55,7 @@ class Pooled:
     cells: int
 
     @classmethod
-    def of(cls, deep: Tensor) -> "Pooled":
+    def of_cells(cls, deep: Tensor) -> "Pooled":
         """The statistics of some cells (B, C, h, w)."""
         return cls(deep.sum((2, 3)), deep.amax((2, 3)), deep.shape[2] * deep.shape[3])
 
@@ -95,10 +95,10 @@ class Autoencoder(nn.Module):
             # A period that is repeated has the same texture, and one that is too short for the kernels needs it.
             tile = guidance.repeat(1, 1, -(-LEAST // height), -(-LEAST // width))
             features = self.encode(tile)
-            return self.decode(features, Pooled.of(features.deep))[..., :height, :width]
+            return self.decode(features, Pooled.of_cells(features.deep))[..., :height, :width]
         features = self.encode(surrounded(guidance, (0, 0), (_up(height), _up(width))))
         halo = HALO // STRIDE
-        pooled = Pooled.of(features.deep[..., halo:-halo, halo:-halo])
+        pooled = Pooled.of_cells(features.deep[..., halo:-halo, halo:-halo])
         return self.decode(features, pooled)[..., HALO : HALO + height, HALO : HALO + width]
 
     def encode(self, guidance: Tensor) -> Features:

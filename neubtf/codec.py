@@ -48,7 +48,7 @@ class NeuBTF(Codec):
         guidance = as_guidance(picture)
         faint = settings.init == "faint"
         autoencoder = Autoencoder(settings.latents, generator, FAINT if faint else 1.0)
-        encoder = Encoder.of(guidance, autoencoder, centred=faint)
+        encoder = Encoder.for_guidance(guidance, autoencoder, centred=faint)
         staged = Staged(samples, settings, encoder, guidance, generator)
         train(staged, fit, settings.steps)
         stored = store_encoder(encoder, picture)
@@ -83,5 +83,5 @@ def guiding_pair(samples: Samples) -> int:
 
 
 def _contrast(samples: Samples, pair: int) -> float:
-    """The deviation over the texels of a slice as it is displayed, the mean of its channels'."""
+    """The contrast of a slice as it is displayed: the deviation over texels, in the mean of its channels."""
     return displayed(slice_of(samples, pair))[0].flatten(1).std(1, correction=0).mean().item()

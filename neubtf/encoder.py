@@ -36,7 +36,7 @@ class Encoder(nn.Module):
         self.register_buffer("normal", torch.tensor([centre, spread]))
 
     @classmethod
-    def of(cls, guidance: Tensor, autoencoder: Autoencoder, centred: bool = True) -> "Encoder":
+    def for_guidance(cls, guidance: Tensor, autoencoder: Autoencoder, centred: bool = True) -> "Encoder":
         """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
 
         The deviation over all slices would include the differences between slices, and a slice of little contrast would

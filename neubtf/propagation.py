@@ -82,17 +82,17 @@ def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: 
     windows = list(_windows(height, width, tile))
     pooled, inner = None, slice(HALO // STRIDE, -(HALO // STRIDE))
     for corner, size in followed(show, windows, "pooling", len(windows)):
-        seen = encoder.prepared(surrounded(guidance, corner, size))
-        here = Pooled.of(network.encode(seen).deep[..., inner, inner])
+        window = encoder.prepared(surrounded(guidance, corner, size))
+        here = Pooled.of_cells(network.encode(window).deep[..., inner, inner])
         pooled = here if pooled is None else pooled.joined(here)
     assert pooled is not None
     texture = torch.empty(height, width, network.head.out_channels)
     for (row, col), size in followed(show, windows, "making the texture", len(windows)):
-        seen = encoder.prepared(surrounded(guidance, (row, col), size))
-        made = network.decode(network.encode(seen), pooled)[0, :, HALO:-HALO, HALO:-HALO].movedim(0, -1)
+        window = encoder.prepared(surrounded(guidance, (row, col), size))
+        part = network.decode(network.encode(window), pooled)[0, :, HALO:-HALO, HALO:-HALO].movedim(0, -1)
         # Where a side is no multiple of the stride, texels beyond the far border are cut off.
         there = texture[row : row + size[0], col : col + size[1]]
-        there.copy_(made[: there.shape[0], : there.shape[1]])
+        there.copy_(part[: there.shape[0], : there.shape[1]])
     return texture
 
 

@@ -45,8 +45,8 @@ def seam_of(material: NeuBTFMaterial, pairs: Array) -> tuple[Seam, Seam]:
     """
     exposure = material.gain / LOG_SCALE
     slices = [to_display(material.slice(wo.tolist(), wi.tolist()).numpy(), exposure) for wo, wi in pairs]
-    beside, below = (_seam(np.mean([_steps(each, axis) for each in slices], 0)) for axis in (1, 0))
-    return beside, below
+    left_right, top_bottom = (_seam(np.mean([_steps(each, axis) for each in slices], 0)) for axis in (1, 0))
+    return left_right, top_bottom
 
 
 def _steps(picture: Array, axis: int) -> Array:

@@ -87,8 +87,8 @@ PAPER = {
 }
 
 
-class Look(NamedTuple):
-    """What one step sees: a window, its texels as row · W + column, the picture of it, and the pair that was shown."""
+class Example(NamedTuple):
+    """What one step learns from: a window, its texels as row · W + column, its picture, and the pair that is shown."""
 
     window: Window
     texels: Tensor  # (h · w,) of the window's source
@@ -152,7 +152,7 @@ class Staged(Objective):
         wo, wi = self.samples.wo[pair], self.samples.wi[pair]
         return render(self.renderer, latents.index_select(0, texel), wo, wi, self.settings.directions)
 
-    def look(self, smallest: float, generator: torch.Generator) -> Look:
+    def example(self, smallest: float, generator: torch.Generator) -> Example:
         """A random slice, disturbed, or the guidance; the guidance keeps its scale."""
         samples, settings = self.samples, self.settings
         exploring = float(torch.rand((), generator=generator)) < settings.explore
@@ -161,73 +161,73 @@ class Staged(Objective):
         if not exploring:
             window = window.aligned()
             texels = window.texels(samples.shape).to(samples.device)
-            return Look(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
+            return Example(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
         texels = window.texels(samples.shape).to(samples.device)
         pair = int(torch.randint(samples.pairs, (), generator=generator))
         picture = displayed(self.radiance(window, texels, torch.tensor([pair])))
-        return Look(window, texels, self.disturbance.of(picture, generator), pair)
+        return Example(window, texels, self.disturbance.disturbed(picture, generator), pair)
 
     def radiance(self, window: Window, texels: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); what is averaged is radiance."""
         each = pairs.to(texels.device).repeat_interleave(len(texels))
-        found = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
-        return found if window.keeps_scale else window.rescaled(found.expm1()).log1p()
+        values = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
+        return values if window.keeps_scale else window.rescaled(values.expm1()).log1p()
 
     def _direct(self, generator: torch.Generator) -> Tensor:
         batch = self.samples.draw(self.settings.batch, generator)
         return distance(self.rendered(self.texture, batch.texel, batch.pair), batch.target, self.settings.loss)
 
     def _taught(self, generator: torch.Generator) -> Tensor:
-        look, texture = self.look(1.0, generator), self.texture.detach()
-        inner = look.inner
-        error = by_texel(self.encoder(look.picture))[inner] - texture[look.texels[inner]]
+        example, texture = self.example(1.0, generator), self.texture.detach()
+        inner = example.inner
+        error = by_texel(self.encoder(example.picture))[inner] - texture[example.texels[inner]]
         return (error / texture.std(0, correction=0).clamp_min(1e-3)).square().mean()
 
     def _guided(self, generator: torch.Generator) -> Tensor:
-        look = self.look(self.settings.smallest, generator)
-        latents = by_texel(self.encoder(look.picture))
+        example = self.example(self.settings.smallest, generator)
+        latents = by_texel(self.encoder(example.picture))
         settings, loss = self.settings, torch.zeros((), device=latents.device)
         if settings.pixels == "samples":
-            loss = settings.pixel * self._samples(latents, look, generator)
+            loss = settings.pixel * self._samples(latents, example, generator)
         if settings.slices and (settings.pixels == "slices" or settings.style or settings.frequency):
-            loss = loss + self._slices(latents, look, self._targets(look.pair, generator))
-        return loss if look.pair is None else settings.explore_weight * loss
+            loss = loss + self._slices(latents, example, self._targets(example.pair, generator))
+        return loss if example.pair is None else settings.explore_weight * loss
 
-    def _samples(self, latents: Tensor, look: Look, generator: torch.Generator) -> Tensor:
+    def _samples(self, latents: Tensor, example: Example, generator: torch.Generator) -> Tensor:
         """The pixels' loss, of single random samples: a slice holds thousands of texels, but one pair only."""
         size = (self.settings.batch,)
-        inner = look.inner
+        inner = example.inner
         here = inner[torch.randint(len(inner), size, generator=generator).to(latents.device)]
         pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device)
-        index, weight = look.window.taps(here)
+        index, weight = example.window.taps(here)
         each = pair.repeat_interleave(index.shape[1])
-        found = self.samples.at(look.texels[index].flatten(), each).target.expm1().unflatten(0, index.shape)
-        truth = (found * weight[..., None]).sum(1).log1p()
+        values = self.samples.at(example.texels[index].flatten(), each).target.expm1().unflatten(0, index.shape)
+        truth = (values * weight[..., None]).sum(1).log1p()
         return distance(self.rendered(latents, here, pair), truth, self.settings.loss)
 
-    def _targets(self, seen: int | None, generator: torch.Generator) -> Tensor:
-        """Random pairs, none of which was seen, where there are others."""
+    def _targets(self, shown: int | None, generator: torch.Generator) -> Tensor:
+        """Random pairs, none of which is the one that was shown, where there are others."""
         count = self.samples.pairs
-        if seen is None or count == 1:
+        if shown is None or count == 1:
             return torch.randint(count, (self.settings.slices,), generator=generator)
-        return (seen + 1 + torch.randint(count - 1, (self.settings.slices,), generator=generator)) % count
+        return (shown + 1 + torch.randint(count - 1, (self.settings.slices,), generator=generator)) % count
 
-    def _slices(self, latents: Tensor, look: Look, pairs: Tensor) -> Tensor:
+    def _slices(self, latents: Tensor, example: Example, pairs: Tensor) -> Tensor:
         """The loss of whole slices: style and spectrum, and the pixels' own where single samples do not tell it."""
-        settings, inner = self.settings, look.inner
-        level = self.radiance(look.window, look.texels, pairs).flatten(2)[..., inner].movedim(1, -1).flatten(0, 1)
+        settings, inner = self.settings, example.inner
+        level = self.radiance(example.window, example.texels, pairs).flatten(2)[..., inner].movedim(1, -1).flatten(0, 1)
         pair = pairs.to(latents.device).repeat_interleave(len(inner))
         rendered = self.rendered(latents, inner.repeat(len(pairs)), pair)
         loss = torch.zeros((), device=latents.device)
         if settings.pixels == "slices":
             loss = settings.pixel * distance(rendered, level, settings.loss)
-        ours, truth = (shown(pictures(each, look.window.inner_size)) for each in (rendered, level))
+        ours, truth = (shown(pictures(each, example.window.inner_size)) for each in (rendered, level))
         if settings.levelled:
             # Otherwise mirror directions would outweigh all others by orders of magnitude, and ruin the fit.
             brightness = truth.mean((1, 2, 3), keepdim=True).clamp_min(DIM)
             ours, truth = ours / brightness, truth / brightness
         if settings.style:
-            loss = loss + settings.style * self.style(ours, truth, look.window.whole)
+            loss = loss + settings.style * self.style(ours, truth, example.window.whole)
         if settings.frequency:
             loss = loss + settings.frequency * focal_frequency(ours, truth)
         return loss

@@ -34,8 +34,8 @@ KINDS = tuple(WHY_EMPTY)
 
 
 @dataclass(frozen=True)
-class Written:
-    """The result of a report: the tables for a terminal, and the files written."""
+class Report:
+    """A report that was written: its tables for a terminal, and its files."""
 
     text: str
     files: list[Path]
@@ -50,8 +50,8 @@ def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", ki
     """
     from bench.records import load_together
     from reports import text, trade
+    from reports.csv_tables import results_csv
     from reports.latex import latex
-    from reports.raw import csv_text
     from reports.tables import all_tables
     from reports.terminal import terminal
 
@@ -60,7 +60,7 @@ def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", ki
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     run = load_together([runs] if isinstance(runs, str | Path) else runs)
     if format == "csv":
-        return trade.csv_text(run.folder) if kind == "trade" else csv_text(run)
+        return trade.choices_csv(run.folder) if kind == "trade" else results_csv(run)
     if format == "text" and kind is None:
         return terminal(run)
     tables = all_tables(run, narrow=format == "latex", kind=kind)
@@ -70,9 +70,9 @@ def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", ki
 def parameters_text(jobs: Sequence["Record"], format: str = "text") -> str:
     """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
     from reports import text
+    from reports.csv_tables import table_csv
     from reports.latex import latex
     from reports.parameters import parameters_table
-    from reports.raw import table_csv
 
     writers = {"markdown": text.markdown, "latex": latex, "text": text.plain, "csv": table_csv}
     table = parameters_table(jobs)
@@ -97,7 +97,7 @@ def stress_text(records: Sequence["Record"], format: str = "text") -> str:
     return (text.markdown if format == "markdown" else text.plain)(tables(records))
 
 
-def write_report(run_folder: str | Path) -> Written:
+def write_report(run_folder: str | Path) -> Report:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file whole or not at all.
 
     The same records give the same files. Raises `InputError` where the folder holds no run.

@@ -15,13 +15,13 @@ from bench.records import Record
 Arrays = Mapping[str, np.ndarray]
 
 
-def arrays(folder: Path, job: Record, name: str, of: Collection[str] | None = None) -> Arrays | None:
+def arrays(folder: Path, job: Record, name: str, names: Collection[str] | None = None) -> Arrays | None:
     """The arrays of a job's artefact (`slices`, `pictures`), or those of some names that it has.
 
     None where the file is gone or one that is read is unreadable.
     """
     try:
-        return read_arrays(folder / job[name], MAX_FILE, of)
+        return read_arrays(folder / job[name], MAX_FILE, names)
     except (OSError, KeyError, ValueError, TypeError):
         return None  # a run's records are worth reading without its bulky parts
 
@@ -29,10 +29,10 @@ def arrays(folder: Path, job: Record, name: str, of: Collection[str] | None = No
 def angular(folder: Path, job: Record) -> dict[str, Any] | None:
     """A job's bins and polar maps; None where the file is gone or unreadable."""
     try:
-        found: dict[str, Any] = json.loads((folder / job["angular"]).read_text(encoding="utf-8"))
+        bins: dict[str, Any] = json.loads((folder / job["angular"]).read_text(encoding="utf-8"))
     except (OSError, KeyError, ValueError, TypeError, RecursionError):
         return None
-    return found
+    return bins
 
 
 def program(path: Path) -> Program:

@@ -11,7 +11,7 @@ from PIL import Image
 from bench.metrics.psnr import psnr
 from bench.records import FLIP, PSNR, Run
 from reports.artefacts import Arrays, arrays
-from reports.rows import Material, Row
+from reports.rows import MaterialRows, Row
 
 BUDGET = 8_000_000  # characters of all pictures in a page, about
 # Qualities of WebP and the characters that a pixel takes then, about; None is without loss.
@@ -21,19 +21,19 @@ QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 
 class Atlases:
     """The slices of all materials of a run, all of one quality, chosen by how many pixels there are."""
 
-    def __init__(self, run: Run, found: Sequence[Material]):
+    def __init__(self, run: Run, materials: Sequence[MaterialRows]):
         self.run = run
         self.quality, self.step = None, 1
-        pixels = sum(self._pixels(material) for material in found)
+        pixels = sum(self._pixels(material) for material in materials)
         self.quality, per_pixel = next((q for q in QUALITIES if q[1] * pixels <= BUDGET), QUALITIES[-1])
         self.step = max(1, -int(-per_pixel * pixels // BUDGET))  # every how manyth pair is shown
 
-    def _pixels(self, material: Material) -> int:
+    def _pixels(self, material: MaterialRows) -> int:
         if not material.shown or not (first := arrays(self.run.folder, material.shown[0].job, "pictures", ("truth",))):
             return 0
         return int(np.prod(first["truth"].shape[:3])) * (2 * len(material.shown) + 1)
 
-    def of(self, material: Material) -> dict[str, Any]:
+    def slices_of(self, material: MaterialRows) -> dict[str, Any]:
         """What the slice viewer needs of a material; no `codecs` where nothing is stored.
 
         Pictures are data URLs of all pairs in a grid, `columns` wide. `left_out` lists codecs without the same pairs.
@@ -59,10 +59,10 @@ class Atlases:
         }
 
     def _codec(self, row: Row, pictures: Arrays) -> dict[str, Any]:
-        found = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
+        data = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
         if "flip" in pictures:
-            found["flip"] = self._encoded(pictures["flip"])
-        return found | self._numbers(row, pictures)
+            data["flip"] = self._encoded(pictures["flip"])
+        return data | self._numbers(row, pictures)
 
     def _numbers(self, row: Row, pictures: Arrays) -> dict[str, Any]:
         """PSNR and FLIP of each shown slice, from the stored numbers; null where there is no error."""
@@ -73,8 +73,8 @@ class Atlases:
         place = {int(pair): i for i, pair in enumerate(scores["pairs"])}
         rows = [place[int(pair)] for pair in pictures["pairs"][:: self.step]]
         error = scores[PSNR][rows]
-        found = {"psnr": [round(float(each), 2) if np.isfinite(each) else None for each in psnr(error)]}
-        return found | ({"flips": np.round(scores[name][rows], 4).tolist()} if name in scores else {})
+        numbers = {"psnr": [round(float(each), 2) if np.isfinite(each) else None for each in psnr(error)]}
+        return numbers | ({"flips": np.round(scores[name][rows], 4).tolist()} if name in scores else {})
 
     def _encoded(self, pictures: np.ndarray) -> str:
         """Pictures (n, H, W, 3) as one WebP in a grid."""

@@ -6,19 +6,19 @@ from functools import partial
 
 from bench.metrics import PERIODIC, label_of
 from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown
-from reports.column import Column, Value, hull
+from reports.column_type import Column, Value, hull
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, pooled, significant, spread
-from reports.rows import NEW_RUN, Material, Row, described
+from reports.rows import NEW_RUN, MaterialRows, Row, described
 
 
 def _digits(unit: str) -> int:
     return 2 if unit == "dB" else 3
 
 
-def _scale(said: Record) -> str:
+def _scale(metric: Record) -> str:
     """The unit of a metric with an arrow to the better end."""
-    unit = "" if said["unit"] == "1" else said["unit"]
-    return f"{unit} {'↑' if said['direction'] == 'higher' else '↓'}".strip()
+    unit = "" if metric["unit"] == "1" else metric["unit"]
+    return f"{unit} {'↑' if metric['direction'] == 'higher' else '↓'}".strip()
 
 
 def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB") -> Column:
@@ -31,13 +31,13 @@ def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB
 
 
 def _declared() -> list[Column]:
-    """The columns that fields of a record ask for."""
+    """The columns that fields of a record declare; see `bench.records.shown`."""
 
     def column(field: str, name: str, unit: str, digits: int) -> Column:
         write = partial(significant, digits=digits) if digits else _whole
         return Column(name, unit, lambda row: row.job.get(field), write)
 
-    return [column(field, *said) for field, said in shown().items()]
+    return [column(field, *heading) for field, heading in shown().items()]
 
 
 def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
@@ -59,8 +59,8 @@ def _bits(job: Record, size: int) -> float:
 
 
 def _native(job: Record) -> Record:
-    found: Record = job["provenance"]["native"]
-    return found
+    native: Record = job["provenance"]["native"]
+    return native
 
 
 def _other_bytes(row: Row) -> int:
@@ -74,8 +74,8 @@ def _timed(name: str, unit: str, field: str, write: Callable[..., str] = signifi
     def value(row: Row) -> Value:
         if row.timing is None:
             return None
-        found = row.timing[field]
-        number: Value = tuple(found) if isinstance(found, list) else found
+        measured = row.timing[field]
+        number: Value = tuple(measured) if isinstance(measured, list) else measured
         if row.timing_obstacle == NEW_RUN:
             return f"{write(number)}*"
         return NOT_COMPARABLE if row.timing_obstacle else number
@@ -128,7 +128,7 @@ SIZE = (
 
 
 def time() -> list[Column]:
-    """What fields ask for, such as the seconds of a fit; and the time of a query."""
+    """The columns that fields declare, such as the seconds of a fit, and those of the time of a query."""
     return [
         *_declared(),
         _NS,
@@ -138,59 +138,59 @@ def time() -> list[Column]:
     ]
 
 
-def scored(material: Material) -> list[Column]:
-    """Columns for a file without a record of its fit, for a terminal."""
+def scored(material: MaterialRows) -> list[Column]:
+    """Columns of a file that was scored alone, without a record of its fit."""
     train = replace(_TRAIN, name="train")
     return [_PARAMETERS, _CHANNELS, _TOTAL, _BITS, train, HELDOUT, *_others(material, _pooled)]
 
 
-def short(material: Material) -> list[Column]:
+def short(material: MaterialRows) -> list[Column]:
     """Columns that fit a terminal."""
     return means([*scored(material), *_declared(), _NS, _FLOOR, _FUSED], HELDOUT)
 
 
 def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
-    """The same columns without the deviation over seeds, except for some, since a terminal is too narrow."""
+    """The same columns, all but `whole` without the deviation over seeds, for which a terminal is too narrow."""
     return [column if column in whole else replace(column, deviation=False) for column in chosen]
 
 
-def quality(material: Material) -> list[Column]:
+def quality(material: MaterialRows) -> list[Column]:
     """PSNR of training and of held-out pairs, and every other metric."""
     return [_TRAIN, HELDOUT, PER_SLICE, *_others(material)]
 
 
-def main(material: Material) -> list[Column]:
+def main(material: MaterialRows) -> list[Column]:
     """Columns of cost, quality and time of a codec."""
     return [*SIZE, *quality(material), *time()]
 
 
-def papers(material: Material) -> list[Column]:
+def papers(material: MaterialRows) -> list[Column]:
     """Every metric as papers report it: mean ± std over slices."""
     return [replace(PER_SLICE, name="PSNR"), *_others(material, _spread)]
 
 
-def summary(found: Sequence[Material]) -> list[Column]:
+def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     """Columns of a summary over materials besides PSNR: every other metric, size, time."""
-    said = {label_of(name): (name, each) for material in found for name, each in material.metrics.items()}
+    metrics = {label_of(name): (name, each) for material in materials for name, each in material.metrics.items()}
     quality = [
         _pooled(label, _scale(each), name.removesuffix(PERIODIC), unit=each["unit"])
-        for label, (name, each) in said.items()
+        for label, (name, each) in metrics.items()
         if name != PSNR and each["unit"] != "radiance"
     ]
-    times = [_FLOOR, _FUSED] if any(row.fused for each in found for row in each.measured) else [_FLOOR]
+    times = [_FLOOR, _FUSED] if any(row.fused for each in materials for row in each.measured) else [_FLOOR]
     return [*quality, _TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
 
 
-def _others(material: Material, make: Callable[..., Column] | None = None) -> Iterator[Column]:
+def _others(material: MaterialRows, make: Callable[..., Column] | None = None) -> Iterator[Column]:
     """A column for each metric but PSNR, and the errors of radiance, which have a table of their own.
 
     Decibels are pooled, other metrics are mean ± std over slices, unless `make` makes them all.
     """
-    for name, said in material.metrics.items():
-        unit = said["unit"]
+    for name, metric in material.metrics.items():
+        unit = metric["unit"]
         if name != PSNR and unit != "radiance":
             column = make or (_pooled if unit == "dB" else _spread)
-            yield column(label_of(name), _scale(said), family=name, unit=unit)
+            yield column(label_of(name), _scale(metric), family=name, unit=unit)
 
 
 def bands(job: Record) -> list[Column]:
@@ -211,14 +211,14 @@ def footprints(job: Record) -> list[Column]:
 def _bands(job: Record) -> list[tuple[str, str, int]]:
     """(name, group, slices) of the pairs that decide and their subsets, without subsets of subsets."""
     decides = gate(job["scores"])
-    found = [("held out" if decides == "heldout" else "all", decides)]
+    groups = [("held out" if decides == "heldout" else "all", decides)]
     for group in job["scores"]:
         prefix, _, band = group.partition(", ")
         if prefix == decides and band and ", " not in band:
-            found.append((_BAND_NAMES.get(band, band), group))
+            groups.append((_BAND_NAMES.get(band, band), group))
     order = list(_BAND_NAMES.values())
-    found[1:] = sorted(found[1:], key=lambda item: order.index(item[0]) if item[0] in order else len(order))
-    return [(name, group, job["scores"][group].get("slices", 0)) for name, group in found]
+    groups[1:] = sorted(groups[1:], key=lambda item: order.index(item[0]) if item[0] in order else len(order))
+    return [(name, group, job["scores"][group].get("slices", 0)) for name, group in groups]
 
 
 def scene(job: Record) -> list[Column]:
@@ -237,19 +237,19 @@ def scene(job: Record) -> list[Column]:
 
 
 def _weighted(name: str, job: Record) -> Column:
-    said = described(job, name)
-    return _pooled(f"weighted {label_of(name)}", _scale(said), name, "scene", said["unit"])
+    metric = described(job, name)
+    return _pooled(f"weighted {label_of(name)}", _scale(metric), name, "scene", metric["unit"])
 
 
 def _frames(name: str, job: Record) -> Column:
-    said = described(job, name)
+    metric = described(job, name)
 
     def value(row: Row) -> Value:
-        found = row.job.get("scene", {}).get("metrics", {})
-        known = metric_of(found, name)
-        return None if not known else EXACT if found[known] is None else found[known]
+        values = row.job.get("scene", {}).get("metrics", {})
+        known = metric_of(values, name)
+        return None if not known else EXACT if values[known] is None else values[known]
 
-    return Column(f"frames {label_of(name)}", _scale(said), value, partial(fixed, digits=_digits(said["unit"])))
+    return Column(f"frames {label_of(name)}", _scale(metric), value, partial(fixed, digits=_digits(metric["unit"])))
 
 
 _BAND_NAMES = {
@@ -279,8 +279,8 @@ def _with_relative(numbers: tuple[float, ...]) -> str:
 
 def _footprint(side: str) -> Column:
     def value(row: Row) -> Value:
-        found = row.job["footprints"].get(side)
-        return pooled({"pooled": found[PSNR]} | found) if found else None
+        stats = row.job["footprints"].get(side)
+        return pooled({"pooled": stats[PSNR]} | stats) if stats else None
 
     return Column(f"{side} texel{'s' * (side != '1')}", "dB ↑", value, partial(fixed, digits=2))
 

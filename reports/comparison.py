@@ -1,8 +1,8 @@
 """A comparison of two runs as tables: for a terminal of 120 columns, and as GitHub Markdown."""
 
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
-from operator import attrgetter
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 
 from bench.compare import Comparison
 from bench.compare.quantities import Quantity
@@ -12,8 +12,6 @@ from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
 from reports.text import WIDTH, escaped, grid, plain
 
-_DECIDING: Callable[[Row], list[Change]] = attrgetter("deciding")
-_SHOWN: Callable[[Row], list[Change]] = attrgetter("shown")
 _MARKS = {
     Verdict.FAILED: "❌ failed",
     Verdict.GONE: "❌ gone",
@@ -43,7 +41,7 @@ def terminal(comparison: Comparison) -> str:
         tables += [_deciding(material, rows), *_others(material, rows)]
     tables += [_deciding(comparison.means[0].material, comparison.means)] if comparison.means else []
     every = [*comparison.rows, *comparison.means]
-    findings = [_wrapped(f"{_word(verdict):<7} {row.name}: {text}") for row in every for verdict, text in _told(row)]
+    findings = [_wrapped(f"{_word(verdict):<7} {row.name}: {text}") for row in every for verdict, text in _remarks(row)]
     findings += [_wrapped(f"advice  {row.name}: {row.advice}") for row in comparison.rows if row.advice]
     legend = [_LEGEND] if any(row.deciding for row in comparison.rows) else []
     legend += [_UNLIKE] if comparison.having(Verdict.UNLIKE) else []
@@ -57,9 +55,10 @@ def markdown(comparison: Comparison) -> str:
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(_findings(comparison))]
     if comparison.rows:
         every = [*comparison.rows, *comparison.means]
-        blocks.append(grid(_combined(every, _DECIDING, "verdict", [_MARKS[row.verdict] for row in every])))
+        verdicts = [_MARKS[row.verdict] for row in every]
+        blocks.append(grid(_combined(every, [row.deciding for row in every], "verdict", verdicts)))
     if rows := [row for row in comparison.rows if row.shown]:
-        rest = grid(_combined(rows, _SHOWN, "time, × mean-colour", list(map(_time, rows))))
+        rest = grid(_combined(rows, [row.shown for row in rows], "time, × mean-colour", list(map(_time, rows))))
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
     blocks += [escaped(note) for note in comparison.notes]
     return "\n\n".join(block for block in blocks if block) + "\n"
@@ -69,7 +68,7 @@ def _word(verdict: Verdict) -> str:
     return NOT_COMPARABLE if verdict == Verdict.UNLIKE else verdict
 
 
-def _told(row: Row) -> list[tuple[Verdict, str]]:
+def _remarks(row: Row) -> list[tuple[Verdict, str]]:
     """Each difference of a row with its verdict, and its notes with that of the row."""
     return [*row.findings(), *((row.verdict, note) for note in row.notes)]
 
@@ -84,7 +83,7 @@ def _findings(comparison: Comparison) -> Iterator[str]:
 
 def _deciding(material: str, rows: Sequence[Row]) -> Table:
     """The table of the deciding metrics: PSNR itself, and the change and margin of each metric."""
-    quantities = _quantities(rows, _DECIDING)
+    quantities = _quantities(row.deciding for row in rows)
     headers = [("codec", "")]
     for quantity in quantities:
         headers += [(quantity.name, quantity.scale)] if quantity.name == "PSNR" else []
@@ -112,28 +111,28 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
 def _others(material: str, rows: Sequence[Row]) -> list[Table]:
     """The table of values that do not decide: changes, new − base, and times; None where there are none."""
     rows = [row for row in rows if row.shown]
-    quantities = [q for q in _quantities(rows, _SHOWN) if any(_changed(row, q) for row in rows)]
+    quantities = [q for q in _quantities(row.shown for row in rows) if any(_changed(row, q) for row in rows)]
     if not quantities and not any(row.timing for row in rows):
         return []
     headers = [("change of", ""), *((q.name.replace("_", " "), q.scale) for q in quantities)]
     cells = []
     for row in rows:
-        found = [_find(row.shown, quantity) for quantity in quantities]
-        line = [c.quantity.difference(c.difference) if c and c.difference is not None else NONE for c in found]
+        changes = [_find(row.shown, quantity) for quantity in quantities]
+        line = [c.quantity.difference(c.difference) if c and c.difference is not None else NONE for c in changes]
         cells.append([row.label, *line, _time(row)])
     title = f"{material}: everything else"
     return [Table("compare", title, [*headers, ("time", "× mean-colour")], cells)]
 
 
-def _combined(rows: Sequence[Row], of: Callable[[Row], list[Change]], name: str, last: list[str]) -> Table:
+def _combined(rows: Sequence[Row], by_row: Sequence[list[Change]], name: str, last: list[str]) -> Table:
     """Value, change and margin of each quantity in one cell, bold where it decides against or for the row."""
-    quantities, cells = _quantities(rows, of), []
+    quantities, cells = _quantities(by_row), []
     marks: dict[tuple[int, int], str] = {}
     for i, row in enumerate(rows):
-        found = [_find(of(row), quantity) for quantity in quantities]
-        cells.append([row.material, row.label, *map(_cell, found), last[i]])
+        changes = [_find(by_row[i], quantity) for quantity in quantities]
+        cells.append([row.material, row.label, *map(_cell, changes), last[i]])
         decided = (Verdict.WORSE, Verdict.BETTER)
-        marks |= {(i, j): BOLD for j, change in enumerate(found, 2) if change and change.verdict in decided}
+        marks |= {(i, j): BOLD for j, change in enumerate(changes, 2) if change and change.verdict in decided}
     headers = [(f"{q.name.replace('_', ' ')}{',' if q.unit else ''}", q.scale) for q in quantities]
     return Table("compare", "", [("material", ""), ("codec", ""), *headers, (name, "")], cells, words=2, marks=marks)
 
@@ -158,13 +157,12 @@ def _time(row: Row) -> str:
     return f"{row.timing.base:.2f} → {row.timing.new:.2f}" if row.timing else NONE
 
 
-def _quantities(rows: Sequence[Row], of: Callable[[Row], list[Change]]) -> list[Quantity]:
-    """The quantities of some rows, one of each name, in the order of first appearance."""
-    found: dict[str, Quantity] = {}
-    for row in rows:
-        for change in of(row):
-            found.setdefault(change.quantity.name, change.quantity)
-    return list(found.values())
+def _quantities(by_row: Iterable[Sequence[Change]]) -> list[Quantity]:
+    """The quantities of the changes of some rows, one of each name, in the order of first appearance."""
+    by_name: dict[str, Quantity] = {}
+    for change in chain.from_iterable(by_row):
+        by_name.setdefault(change.quantity.name, change.quantity)
+    return list(by_name.values())
 
 
 def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:

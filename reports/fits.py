@@ -16,7 +16,7 @@ NOTE = (
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitCurve:
     """One job's curve, from its beginning."""
 
     label: str
@@ -27,20 +27,20 @@ class Fit:
         return next(((step, seconds) for step, seconds, psnr in self.points if psnr >= goal), None)
 
 
-def fits(run: Run) -> dict[str, list[Fit]]:
+def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
     """The curves of each material whose jobs recorded any."""
-    found = {}
+    by_material = {}
     for material in materials(run):
         curves = [
-            Fit(row.label, [(p["step"], p["seconds"], p["psnr"]) for p in row.job.get("history", ()) if _timed(p)])
+            FitCurve(row.label, [(p["step"], p["seconds"], p["psnr"]) for p in row.job.get("history", ()) if _timed(p)])
             for row in material.shown
         ]
-        found[material.name] = [fit for fit in curves if fit.points]
-    return {name: curves for name, curves in found.items() if curves}
+        by_material[material.name] = [fit for fit in curves if fit.points]
+    return {name: curves for name, curves in by_material.items() if curves}
 
 
 def _timed(point: Mapping[str, float]) -> bool:
-    """Whether a point of a curve has what its codec may leave out."""
+    """Whether a point of a curve has seconds and PSNR, which its codec may leave out."""
     return "seconds" in point and "psnr" in point
 
 
@@ -48,15 +48,15 @@ def fit_tables(run: Run) -> Iterator[Table]:
     """Steps and seconds to each goal, for each material with curves."""
     headers = [("codec", ""), ("end", "dB ↑"), ("steps", ""), ("time", "s ↓")]
     headers += [(f"to {goal} dB", unit) for goal in GOALS_DB for unit in ("steps ↓", "s ↓")]
-    for name, curves in fits(run).items():
+    for name, curves in curves_by_material(run).items():
         rows = [[fit.label, *_cells(fit)] for fit in curves]
         yield Table("fits", f"{name}: how soon a fit is good", headers, rows, [NOTE], material=name)
 
 
-def _cells(fit: Fit) -> list[str]:
+def _cells(fit: FitCurve) -> list[str]:
     steps, seconds, psnr = fit.points[-1]
     cells = [fixed(psnr, 2), integer(steps), significant(seconds, 2)]
     for goal in GOALS_DB:
-        found = fit.reached(goal)
-        cells += [integer(found[0]), significant(found[1], 2)] if found else [NONE, NONE]
+        point = fit.reached(goal)
+        cells += [integer(point[0]), significant(point[1], 2)] if point else [NONE, NONE]
     return cells

@@ -1,28 +1,22 @@
 """A table as HTML, its rows linked to their records."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from html import escape
 
-from reports.marks import legend
+from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
-
-@dataclass(frozen=True)
-class Links:
-    """Where the record of a row is: `place(material, label)` is the id of its element, or ""."""
-
-    place: Callable[[str, str], str]
+Place = Callable[[str, str], str]  # of a record, by material and label: the id of its element, or ""
 
 
-def table_html(table: Table, links: Links) -> str:
+def table_html(table: Table, place: Place) -> str:
     """Title, cells and notes. A row whose first cell names a codec of a record links to it."""
     heads = "".join(
         f'<th scope="col"{_word(i, table)}>{escape(name) or "&nbsp;"}<small>{escape(unit)}</small></th>'
         for i, (name, unit) in enumerate(table.headers)
     )
     rows = "\n".join(
-        "<tr>" + "".join(_cell(table, i, j, cell, links) for j, cell in enumerate(row)) + "</tr>"
+        "<tr>" + "".join(_cell(table, i, j, cell, place) for j, cell in enumerate(row)) + "</tr>"
         for i, row in enumerate(table.rows)
     )
     title = escape(table.title)
@@ -47,10 +41,10 @@ def _word(column: int, table: Table) -> str:
     return ' class="word"' if column < table.words else ""
 
 
-def _cell(table: Table, row: int, column: int, cell: str, links: Links) -> str:
+def _cell(table: Table, row: int, column: int, cell: str, place: Place) -> str:
     text = {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>"}.get(table.marks.get((row, column), ""), "{}").format(
         escape(cell)
     )
-    if column == 0 and (place := links.place(table.material, cell)):
-        text = f'<a href="#{place}">{text}</a>'
+    if column == 0 and (target := place(table.material, cell)):
+        text = f'<a href="#{target}">{text}</a>'
     return f"<td{_word(column, table)}>{text}</td>"

@@ -7,7 +7,7 @@ import re
 import unicodedata
 from collections.abc import Sequence
 
-from reports.marks import legend
+from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 _SPECIAL = {
@@ -75,6 +75,6 @@ def _head(table: Table) -> list[str]:
 
 
 def _row(cells: Sequence[str], row: int, table: Table) -> str:
-    looks = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
-    marked = [looks.get(table.marks.get((row, i), ""), "%s") % escaped(cell) for i, cell in enumerate(cells)]
+    styles = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
+    marked = [styles.get(table.marks.get((row, i), ""), "%s") % escaped(cell) for i, cell in enumerate(cells)]
     return " & ".join(marked) + r" \\"

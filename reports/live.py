@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from itertools import zip_longest
 
 from bench.errors import InputError
-from bench.records import PSNR, Run
+from bench.records import Run
 from reports.artefacts import program
-from reports.rows import Material, Row
+from reports.rows import MaterialRows, Row
 from reports.viewer.page import Model, model_data
 
 BUDGET = 11_000_000  # characters of all models in a page
@@ -29,15 +29,15 @@ class Live:
     missing: dict[str, str]
 
 
-def live(run: Run, found: Sequence[Material]) -> dict[str, Live]:
-    """The models of each material: of each its best codec, then its second, until the budget is spent."""
-    made = {material.name: Live({}, {}) for material in found}
+def live(run: Run, materials: Sequence[MaterialRows]) -> dict[str, Live]:
+    """The models of each material: its best codec, then its second, and so on until the budget is spent."""
+    by_material = {material.name: Live({}, {}) for material in materials}
     left = BUDGET
-    for turn in zip_longest(*(sorted(material.shown, key=_psnr, reverse=True) for material in found)):
-        for material, row in zip(found, turn, strict=True):
+    for turn in zip_longest(*(sorted(material.shown, key=_psnr, reverse=True) for material in materials)):
+        for material, row in zip(materials, turn, strict=True):
             if row is None:
                 continue
-            here = made[material.name]
+            here = by_material[material.name]
             try:
                 packed = _packed(run, row, min(left, LARGEST))
             except InputError as error:
@@ -45,7 +45,7 @@ def live(run: Run, found: Sequence[Material]) -> dict[str, Live]:
                 continue
             here.models[row.label] = packed
             left -= len(packed)
-    return made
+    return by_material
 
 
 def _packed(run: Run, row: Row, room: int) -> str:
@@ -64,8 +64,7 @@ def _packed(run: Run, row: Row, room: int) -> str:
 
 
 def _psnr(row: Row) -> float:
-    pooled = row.stats(row.gate, PSNR).get("pooled")
-    return float("inf") if pooled is None else float(pooled)
+    return float("inf") if row.psnr is None else row.psnr
 
 
 def pack(data: object) -> str:

@@ -10,7 +10,7 @@ Cells = dict[tuple[str, str], list[int]]  # the seeds of each material and codec
 
 
 def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
-    """Material, codec and seeds of the jobs that a start of the run planned and that no record is of."""
+    """Material, codec and seeds of the jobs that a run planned and has no record of."""
     labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
     cells: Cells = {}
     for name in dict.fromkeys(name for start in run.starts for name in start.get("jobs", [])):
@@ -33,7 +33,7 @@ def missing_note(run: Run) -> str:
 
 
 def left_out_notes(run: Run) -> Iterator[str]:
-    """The codecs and materials of which numbers, or times, cannot stand beside the newest, and why."""
+    """Notes on codecs and materials whose numbers, or times, cannot be compared with the newest, and why."""
     numbers: dict[str, list[tuple[str, str]]] = {}
     times: dict[str, list[tuple[str, str]]] = {}
     for material in materials(run):

@@ -4,48 +4,44 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.records import PSNR, Record, Run, gate
-from reports.rows import Material, Row
+from reports.rows import MaterialRows, Row
 
 MUCH = 0.1  # of the squared error, for one slice
 
 
-def main_notes(material: Material) -> list[str]:
+def main_notes(material: MaterialRows) -> list[str]:
     """The footnotes of a main table."""
     return list(dict.fromkeys([*quality_notes(material), *cost_notes(material)]))
 
 
-def quality_notes(material: Material) -> list[str]:
+def quality_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the quality columns."""
     if material.first is None:
         return []
-    return [_what(material.first), *_metrics(material), *common_notes(material)]
+    return [_definition(material.first), *_metrics(material), *common_notes(material)]
 
 
-def cost_notes(material: Material) -> list[str]:
+def cost_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the columns of size and time."""
     bytes_note = "Bytes are those of the whole file; “other” includes its header."
     notes = [bytes_note, *_shared(material), *_timing(material), *_programs(material), *_not_comparable(material)]
     return notes if material.first else []
 
 
-def _shared(material: Material) -> Iterator[str]:
+def _shared(material: MaterialRows) -> Iterator[str]:
     """Footnotes for codecs whose file also needs the file of a shared network."""
-    for size, rows in _by_shared_bytes(material).items():
-        labels = ", ".join(dict.fromkeys(row.label for row in rows))
-        yield f"{labels}: its decoder needs the shared network too: {size:,} bytes for all materials, not in the total."
-
-
-def _by_shared_bytes(material: Material) -> dict[int, list[Row]]:
-    found: dict[int, list[Row]] = {}
+    by_bytes: dict[int, dict[str, None]] = {}
     for row in material.measured:
         if "shared" in row.job["bytes"]:
-            found.setdefault(row.job["bytes"]["shared"], []).append(row)
-    return found
+            by_bytes.setdefault(row.job["bytes"]["shared"], {})[row.label] = None
+    for size, labels in by_bytes.items():
+        names = ", ".join(labels)
+        yield f"{names}: its decoder needs the shared network too: {size:,} bytes for all materials, not in the total."
 
 
-def common_notes(material: Material) -> list[str]:
+def common_notes(material: MaterialRows) -> list[str]:
     """Footnotes common to all tables of a material: on exact slices, on one that decides, on rows left out."""
-    return [*_exact(material), *_resting(material), *_not_comparable(material)]
+    return [*_exact(material), *_single_slice(material), *_not_comparable(material)]
 
 
 def run_notes(run: Run) -> list[str]:
@@ -57,7 +53,7 @@ def run_notes(run: Run) -> list[str]:
     return notes
 
 
-def _what(job: Record) -> str:
+def _definition(job: Record) -> str:
     held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
     pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
     return (
@@ -66,10 +62,10 @@ def _what(job: Record) -> str:
     )
 
 
-def _metrics(material: Material) -> Iterator[str]:
+def _metrics(material: MaterialRows) -> Iterator[str]:
     """Full names of the metrics behind the columns, with unit, direction, space and version."""
     if material.metrics:
-        yield "Metrics: " + "; ".join(_metric(name, said) for name, said in material.metrics.items()) + "."
+        yield "Metrics: " + "; ".join(_metric(name, each) for name, each in material.metrics.items()) + "."
 
 
 def _metric(name: str, described: Record) -> str:
@@ -77,7 +73,7 @@ def _metric(name: str, described: Record) -> str:
     return ", ".join([f"{name} version {described['version']}", *words, f"{described['direction']} is better"])
 
 
-def _timing(material: Material) -> Iterator[str]:
+def _timing(material: MaterialRows) -> Iterator[str]:
     timed = [row for row in material.measured if row.timing and not row.timing_obstacle]
     if timed and timed[0].timing:
         state = timed[0].timing
@@ -109,8 +105,8 @@ def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:
     yield f"The machine was not quiet {when}: {reasons.pop() if len(reasons) == 1 else most}."
 
 
-def _programs(material: Material) -> Iterator[str]:
-    """The time of codecs that are programs: shown apart, since it holds what passes between two programs."""
+def _programs(material: MaterialRows) -> Iterator[str]:
+    """Footnotes on the time of codecs that are programs, which includes files between two programs."""
     for codec in material.codecs:
         times = [row.job["program"]["ns_per_query"] for row in codec.measured if "program" in row.job]
         if times:
@@ -120,7 +116,7 @@ def _programs(material: Material) -> Iterator[str]:
             )
 
 
-def _exact(material: Material) -> Iterator[str]:
+def _exact(material: MaterialRows) -> Iterator[str]:
     for row in material.measured:
         stats = row.stats(row.gate, PSNR)
         if stats and stats.get("exact"):
@@ -128,42 +124,42 @@ def _exact(material: Material) -> Iterator[str]:
             yield f"{row.name}: {counted} have no error in display space; mean ± std leave them out."
 
 
-def resting_over(materials: Sequence[Material]) -> Iterator[str]:
-    """A footnote of several materials: on how many rows of each `_resting` speaks."""
-    found = {material.name: _shares(material) for material in materials}
-    most = {name: max(shares.values()) for name, shares in found.items() if shares}
-    counted = [f"{len(found[name])} of {name} (at most {100 * share:.0f} %)" for name, share in most.items()]
+def resting_over(materials: Sequence[MaterialRows]) -> Iterator[str]:
+    """A footnote over several materials: how many rows of each rest on a single slice; see `_single_slice`."""
+    by_material = {material.name: _shares(material) for material in materials}
+    most = {name: max(shares.values()) for name, shares in by_material.items() if shares}
+    counted = [f"{len(by_material[name])} of {name} (at most {100 * share:.0f} %)" for name, share in most.items()]
     if counted:
         yield f"Rows whose pooled PSNR rests on a single slice, see the tables by material: {', '.join(counted)}."
 
 
-def _resting(material: Material) -> Iterator[str]:
-    """The rows whose pooled PSNR rests on one slice; none of records that do not say."""
-    told = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all alike)"
+def _single_slice(material: MaterialRows) -> Iterator[str]:
+    """A footnote on the rows whose pooled PSNR rests on one slice; none where records lack that share."""
+    note = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all alike)"
     if shares := _shares(material):
-        yield f"{told}: {', '.join(f'{name} ({100 * share:.0f} %)' for name, share in shares.items())}."
+        yield f"{note}: {', '.join(f'{name} ({100 * share:.0f} %)' for name, share in shares.items())}."
 
 
-def _shares(material: Material) -> dict[str, float]:
+def _shares(material: MaterialRows) -> dict[str, float]:
     """By row, the share of the squared error that one slice holds, where it is much."""
     shares = {row.name: row.stats(row.gate, PSNR).get("largest") or 0.0 for row in material.measured}
     return {name: share for name, share in shares.items() if share > MUCH}
 
 
-def _not_comparable(material: Material) -> Iterator[str]:
+def _not_comparable(material: MaterialRows) -> Iterator[str]:
     for row in material.rows:
         if row.obstacle:
             yield f"n/c: {row.name} is not comparable with the other rows: {row.obstacle}."
 
 
 def _older(run: Run) -> Iterator[str]:
-    """The rows that another revision of the suite fitted or scored than the one that started last."""
-    found: dict[tuple[str, str], list[str]] = {}
+    """Footnotes on rows that were fitted or scored by another revision than the one that started last."""
+    older: dict[tuple[str, str], list[str]] = {}
     for job in run.jobs:
-        made = {step: (job.get(step) or {}).get("git") for step in ("fitted", "scored")}
-        if job["status"] == "ok" and set(made.values()) - {run.starts[-1].get("git"), None}:
-            found.setdefault((str(made["fitted"]), str(made["scored"])), []).append(job["job"])
-    for (fitted, scored), jobs in found.items():
+        revisions = {step: (job.get(step) or {}).get("git") for step in ("fitted", "scored")}
+        if job["status"] == "ok" and set(revisions.values()) - {run.starts[-1].get("git"), None}:
+            older.setdefault((str(revisions["fitted"]), str(revisions["scored"])), []).append(job["job"])
+    for (fitted, scored), jobs in older.items():
         listed = ", ".join(jobs[:5]) + (f" and {len(jobs) - 5} more" if len(jobs) > 5 else "")
         yield f"Fitted by revision {fitted}, scored by {scored}: {listed}."
 

@@ -32,16 +32,16 @@ def pooled(stats: dict[str, Any]) -> float | str | None:
     """The pooled number of a metric's statistics; `exact` where no slice has an error, `n/a` where none applies."""
     if not stats:
         return None
-    found: float | None = stats.get("pooled")
-    return _without(stats) if found is None else found
+    value: float | None = stats.get("pooled")
+    return _why_none(stats) if value is None else value
 
 
 def spread(stats: dict[str, Any]) -> tuple[float, ...] | str | None:
     """Mean and standard deviation over slices, or as `pooled`."""
     if not stats:
         return None
-    found = tuple(stats[name] for name in ("mean", "std") if stats.get(name) is not None)
-    return found or _without(stats)
+    numbers = tuple(stats[name] for name in ("mean", "std") if stats.get(name) is not None)
+    return numbers or _why_none(stats)
 
 
 def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
@@ -49,10 +49,10 @@ def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
     return " ± ".join(fixed(number, digits) for number in numbers)
 
 
-def interval(found: "Interval") -> str:
+def interval(delta: "Interval") -> str:
     """A mean difference with its interval, and a mark where codecs are told apart: −1.50 (−1.62 to −1.41) *."""
-    return f"{found.mean:+.2f} ({found.low:+.2f} to {found.high:+.2f}){' *' * found.told}".replace("-", "−")
+    return f"{delta.mean:+.2f} ({delta.low:+.2f} to {delta.high:+.2f}){' *' * delta.told}".replace("-", "−")
 
 
-def _without(stats: dict[str, Any]) -> str:
+def _why_none(stats: dict[str, Any]) -> str:
     return EXACT if stats.get("exact") and stats.get("exact") == stats.get("slices") else NOT_APPLICABLE

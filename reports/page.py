@@ -16,11 +16,11 @@ from bench.records import Run
 from reports import series
 from reports.atlas import Atlases
 from reports.figures import Figure
-from reports.html_tables import Links, details, note, table_html
-from reports.kept_records import RecordsOfPage
+from reports.html_tables import details, note, table_html
 from reports.live import Live, live
 from reports.notes import run_notes
-from reports.rows import Material, materials
+from reports.page_records import PageRecords
+from reports.rows import MaterialRows, materials
 from reports.shaders.tables import WIDTH
 from reports.table import Table
 from reports.viewer.page import as_json, fragment, hash_source
@@ -52,7 +52,7 @@ script-src {script_hashes}; base-uri 'none'; form-action 'none'">
 
 
 def page(run: Run, tables: Sequence[Table], figures: Sequence[Figure]) -> Iterator[str]:
-    """The page of a run, in pieces: whole, its text would take several times its size in memory."""
+    """The page of a run, in pieces, since its whole text would take several times its size in memory."""
     return _Page(run, tables, figures).pieces()
 
 
@@ -62,7 +62,7 @@ class _Page:
     def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure]):
         self.run, self.tables, self.figures = run, tables, figures
         self.materials = materials(run)
-        self.records = RecordsOfPage(run, self.materials)
+        self.records = PageRecords(run, self.materials)
         self.plots = series.plots(run, self.materials)
         self.atlases = Atlases(run, self.materials)
         self.live = live(run, self.materials)
@@ -117,7 +117,7 @@ class _Page:
         items = "".join(f'<li><a href="#{escape(to)}">{escape(name)}</a></li>' for to, name in links)
         return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'
 
-    def _material(self, number: int, material: Material) -> Iterator[str]:
+    def _material(self, number: int, material: MaterialRows) -> Iterator[str]:
         yield f'<h2 id="m{number}">{escape(material.name)}</h2>'
         if material.first is None:
             yield "<p>Nothing was measured; the reasons are at the end.</p>"
@@ -132,36 +132,36 @@ class _Page:
         figures = [f for f in self.figures if f.material == material.name and f.kind not in INTERACTIVE]
         yield from (details(figure.title, _image(figure)) for figure in figures)
 
-    def _slices(self, number: int, material: Material) -> Iterator[str]:
+    def _slices(self, number: int, material: MaterialRows) -> Iterator[str]:
         yield "<h3>Slices</h3>"
-        found = self.atlases.of(material)
-        if not found["codecs"]:
+        slices = self.atlases.slices_of(material)
+        if not slices["codecs"]:
             yield note("The run's pictures are not beside its records: there is nothing to show here.")
             return
-        self.data.append(_data(f"slices{number}", as_json(found)))
+        self.data.append(_data(f"slices{number}", as_json(slices)))
         yield f'<div data-slices="slices{number}"></div>'
-        if found["left_out"]:
-            yield note("Without pictures of the same pairs: " + ", ".join(found["left_out"]) + ".")
-        if found["quality"] is not None:
-            yield note(f"Pictures are WebP of quality {found['quality']}, so that the page stays small.")
+        if slices["left_out"]:
+            yield note("Without pictures of the same pairs: " + ", ".join(slices["left_out"]) + ".")
+        if slices["quality"] is not None:
+            yield note(f"Pictures are WebP of quality {slices['quality']}, so that the page stays small.")
 
-    def _live(self, number: int, found: Live) -> Iterator[str]:
+    def _live(self, number: int, material: Live) -> Iterator[str]:
         yield "<h3>Live material</h3>"
-        if found.models:
-            names = [f"live{number}-{i}" for i in range(len(found.models))]
-            self.data += [_packed(name, text) for name, text in zip(names, found.models.values(), strict=True)]
-            megabytes = sum(map(len, found.models.values())) / 1e6
+        if material.models:
+            names = [f"live{number}-{i}" for i in range(len(material.models))]
+            self.data += [_packed(name, text) for name, text in zip(names, material.models.values(), strict=True)]
+            megabytes = sum(map(len, material.models.values())) / 1e6
             yield (
                 f'<div data-live="{" ".join(names)}"><button type="button">Start: {len(names)} '
                 f'material{"s" * (len(names) > 1)}, {megabytes:.1f} MB</button><div class="place"></div></div>'
             )
         reasons: dict[str, list[str]] = {}
-        for label, why in found.missing.items():
+        for label, why in material.missing.items():
             reasons.setdefault(why, []).append(label)
         yield from (note(f"Not live: {', '.join(labels)}: {why}.") for why, labels in reasons.items())
 
     def _table(self, table: Table) -> str:
-        text = table_html(table, Links(self.records.place))
+        text = table_html(table, self.records.place)
         return text if table.kind in OPEN else details(table.title, text)
 
 

@@ -55,5 +55,5 @@ def _rows(jobs: Iterable[Record]) -> Iterator[list[str]]:
 def _ours(job: Record, family: str, digits: int) -> str:
     if job["status"] != "ok":
         return NO_DATA if job["status"] == "unavailable" else job["status"]
-    found = spread(stats_of(job, family, "all"))
-    return plus_minus(found, digits) if isinstance(found, tuple) else found or NONE
+    value = spread(stats_of(job, family, "all"))
+    return plus_minus(value, digits) if isinstance(value, tuple) else value or NONE

@@ -48,17 +48,17 @@ PUBLISHED = {
 
 def parameters_table(jobs: Iterable[Record]) -> Table | None:
     """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`; None where there is none."""
-    found: dict[tuple[str, int, int], list[str]] = {}
+    decoders: dict[tuple[str, int, int], list[str]] = {}
     for job in jobs:
         if job["status"] == "ok" and job["codec"] in PUBLISHED:
             key = (job["codec"], job["parameters"], job["cost"]["texture_channels"])
-            found.setdefault(key, []).append(job["label"])
-    if not found:
+            decoders.setdefault(key, []).append(job["label"])
+    if not decoders:
         return None
     order = list(PUBLISHED)
-    keys = sorted(found, key=lambda key: order.index(key[0]))
+    keys = sorted(decoders, key=lambda key: order.index(key[0]))
     codecs = [codec for codec, _, _ in keys]
-    labels = [codec if codecs.count(codec) == 1 else found[key][0] for codec, key in zip(codecs, keys, strict=True)]
+    labels = [codec if codecs.count(codec) == 1 else decoders[key][0] for codec, key in zip(codecs, keys, strict=True)]
     headers = [("method", ""), ("codec", "")]
     headers += [(what, whose) for what in ("param.", "channels") for whose in ("ours", "paper", "diff.")]
     rows = [_cells(label, *key) for label, key in zip(labels, keys, strict=True)]

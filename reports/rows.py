@@ -21,6 +21,7 @@ from bench.records import (
     stats_of,
 )
 
+Span = tuple[float, float, float]  # where a job stands on an axis, and the ends of the interval about it
 NEW_RUN = "timed in an earlier run than its neighbours"
 
 
@@ -49,6 +50,11 @@ class Row:
         """The group of pairs that decides: held-out ones, or all where none are held out."""
         return gate(self.job["scores"])
 
+    @property
+    def psnr(self) -> float | None:
+        """The pooled display PSNR of the pairs that decide, in dB; None where they have no error."""
+        return self.stats(self.gate, PSNR).get("pooled")
+
     def metric(self, family: str) -> str:
         """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`), or ""."""
         return metric_of(metrics_of(self.job), family)
@@ -59,7 +65,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Codec:
+class CodecRows:
     """The jobs of one codec with its settings on one material, one a seed."""
 
     label: str
@@ -72,11 +78,17 @@ class Codec:
     @property
     def exact(self) -> bool:
         """Whether no slice that decides has an error, of any seed."""
-        return all(row.stats(row.gate, PSNR).get("pooled") is None for row in self.measured)
+        return all(row.psnr is None for row in self.measured)
+
+    @property
+    def ladder(self) -> str:
+        """The name of the ladder of rates that a figure joins: of a codec at several settings, else the codec alone."""
+        job = self.measured[0].job
+        return str(job.get("curve") or job.get("codec") or self.label)
 
 
 @dataclass(frozen=True)
-class Material:
+class MaterialRows:
     """The rows of one material, in the order of the suite."""
 
     name: str
@@ -87,10 +99,10 @@ class Material:
         return [row for row in self.rows if row.measured]
 
     @cached_property
-    def codecs(self) -> list[Codec]:
+    def codecs(self) -> list[CodecRows]:
         """The rows by codec."""
         labels = dict.fromkeys(row.label for row in self.rows)
-        return [Codec(label, [row for row in self.rows if row.label == label]) for label in labels]
+        return [CodecRows(label, [row for row in self.rows if row.label == label]) for label in labels]
 
     @property
     def seeds(self) -> list[int]:
@@ -113,6 +125,11 @@ class Material:
         return {name: described(row.job, name) for row in self.measured for name in metrics_of(row.job)}
 
     @property
+    def deciding(self) -> str:
+        """The pairs that decide, in words."""
+        return "held-out pairs" if self.measured[0].gate == "heldout" else "all pairs"
+
+    @property
     def split(self) -> str:
         """Size and pairs in words: "64 × 64 texels, 625 training pairs, 150 held out"."""
         if self.first is None:
@@ -123,7 +140,21 @@ class Material:
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
 
 
-def footprint_curves(codec: Codec) -> list[tuple[int, float]]:
+def byte_span(row: Row) -> Span:
+    """The bytes of a job's file."""
+    total = row.job["bytes"]["total"]
+    return total, total, total
+
+
+def time_span(row: Row) -> Span | None:
+    """The ns of a sample, median and 95 % interval; None where it was not timed as the others were."""
+    if row.timing is None or row.timing_obstacle:
+        return None
+    low, high = row.timing["interval95_ns"]
+    return row.timing["ns_per_sample"], low, high
+
+
+def footprint_curves(codec: CodecRows) -> list[tuple[int, float]]:
     """(side of the footprint in texels, pooled display PSNR in dB), means over seeds, by side.
 
     Footprints at which a seed has no error, or was not measured, have no point.
@@ -137,21 +168,21 @@ def footprint_curves(codec: Codec) -> list[tuple[int, float]]:
 def described(job: Record, name: str) -> Record:
     """What a record says of a metric: unit, direction, space, version.
 
-    Of one that it does not describe, as those of frames, which have a border, it is what it says of a variant.
+    For a metric that it does not describe, such as those of frames, it is the description of a variant.
     """
     known = job["metrics"]
     return {"unit": "1", "direction": "higher", "version": "?"} | known.get(name, known.get(metric_of(known, name), {}))
 
 
 @lru_cache(maxsize=1)  # every table and figure of a report asks
-def materials(run: Run) -> list[Material]:
+def materials(run: Run) -> list[MaterialRows]:
     """The run's jobs by material. `InputError` where a finished one lacks what tables show."""
     by_name: dict[str, list[Record]] = {}
     for job in run.jobs:
         if job["status"] == "ok":
             require(job, "tables", run.folder)
         by_name.setdefault(job["material"], []).append(job)
-    return [Material(name, list(_rows(run, jobs))) for name, jobs in by_name.items()]
+    return [MaterialRows(name, list(_rows(run, jobs))) for name, jobs in by_name.items()]
 
 
 def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
@@ -173,14 +204,14 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
 
 @lru_cache(maxsize=1)
 def _fused(run: Run) -> dict[str, Record]:
-    """What `neubtf-bench trade` timed of the jobs of a run as fused float32, by job."""
+    """The time of each job as one fused kernel in float32, as `neubtf-bench trade` measured it."""
     choices = (load_trade(run.folder) or {"choices": []})["choices"]
     wanted = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
     return {row["job"]: row for row in wanted if "job" in row and "ratio_to_floor" in row}
 
 
 def _difference(key: Record, wanted: Record) -> str:
-    """The conditions in which two scores differ and must not, in words."""
+    """The conditions, in words, in which two scores differ although they must agree."""
     reasons = scored_unlike(key, wanted)
     reasons += ["another demand of a scene"] if key.get("demand") != wanted.get("demand") else []
     mine, theirs = key.get("metrics", {}), wanted.get("metrics", {})

@@ -8,10 +8,10 @@ import numpy as np
 
 from bench.compare.slices import decibels
 from bench.errors import InputError
-from bench.records import PSNR, Run, shown_label
-from reports.fits import fits
-from reports.looks import Looks
-from reports.rows import Codec, Material, Row, footprint_curves
+from bench.records import Run, shown_label
+from reports.fits import curves_by_material
+from reports.rows import MaterialRows, Row, Span, byte_span, footprint_curves, time_span
+from reports.styles import Styles
 
 Plot = dict[str, Any]
 QUALITY = "display PSNR, dB"
@@ -19,36 +19,35 @@ QUALITY = "display PSNR, dB"
 
 def codecs(run: Run) -> list[dict[str, Any]]:
     """Every codec of the run with its colour, marker and line, in the order of the suite."""
-    looks = Looks(run)
-    found = []
+    styles = Styles(run)
+    entries = []
     for label in dict.fromkeys(map(shown_label, run.jobs)):
-        look = looks.of(label)
+        look = styles.of_codec(label)
         hollow = look["markerfacecolor"] != look["color"]
-        found.append(
+        entries.append(
             {"label": label, "colour": look["color"], "marker": look["marker"], "hollow": hollow}
             | {"dash": {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}.get(look["linestyle"], "")}
         )
-    return found
+    return entries
 
 
-def plots(run: Run, found: Sequence[Material]) -> list[Plot]:
+def plots(run: Run, materials: Sequence[MaterialRows]) -> list[Plot]:
     """Every plot that has a point, those over all materials first."""
-    curves = fits(run)
-    by_material = [plot for material in found for plot in _of_material(run, material, curves.get(material.name, []))]
-    measured = [material for material in found if material.measured]
+    curves = curves_by_material(run)
+    by_material = [plot for each in materials for plot in _of_material(run, each, curves.get(each.name, []))]
+    measured = [material for material in materials if material.measured]
     means = [_mean(kind, by_material, len(measured)) for kind in ("rate", "speed")] if len(measured) > 1 else []
     return [plot for plot in (*means, *by_material) if plot["series"]]
 
 
-def _of_material(run: Run, material: Material, curves: Sequence[Any]) -> Iterator[Plot]:
+def _of_material(run: Run, material: MaterialRows, curves: Sequence[Any]) -> Iterator[Plot]:
     if not material.measured:
         return
-    pairs = "held-out pairs" if material.measured[0].gate == "heldout" else "all pairs"
-    y = {"label": f"{QUALITY} ({pairs})"}
+    y = {"label": f"{QUALITY} ({material.deciding})"}
     bytes_axis = {"label": "bytes of the file", "log": True, "unit": "B"}
     time_axis = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns"}
-    yield _plot(material, "rate", "Rate and distortion", bytes_axis, y, _points(material, _bytes))
-    yield _plot(material, "speed", "Speed and accuracy", time_axis, y, _points(material, _nanoseconds))
+    yield _plot(material, "rate", "Rate and distortion", bytes_axis, y, _points(material, byte_span))
+    yield _plot(material, "speed", "Speed and accuracy", time_axis, y, _points(material, time_span))
     seconds = {"label": "seconds of the fit", "log": True, "unit": "s"}
     series = [
         {"label": fit.label, "line": True, "points": [[_short(s), _short(q)] for _, s, q in fit.points if s > 0]}
@@ -67,20 +66,15 @@ def _of_material(run: Run, material: Material, curves: Sequence[Any]) -> Iterato
     )
 
 
-def _plot(material: Material, kind: str, title: str, x: dict[str, Any], y: dict[str, Any], series: list[Any]) -> Plot:
+def _plot(
+    material: MaterialRows, kind: str, title: str, x: dict[str, Any], y: dict[str, Any], series: list[Any]
+) -> Plot:
     missing = [codec.label for codec in material.codecs if codec.label not in {each["label"] for each in series}]
-    return {
-        "material": material.name,
-        "kind": kind,
-        "title": title,
-        "x": x,
-        "y": y,
-        "series": series,
-        "missing": missing,
-    }
+    names = {"material": material.name, "kind": kind, "title": title}
+    return names | {"x": x, "y": y, "series": series, "missing": missing}
 
 
-def _footprints(material: Material, y: dict[str, Any]) -> Plot:
+def _footprints(material: MaterialRows, y: dict[str, Any]) -> Plot:
     curves = {codec.label: footprint_curves(codec) for codec in material.codecs}
     sides = sorted({side for curve in curves.values() for side, _ in curve})
     x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": sides}
@@ -92,42 +86,22 @@ def _footprints(material: Material, y: dict[str, Any]) -> Plot:
     return _plot(material, "footprints", "Level of detail", x, y, series)
 
 
-Place = tuple[float, float, float]  # where a job stands on the x axis, and the interval about it
-
-
-def _bytes(row: Row) -> Place | None:
-    total = row.job["bytes"]["total"]
-    return total, total, total
-
-
-def _nanoseconds(row: Row) -> Place | None:
-    if row.timing is None or row.timing_obstacle:
-        return None
-    low, high = row.timing["interval95_ns"]
-    return row.timing["ns_per_sample"], low, high
-
-
-def _points(material: Material, place: Callable[[Row], Place | None]) -> list[dict[str, Any]]:
+def _points(material: MaterialRows, span: Callable[[Row], Span | None]) -> list[dict[str, Any]]:
     """One point a codec, the mean of its seeds; `curve` joins those of a ladder of rates."""
-    found = []
+    points = []
     for codec in material.codecs:
-        seeds = [(row.stats(row.gate, PSNR).get("pooled"), place(row)) for row in codec.measured]
+        seeds = [(row.psnr, span(row)) for row in codec.measured]
         known = [(quality, at) for quality, at in seeds if quality is not None and at]
         if known:
             x, low, high = (fmean(at[i] for _, at in known) for i in range(3))
             point = [_short(x), _short(fmean(quality for quality, _ in known)), _short(low), _short(high)]
-            found.append({"label": codec.label, "curve": _curve(codec), "points": [point]})
-    return found
+            points.append({"label": codec.label, "curve": codec.ladder, "points": [point]})
+    return points
 
 
-def _curve(codec: Codec) -> str:
-    job = codec.measured[0].job
-    return str(job.get("curve") or job.get("codec") or codec.label)
-
-
-def _mean(kind: str, found: Sequence[Plot], materials: int) -> Plot:
+def _mean(kind: str, by_material: Sequence[Plot], materials: int) -> Plot:
     """The mean over materials of each codec that has a point on all of them."""
-    chosen = [plot for plot in found if plot["kind"] == kind]
+    chosen = [plot for plot in by_material if plot["kind"] == kind]
     by_label: dict[str, list[dict[str, Any]]] = {}
     for each in (series for plot in chosen for series in plot["series"]):
         by_label.setdefault(each["label"], []).append(each)

@@ -12,23 +12,22 @@ FOLD = 36  # columns of a terminal for the name of an extreme
 
 
 def stress_tables(run: Run) -> list[Table]:
-    """The tables of a run's own stress records, or of those beside it as far as the codecs are those of the run."""
+    """The tables of a run's own stress records, else of those beside it, for the codecs of the run."""
     if len(run.stress):
         return tables(run.stress)
-    beside = run.folder.parent / STRESS
-    if beside.resolve() == run.folder.resolve() or not (beside / FILE).is_file():
+    folder = run.folder.parent / STRESS
+    if folder.resolve() == run.folder.resolve() or not (folder / FILE).is_file():
         return []
     versions = {(job["codec"], (job.get("fit_key") or {}).get("version")) for job in run.jobs if job["status"] == "ok"}
-    return tables(r for r in load_run(beside).stress if (r["subject"], r.get("version")) in versions)
+    return tables(r for r in load_run(folder).stress if (r["subject"], r.get("version")) in versions)
 
 
 def tables(records: Iterable[Record]) -> list[Table]:
     """Extremes × codecs, and metrics and losses × extreme pictures; each only where it has a record."""
-    found = sorted(records, key=lambda record: record["order"])  # as in the catalogue; else they stay as they are
-    codecs = [record for record in found if record["group"] != PICTURES]
-    pictures = [record for record in found if record["group"] == PICTURES]
-    made = [_of_codecs(codecs)] if codecs else []
-    return [*made, _of_pictures(pictures)] if pictures else made
+    ordered = sorted(records, key=lambda record: record["order"])  # as in the catalogue; else they stay as they are
+    codecs = [record for record in ordered if record["group"] != PICTURES]
+    pictures = [record for record in ordered if record["group"] == PICTURES]
+    return [table(rows) for table, rows in ((_codecs_table, codecs), (_pictures_table, pictures)) if rows]
 
 
 def summary(run: Run) -> str:
@@ -42,23 +41,23 @@ def summary(run: Run) -> str:
     return f"Extremes (table stress): {passed} pass, {failed} fail, {without} not applicable."
 
 
-def _of_codecs(records: list[Record]) -> Table:
+def _codecs_table(records: list[Record]) -> Table:
     cells = _Cells(records)
     subjects = sorted({record["subject"] for record in records})
     rows = []
     for group in dict.fromkeys(record["group"] for record in records):
         rows.append([f"{group}:", *[""] * len(subjects)])
         names = dict.fromkeys(record["extreme"] for record in records if record["group"] == group)
-        rows += [[name, *(cells.of(subject, name) for subject in subjects)] for name in names]
+        rows += [[name, *(cells.text(subject, name) for subject in subjects)] for name in names]
     headers = [("extreme", ""), *((subject, "") for subject in subjects)]
     return Table("stress", "Extremes that codecs must survive", headers, rows, cells.notes(), fold=FOLD)
 
 
-def _of_pictures(records: list[Record]) -> Table:
+def _pictures_table(records: list[Record]) -> Table:
     cells = _Cells(records)
     names = dict.fromkeys(record["extreme"] for record in records)
     subjects = dict.fromkeys(record["subject"] for record in records)
-    rows = [[subject, *(cells.of(subject, name) for name in names)] for subject in subjects]
+    rows = [[subject, *(cells.text(subject, name) for name in names)] for subject in subjects]
     headers = [("metric or loss", ""), *((name, "") for name in names)]
     return Table("stress", "Extreme pictures for metrics and losses", headers, rows, cells.notes(), fold=FOLD)
 
@@ -71,7 +70,7 @@ class _Cells:
         reasons = dict.fromkeys(_reason(record) for record in records if record["verdict"] == "n/a")
         self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}
 
-    def of(self, subject: str, extreme: str) -> str:
+    def text(self, subject: str, extreme: str) -> str:
         record = self.records.get((subject, extreme))
         if record is None:
             return NONE
@@ -84,13 +83,13 @@ class _Cells:
 
     def notes(self) -> list[str]:
         failed = [record for record in self.records.values() if record["verdict"] == "fail"]
-        told = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
+        notes = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
         if any(record["group"] != PICTURES for record in failed):
-            told.append('One cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
-        return [*told, *self._nearest(), *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
+            notes.append('One cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
+        return [*notes, *self._nearest(), *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
 
     def _nearest(self) -> list[str]:
-        """Of each extreme whose records say at which query how much of the bound is used: where most of it is."""
+        """For each extreme, the record that uses most of its bound, among those that say how much."""
         worst: dict[str, Record] = {}
         for record in self.records.values():
             used, extreme = record.get("used"), record["extreme"]

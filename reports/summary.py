@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 from bench.records import Run
 from reports import columns
-from reports.column import Column
-from reports.marks import marks
+from reports.best_cells import best_cells
+from reports.column_type import Column
 from reports.missing import left_out_notes, missing_note
 from reports.notes import resting_over, unrest_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
-from reports.rows import Codec, materials
+from reports.rows import CodecRows, materials
 from reports.table import Table
 
 if TYPE_CHECKING:
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
 
 def summary_table(run: Run, intervals: bool = True) -> Table | None:
     """A row a codec; None where fewer than two codecs were measured. Without `intervals` no slice is read."""
-    from reports.standing import against_the_best, standing  # loads NumPy, which a table of one material does without
+    from reports.ranking import against_the_best, ranked  # loads NumPy, which a table of one material does without
 
-    found = [material for material in materials(run) if material.measured]
-    stand = standing(run)
-    if len(stand) < 2:
+    measured = [material for material in materials(run) if material.measured]
+    ranking = ranked(run)
+    if len(ranking) < 2:
         return None
-    chosen = columns.summary(found)
+    chosen = columns.summary(measured)
     headers = [("codec", ""), ("materials", ""), ("mean rank", "↓"), ("won", "↑"), ("PSNR pooled", "dB ↑")]
     headers += [(column.name, column.unit) for column in chosen]
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
-    for each in stand:
-        codecs = [codec for material in found for codec in material.codecs if codec.label == each.label]
+    for each in ranking:
+        codecs = [codec for material in measured for codec in material.codecs if codec.label == each.label]
         means = [_mean(column, codecs) for column in chosen]
         written = [NONE if mean is None else column.write(mean) for column, mean in zip(chosen, means, strict=True)]
-        rows.append([*_standing(each, len(found)), *written])
+        rows.append([*_standing(each, len(measured)), *written])
         scores.append([None, None, *_scores(each, chosen, means)])
     notes = _NOTES
     if intervals:
@@ -45,12 +45,12 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         headers.append(("against the best", "dB a slice"))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
         notes = [*_NOTES, _paired(against)] if against.over else _NOTES
-    timed = (row for material in found for row in material.measured if not row.timing_obstacle)
-    notes = [*notes, *resting_over(found), *unrest_notes(timed)]
+    timed = (row for material in measured for row in material.measured if not row.timing_obstacle)
+    notes = [*notes, *resting_over(measured), *unrest_notes(timed)]
     notes = [*notes, *left_out_notes(run), *filter(None, [missing_note(run)])]
-    names = ", ".join(material.name for material in found)
-    title = f"Summary over {len(found)} material{'s' * (len(found) > 1)}: {names}"
-    return Table("summary", title, headers, rows, notes, marks=marks(rows, scores))
+    names = ", ".join(material.name for material in measured)
+    title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {names}"
+    return Table("summary", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
 _NOTES = [
@@ -61,10 +61,11 @@ _NOTES = [
 
 
 def _paired(against: "Against") -> str:
-    """What the differences to the best are, what their intervals are of, and who is told apart."""
+    """A note on the differences to the best: what their intervals cover, and how many codecs are told apart."""
     every = against.over.values()
     materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
     told = sum(each.told for each in every)
+    apart = f"{told} of {len(every)}" if told else "None"
     pairs = math.comb(len(every) + 1, 2)
     fits = f"{seeds} seeds" if seeds > 1 else "1 seed: how much another fit would differ is not known apart"
     start = f"Against {against.first}: the mean paired difference of PSNR a slice and its 95 % interval, "
@@ -75,25 +76,25 @@ def _paired(against: "Against") -> str:
         )
     return start + (
         f"by Student's t over the means of up to {materials} materials ({fits}): it speaks of materials like these. "
-        f"{f'{told} of {len(every)}' if told else 'None'} told apart (*), by Holm's correction over the {pairs} pairs "
+        f"{apart} told apart (*), by Holm's correction over the {pairs} pairs "
         "of codecs, since the best was found by the same numbers."
     )
 
 
-def _standing(each: "Standing", of: int) -> list[str]:
+def _standing(each: "Standing", count: int) -> list[str]:
     psnr = fixed(each.psnr, 2) if math.isfinite(each.psnr) else EXACT
-    return [each.label, f"{each.materials} of {of}", fixed(each.rank, 1), integer(each.wins), psnr]
+    return [each.label, f"{each.materials} of {count}", fixed(each.rank, 1), integer(each.wins), psnr]
 
 
-def _mean(column: Column, codecs: Sequence[Codec]) -> float | None:
+def _mean(column: Column, codecs: Sequence[CodecRows]) -> float | None:
     """The mean over materials of a column's means over seeds; None where one has no number."""
     means = [column.mean(codec.measured) for codec in codecs if codec.measured]
-    found = [mean for mean in means if mean is not None]
-    return fmean(found) if found and len(found) == len(means) else None
+    numbers = [mean for mean in means if mean is not None]
+    return fmean(numbers) if numbers and len(numbers) == len(means) else None
 
 
 def _scores(each: "Standing", chosen: Sequence[Column], means: Sequence[float | None]) -> list[float | None]:
-    """How good each cell is; of a codec that is not ranked, none is in a race."""
+    """The score of each cell, more is better; all None for a codec that is not ranked."""
     if each.rank is None or each.wins is None:
         return [None] * (3 + len(chosen))
     others = [None if mean is None else column.sign * mean for column, mean in zip(chosen, means, strict=True)]

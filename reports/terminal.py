@@ -7,7 +7,7 @@ from bench.records import Run
 from reports import columns
 from reports.notes import run_notes
 from reports.rates import rate_tables
-from reports.rows import Material, materials
+from reports.rows import MaterialRows, materials
 from reports.stress import summary
 from reports.summary import summary_table
 from reports.table import Table
@@ -17,11 +17,11 @@ from reports.text import plain, wrapped
 
 def terminal(run: Run) -> str:
     """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
-    found = materials(run)
-    tables = [summary_table(run, intervals=False)] if len(found) > 1 else []
-    for material in found:
+    run_materials = materials(run)
+    tables = [summary_table(run, intervals=False)] if len(run_materials) > 1 else []
+    for material in run_materials:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
-    tables += chain.from_iterable(map(rate_tables, found))
+    tables += chain.from_iterable(map(rate_tables, run_materials))
     shown = [table for table in (*tables, unfinished_table(run)) if table]
     main = [table.notes for table in shown if table.kind == "main"]
     shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []
@@ -39,7 +39,7 @@ def scored(run: Run) -> str:
     return plain([table for table in tables if table])
 
 
-def _detail(material: Material) -> Table | None:
+def _detail(material: MaterialRows) -> Table | None:
     """One table in place of three: bands of directions and footprints."""
     if material.first is None:
         return None

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from tabulate import tabulate
 
-from reports.marks import legend
+from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 WIDTH = 120
@@ -73,8 +73,8 @@ def grid(table: Table) -> str:
     """The cells of a table as GitHub Markdown, without title and notes."""
     headers = [escaped(f"{name} {unit}") for name, unit in table.headers]
     rows = [[_marked(cell, table.marks.get((i, j))) for j, cell in enumerate(row)] for i, row in enumerate(table.rows)]
-    align = ["left" if i < table.words else "right" for i in range(len(table.headers))]
-    return tabulate(rows, headers, "pipe", colalign=align, disable_numparse=True)
+    alignment = ["left" if i < table.words else "right" for i in range(len(table.headers))]
+    return tabulate(rows, headers, "pipe", colalign=alignment, disable_numparse=True)
 
 
 def _marked(cell: str, mark: str | None) -> str:

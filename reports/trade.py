@@ -1,44 +1,38 @@
 """Writes the results of `neubtf-bench trade`, `trade.json` of a run's folder, as tables."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from bench.records import load_trade
+from reports.csv_tables import as_csv
 from reports.numbers import EXACT, NONE, fixed, integer, significant
 from reports.table import Table
 
 
 def trade_tables(folder: Path) -> Iterator[Table]:
     """Choices and profiles of each material, the ceilings last; none where no trade was measured."""
-    found = load_trade(folder)
-    if found is None:
+    trade = load_trade(folder)
+    if trade is None:
         return
-    for material in dict.fromkeys(row["material"] for row in found["choices"]):
-        answers = [text for text in found["answers"] if text.startswith(f"{material}: ")]
-        yield _choices(material, [row for row in found["choices"] if row["material"] == material], answers)
-        profiles = [record for record in found["profiles"] if record["material"] == material]
+    for material in dict.fromkeys(row["material"] for row in trade["choices"]):
+        answers = [text for text in trade["answers"] if text.startswith(f"{material}: ")]
+        yield _choices(material, [row for row in trade["choices"] if row["material"] == material], answers)
+        profiles = [record for record in trade["profiles"] if record["material"] == material]
         if profiles:
             yield _profile(material, profiles)
-    yield _ceilings(found["ceilings"], found.get("left_out", []))
+    yield _ceilings(trade["ceilings"], trade.get("left_out", []))
 
 
-def csv_text(folder: Path) -> str:
+def choices_csv(folder: Path) -> str:
     """One row a choice, every figure in full precision; "" where no trade was measured."""
-    found = load_trade(folder)
-    if found is None:
+    trade = load_trade(folder)
+    if trade is None:
         return ""
-    columns = list(dict.fromkeys(name for row in found["choices"] for name in row))
-    out = io.StringIO()
-    writer = csv.DictWriter(out, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(
-        {k: json.dumps(v) if isinstance(v, dict) else v for k, v in row.items()} for row in found["choices"]
-    )
-    return out.getvalue()
+    columns = list(dict.fromkeys(name for row in trade["choices"] for name in row))
+    rows = [[row.get(name, "") for name in columns] for row in trade["choices"]]
+    return as_csv([columns, *([json.dumps(cell) if isinstance(cell, dict) else cell for cell in row] for row in rows)])
 
 
 _CHOICES = [
@@ -69,7 +63,7 @@ def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) 
     headers = _CHOICES + (_NOISE if noisy else [])
     notes = [*answers, _conditions(rows)]
     notes += [f"{_name(row)}: {row['error']}." for row in rows if "error" in row]
-    notes += _of_noise(rows) if noisy else []
+    notes += _noise_notes(rows) if noisy else []
     notes += list(dict.fromkeys(_unrest(row) for row in rows if _unrest(row)))
     return Table(
         "trade", f"{material}: what each setting gives up, and gains", headers, cells, notes, material=material
@@ -94,11 +88,11 @@ def _choice(row: dict[str, Any]) -> list[str]:
 
 def _noise(row: dict[str, Any]) -> list[str]:
     """Samples and seconds by the cosine and from lobes; dashes where no noise was measured."""
-    found = row.get("noise")
-    return [significant(value) for value in (*found["samples"], *found["seconds"])] if found else [NONE] * len(_NOISE)
+    noise = row.get("noise")
+    return [significant(value) for value in (*noise["samples"], *noise["seconds"])] if noise else [NONE] * len(_NOISE)
 
 
-def _of_noise(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+def _noise_notes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     for scene in dict.fromkeys(row["noise"]["scene"] for row in rows if "noise" in row):
         yield (
             f"1 % noise: samples a pixel until the standard deviation of a pixel is 1 % of the mean of a picture by "
@@ -142,8 +136,8 @@ def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
     for condition in conditions:
         part, batch, coherent, footprint, threads = condition
         words = [part, integer(batch), "slice" if coherent else "random", significant(footprint), str(threads)]
-        found = [time.get((name, condition)) for name in names]
-        rows.append([*words, *(significant(record["ns_per_sample"]) if record else NONE for record in found)])
+        timed = [time.get((name, condition)) for name in names]
+        rows.append([*words, *(significant(record["ns_per_sample"]) if record else NONE for record in timed)])
     headers = [("part", ""), ("batch", ""), ("queries", ""), ("footprint", "texels"), ("threads", "")]
     headers += [(name, "ns ↓") for name in names]
     note = (

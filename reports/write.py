@@ -6,18 +6,18 @@ from pathlib import Path
 
 from bench.atomic import replacing
 from bench.records import Run, load_run
-from reports import KINDS, Written, figures, trade
+from reports import KINDS, Report, figures, trade
+from reports.csv_tables import results_csv
 from reports.figures.history import history_figures
 from reports.latex import latex
 from reports.page import page
-from reports.raw import csv_text
 from reports.table import Table
 from reports.tables import all_tables
 from reports.terminal import terminal
 from reports.text import markdown
 
 
-def write(folder: Path) -> Written:
+def write(folder: Path) -> Report:
     """See `reports.write_report`."""
     run = load_run(folder)
     drawn = [figure for draw in figures.ALL for figure in draw(run)]
@@ -33,7 +33,7 @@ def write(folder: Path) -> Written:
     files.append(folder / "report.html")
     with replacing(files[-1]) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
         file.writelines(page(run, narrow, drawn))
-    return Written(terminal(run), files)
+    return Report(terminal(run), files)
 
 
 def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
@@ -59,15 +59,15 @@ _HISTORY = """<!doctype html>
 
 
 def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Sequence[Table]) -> list[Path]:
-    files = [put(folder / "results.csv", csv_text(run).encode())]
-    if choices := trade.csv_text(run.folder):
+    files = [put(folder / "results.csv", results_csv(run).encode())]
+    if choices := trade.choices_csv(run.folder):
         files.append(put(folder / "trade.csv", choices.encode()))
     else:  # of an earlier report, and no longer true: so below
         (folder / "trade.csv").unlink(missing_ok=True)
     writers = {".md": (markdown, tables), ".tex": (latex, narrow)}
     for kind in KINDS:
-        for suffix, (text, found) in writers.items():
-            chosen = [table for table in found if table.kind == kind]
+        for suffix, (text, candidates) in writers.items():
+            chosen = [table for table in candidates if table.kind == kind]
             if chosen:
                 files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
             else:

@@ -37,7 +37,7 @@ def refine(height: Tensor, slices: Tensor, views: Tensor) -> Tensor:
 
 
 def unexplained(height: Tensor, slices: Tensor, views: Tensor) -> float:
-    """What the components of the surface points leave of their log radiance, in the mean; arguments as of `refine`."""
+    """The mean |log radiance| that the components of the surface points do not explain; arguments as of `refine`."""
     apart, _, _, basis = _components(height, slices, views)
     return float((apart - basis @ (basis.T @ apart)).abs().mean())
 
@@ -47,13 +47,13 @@ def _components(height: Tensor, slices: Tensor, views: Tensor) -> tuple[Tensor, 
 
     Mean and weights are (N, 1), the components (N, `COMPONENTS`) orthonormal. N counts views and lights.
     """
-    seen = torch.cat([_seen(each, view, height) for each, view in zip(slices, views, strict=True)])
+    radiance = torch.cat([_at_surface(each, view, height) for each, view in zip(slices, views, strict=True)])
     # A grazing view sees little of many points: its weight is ω_o.z, in squares.
     weight = views[:, 2].to(slices).sqrt().repeat_interleave(slices.shape[1])[:, None]
-    mean = (seen * weight).mean(1, keepdim=True)
-    apart = seen * weight - mean
+    mean = (radiance * weight).mean(1, keepdim=True)
+    apart = radiance * weight - mean
     double = apart.double()
-    return apart, mean, weight, torch.linalg.eigh(double @ double.T)[1][:, -COMPONENTS:].to(seen)
+    return apart, mean, weight, torch.linalg.eigh(double @ double.T)[1][:, -COMPONENTS:].to(radiance)
 
 
 def hidden(height: Tensor, views: Tensor) -> float:
@@ -67,7 +67,7 @@ def hidden(height: Tensor, views: Tensor) -> float:
     return count / (len(views) * len(flat))
 
 
-def _seen(slices: Tensor, view: Tensor, height: Tensor) -> Tensor:
+def _at_surface(slices: Tensor, view: Tensor, height: Tensor) -> Tensor:
     """The log radiance (L, H · W) of each surface point in slices (L, H, W) of a view (3,), where that view sees it."""
     return sample_texture(slices.permute(1, 2, 0), wrapped(_places(height, view)).to(slices)).T
 

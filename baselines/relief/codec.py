@@ -13,7 +13,7 @@ from torch import Tensor
 
 from baselines.relief import latents as coding
 from baselines.relief import sweep
-from baselines.relief.fitting import HIGHEST, Fitting
+from baselines.relief.fitting import HIGHEST, ReliefObjective
 from baselines.relief.geometry import Relief as Surface
 from baselines.relief.height import restored, stepped
 from baselines.relief.material import ReliefMaterial
@@ -68,7 +68,7 @@ class Relief(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
         levels = Samples.levels(btf, _levels(btf, fit), gain, fit)
-        fitting = Fitting(levels, self._height(btf, gain, fit), self.settings, fit)
+        fitting = ReliefObjective(levels, self._height(btf, gain, fit), self.settings, fit)
         train(fitting, fit, self.settings.steps)
         codes, low, step = fitting.coded()
         latents = coding.compress(codes.reshape(*btf.shape, -1), fitting.bits.tolist())
@@ -82,8 +82,8 @@ class Relief(Codec):
 
     def _height(self, btf: BTF, gain: float, fit: Fit) -> Tensor | None:
         """The height (H, W) that the slices show, or none."""
-        found = sweep.find(btf, gain, fit) if self.settings.relief else None
-        return found.height if found is not None and found.stands else None
+        swept = sweep.find(btf, gain, fit) if self.settings.relief else None
+        return swept.height if swept is not None and swept.stands else None
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         height, width = parts.other["size"].tolist()

@@ -38,17 +38,17 @@ class Rectified(Samples):
     def slices(self, pair: Tensor) -> Tensor:
         """The log radiance (texels, n, 3) of some pairs (n,), texels being those of the height."""
         texel = torch.arange(self.texels, device=self.device)
-        found = []
+        slices = []
         for i, flat in zip(pair.tolist(), super().slices(pair).unbind(1), strict=True):
             along = slope(self.wo[i : i + 1], self.shape)
-            found.append(
+            slices.append(
                 sample_texture(flat.reshape(*self.shape, 3), wrapped(self.centres(texel) - self.height * along))
             )
-        return torch.stack(found, 1)
+        return torch.stack(slices, 1)
 
 
-class Fitting(Objective):
-    """The latents of the finest level, the network, and where a found height is refined."""
+class ReliefObjective(Objective):
+    """The latents of the finest level, the network and, where there is a height, its refinement."""
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
         super().__init__(levels[0])
@@ -57,7 +57,7 @@ class Fitting(Objective):
         self.network = Network(settings, height is not None, generator)
         self.network.start_at(self.samples.mean(generator))
         self.pyramid = Pyramid(self.samples.shape)
-        self.found = height
+        self.first_height = height
         # How far the height that was found moves, in texels, before it is smoothed.
         self.offset = nn.Parameter(torch.zeros_like(height)) if height is not None and settings.refine else None
         self.relief = None if height is None else Relief(stepped(height)[2])
@@ -82,9 +82,9 @@ class Fitting(Objective):
     @property
     def height(self) -> Tensor | None:
         """The height (H, W) as it is refined so far, not rounded; none where there is no relief."""
-        if self.found is None or self.offset is None:
-            return self.found
-        moved = self.found.to(self.offset) + smoothed(self.offset) / self.samples.shape[1]
+        if self.first_height is None or self.offset is None:
+            return self.first_height
+        moved = self.first_height.to(self.offset) + smoothed(self.offset) / self.samples.shape[1]
         return moved.clamp(-HIGHEST, HIGHEST)
 
     @torch.no_grad()
@@ -128,7 +128,7 @@ class Fitting(Objective):
         return coding.shared_out(noise.cpu(), (bits or coding.MOST_BITS) * len(noise), bearable)
 
     def _rounding(self, bits: int) -> Tensor:
-        """What rounding each channel to some bits changes of the latents."""
+        """The change of the latents when each channel is rounded to some bits."""
         counts = torch.full_like(self.bits, bits)
         return coding.rounded(self.latents, *coding.steps_for(self.latents, counts), counts) - self.latents
 

@@ -96,10 +96,10 @@ class Relief(nn.Module):
         before, after = over.gather(1, first).clamp_max(0), over.gather(1, first + 1).clamp_min(0)
         for _ in range(SECANTS):
             middle = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
-            found = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype) - middle
-            inside = found >= 0
-            lower, after = torch.where(inside, middle, lower), torch.where(inside, found, after)
-            upper, before = torch.where(inside, upper, middle), torch.where(inside, before, found)
+            gap = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype) - middle
+            inside = gap >= 0
+            lower, after = torch.where(inside, middle, lower), torch.where(inside, gap, after)
+            upper, before = torch.where(inside, upper, middle), torch.where(inside, before, gap)
         z = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
         return wrapped(uv + along * z), z
 

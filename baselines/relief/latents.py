@@ -17,7 +17,7 @@ MOST_CODES = (
     1 << 25
 )  # of a texture, where its bytes hold no more: packed bits are up to eight a byte, LZMA's any number
 RANGES = 29  # shares of a channel's range, from 0.3 to all of it, that are tried: rounding finer, clipping more
-PACKED, ALONE, AFTER = range(3)  # the ways; LZMA's context are the high bits of the byte before
+PACKED, PLAIN, IN_CONTEXT = range(3)  # the ways; LZMA's context are the high bits of the byte before
 
 
 def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
@@ -26,14 +26,14 @@ def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
     low, high = values.amin(0), values.amax(0)
     middle, half, top = (low + high) / 2, (high - low) / 2, 2**bits - 1
     best = torch.full_like(middle, torch.inf)
-    found = low.clone(), (2 * half / top).clamp_min(1e-12)
+    chosen = low.clone(), (2 * half / top).clamp_min(1e-12)
     for share in torch.linspace(0.3, 1, RANGES).tolist():
         tried = middle - share * half, (2 * share * half / top).clamp_min(1e-12)
         error = (rounded(values, *tried, bits) - values).square().mean(0)
         better = error < best
         best = torch.where(better, error, best)
-        found = torch.where(better, tried[0], found[0]), torch.where(better, tried[1], found[1])
-    return found
+        chosen = torch.where(better, tried[0], chosen[0]), torch.where(better, tried[1], chosen[1])
+    return chosen
 
 
 def shared_out(noise: Tensor, total: int, bearable: float) -> Tensor:
@@ -69,8 +69,8 @@ def compress(codes: Tensor, bits: list[int]) -> Tensor:
     flags = [np.unpackbits(plane[:, None], axis=1)[:, :each] for plane, each in zip(shifted, bits, strict=True)]
     ways = {
         PACKED: np.packbits(np.concatenate([each.reshape(-1) for each in flags])).tobytes(),
-        ALONE: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(ALONE, planes.size)),
-        AFTER: lzma.compress(shifted.tobytes(), lzma.FORMAT_RAW, filters=_coder(AFTER, planes.size)),
+        PLAIN: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(PLAIN, planes.size)),
+        IN_CONTEXT: lzma.compress(shifted.tobytes(), lzma.FORMAT_RAW, filters=_coder(IN_CONTEXT, planes.size)),
     }
     way = min((each for each in ways if codes.numel() <= _most(ways[each])), key=lambda each: len(ways[each]))
     return torch.frombuffer(bytearray([way, *bits]) + ways[way], dtype=torch.uint8)
@@ -85,7 +85,7 @@ def expand(data: Tensor, shape: tuple[int, int, int]) -> Tensor:
     """The codes (H, W, C), as floats, of what `compress` gave; memory stays within that shape and `_most`."""
     height, width, channels = shape
     count, size = height * width * channels, height * width
-    if not len(data) or data[0] > AFTER:
+    if not len(data) or data[0] > IN_CONTEXT:
         raise InputError("a texture of this file does not say how it is stored: encode it again")
     way, bits, payload = int(data[0]), data[1 : 1 + channels].numpy(), data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or not ((bits >= 1) & (bits <= MOST_BITS)).all():
@@ -107,13 +107,13 @@ def expand(data: Tensor, shape: tuple[int, int, int]) -> Tensor:
     if len(planes) != count:
         raise InputError(f"a texture of this file holds {len(planes)} codes, not {count}: encode it again")
     planes = planes.reshape(channels, -1)
-    if way != ALONE:
+    if way != PLAIN:
         planes = planes >> (MOST_BITS - bits)[:, None]
     return torch.from_numpy(planes.reshape(channels, height, width).transpose(1, 2, 0).astype(np.float32))
 
 
 def _coder(way: int, count: int) -> list[dict[str, int]]:
-    context = 4 if way == AFTER else 0
+    context = 4 if way == IN_CONTEXT else 0
     size = min(max(4096, count), 1 << 24)
     preset = 9 | lzma.PRESET_EXTREME
     return [{"id": lzma.FILTER_LZMA2, "preset": preset, "lc": context, "lp": 0, "pb": 0, "dict_size": size}]

@@ -32,8 +32,8 @@ def answer(
                 excess = relief.excess(uv, z, wi)
         if height is not None:
             uv = relief.follow(height, uv, wo)
-    found: Tensor = network(pyramid.fetch(table, uv, level), level[:, None], wo, wi, excess)
-    return found
+    log_radiance: Tensor = network(pyramid.fetch(table, uv, level), level[:, None], wo, wi, excess)
+    return log_radiance
 
 
 class ReliefMaterial(Material):

@@ -28,8 +28,8 @@ LEAST_LIKENESS = 0.5  # of a relief 0.8 and more, of planes less than 0
 
 
 @dataclass(frozen=True)
-class Found:
-    """A height (H, W) and what speaks for it; see the module."""
+class SweptHeight:
+    """The height (H, W) that a sweep finds, and what speaks for it; see the module."""
 
     height: Tensor
     gain: float  # the least share of what a plane leaves unexplained, that one half of the views takes from the other
@@ -41,7 +41,7 @@ class Found:
         return self.gain >= LEAST_GAIN and self.likeness >= LEAST_LIKENESS
 
 
-def find(btf: BTF, gain: float, fit: Fit) -> Found | None:
+def find(btf: BTF, gain: float, fit: Fit) -> SweptHeight | None:
     """The relief that the slices of a BTF show best; None where views or lights are too few to tell."""
     grid = _grid(btf.layout)
     if grid is None:
@@ -54,7 +54,7 @@ def find(btf: BTF, gain: float, fit: Fit) -> Found | None:
     for height, half in zip(heights, halves[::-1], strict=True):
         plane, relief = (unexplained(each, slices[half], views[half]) for each in (torch.zeros_like(height), height))
         gains.append((plane - relief) / max(plane, LEAST_LEFT))
-    return Found(_swept(slices, views), min(gains), _likeness(*(height.flatten() for height in heights)))
+    return SweptHeight(_swept(slices, views), min(gains), _likeness(*(height.flatten() for height in heights)))
 
 
 def _swept(slices: Tensor, views: Tensor) -> Tensor:
@@ -84,8 +84,8 @@ def _grid(layout: Layout) -> np.ndarray | None:
     if len(lights) < 2 or len(full) < 2:
         return None
     full = full[thin(layout.views[full], min(MOST_VIEWS - 1, len(full)))]
-    found: np.ndarray = pairs[np.concatenate([[front], full])][:, lights]
-    return found
+    grid: np.ndarray = pairs[np.concatenate([[front], full])][:, lights]
+    return grid
 
 
 def _read(btf: BTF, grid: np.ndarray, gain: float, fit: Fit) -> Tensor:

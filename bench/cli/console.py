@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from bench.runs.runner import Outcome
 
 
-class _Left(ProgressColumn):
-    """The time left at the mean pace since the bar appeared; nothing before it moved, or where its remark says it."""
+class _TimeLeft(ProgressColumn):
+    """The time left at the mean pace so far; empty before the first step, and where the remark says it already."""
 
     def render(self, task: Task) -> Text:
         steps = task.completed - task.fields["start_at"]
@@ -40,7 +40,7 @@ class Console:
 
     def __init__(self) -> None:
         self.out = RichConsole(highlight=False)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Left())
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _TimeLeft())
         self.bars = Progress(*columns, console=self.out, transient=True, disable=not self.out.is_terminal)
         self.tasks: dict[str, TaskID] = {}
         self.spoke = time.monotonic()
@@ -110,14 +110,14 @@ def file_lines(header: Header) -> str:
 
 def _scene_lines(header: Header) -> list[str]:
     """Describe which part of a BTF a file that was fitted to a scene holds."""
-    if not (says := header.scene):
+    if not (scene := header.scene):
         return []
-    top, left, height, width = says["window"]
-    across, sides = says["factor"], " × ".join(map(str, says["size"]))
+    top, left, height, width = scene["window"]
+    across, sides = scene["factor"], " × ".join(map(str, scene["size"]))
     return [
-        f"fitted to the scene {says['name']}, demand {says['demand'][:12]}: {height} × {width} texels of {sides} from "
-        f"row {top}, column {left} on, in boxes of {across} × {across}; {says['pairs']:,} pairs; "
-        f"{says['uniform']:.0%} spread evenly",
+        f"fitted to the scene {scene['name']}, demand {scene['demand'][:12]}: {height} × {width} texels of {sides} "
+        f"from row {top}, column {left} on, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
+        f"{scene['uniform']:.0%} spread evenly",
     ]
 
 
@@ -139,7 +139,7 @@ def _material_lines(header: Header) -> list[str]:
 
 
 def _layer_lines(material: "Material") -> list[str]:
-    """The layers of the decoder and what each counts; none of a table or another program."""
+    """The layers of the decoder and their counts of parameters; no line where there are no layers."""
     from bench.material import layers
 
     rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
@@ -158,9 +158,9 @@ def _network_lines(header: Header) -> list[str]:
     ]
 
 
-def btf_lines(seen: "Look") -> str:
+def btf_lines(portrait: "Look") -> str:
     """Describe a BTF: size, directions, split, range of values, its reader's notes, and warnings."""
-    btf, values = seen.btf, seen.values
+    btf, values = portrait.btf, portrait.values
     split = btf.split()
     low, middle, high = np.percentile(values, [0, 50, 100])
     lines = [
@@ -169,20 +169,20 @@ def btf_lines(seen: "Look") -> str:
         f"training: {_pairs_line(btf, split.train)}",
         *_heldout_lines(btf, split.heldout),
         f"values (of some slices): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}",
-        *_frame_lines(seen),
+        *_frame_lines(portrait),
         f"fingerprint: {btf.fingerprint}",
     ]
     lines += [f"  {key}: {value}" for key, value in btf.provenance.items()]
-    return "\n".join(lines + [f"warning: {text}" for text in seen.warnings()])
+    return "\n".join(lines + [f"warning: {text}" for text in portrait.warnings()])
 
 
-def _frame_lines(seen: "Look") -> list[str]:
-    """Tell whether the mean lobe fits the azimuths of views and lights; nothing of one view."""
-    if len(seen.layout.views) < 2:
+def _frame_lines(portrait: "Look") -> list[str]:
+    """Say whether the mean lobe fits the azimuths of views and lights; no line where there is one view."""
+    if len(portrait.layout.views) < 2:
         return []
-    if not seen.lobe:
+    if not portrait.lobe:
         return ["frame: not checked: views and lights share no ring of azimuths with all pairs, or are dark there"]
-    lobe = seen.lobe
+    lobe = portrait.lobe
     return [
         f"frame: phi_i - phi_o explains {lobe.given:.0%} of the mean lobe at theta {lobe.theta_deg:.0f}°, most at "
         f"{lobe.peak_deg:.0f}° (180°: mirror direction); phi_i + phi_o, as of a mirrored side, {lobe.mirrored:.0%}"

@@ -61,6 +61,6 @@ def run(options: argparse.Namespace) -> int:
     material = load(header.path)[1]
     assert isinstance(material, NeuBTFMaterial)
     seams = zip(("left–right", "top–bottom"), seam_of(material, FRONTAL), strict=True)
-    told = ", ".join(f"{side} {seam.of_mean:.2f}" for side, seam in seams)
-    console.say(f"seam, as the gradient across the border over those inside: {told}")
+    ratios = ", ".join(f"{side} {seam.of_mean:.2f}" for side, seam in seams)
+    console.say(f"seam, as the gradient across the border over those inside: {ratios}")
     return FINE

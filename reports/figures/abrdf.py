@@ -8,7 +8,7 @@ from matplotlib.colors import LogNorm
 from bench.records import Run
 from reports.artefacts import arrays
 from reports.figures.canvas import Figure, Sheet, coloured, enlarged, grid_of, log_ticks, short, style
-from reports.rows import Material, materials
+from reports.rows import MaterialRows, materials
 
 
 def abrdf_maps(run: Run) -> Iterator[Figure]:
@@ -20,7 +20,7 @@ def abrdf_maps(run: Run) -> Iterator[Figure]:
             yield _figure(material, maps)
 
 
-def _figure(material: Material, maps: list[tuple[str, np.ndarray]]) -> Figure:
+def _figure(material: MaterialRows, maps: list[tuple[str, np.ndarray]]) -> Figure:
     title = f"{material.name}: error of each texel's ABRDF"
     rows, columns = grid_of(len(maps), 5)
     height, width = (max(error.shape[axis] for _, error in maps) for axis in (0, 1))

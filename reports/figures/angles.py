@@ -8,8 +8,8 @@ from bench.metrics.psnr import psnr
 from bench.records import PSNR, Run
 from reports.artefacts import Arrays, arrays
 from reports.figures.canvas import Figure, legend, plots, png, style
-from reports.looks import Looks
 from reports.rows import Row, materials
+from reports.styles import Styles
 
 EDGES_DEG = np.arange(0.0, 91.0, 15.0)
 _READ = {PSNR, "heldout", "wo_deg", "wi_deg"}
@@ -17,7 +17,7 @@ _READ = {PSNR, "heldout", "wo_deg", "wi_deg"}
 
 def angle_curves(run: Run) -> Iterator[Figure]:
     """For each material: display PSNR, pooled over rings of 15° in θ_o and in θ_i, of the pairs that decide."""
-    looks = Looks(run)
+    styles = Styles(run)
     for material in materials(run):
         stored = [(row, arrays(run.folder, row.job, "slices", _READ)) for row in material.shown]
         curves = [(row, scores) for row, scores in stored if scores and scores.keys() >= _READ]
@@ -28,20 +28,15 @@ def angle_curves(run: Run) -> Iterator[Figure]:
             drawing, panels = plots(10, max(4.0, 1.6 + 0.2 * len(curves)), 2)
             for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θₒ", "light, θᵢ"), strict=True):
                 handles = [
-                    axes.plot(*_rings(row, scores, side), **looks.of(row.label), markersize=5, linewidth=1.2)[0]
+                    axes.plot(*_rings(row, scores, side), **styles.of_codec(row.label), markersize=5, linewidth=1.2)[0]
                     for row, scores in curves
                 ]
                 axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)
-            pairs = "held-out pairs" if curves[0][0].gate == "heldout" else "all pairs"
-            panels[0].set_ylabel(f"display PSNR, dB ({pairs}; higher is better)")
+            panels[0].set_ylabel(f"display PSNR, dB ({material.deciding}; higher is better)")
             panels[0].set_title(f"{title}\n{material.split}", loc="left")
-            legend(panels[1], handles, [_name(row) for row, _ in curves])
+            names = [f"{row.label} (no error)" if row.psnr is None else row.label for row, _ in curves]
+            legend(panels[1], handles, names)
             yield Figure(material.name, "angles", title, png(drawing))
-
-
-def _name(row: Row) -> str:
-    exact = row.stats(row.gate, PSNR).get("pooled") is None
-    return f"{row.label} (no error)" if exact else row.label
 
 
 def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:

@@ -32,7 +32,7 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """Its file's name: that of the material where it is fit for one, else with a digest that tells it apart."""
+        """The name of its file: the material's name, changed and with a digest where a file cannot be called so."""
         plain = re.sub("[^A-Za-z0-9.=_-]+", "-", self.material)
         if plain != self.material:
             plain += f"-{hashlib.sha256(self.material.encode()).hexdigest()[:6]}"
@@ -41,7 +41,7 @@ class Figure:
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Matplotlib as every figure here wants it: labels are words, not formulas, and any script may occur in them."""
+    """The style of every figure here: labels are words in any script, not formulas."""
     settings: dict[Any, Any] = {
         "font.family": "DejaVu Sans",
         "font.size": 9,
@@ -111,8 +111,8 @@ class Sheet:
 def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:
     """Values as a picture (H, W, 4), uint8; what is not finite is transparent."""
     masked = np.ma.masked_invalid(values)
-    found: np.ndarray = matplotlib.colormaps[colours](norm(masked), bytes=True)
-    return found
+    picture: np.ndarray = matplotlib.colormaps[colours](norm(masked), bytes=True)
+    return picture
 
 
 def enlarged(picture: np.ndarray, factor: int) -> np.ndarray:
@@ -135,7 +135,7 @@ def svg(drawing: Drawing) -> bytes:
 
 
 def short(label: str, length: int = 38) -> str:
-    """A label that fits, and that no legend takes for a hidden one."""
+    """A label cut to a length; a space goes before an underscore, since legends hide labels that begin with one."""
     label = label if len(label) <= length else label[: length - 1] + "…"
     return f" {label}" if label.startswith("_") else label
 
@@ -156,9 +156,9 @@ def log_ticks(axis: Any, unit: str = "") -> None:
 
 def legend(axes: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """A legend beside the last axes of `plots`, which make room for it."""
-    made = axes.legend(handles, list(map(short, labels)), loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0)
+    box = axes.legend(handles, list(map(short, labels)), loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0)
     drawing = axes.figure
-    wide = made.get_window_extent(drawing.canvas.get_renderer()).width / drawing.dpi + 0.3
+    wide = box.get_window_extent(drawing.canvas.get_renderer()).width / drawing.dpi + 0.3
     drawing.subplots_adjust(right=max(0.4, 1 - wide / drawing.get_figwidth()))
 
 

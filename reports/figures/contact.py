@@ -9,7 +9,7 @@ from matplotlib.colors import Normalize
 from bench.records import FLIP, Run
 from reports.artefacts import Arrays, arrays
 from reports.figures.canvas import Figure, Sheet, coloured, enlarged, style
-from reports.rows import Material, Row, materials
+from reports.rows import MaterialRows, Row, materials
 
 CELL = 128  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
 _GAP, _LEFT, _TOP, _BOTTOM = 6, 150, 76, 22
@@ -29,7 +29,7 @@ def _of_sheet(pictures: Arrays) -> Arrays:
     return {name: array[pictures["sheet"]] for name, array in pictures.items()} if "sheet" in pictures else pictures
 
 
-def _sheet(material: Material, rows: list[tuple[Row, Arrays]], run: Run) -> Figure:
+def _sheet(material: MaterialRows, rows: list[tuple[Row, Arrays]], run: Run) -> Figure:
     first = rows[0][1]
     count, height, width = first["truth"].shape[:3]
     factor = max(1, -(-CELL // max(height, width)))

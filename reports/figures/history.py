@@ -7,7 +7,7 @@ from statistics import fmean
 
 from bench.records import PSNR, Record, Records, Run, shown_label, stats_of
 from reports.figures.canvas import Figure, legend, log_ticks, new, png, style, svg
-from reports.looks import Looks
+from reports.styles import Styles
 
 Measured = tuple[Record, Record | None]  # a job and its timing
 Codecs = dict[str, dict[str, list[Measured]]]  # by label and start
@@ -19,9 +19,9 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
 
     A point is the mean over seeds; a codec without an error, without a size or without a time has none.
     """
-    looks, starts = Looks(_together(runs)), {start["run"]: start for run in runs for start in run.starts}
+    styles, starts = Styles(_together(runs)), {start["run"]: start for run in runs for start in run.starts}
     for material, codecs in _materials(runs).items():
-        order = sorted({when for found in codecs.values() for when in found})
+        order = sorted({when for by_start in codecs.values() for when in by_start})
         with style():
             title = f"{material}: from revision to revision"
             drawing = new(8.2, 7.5)
@@ -29,9 +29,9 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
                 zip(drawing.subplots(3, 1, sharex=True), QUANTITIES, strict=True)
             ):
                 handles = []
-                for label, found in codecs.items():
-                    values = [_mean(number, found.get(when, [])) for when in order]
-                    handles += axes.plot(range(len(order)), values, **looks.of(label), markersize=4, linewidth=1)
+                for label, by_start in codecs.items():
+                    values = [_mean(number, by_start.get(when, [])) for when in order]
+                    handles += axes.plot(range(len(order)), values, **styles.of_codec(label), markersize=4, linewidth=1)
                 axes.set_ylabel(quantity, fontsize=8)
                 if number:
                     axes.set_yscale("log")
@@ -55,13 +55,13 @@ def _together(runs: Sequence[Run]) -> Run:
 
 
 def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
-    found: dict[str, Codecs] = {}
+    by_material: dict[str, Codecs] = {}
     for run in runs:
         for job in run.jobs:
             if job["status"] == "ok":
-                codec = found.setdefault(job["material"], {}).setdefault(shown_label(job), {})
+                codec = by_material.setdefault(job["material"], {}).setdefault(shown_label(job), {})
                 codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job)))
-    return found
+    return by_material
 
 
 def _mean(number: int, jobs: Sequence[Measured]) -> float:
@@ -80,5 +80,5 @@ def _value(number: int, job: Record, timing: Record | None) -> float | None:
 
 
 def _name(start: Record, when: str) -> str:
-    """A start as an axis names it: its revision, or the day of its time."""
+    """The name of a start on an axis: its revision, or the day of its time."""
     return str(start.get("git") or when[:8])[:12]

@@ -10,7 +10,7 @@ from bench.program import Program
 from bench.records import Record, Run
 from reports.artefacts import program
 from reports.figures.canvas import Figure, Sheet, enlarged, short, style
-from reports.rows import Material, materials
+from reports.rows import MaterialRows, materials
 
 _CELL, _GAP, _LINE, _LEFT, _TOP, _MOST = 64, 4, 16, 250, 52, 48  # pixels; channels a line, and a texture
 
@@ -18,16 +18,15 @@ _CELL, _GAP, _LINE, _LEFT, _TOP, _MOST = 64, 4, 16, 250, 52, 48  # pixels; chann
 def latent_channels(run: Run) -> Iterator[Figure]:
     """For each material: every channel of the textures that the first seed's decoders read, a block a codec."""
     for material in materials(run):
-        found = [(row.label, _of(run, row.job)) for row in material.shown]
-        found = [(label, each) for label, each in found if each]
-        if found:
-            yield _figure(material, found)
+        if codecs := [(row.label, each) for row in material.shown if (each := _stored(run, row.job))]:
+            yield _figure(material, codecs)
 
 
 Textures = list[np.ndarray]
 
 
-def _of(run: Run, job: Record) -> Textures:
+def _stored(run: Run, job: Record) -> Textures:
+    """The textures of a job's drawing; none where it is gone or unreadable."""
     try:
         return textures(program(run.folder / job["drawing"]))
     except (InputError, KeyError):  # a run's records are worth reading without its bulky parts
@@ -41,15 +40,15 @@ def textures(program: Program) -> Textures:
     """
     height, width = program.size
     levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
-    by_place, found = {"uv"}, []
+    by_place, tables = {"uv"}, []
     for step in program.steps:
         if not by_place.isdisjoint(names := step.names()):
             by_place.add(step.name)
             for name in names & program.constants.keys() if "embedding" in step.operation else ():
                 table = program.constants[name]
                 if table.ndim == 2 and len(table) in accumulate(levels):
-                    found.append(table[: height * width].reshape(height, width, -1))
-    return [each for i, each in enumerate(found) if not any(np.array_equal(each, other) for other in found[:i])]
+                    tables.append(table[: height * width].reshape(height, width, -1))
+    return [each for i, each in enumerate(tables) if not any(np.array_equal(each, other) for other in tables[:i])]
 
 
 def _standardised(texture: np.ndarray) -> np.ndarray:
@@ -61,9 +60,9 @@ def _standardised(texture: np.ndarray) -> np.ndarray:
     return np.round(shown).astype(np.uint8).reshape(texture.shape)
 
 
-def _figure(material: Material, found: Sequence[tuple[str, Textures]]) -> Figure:
+def _figure(material: MaterialRows, codecs: Sequence[tuple[str, Textures]]) -> Figure:
     title = f"{material.name}: channels of each codec's texture"
-    blocks = [(label, _counted(each), _cells(np.concatenate(each, -1))) for label, each in found]
+    blocks = [(label, _counted(each), _cells(np.concatenate(each, -1))) for label, each in codecs]
     cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP
     lines = [-(-len(cells) // _LINE) for *_, cells in blocks]
     with style():
@@ -81,9 +80,9 @@ def _figure(material: Material, found: Sequence[tuple[str, Textures]]) -> Figure
         return Figure(material.name, "latents", title, sheet.png("L"))
 
 
-def _counted(found: Textures) -> str:
+def _counted(textures: Textures) -> str:
     """How many channels each texture has."""
-    counts = [texture.shape[-1] for texture in found]
+    counts = [texture.shape[-1] for texture in textures]
     more = f", {_MOST} shown" if sum(counts) > _MOST else ""
     return f"{' + '.join(map(str, counts))} channel{'s' * (sum(counts) > 1)}{more}"
 

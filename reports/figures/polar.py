@@ -9,7 +9,7 @@ from matplotlib.colors import Normalize
 from bench.records import FLIP, Run
 from reports.artefacts import angular
 from reports.figures.canvas import Figure, Sheet, coloured, grid_of, short, style
-from reports.rows import Material, materials
+from reports.rows import MaterialRows, materials
 
 _SIDES = {"view": "by view", "light": "by light"}
 
@@ -17,16 +17,16 @@ _SIDES = {"view": "by view", "light": "by light"}
 def polar_maps(run: Run) -> Iterator[Figure]:
     """For each material: mean FLIP over the cells of both hemispheres, a column a codec, one scale for all."""
     for material in materials(run):
-        found = []
+        maps = []
         for row in material.shown:
             stored, name = angular(run.folder, row.job), row.metric(FLIP)
             if stored and name in stored["polar"]:
-                found.append((row.label, stored["polar"][name]))
-        if found:
-            yield _figure(material, found)
+                maps.append((row.label, stored["polar"][name]))
+        if maps:
+            yield _figure(material, maps)
 
 
-def _figure(material: Material, maps: list[tuple[str, dict[str, Any]]]) -> Figure:
+def _figure(material: MaterialRows, maps: list[tuple[str, dict[str, Any]]]) -> Figure:
     title = f"{material.name}: FLIP over the hemispheres"
     values = {(side, i): _values(stored[side]) for side in _SIDES for i, (_, stored) in enumerate(maps)}
     top = max((np.nanmax(value) for value in values.values() if np.isfinite(value).any()), default=1.0)

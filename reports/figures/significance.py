@@ -5,66 +5,66 @@ from typing import TYPE_CHECKING, Any
 
 from bench.records import Run
 from reports.figures.canvas import Figure, new, png, short, style, svg
-from reports.looks import Looks
 from reports.numbers import interval
+from reports.ranking import against_the_best
 from reports.rows import materials
-from reports.standing import against_the_best
+from reports.styles import Styles
 
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
 
-    Found = Mapping[str, Interval]
+    Differences = Mapping[str, Interval]
 
 
 def significance(run: Run) -> Iterator[Figure]:
     """The paired differences to the best codec with their intervals: over all materials, then on each."""
-    found, looks = against_the_best(run), Looks(run)
-    parts = {material.name: found.on[material.name] for material in materials(run) if material.name in found.on}
+    against, styles = against_the_best(run), Styles(run)
+    parts = {material.name: against.on[material.name] for material in materials(run) if material.name in against.on}
     if len(parts) > 1:
-        yield _figure("", f"all {len(parts)} materials", found.first, found.over, looks)
+        yield _figure("", f"all {len(parts)} materials", against.first, against.over, styles)
     for name, part in parts.items():
-        yield _figure(name, name, found.first, part, looks)
+        yield _figure(name, name, against.first, part, styles)
 
 
-def _figure(material: str, where: str, best: str, found: "Found", looks: Looks) -> Figure:
+def _figure(material: str, where: str, best: str, differences: "Differences", styles: Styles) -> Figure:
     title = f"{where}: mean paired difference to {short(best, 40)}"
-    found = dict(sorted(found.items(), key=lambda item: -item[1].mean))
+    differences = dict(sorted(differences.items(), key=lambda item: -item[1].mean))
     with style():
-        height = 1.45 + 0.24 * (len(found) + 1)
+        height = 1.45 + 0.24 * (len(differences) + 1)
         drawing = new(9.6, height)
         axes = drawing.add_axes((0.27, 0.95 / height, 0.46, 1 - 1.25 / height))
-        _draw(axes, best, found, looks)
+        _draw(axes, best, differences, styles)
         drawing.text(0.012, 1 - 0.18 / height, title, va="center")
-        drawing.text(0.012, 0.1 / height, _caption(found), fontsize=8, color="0.3", va="bottom")
+        drawing.text(0.012, 0.1 / height, _caption(differences), fontsize=8, color="0.3", va="bottom")
         return Figure(material, "significance", title, png(drawing), svg(drawing))
 
 
-def _draw(axes: Any, best: str, found: "Found", looks: Looks) -> None:
+def _draw(axes: Any, best: str, differences: "Differences", styles: Styles) -> None:
     axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
-    axes.plot(0, 0, **looks.of(best) | {"linestyle": "none"}, markersize=6)
-    for row, (label, each) in enumerate(found.items(), 1):
-        look = looks.of(label) | {"linestyle": "none"}
+    axes.plot(0, 0, **styles.of_codec(best) | {"linestyle": "none"}, markersize=6)
+    for row, (label, each) in enumerate(differences.items(), 1):
+        look = styles.of_codec(label) | {"linestyle": "none"}
         axes.plot([each.low, each.high], [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
         axes.plot(each.mean, row, **look, markersize=6)
-        told = ", not told apart" if each.materials > 1 and not each.told else ""
-        axes.text(1.02, row, interval(each) + told, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
-    axes.set_yticks(range(len(found) + 1), [short(label) for label in (best, *found)], fontsize=8)
-    axes.set(ylim=(len(found) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better than it)")
+        remark = ", not told apart" if each.materials > 1 and not each.told else ""
+        axes.text(1.02, row, interval(each) + remark, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
+    axes.set_yticks(range(len(differences) + 1), [short(label) for label in (best, *differences)], fontsize=8)
+    axes.set(ylim=(len(differences) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better than it)")
     axes.grid(axis="y", visible=False)
 
 
-def _caption(found: "Found") -> str:
+def _caption(differences: "Differences") -> str:
     """What the intervals are of; the largest numbers, where codecs were measured on different ones."""
     materials, seeds, slices = (
-        max(getattr(each, name) for each in found.values()) for name in ("materials", "seeds", "slices")
+        max(getattr(each, name) for each in differences.values()) for name in ("materials", "seeds", "slices")
     )
     counts = [f"{materials} materials"] * (materials > 1) + [f"{seeds} seeds"] * (seeds > 1) + [f"{slices:,} slices"]
     if materials > 1:
-        words, alone = "by Student's t over material means", ""
+        words, caveat = "by Student's t over material means", ""
     else:
         words = f"of a bootstrap over {'seeds and ' * (seeds > 1)}pairs, of this material alone"
-        alone = "" if seeds > 1 else " Of one seed: how much another fit would differ is not in it."
+        caveat = "" if seeds > 1 else " Of one seed: how much another fit would differ is not in it."
     return (
-        f"Bars: 95 % interval {words}: {', '.join(counts)}.{alone}\n"
+        f"Bars: 95 % interval {words}: {', '.join(counts)}.{caveat}\n"
         "Both codecs at the same pairs; slices without any error in either are left out."
     )

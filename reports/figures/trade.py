@@ -5,30 +5,30 @@ from typing import Any
 
 from bench.records import Run, load_trade
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style, svg
-from reports.looks import Looks
+from reports.styles import Styles
 
 Choice = dict[str, Any]
 
 
 def trade_fronts(run: Run) -> Iterator[Figure]:
     """One figure for each material whose choices were measured."""
-    found = load_trade(run.folder) or {"choices": []}
-    for material in dict.fromkeys(row["material"] for row in found["choices"]):
-        rows = [r for r in found["choices"] if r["material"] == material and r.get("psnr") is not None]
+    trade = load_trade(run.folder) or {"choices": []}
+    for material in dict.fromkeys(row["material"] for row in trade["choices"]):
+        rows = [r for r in trade["choices"] if r["material"] == material and r.get("psnr") is not None]
         if rows:
             with style():
-                drawing = _fronts(material, rows, Looks(run))
+                drawing = _fronts(material, rows, Styles(run))
                 yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), svg(drawing))
 
 
-def _fronts(material: str, rows: Sequence[Choice], looks: Looks) -> Any:
+def _fronts(material: str, rows: Sequence[Choice], styles: Styles) -> Any:
     groups: dict[str, list[Choice]] = {}
     for row in rows:
         groups.setdefault(row["codec"] + ("" if _plain(row) else f" [{_how(row)}]"), []).append(row)
     drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
-    handles = [_marks(speed, _look(looks, name), group, "ns_per_sample") for name, group in groups.items()]
+    handles = [_marks(speed, _look(styles, name), group, "ns_per_sample") for name, group in groups.items()]
     for name, group in groups.items():
-        _marks(rate, _look(looks, name), list(filter(_plain, group)), "bytes")  # executions change no byte
+        _marks(rate, _look(styles, name), list(filter(_plain, group)), "bytes")  # executions change no byte
     _front(speed, [row for row in rows if row["fastest"]], "ns_per_sample", "ns a sample (less is better)", "")
     _front(rate, [row for row in rows if row["smallest"]], "bytes", "size of the file (less is better)", "B")
     speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
@@ -46,9 +46,9 @@ def _plain(row: Choice) -> bool:
     return _how(row) == "eager float32"
 
 
-def _look(looks: Looks, name: str) -> dict[str, Any]:
+def _look(styles: Styles, name: str) -> dict[str, Any]:
     """That of the codec; hollow where it is computed otherwise than plainly."""
-    return looks.of(name) | {"linestyle": "none"} | ({"markerfacecolor": "white"} if "[" in name else {})
+    return styles.of_codec(name) | {"linestyle": "none"} | ({"markerfacecolor": "white"} if "[" in name else {})
 
 
 def _marks(axes: Any, look: dict[str, Any], group: Sequence[Choice], cost: str) -> Any:

@@ -47,18 +47,18 @@ class Model:
 
 def model_data(model: Model) -> dict[str, object]:
     """What the page needs of a model. `InputError` where no shader can do its program."""
-    made, spare = shader(model.program, GLSL), fallback(model.program, GLSL)
-    said = {"label": model.label, "note": model.note, "exposure": model.exposure}
-    found: dict[str, object] = said | {"periods": model.program.periods, **_encoded(made)}
+    full, spare = shader(model.program, GLSL), fallback(model.program, GLSL)
+    data: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure}
+    data |= {"periods": model.program.periods, **_encoded(full)}
     if spare:  # for compilers that choke on literals; textures that are the same are not written twice
-        found["fallback"] = {key: text for key, text in _encoded(spare).items() if found[key] != text}
-    return found
+        data["fallback"] = {key: text for key, text in _encoded(spare).items() if data[key] != text}
+    return data
 
 
-def _encoded(made: Shader) -> dict[str, object]:
-    arrays = {"exact": made.exact, "half": made.half, "uniforms": made.uniforms}
+def _encoded(source: Shader) -> dict[str, object]:
+    arrays = {"exact": source.exact, "half": source.half, "uniforms": source.uniforms}
     encoded = {name: base64.b64encode(each.tobytes()).decode() for name, each in arrays.items()}
-    return {"shader": made.text, **encoded}
+    return {"shader": source.text, **encoded}
 
 
 @dataclass(frozen=True)

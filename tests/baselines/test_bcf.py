@@ -6,7 +6,7 @@ import torch
 from PIL import Image
 
 from baselines import bc1
-from baselines.bcf import BCF, Fitting, decoded, lines, members
+from baselines.bcf import BCF, BCFObjective, decoded, lines, members
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
@@ -86,7 +86,7 @@ def test_what_is_written_is_read_back() -> None:
 def test_the_fit_sees_what_the_file_gives_back(size: tuple[int, int]) -> None:
     btf = cropped(*size)
     fit, settings = Fit(), BCF.Settings(textures=2)
-    fitting = Fitting(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
+    fitting = BCFObjective(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
     with torch.no_grad():
         fitting.ends += 0.1 * torch.randn(fitting.ends.shape, generator=fit.generator())
     blocks, low, span = fitting.blocks()

@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from baselines.neumip import LOSSES, Fitting, Networks, NeuMIP, NeuMIPMaterial, Pyramid, blur, level_count
+from baselines.neumip import LOSSES, Networks, NeuMIP, NeuMIPMaterial, NeuMIPObjective, Pyramid, blur, level_count
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
@@ -119,7 +119,7 @@ def test_the_stored_textures_are_those_that_were_fitted() -> None:
     btf, fit, codec = tiny_btf(), Fit(), NeuMIP(steps=10, batch=256, blur=True, precision="float32", weights="float32")
     gain = training.gain_of(btf, fit)
     levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(3)]
-    objective = Fitting(levels, codec.settings, fit.generator())
+    objective = NeuMIPObjective(levels, codec.settings, fit.generator())
     training.train(objective, fit, 10)
     batch = levels[0].draw(100, fit.generator())
     with torch.no_grad():
@@ -173,7 +173,7 @@ def test_losses_of_black_and_white_have_gradients_at_equality_and_away_from_it(l
     like, generator = tiny_btf(), torch.Generator().manual_seed(0)
     btf = BTF("flat", like.wo, like.wi, ArraySource(np.full((81, 8, 8, 3), shade, np.float32)), periodic=True)
     settings = NeuMIP.Settings(loss=loss, batch=64)  # type: ignore[arg-type]
-    fitting = Fitting([Samples(btf, 8.0, Fit())], settings, generator)
+    fitting = NeuMIPObjective([Samples(btf, 8.0, Fit())], settings, generator)
     for level in (fitting.samples.mean(generator), torch.zeros(3), torch.ones(3)):
         fitting.networks.start_at(level)
         value = fitting.loss(generator, 0.5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.ntc import NTC, Fitting, codes_of, encoded_places, values_of
+from baselines.ntc import NTC, NTCObjective, codes_of, encoded_places, values_of
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
@@ -117,7 +117,7 @@ def test_a_decoded_file_answers_as_the_equations(bits: int) -> None:
 def test_in_the_end_the_fit_sees_what_the_file_gives_back(rounding: str) -> None:
     fit, settings = Fit(), NTC.Settings(rounding=rounding, reduction=2)
     btf = cropped(5, 7)
-    fitting = Fitting(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
+    fitting = NTCObjective(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
     for grid, seen in zip(fitting.free, fitting.grids(1.0), strict=True):
         # A straight-through sum rounds the last bit.
         torch.testing.assert_close(seen, values_of(codes_of(grid, 4), 4), rtol=0, atol=1e-7)

@@ -133,7 +133,7 @@ def test_what_is_asked_in_training_are_the_pairs_declared_held_out() -> None:
     assert (pool.texels, pool.pairs) == (20, 375)
     assert len(pool.where[0].unique(dim=0)) == 3
     assert len(pool.where[1].unique(dim=0)) == 81
-    assert pool.seen.shape == (20, 625, 3)
+    assert pool.inputs.shape == (20, 625, 3)
 
 
 def test_texels_that_are_alike_share_their_latents(trained: TrainedNetwork) -> None:

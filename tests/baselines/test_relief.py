@@ -9,7 +9,7 @@ from torch import Tensor
 
 from baselines.relief import fitting, sweep
 from baselines.relief.codec import Relief
-from baselines.relief.fitting import Fitting
+from baselines.relief.fitting import ReliefObjective
 from baselines.relief.material import ReliefMaterial
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
@@ -155,13 +155,13 @@ def test_an_altered_height_is_searched_all_the_same() -> None:
 
 def test_a_file_answers_as_the_fit_did() -> None:
     """What is rounded in the fit is what the file holds."""
-    from baselines.relief.fitting import Fitting
+    from baselines.relief.fitting import ReliefObjective
 
     btf, _ = bumps()
     codec = Relief(steps=20, batch=256, weights="float32", bits=4)
-    fit, kept = Fit(), list[Fitting]()
+    fit, kept = Fit(), list[ReliefObjective]()
 
-    class Watched(Fitting):
+    class Watched(ReliefObjective):
         def __init__(self, *given: Any) -> None:
             super().__init__(*given)
             kept.append(self)
@@ -169,7 +169,7 @@ def test_a_file_answers_as_the_fit_did() -> None:
     import baselines.relief.codec as module
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "Fitting", Watched)
+        patch.setattr(module, "ReliefObjective", Watched)
         material = codec.decode(codec.encode(btf, fit), torch.device("cpu"))
     samples = kept[0].samples
     batch = samples.draw(200, fit.generator())
@@ -205,16 +205,16 @@ def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any) -> None:
 
 def test_a_refined_height_that_diverges_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
-    poisoned, found = list[float](), Fitting.loss
+    poisoned, found = list[float](), ReliefObjective.loss
 
-    def loss(self: Fitting, generator: torch.Generator, progress: float) -> Tensor:
+    def loss(self: ReliefObjective, generator: torch.Generator, progress: float) -> Tensor:
         if progress >= 0.5 and not poisoned:
             assert self.offset is not None
             self.offset.data[0, 0] = torch.nan
             poisoned.append(progress)
         return found(self, generator, progress)
 
-    monkeypatch.setattr(Fitting, "loss", loss)
+    monkeypatch.setattr(ReliefObjective, "loss", loss)
     codec, (btf, _) = Relief(steps=40, batch=64, bits=4), bumps()
     parts = codec.encode(btf, Fit())
     assert poisoned
@@ -226,9 +226,9 @@ def test_a_fit_that_is_set_back_before_the_height_moved_marches_the_found_height
 ) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 20)
     monkeypatch.setattr(fitting, "HEIGHT_RATE", 1.0)
-    marched, found = dict[int, list[Tensor]](), Fitting.loss
+    marched, found = dict[int, list[Tensor]](), ReliefObjective.loss
 
-    def loss(self: Fitting, generator: torch.Generator, progress: float) -> Tensor:
+    def loss(self: ReliefObjective, generator: torch.Generator, progress: float) -> Tensor:
         step = round(progress * 50)
         if step == 32 and len(marched[step - 1]) == 1:
             self.latents.data[0, 0] = torch.nan  # the fit goes back to step 20; the height moves from 25 on
@@ -237,7 +237,7 @@ def test_a_fit_that_is_set_back_before_the_height_moved_marches_the_found_height
         marched.setdefault(step, []).append(self.relief.height.clone())
         return answer
 
-    monkeypatch.setattr(Fitting, "loss", loss)
+    monkeypatch.setattr(ReliefObjective, "loss", loss)
     Relief(steps=50, batch=64, bits=4).encode(bumps()[0], Fit())
     before, again = marched[20]
     assert not torch.equal(marched[31][0], before)

@@ -66,7 +66,7 @@ def test_a_crop_is_coded_as_in_the_whole_picture() -> None:
     window = Window.drawn((128, 128), 32, 1.0, True, generator(5)).aligned()
     seen = whole.flatten(2)[..., window.texels((128, 128))].unflatten(2, window.source)
     with torch.no_grad():
-        pooled = Pooled.of(network.encode(whole).deep)  # over the whole picture, which no crop can know
+        pooled = Pooled.of_cells(network.encode(whole).deep)  # over the whole picture, which no crop can know
         expected = network.decode(network.encode(whole), pooled).flatten(2)[0, :, window.texels((128, 128))]
         found = network.decode(network.encode(seen), pooled)[0].flatten(1)
         inner = window.inner()
@@ -130,16 +130,16 @@ def test_blur_is_a_gaussian(sigma: float) -> None:
 
 
 def test_a_disturbance_is_seeded_and_stays_in_range() -> None:
-    one = Disturbance().of(picture(), generator(1))
-    assert one.equal(Disturbance().of(picture(), generator(1)))
-    assert not one.equal(Disturbance().of(picture(), generator(2)))
+    one = Disturbance().disturbed(picture(), generator(1))
+    assert one.equal(Disturbance().disturbed(picture(), generator(1)))
+    assert not one.equal(Disturbance().disturbed(picture(), generator(2)))
     assert one.min() >= 0
     assert one.max() <= 1
-    assert Disturbance(0, 0, 0).of(picture(), generator(1)).allclose(picture())
+    assert Disturbance(0, 0, 0).disturbed(picture(), generator(1)).allclose(picture())
 
 
 def test_noise_has_up_to_its_deviation() -> None:
     grey = torch.full((1, 3, 64, 64), 0.5)
-    found = [Disturbance(0, 0, 0.05).of(grey, generator(seed)).std().item() for seed in range(40)]
+    found = [Disturbance(0, 0, 0.05).disturbed(grey, generator(seed)).std().item() for seed in range(40)]
     assert 0.04 < max(found) < 0.052
     assert min(found) < 0.01

@@ -64,7 +64,7 @@ def test_any_size_is_padded_circularly(size: tuple[int, int]) -> None:
     rows, cols = (torch.arange(-margin, n + margin) % side for n, side in zip(up, size, strict=True))
     features = autoencoder.encode(guidance[:, :, rows][..., cols])
     inner = margin // STRIDE
-    pooled = Pooled.of(features.deep[..., inner:-inner, inner:-inner])
+    pooled = Pooled.of_cells(features.deep[..., inner:-inner, inner:-inner])
     expected = autoencoder.decode(features, pooled)
     close(texture, expected[..., margin : margin + height, margin : margin + width])
 
@@ -77,7 +77,7 @@ def test_tiles_add_up_to_the_whole() -> None:
     pooled, inner = None, slice(HALO // STRIDE, -(HALO // STRIDE))
     for corner in corners:
         deep = autoencoder.encode(surrounded(guidance, corner, (side, side))).deep[..., inner, inner]
-        pooled = Pooled.of(deep) if pooled is None else pooled.joined(Pooled.of(deep))
+        pooled = Pooled.of_cells(deep) if pooled is None else pooled.joined(Pooled.of_cells(deep))
     assert pooled is not None
     assert pooled.cells == 16 * 24
     texture, kept = torch.empty(1, 14, 64, 96), slice(HALO, -HALO)
@@ -92,7 +92,7 @@ def test_a_texel_depends_on_its_surroundings_only(row: int) -> None:
     autoencoder = Autoencoder(1, torch.Generator().manual_seed(1)).double()
     guidance = torch.rand(1, 3, 128, 12, dtype=torch.float64, requires_grad=True)
     features = autoencoder.encode(guidance)
-    pooled = Pooled.of(features.deep)
+    pooled = Pooled.of_cells(features.deep)
     still = Pooled(pooled.total.detach(), pooled.peak.detach(), pooled.cells)
     (slope,) = torch.autograd.grad(autoencoder.decode(features, still)[0, 0, row].sum(), guidance)
     touched = slope.abs().sum((0, 1, 3)).nonzero()[:, 0] - row

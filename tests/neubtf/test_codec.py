@@ -235,16 +235,16 @@ def test_guidance_survives_as_bytes() -> None:
 
 def test_the_encoder_sees_its_own_guidance_with_mean_0_and_deviation_1() -> None:
     faint = 0.5 + 0.01 * torch.randn(1, 3, 16, 16, generator=torch.Generator().manual_seed(0))
-    seen = Encoder.of(faint, Autoencoder(2)).prepared(faint)
+    seen = Encoder.for_guidance(faint, Autoencoder(2)).prepared(faint)
     assert seen.mean().item() == pytest.approx(0, abs=1e-4)
     assert seen[0].flatten(1).std(1, correction=0).mean().item() == pytest.approx(1, rel=1e-4)
     of_one_colour = torch.full((1, 3, 16, 16), 0.2)
-    assert Encoder.of(of_one_colour, Autoencoder(2)).prepared(of_one_colour).abs().max() < 1e-3
+    assert Encoder.for_guidance(of_one_colour, Autoencoder(2)).prepared(of_one_colour).abs().max() < 1e-3
 
 
 @pytest.mark.parametrize("size", [1, 3, 16])
 def test_the_first_texture_is_faint_and_every_channel_has_mean_0(size: int) -> None:
     guidance = torch.rand(1, 3, size, size, generator=torch.Generator().manual_seed(0))
-    texture = Encoder.of(guidance, Autoencoder(5, torch.Generator().manual_seed(1)))(guidance)
+    texture = Encoder.for_guidance(guidance, Autoencoder(5, torch.Generator().manual_seed(1)))(guidance)
     assert texture.mean((0, 2, 3)).abs().max() < 1e-6
     assert size == 1 or 0.5 * FAINT < texture.std() < 2 * FAINT

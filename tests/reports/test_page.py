@@ -62,7 +62,7 @@ def test_every_number_leads_to_its_record(made):
 
 
 def test_records_that_have_no_room_are_said_to_be_elsewhere(made, monkeypatch):
-    monkeypatch.setattr("reports.kept_records.BUDGET", 9_000)
+    monkeypatch.setattr("reports.page_records.BUDGET", 9_000)
     page = page_of(made.job("one").job("two").job("three").job("four"))
     left = page.count('<details id="r0')
     assert 0 < left < 4
@@ -81,12 +81,11 @@ def test_slices_of_many_pairs_take_less_room_at_less_quality(made, monkeypatch):
     from reports.atlas import Atlases
     from reports.rows import materials
 
-    found = materials(run)
-    whole = Atlases(run, found).of(found[0])
+    whole = Atlases(run, materials(run)).slices_of(materials(run)[0])
     assert whole["quality"] is None
     assert len(whole["wo"]) == 3
     monkeypatch.setattr("reports.atlas.BUDGET", 200)
-    less = Atlases(run, found).of(found[0])
+    less = Atlases(run, materials(run)).slices_of(materials(run)[0])
     assert less["quality"] == 60
     assert len(less["wo"]) == len(less["codecs"][0]["psnr"]) == 2
 

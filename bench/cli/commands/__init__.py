@@ -17,14 +17,14 @@ GROUP = "neubtf_bench.commands"
 
 
 def modules() -> dict[str, str]:
-    """The module of each command by its name; importing none. Two packages that claim one name are an error."""
+    """The module of each command by its name; imports none. Two packages that claim one name are an error."""
     names = (info.name for info in pkgutil.iter_modules(__path__) if not info.name.startswith("_"))  # no helpers
-    found = {name.replace("_", "-"): f"{__name__}.{name}" for name in names}
+    by_name = {name.replace("_", "-"): f"{__name__}.{name}" for name in names}
     for entry in entry_points(group=GROUP):
-        other = found.setdefault(entry.name, entry.value)
+        other = by_name.setdefault(entry.name, entry.value)
         if other != entry.value:
             raise InputError(f"two commands are named {entry.name!r}: {other} and {entry.value}: uninstall one")
-    return dict(sorted(found.items()))
+    return dict(sorted(by_name.items()))
 
 
 def load(module: str) -> ModuleType:
@@ -54,9 +54,9 @@ def usable_device(name: str) -> str:
     import torch
 
     try:
-        found = torch.device(name)
+        device = torch.device(name)
     except RuntimeError:
         raise InputError(f"--device {name}: no such device; cpu or cuda") from None
-    if found.type == "cuda" and not torch.cuda.is_available():
+    if device.type == "cuda" and not torch.cuda.is_available():
         raise InputError(f"--device {name}: PyTorch finds no CUDA device here; use cpu")
     return name

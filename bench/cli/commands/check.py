@@ -26,8 +26,8 @@ def run(options: argparse.Namespace) -> int:
         for result in check(codec, show=console.show):
             failed, tried = failed + bool(result.failure), tried + 1
             word = "FAIL" if result.failure else "n/a " if result.reason else "pass"
-            said = (text for text in (result.failure, result.reason, result.note) if text)
-            console.say(f"{word}  {result.name}" + "".join(f": {text}" for text in said))
+            remarks = (text for text in (result.failure, result.reason, result.note) if text)
+            console.say(f"{word}  {result.name}" + "".join(f": {text}" for text in remarks))
         rest = planned() - tried
         verdict = f"{failed} of {tried} checks failed" + f", and the {rest} after them were not tried" * bool(rest)
         verdict = verdict if failed else "every check passed"

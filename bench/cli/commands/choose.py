@@ -63,9 +63,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _changed(data: "Preparation") -> dict[str, object]:
-    """How a suite prepares its materials, where that is not the default: as `--set` wants it."""
-    found = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
-    return {f"data.{key}": str(value).lower() if value is True else value for key, value in found.items()}
+    """The settings of a suite's data that are not the defaults, as `--set` takes them."""
+    changed = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
+    return {f"data.{key}": str(value).lower() if value is True else value for key, value in changed.items()}
 
 
 def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Choice"], list[str]]:
@@ -74,9 +74,9 @@ def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Choice"]
     from bench.runs.choose import usable
 
     material = suite.materials[0].name
-    found = load_trade(folder) or {"choices": []}
-    rows = [row for row in usable(found["choices"], material) if row["device"] == device]
-    tried = {row["label"] for row in found["choices"] if row["material"] == material and row["device"] == device}
+    trade = load_trade(folder) or {"choices": []}
+    rows = [row for row in usable(trade["choices"], material) if row["device"] == device]
+    tried = {row["label"] for row in trade["choices"] if row["material"] == material and row["device"] == device}
     return rows, [codec.label for codec in suite.codecs if codec.label not in tried]
 
 

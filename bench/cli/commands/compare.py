@@ -53,24 +53,24 @@ def run(options: argparse.Namespace) -> int:
         text, code = report(base, new, options.codec, options.allow)
         print(text)
         return code
-    found = compare(base, new, options.material, options.codec, options.allow)
-    print(terminal(found))
+    comparison = compare(base, new, options.material, options.codec, options.allow)
+    print(terminal(comparison))
     if options.annotations:
         from bench.compare.annotations import annotations
 
-        print(annotations(found))
+        print(annotations(comparison))
     if options.markdown:
-        _write(options.markdown, markdown(found))
+        _write(options.markdown, markdown(comparison))
     if options.junit:
         from bench.compare.junit import junit
 
-        _write(options.junit, junit(found))
+        _write(options.junit, junit(comparison))
     if options.tracker:
         from bench.compare.tracker import tracker
 
         for name, text in tracker(new).items():
             _write(options.tracker / name, text)
-    return found.exit_code
+    return comparison.exit_code
 
 
 def _write(path: Path, text: str) -> None:

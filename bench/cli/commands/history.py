@@ -112,13 +112,13 @@ def _heldout(frame: "pd.DataFrame") -> "dict[str, tuple[pd.Series[float], str]]"
     """The numbers of held-out pairs and their format, by the metric's label, whichever variant of it was measured."""
     from bench.metrics import label_of
 
-    found: dict[str, list[str]] = {}
+    by_label: dict[str, list[str]] = {}
     for column in map(str, frame.columns):
         if (match := _POOLED.fullmatch(column)) and not match[1].startswith(RMSE):
-            found.setdefault(label_of(match[1]), []).append(column)
+            by_label.setdefault(label_of(match[1]), []).append(column)
     return {
         label: (frame[columns].bfill(axis=1).iloc[:, 0], ".2f" if label.endswith("PSNR") else ".4f")
-        for label, columns in found.items()
+        for label, columns in by_label.items()
     }
 
 

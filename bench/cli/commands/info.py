@@ -30,10 +30,10 @@ def run(options: argparse.Namespace) -> int:
         return FINE
     from bench.data.portrait import draw, look
 
-    seen = look(open_named(options.path, {}))
-    print(btf_lines(seen))
+    portrait = look(open_named(options.path, {}))
+    print(btf_lines(portrait))
     if options.picture:
-        draw(seen, options.picture)
+        draw(portrait, options.picture)
         print(f"wrote {options.picture}")
     return FINE
 

@@ -62,7 +62,7 @@ def _add(run: Path, file: Path) -> int:
 
 
 def _written(path: Path, writes: bool) -> bool:
-    """Make the tables of a document anew; returns whether it changed, and stores it if `writes`."""
+    """Make the tables of a document anew, and store it if `writes`; returns whether it changed."""
     from bench.atomic import write
 
     try:
@@ -71,7 +71,7 @@ def _written(path: Path, writes: bool) -> bool:
         raise InputError(f"{path}: cannot be read ({error})") from error
     if not _BLOCK.search(text):
         raise InputError(f"{path}: no table of a command is in it: see `neubtf-bench results --help`")
-    new = _BLOCK.sub(lambda found: found["start"] + _table(path, found["words"]) + found["end"], text)
+    new = _BLOCK.sub(lambda match: match["start"] + _table(path, match["words"]) + match["end"], text)
     if writes and new != text:
         write(path, new.encode())
         print(f"wrote {path}")

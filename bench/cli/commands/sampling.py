@@ -37,12 +37,12 @@ def run(options: argparse.Namespace) -> int:
     header, parts = container.read_parts(options.file)
     with Console() as console:
         lobes = fitted(loaded.material, options.cells, seed=options.seed, show=console.show)
-    found = noise(loaded.material, lobes.float())
+    ratios = noise(loaded.material, lobes.float())
     whole = replace(parts, sampling={NAME: lobes}, network=loaded.network, scene=header.scene)
     written = container.save(options.out, make_codec(header.codec, header.settings), whole, header.provenance)
     print(
-        f"variance under a uniform environment: {found.total:.3f} × that of the cosine (median {found.median:.3f}); "
-        f"most reflected: {found.largest_albedo:.2f} of what arrives"
+        f"variance under a uniform environment: {ratios.total:.3f} × that of the cosine (median {ratios.median:.3f}); "
+        f"most reflected: {ratios.largest_albedo:.2f} of what arrives"
     )
     print(f"wrote {options.out}: {written.file_bytes:,} bytes, {written.part_bytes()['sampling']:,} of them lobes")
     return FINE

@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     read_header(options.file)  # a file that is none is said before anything is rendered
     with Console() as console:
         btf = open_named(options.btf, changes, console.show)
-        found = score(
+        scores = score(
             options.file,
             btf,
             demand=options.demand,
@@ -46,19 +46,19 @@ def run(options: argparse.Namespace) -> int:
             device=usable_device(options.device),
             show=console.show,
         )
-    label = " ".join([found["codec"], *(f"{key}={value}" for key, value in found["settings"].items())])
+    label = " ".join([scores["codec"], *(f"{key}={value}" for key, value in scores["settings"].items())])
     job = {"kind": "job", "job": str(options.file), "material": btf.name, "label": label, "status": "ok", "run": ""}
-    print(score_text(job | found))
+    print(score_text(job | scores))
     if options.json:
-        _write(options.json, found)
+        _write(options.json, scores)
     return FINE
 
 
-def _write(path: Path, found: dict[str, object]) -> None:
+def _write(path: Path, scores: dict[str, object]) -> None:
     import json
 
     from bench.atomic import write
 
     with writable(path, "choose another --json"):
-        write(path, json.dumps(found, indent=2, allow_nan=False).encode())
+        write(path, json.dumps(scores, indent=2, allow_nan=False).encode())
     print(f"wrote {path}")

@@ -57,14 +57,14 @@ def run(options: argparse.Namespace) -> int:
     with writable(options.out, "choose another --out"):
         options.out.mkdir(parents=True, exist_ok=True)
     records.append(options.out, {"kind": "run", "suite": "stress", "device": "cpu"} | provenance())
-    found: list[Record] = []
+    tried: list[Record] = []
     with Console() as console, _workers(options.jobs, len(codecs)) as workers:
         pictures = () if options.case else stress.picture_records()
         for record in chain(stress.run(codecs, cases, workers, console.show), pictures):
             records.append(options.out, record)
-            found.append(record)
-    print(stress_text(found, options.format))
-    verdicts = [record["verdict"] for record in found]
+            tried.append(record)
+    print(stress_text(tried, options.format))
+    verdicts = [record["verdict"] for record in tried]
     print(f"{verdicts.count('pass')} pass, {verdicts.count('fail')} fail, {verdicts.count('n/a')} n/a: {options.out}")
     return NO if "fail" in verdicts else FINE
 

@@ -71,17 +71,17 @@ def _parameters(folders: list[Path], format: str) -> str:
 def _newest_run(kinds: list[str]) -> Path:
     from bench.records import FILE, STRESS
 
-    found = _runs()
+    folders = _runs()
     if kinds == [STRESS] and (Path("runs") / STRESS / FILE).is_file():
         return Path("runs") / STRESS
-    if not found:
+    if not folders:
         raise InputError("table: there is no run under runs/: give the folder that `neubtf-bench run` wrote")
-    return found[-1]
+    return folders[-1]
 
 
 def _runs() -> list[Path]:
-    """The folders of runs under runs/, the newest last; that of the stress test is none."""
+    """The folders of runs under runs/ without the stress test's, the newest last."""
     from bench.records import FILE, STRESS
 
-    found = [path for path in Path("runs").glob(f"*/{FILE}") if path.parent.name != STRESS]
-    return [path.parent for path in sorted(found, key=lambda path: path.stat().st_mtime)]
+    files = [path for path in Path("runs").glob(f"*/{FILE}") if path.parent.name != STRESS]
+    return [path.parent for path in sorted(files, key=lambda path: path.stat().st_mtime)]

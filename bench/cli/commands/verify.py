@@ -13,6 +13,7 @@ examples:
 
 import argparse
 import os
+from collections import Counter
 from pathlib import Path
 
 from bench.cli.commands import assignments
@@ -44,10 +45,10 @@ def run(options: argparse.Namespace) -> int:
         except InputError as error:
             raise InputError(_told(str(error), scratch, options.archive)) from error
         folder.mkdir(parents=True, exist_ok=True)
-        found = list(verify(submitted, folder, console.show, places))
-    rows = [(each.job, each.verdict, _told(each.why, scratch, options.archive)) for each in found]
+        verdicts = list(verify(submitted, folder, console.show, places))
+    rows = [(each.job, each.verdict, _told(each.why, scratch, options.archive)) for each in verdicts]
     print(tabulate(rows, ["job", "verdict", ""], "simple"))
-    counts = {word: sum(each.verdict == word for each in found) for word in dict.fromkeys(v.verdict for v in found)}
+    counts = Counter(each.verdict for each in verdicts)
     print(f"\n{', '.join(f'{count} {word}' for word, count in counts.items())}; measured here: {folder}")
     if DIFFERS in counts:
         return NO

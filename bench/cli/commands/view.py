@@ -75,10 +75,10 @@ def _drawn(file: "Loaded", show: "Progress") -> "tuple[Drawable, str]":
     from reports.shaders.generator import shader
 
     try:
-        found = drawable(file.material)
-        shader(found.program, GLSL)
+        drawing = drawable(file.material)
+        shader(drawing.program, GLSL)
     except InputError as error:
         name = file.header.path.stem
         note = f"{name} is baked: its slices at {BAKED} × {BAKED} pairs, interpolated between directions, since {error}"
         return drawable_truth(baked(file.material, name, show), show), note
-    return found, ""
+    return drawing, ""

@@ -29,7 +29,7 @@ def terminal(clock):
 
 def left(made):
     (task,) = made.bars.tasks
-    return console._Left().render(task).plain
+    return console._TimeLeft().render(task).plain
 
 
 def test_a_fit_has_one_bar_whatever_is_remarked(clock):

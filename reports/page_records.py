@@ -8,22 +8,22 @@ from typing import Any
 from bench.records import RESULTS, Run, kept
 from reports.html_tables import note
 from reports.live import pack
-from reports.rows import Codec, Material
+from reports.rows import CodecRows, MaterialRows
 
 BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
 
 
-class RecordsOfPage:
+class PageRecords:
     """The records of a run, by material and codec, each with its timing, until the budget is spent."""
 
-    def __init__(self, run: Run, found: Sequence[Material]):
+    def __init__(self, run: Run, materials: Sequence[MaterialRows]):
         self.run = run
-        self.kept: list[Any] = list(run.starts[-1:])
+        self.records: list[Any] = list(run.starts[-1:])
         self.places: dict[tuple[str, str], str] = {}
-        self.names: list[tuple[str, str, str]] = []  # id, title, what is said of the fit
+        self.names: list[tuple[str, str, str]] = []  # id, title, the fit in words
         self.left_out = 0
         left = BUDGET
-        for m, material in enumerate(found):
+        for m, material in enumerate(materials):
             for c, codec in enumerate(material.codecs):
                 record = self._whole(codec)
                 left -= len(json.dumps(record))
@@ -31,18 +31,18 @@ class RecordsOfPage:
                     self.left_out += 1
                     continue
                 self.places[material.name, codec.label] = f"r{m}-{c}"
-                self.names.append((f"r{m}-{c}", f"{material.name}, {codec.label}", _told(codec)))
-                self.kept.append(record)
+                self.names.append((f"r{m}-{c}", f"{material.name}, {codec.label}", _fit_in_words(codec)))
+                self.records.append(record)
 
     def place(self, material: str, label: str) -> str:
-        """The id of a record's element; of no material, the first that the codec was measured on; "" of none."""
+        """The id of a record's element, without a material that of the codec's first one; "" where there is none."""
         if material:
             return self.places.get((material, label), "")
         return next((place for (_, other), place in self.places.items() if other == label), "")
 
     def packed(self) -> str:
         """All records, in the order of their elements."""
-        return pack(self.kept)
+        return pack(self.records)
 
     def html(self) -> Iterator[str]:
         """An element for each, filled when it is opened."""
@@ -58,20 +58,21 @@ class RecordsOfPage:
                 f"{self.left_out} more rows have their records in records.jsonl alone: there is no room for them."
             )
 
-    def _whole(self, codec: Codec) -> list[dict[str, Any]]:
+    def _whole(self, codec: CodecRows) -> list[dict[str, Any]]:
         return [{"job": row.job} | ({"timing": kept(row.timing, RESULTS)} if row.timing else {}) for row in codec.rows]
 
 
-def _told(codec: Codec) -> str:
+def _fit_in_words(codec: CodecRows) -> str:
+    """Seeds, revision and file of a codec's fits, or the status of what failed."""
     job = codec.rows[0].job
     if job["status"] != "ok":
         return str(job["status"])
     fitted, digest = job.get("fitted") or {}, str(job["score_key"].get("sha256", ""))[:12]
     seeds = f"{len(codec.rows)} seeds" if len(codec.rows) > 1 else ""
-    made = f"fitted by {fitted['git']}" if fitted.get("git") else ""
-    return ", ".join(filter(None, [seeds, made, f"file {digest}"]))
+    revision = f"fitted by {fitted['git']}" if fitted.get("git") else ""
+    return ", ".join(filter(None, [seeds, revision, f"file {digest}"]))
 
 
-def _folded(place: str, title: str, says: str, number: int) -> str:
-    more = f' <small class="notes">{escape(says)}</small>' if says else ""
+def _folded(place: str, title: str, remark: str, number: int) -> str:
+    more = f' <small class="notes">{escape(remark)}</small>' if remark else ""
     return f'<details id="{place}" data-record="{number}"><summary>{escape(title)}{more}</summary><pre></pre></details>'

@@ -16,8 +16,8 @@ KNOWN = (
 )
 
 
-class Looks:
-    """The looks of a run's codecs. A codec at several settings has one colour and marker, and a line for each."""
+class Styles:
+    """The styles of a run's codecs. A codec at several settings has one colour and marker, and a line for each."""
 
     def __init__(self, run: Run):
         labels = dict.fromkeys(map(shown_label, run.jobs))
@@ -25,8 +25,8 @@ class Looks:
         self.places = {codec: place for place, codec in enumerate(codecs)}
         self.variants = {codec: [label for label in labels if _codec(label) == codec] for codec in codecs}
 
-    def of(self, label: str) -> dict[str, Any]:
-        """What Matplotlib draws a label or a ladder of rates with; markers are hollow at every second setting."""
+    def of_codec(self, label: str) -> dict[str, Any]:
+        """How `plot` draws a label, or a ladder of rates; markers are hollow at every second setting."""
         codec = _codec(label)
         place, variants = self.places.get(codec, len(self.places)), self.variants.get(codec, [])
         variant = variants.index(label) if label in variants else 0

@@ -10,13 +10,13 @@ FEW = 3
 LEGEND = "Bold: the best of a column; underlined: the second."
 
 
-def marks(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int], str]:
-    """Marks by row and column, given how good each cell is, more is better; None is in no race.
+def best_cells(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int], str]:
+    """The marks of cells by row and column, from a score of each cell, more is better; None has no mark.
 
     Cells that read alike are equally good. A column in which all read alike, or one alone is scored, has no mark, and
     what more than `FEW` share is no distinction.
     """
-    found: dict[tuple[int, int], str] = {}
+    marks: dict[tuple[int, int], str] = {}
     for column in range(len(scores[0]) if scores else 0):
         raced = [(row[column], rows[i][column], i) for i, row in enumerate(scores)]
         order = sorted(((score, text, i) for score, text, i in raced if score is not None), key=lambda item: -item[0])
@@ -24,8 +24,8 @@ def marks(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int]
         if len(texts) > 1:
             look = {texts[0]: BOLD, texts[1]: UNDERLINED}
             shared = Counter(text for _, text, _ in order)
-            found |= {(i, column): look[text] for _, text, i in order if text in look and shared[text] <= FEW}
-    return found
+            marks |= {(i, column): look[text] for _, text, i in order if text in look and shared[text] <= FEW}
+    return marks
 
 
 def legend(table: Table) -> list[str]:

@@ -3,34 +3,34 @@ import tomllib
 from pathlib import Path
 
 from bench.records import load_run
-from reports.looks import COLOURS, KNOWN, Looks
+from reports.styles import COLOURS, KNOWN, Styles
 
 
-def look(looks, name):
+def look(styles, name):
     """What tells codecs of a figure apart: colour and marker. Lines, and hollow markers, tell settings apart."""
-    found = looks.of(name)
-    return found["color"], found["marker"]
+    style = styles.of_codec(name)
+    return style["color"], style["marker"]
 
 
 def test_a_codec_looks_the_same_in_every_run_and_material(made):
     made.job("vq").job("mine", material="brick").job("pca components=8").job("pca components=16")
-    looks = Looks(load_run(made.folder))
-    assert looks.of("vq") == Looks(load_run(made.job("other").folder)).of("vq")
-    one, two = looks.of("pca components=8"), looks.of("pca components=16")
+    styles = Styles(load_run(made.folder))
+    assert styles.of_codec("vq") == Styles(load_run(made.job("other").folder)).of_codec("vq")
+    one, two = styles.of_codec("pca components=8"), styles.of_codec("pca components=16")
     assert (one["color"], one["marker"]) == (two["color"], two["marker"])
     assert (one["linestyle"], one["markerfacecolor"]) != (two["linestyle"], two["markerfacecolor"])
-    assert look(looks, "mine") not in {look(looks, name) for name in KNOWN}
-    assert looks.of("pca") == looks.of("pca components=8")  # a ladder of rates looks as its codec does
+    assert look(styles, "mine") not in {look(styles, name) for name in KNOWN}
+    assert styles.of_codec("pca") == styles.of_codec("pca components=8")  # a ladder of rates styles as its codec does
 
 
 def test_no_two_of_the_codecs_look_alike(made):
     for i in range(40):
         made.job(f"outside{i}")
-    looks = Looks(load_run(made.folder))
+    styles = Styles(load_run(made.folder))
     names = [*KNOWN, *(f"outside{i}" for i in range(40))]
-    assert len({look(looks, name) for name in names}) == len(names)
+    assert len({look(styles, name) for name in names}) == len(names)
     compared = ("neubtf-direct", "neubtf", "neumip", "rainer2019", "relief", "pca")
-    assert len({looks.of(name)["color"] for name in compared}) == len(compared)
+    assert len({styles.of_codec(name)["color"] for name in compared}) == len(compared)
 
 
 def test_every_codec_that_is_installed_here_has_a_look_of_its_own_in_every_run():

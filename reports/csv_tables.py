@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from bench.records import Run, flattened
@@ -10,7 +10,7 @@ from reports.rows import Row, materials
 from reports.table import Table
 
 
-def csv_text(run: Run) -> str:
+def results_csv(run: Run) -> str:
     """One row a job. Names of columns are the paths of the record's fields: `bytes/total`, `scores/heldout/…/pooled`.
 
     `metric_version/NAME` and `timing/…` stand beside them; `not_comparable` says why a row must not be compared.
@@ -19,27 +19,27 @@ def csv_text(run: Run) -> str:
     places: dict[str, int] = {}  # of columns, in the order in which they appear
     rows = []
     for row in (row for material in materials(run) for row in material.rows):
-        found: list[Any] = [None] * len(places)
+        cells: list[Any] = [None] * len(places)
         for name, value in _fields(row):
             place = places.setdefault(name, len(places))
-            if place < len(found):
-                found[place] = value
+            if place < len(cells):
+                cells[place] = value
             else:
-                found.append(value)
-        rows.append(found)
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(list(places) or ["job"])
-    writer.writerows(found + [None] * (len(places) - len(found)) for found in rows)
-    return out.getvalue()
+                cells.append(value)
+        rows.append(cells)
+    return as_csv([list(places) or ["job"], *(cells + [None] * (len(places) - len(cells)) for cells in rows)])
 
 
 def table_csv(tables: Sequence[Table]) -> str:
     """The cells of tables as they are shown, each with a line of headers."""
+    headers = ([" ".join(words).strip() for words in table.headers] for table in tables)
+    return as_csv(row for table, header in zip(tables, headers, strict=True) for row in (header, *table.rows))
+
+
+def as_csv(rows: Iterable[Sequence[Any]]) -> str:
+    """Rows of cells, the headers first, as CSV; None is an empty field."""
     out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    for table in tables:
-        writer.writerows([[" ".join(words).strip() for words in table.headers], *table.rows])
+    csv.writer(out, lineterminator="\n").writerows(rows)
     return out.getvalue()
 
 

@@ -24,11 +24,11 @@ def hull(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Column:
-    """A name, a unit with an arrow to the better end, and what a measured row has there.
+    """A column: its name, its unit with an arrow to the better end, and its number for a measured row.
 
-    `value` finds it and `write` writes it; `pool` makes one of the numbers that stand together in several seeds.
-    `native`, where there is one, fills the cell of the measured data's own file, from any record of the material. A
-    column that is `sparse` is left out where no row has a number for it.
+    `value` finds the number and `write` formats it. Where it is a tuple, `pool` makes one tuple from those of several
+    seeds. `native` fills the cell of the measured data's own file, from any record of the material. A column that is
+    `sparse` is left out where no row has a number for it.
     """
 
     name: str
@@ -61,11 +61,11 @@ class Column:
         return 1 if "↑" in self.unit else -1 if "↓" in self.unit else 0
 
     def mean(self, seeds: Sequence[Row]) -> float | None:
-        """The mean over seeds of the number, or of the first of those that stand together; None where there is none."""
+        """The mean over seeds of the number, or of the first number of a tuple; None where there is none."""
         values = [self.value(row) for row in seeds]
         firsts = [value[0] if isinstance(value, tuple) else value for value in values]
-        found = [value for value in firsts if isinstance(value, int | float)]
-        return fmean(found) if found else None
+        numbers = [value for value in firsts if isinstance(value, int | float)]
+        return fmean(numbers) if numbers else None
 
     def score(self, seeds: Sequence[Row]) -> float | None:
         """How good the cell is, more is better; None where it is no number, or where no end of the scale is better."""

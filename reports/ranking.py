@@ -10,7 +10,7 @@ from reports.rows import materials
 
 
 @lru_cache(maxsize=1)
-def standing(run: Run) -> list[Standing]:
+def ranked(run: Run) -> list[Standing]:
     """Every measured codec, the best first."""
     return standings(
         {
@@ -26,6 +26,6 @@ def standing(run: Run) -> list[Standing]:
 @lru_cache(maxsize=1)
 def against_the_best(run: Run) -> Against:
     """The paired differences to the best codec that has an error; empty where nothing can be compared."""
-    stand = standing(run)
-    best = next((each.label for each in stand if each.rank is not None and math.isfinite(each.psnr)), "")
-    return against(run, best, [each.label for each in stand if each.label != best])
+    ranking = ranked(run)
+    best = next((each.label for each in ranking if each.rank is not None and math.isfinite(each.psnr)), "")
+    return against(run, best, [each.label for each in ranking if each.label != best])
