@@ -18,12 +18,12 @@ import numpy as np
 from PIL import Image
 
 import bench
-from bench.data.bake.path_brdf import lobes, reflect
 from bench.data.materials import recipe
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
-from bench.demand.mitsuba_bsdf import register
-from bench.demand.mitsuba_scene import set_variant
+from bench.demand.mitsuba.brdf import lobes, reflect
+from bench.demand.mitsuba.bsdf import register
+from bench.demand.mitsuba.scene import set_variant
 from bench.hemisphere import uniform
 from bench.metrics.display import exposure_of, to_display
 

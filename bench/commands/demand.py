@@ -58,7 +58,7 @@ def _mitsuba_scene(path: Path, bsdf: str | None) -> "Caster":
     if not bsdf:
         raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
     try:
-        from bench.demand.mitsuba_scene import MitsubaScene
+        from bench.demand.mitsuba.scene import MitsubaScene
     except ImportError as error:
         raise InputError(
             f"{path}: needs Mitsuba 3, which cannot be imported ({error}): pip install 'neubtf-bench[mitsuba]', or "

@@ -94,7 +94,7 @@ def _path_traced(options: argparse.Namespace) -> int:
         if getattr(options, name[2:]):
             raise InputError(f"{name}: not with a Mitsuba scene: {reason}")
     try:
-        from bench.demand.path_traced import path_traced
+        from bench.demand.mitsuba.picture import path_traced
     except ImportError as error:
         raise InputError(
             f"--scene {options.scene}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]' ({error})"

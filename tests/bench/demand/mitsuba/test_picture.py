@@ -162,7 +162,7 @@ def test_a_footprint_is_that_of_a_pixel(btf, tmp_path):
 
 
 def test_samples_of_a_pixel_share_its_footprint(btf, tmp_path):
-    from bench.demand.path_traced import _pixel_angle, path_traced
+    from bench.demand.mitsuba.picture import _pixel_angle, path_traced
 
     file, scene = tmp_path / "a.nbtf", tmp_path / "wall.xml"
     bench.encode(btf, "neumip", file, steps=20)

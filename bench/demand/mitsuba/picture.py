@@ -9,8 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from bench.demand.mitsuba_bsdf import NAME, register
-from bench.demand.mitsuba_scene import set_variant
+from bench.demand.mitsuba.bsdf import NAME, register
+from bench.demand.mitsuba.scene import set_variant
 from bench.errors import InputError, did_you_mean
 
 

@@ -13,7 +13,7 @@ from bench.codecs import container
 from bench.codecs.registry import codec_entries, load_codec, make_codec
 from bench.conformance.stability.case import subject_of
 from bench.data import materials
-from bench.demand.lobes import NAME, Lobe, fitted, noise
+from bench.demand.mitsuba.lobes import NAME, Lobe, fitted, noise
 from bench.hemisphere import uniform
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')

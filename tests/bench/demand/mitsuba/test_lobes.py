@@ -9,7 +9,7 @@ import torch
 import bench
 from bench import cli
 from bench.codecs import container
-from bench.demand.lobes import NAME, Lobe, checked, fitted, noise
+from bench.demand.mitsuba.lobes import NAME, Lobe, checked, fitted, noise
 from bench.errors import ContainerError
 from bench.hemisphere import uniform
 from bench.material import DecoderCost, Material

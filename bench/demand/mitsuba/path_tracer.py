@@ -16,9 +16,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from bench.data.bake.path_brdf import Lobes, at_least, lobes, reflect, sample
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import Renderer
+from bench.demand.mitsuba.brdf import Lobes, at_least, lobes, reflect, sample
 from bench.errors import InputError
 from bench.llvm import unusable
 

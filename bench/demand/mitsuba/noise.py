@@ -14,8 +14,8 @@ import mitsuba as mi
 import numpy as np
 from torch import Tensor
 
-from bench.demand.mitsuba_bsdf import NAME, register
-from bench.demand.mitsuba_scene import set_variant
+from bench.demand.mitsuba.bsdf import NAME, register
+from bench.demand.mitsuba.scene import set_variant
 from bench.errors import InputError
 
 NOISE = 0.01  # of the mean of the picture

@@ -30,7 +30,7 @@ from bench.codecs.loading import load
 from bench.codecs.program import program_of
 from bench.codecs.traced import Traced
 from bench.demand.demand import FARTHEST
-from bench.demand.lobes import Lobe, checked
+from bench.demand.mitsuba.lobes import Lobe, checked
 from bench.errors import InputError
 from bench.llvm import unusable
 
@@ -50,7 +50,7 @@ def register() -> type:
 
 
 class _Lobes:
-    """The lobes of a file, drawn from by Mitsuba's own GGX; see `bench.demand.lobes`."""
+    """The lobes of a file, drawn from by Mitsuba's own GGX; see `bench.demand.mitsuba.lobes`."""
 
     def __init__(self, stored: np.ndarray, repeat: tuple[float, float]):
         self.cells, self.repeat = len(stored), repeat

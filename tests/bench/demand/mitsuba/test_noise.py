@@ -21,7 +21,7 @@ def file(tmp_path_factory):
 
 
 def measured(file, lobes, samples, **more):
-    from bench.demand import noise
+    from bench.demand.mitsuba import noise
 
     picture = noise.Picture(SIDE, samples, repetitions=24, timed=samples)
     return noise.reached(file, lobes, picture=picture, **more)
@@ -29,7 +29,7 @@ def measured(file, lobes, samples, **more):
 
 def test_as_many_samples_reach_the_noise_that_is_stated(file, monkeypatch):
     """A picture of the stated number of samples a pixel has that noise."""
-    from bench.demand import noise
+    from bench.demand.mitsuba import noise
 
     monkeypatch.setattr(noise, "NOISE", 0.2)
     (found,) = measured(file, [None], 16)
@@ -49,7 +49,7 @@ def test_each_way_to_draw_is_measured_for_itself(file):
 
 
 def test_a_black_picture_has_no_noise():
-    from bench.demand import noise
+    from bench.demand.mitsuba import noise
 
     with pytest.raises(InputError, match="black"):
         noise._figures(np.zeros((3, 2, 2, 3)), 1.0, 4)

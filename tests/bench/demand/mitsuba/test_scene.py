@@ -62,7 +62,7 @@ def written(folder, *parts):
 
 
 def of(path, bsdf="cloth"):
-    from bench.demand.mitsuba_scene import MitsubaScene
+    from bench.demand.mitsuba.scene import MitsubaScene
 
     if reason := llvm.unusable(plugins=True):
         pytest.skip(reason)
@@ -141,7 +141,7 @@ def test_light_from_all_sides_and_curved_shapes(shape, light, tmp_path, monkeypa
     if reason := llvm.unusable(plugins=True):
         pytest.skip(reason)
     sky(tmp_path)
-    from bench.demand import mitsuba_scene
+    from bench.demand.mitsuba import scene as mitsuba_scene
 
     monkeypatch.setattr(mitsuba_scene, "SAMPLES", 128)
     import mitsuba as mi
@@ -195,8 +195,8 @@ def test_what_will_not_do_says_why(tmp_path):
 def test_a_mesh_without_texture_coordinates_is_refused(tmp_path):
     import mitsuba as mi
 
-    from bench.data.bake.path_tracer import using
-    from bench.demand.mitsuba_scene import _chosen
+    from bench.demand.mitsuba.path_tracer import using
+    from bench.demand.mitsuba.scene import _chosen
 
     (tmp_path / "bare.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     bare = '<shape type="obj"><string name="filename" value="bare.obj"/><ref id="cloth"/></shape>'
@@ -232,6 +232,6 @@ def test_the_command_says_what_it_lacks(tmp_path, capsys, monkeypatch):
     assert cli.main(["demand", "wall", "--bsdf", "a", "-o", out]) == 2
     assert "is of a Mitsuba scene" in capsys.readouterr().err
     monkeypatch.setitem(__import__("sys").modules, "mitsuba", None)
-    monkeypatch.delitem(__import__("sys").modules, "bench.demand.mitsuba_scene", raising=False)
+    monkeypatch.delitem(__import__("sys").modules, "bench.demand.mitsuba.scene", raising=False)
     assert cli.main(["demand", str(path), "--bsdf", "a", "-o", out]) == 2
     assert "needs Mitsuba 3" in capsys.readouterr().err

@@ -24,7 +24,7 @@ SMALL = Preparation(size=8, views=4, lights=4, heldout=3)
 
 
 def tracer():
-    from bench.data.bake import path_tracer
+    from bench.demand.mitsuba import path_tracer
 
     return path_tracer
 
@@ -44,18 +44,16 @@ def folder_of_maps(folder):
 
 def test_without_mitsuba_it_says_what_to_install(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "mitsuba", None)
-    monkeypatch.delitem(sys.modules, "bench.data.bake.path_tracer", raising=False)
-    monkeypatch.delattr("bench.data.bake.path_tracer", raising=False)
+    monkeypatch.delitem(sys.modules, "bench.demand.mitsuba.path_tracer", raising=False)
+    monkeypatch.delattr("bench.demand.mitsuba.path_tracer", raising=False)
     folder = folder_of_maps(tmp_path / "maps")
     words = ["bake", str(folder), "-o", str(tmp_path / "out.npz"), "--size", "8", "--renderer", "mitsuba"]
     assert cli.main(words) == 2
     assert 'pip install "neubtf-bench[mitsuba]"' in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["maps"]
-
-
-def test_an_unknown_renderer_is_named(tmp_path):
-    with pytest.raises(InputError, match="no renderer 'pbrt': there are builtin and mitsuba"):
-        bake(Surface("x", (8, 8), hills()), SMALL, tmp_path / "x.npz", lambda label, done, total: None, renderer="pbrt")
+    with pytest.raises(SystemExit):
+        cli.main([*words[:-1], "pbrt"])
+    assert "invalid choice: 'pbrt'" in capsys.readouterr().err
 
 
 FLAT = {
@@ -135,7 +133,7 @@ def test_drawn_directions_have_the_built_in_reflectance_as_their_mean(kind, o):
     """The albedo by drawing equals that by quadrature of `bench.data.materials.brdf`; 100,000 draws err by 0.4 %."""
     import mitsuba as mi
 
-    from bench.data.bake import path_brdf
+    from bench.demand.mitsuba import brdf as mitsuba_brdf
 
     names = ("roughness", "metalness", "specular", "anisotropy")
     values = {"metalness": 0.0, "specular": 1.0, "anisotropy": 0.0} | FLAT[kind]
@@ -149,11 +147,11 @@ def test_drawn_directions_have_the_built_in_reflectance_as_their_mean(kind, o):
     expected = 2 * np.pi * (at.diffuse[0] * through + brdf.specular_colour(at, between)[0] * highlight).mean()
     random = np.random.default_rng(0).random((3, 100_000)).astype(np.float32)
     with tracer().using(tracer().fastest_variant()):
-        here = path_brdf.lobes(mi.Vector3f(*o), mi.Color3f(0.6), *(mi.Float(values[name]) for name in names))
+        here = mitsuba_brdf.lobes(mi.Vector3f(*o), mi.Color3f(0.6), *(mi.Float(values[name]) for name in names))
         if mi.variant() == "scalar_rgb":
             pytest.skip("LLVM is not on this machine")
         choice, x, y = (mi.Float(row) for row in random)
-        drawn = np.array(path_brdf.sample(here, choice, mi.Point2f(x, y))[1])[0].mean()
+        drawn = np.array(mitsuba_brdf.sample(here, choice, mi.Point2f(x, y))[1])[0].mean()
     assert drawn == pytest.approx(expected, rel=0.01)
 
 
@@ -173,7 +171,7 @@ def test_neighbouring_tiles_occlude():
 def test_the_seed_decides_the_paths_and_the_launches_do_not(monkeypatch):
     maps, (wo, wi) = hills(), Sampling(views=3, lights=3, heldout=0).everything("", 0)
     first, other = (tracer().path_trace(maps, wo, wi, (8, 8), 2, seed=seed) for seed in (5, 6))
-    monkeypatch.setattr("bench.data.bake.path_tracer.WAVEFRONT", 600)
+    monkeypatch.setattr("bench.demand.mitsuba.path_tracer.WAVEFRONT", 600)
     again = tracer().path_trace(maps, wo, wi, (8, 8), 2, seed=5)
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -182,7 +180,7 @@ def test_the_seed_decides_the_paths_and_the_launches_do_not(monkeypatch):
 
 @with_mitsuba
 def test_a_killed_bake_goes_on_where_it_was(tmp_path, monkeypatch):
-    monkeypatch.setattr("bench.data.bake.path_tracer.WAVEFRONT", 8 * 8 * 16 * 4)  # four pairs a launch
+    monkeypatch.setattr("bench.demand.mitsuba.path_tracer.WAVEFRONT", 8 * 8 * 16 * 4)  # four pairs a launch
     surface, out = Surface("hills", (8, 8), hills()), tmp_path / "hills.npz"
     calls = []
 
@@ -191,12 +189,12 @@ def test_a_killed_bake_goes_on_where_it_was(tmp_path, monkeypatch):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        bake(surface, SMALL, out, dies, renderer="mitsuba")
+        bake(surface, SMALL, out, dies, path_tracer=tracer())
     assert not out.exists()
-    bake(surface, SMALL, out, lambda label, done, total: calls.append((done, total)), renderer="mitsuba")
+    bake(surface, SMALL, out, lambda label, done, total: calls.append((done, total)), path_tracer=tracer())
     assert calls == [(8, 19), (12, 19), (16, 19), (19, 19)]
     assert [path.name for path in tmp_path.iterdir()] == ["hills.npz"]
-    bake(surface, SMALL, tmp_path / "whole.npz", lambda label, done, total: None, renderer="mitsuba")
+    bake(surface, SMALL, tmp_path / "whole.npz", lambda label, done, total: None, path_tracer=tracer())
     resumed, whole = open_btf(out), open_btf(tmp_path / "whole.npz")
     np.testing.assert_array_equal(np.stack(list(resumed)), np.stack(list(whole)))
     assert "Mitsuba" in whole.provenance["renderer"]
@@ -211,9 +209,9 @@ def test_other_settings_take_nothing_from_a_killed_bake(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        bake(surface, SMALL, tmp_path / "a.npz", dies, renderer="mitsuba")
+        bake(surface, SMALL, tmp_path / "a.npz", dies, path_tracer=tracer())
     other = Surface("hills", (8, 8), hills(base=0.4))
-    bake(other, SMALL, tmp_path / "a.npz", lambda label, done, total: calls.append(done), renderer="mitsuba")
+    bake(other, SMALL, tmp_path / "a.npz", lambda label, done, total: calls.append(done), path_tracer=tracer())
     assert calls[0] == 0
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
 
@@ -222,7 +220,7 @@ def test_other_settings_take_nothing_from_a_killed_bake(tmp_path):
 def test_without_llvm_it_says_so_and_gives_the_same_values(monkeypatch, caplog):
     maps, (wo, wi) = hills(8), Sampling(views=2, lights=2, heldout=0).everything("", 0)
     first = tracer().path_trace(maps, wo, wi, (4, 4), 2)
-    monkeypatch.setattr("bench.data.bake.path_tracer.unusable", lambda: "there is none")
+    monkeypatch.setattr("bench.demand.mitsuba.path_tracer.unusable", lambda: "there is none")
     second = tracer().path_trace(maps, wo, wi, (4, 4), 2)
     assert "scalar_rgb, some thousand times slower: there is none" in caplog.text
     np.testing.assert_allclose(second, first, rtol=1e-3, atol=1e-5)

@@ -11,7 +11,7 @@ import bench
 from bench import cli
 from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
-from bench.demand.lobes import NAME, Lobe
+from bench.demand.mitsuba.lobes import NAME, Lobe
 from bench.errors import InputError
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
@@ -148,7 +148,7 @@ def test_lobes_are_those_that_were_fitted(sampled):
 
 
 def test_a_variant_that_cannot_run_it_is_refused():
-    from bench.demand.mitsuba_bsdf import register
+    from bench.demand.mitsuba.bsdf import register
 
     mi.set_variant("scalar_rgb")
     try:

@@ -13,6 +13,6 @@ def plugin():
     import mitsuba
 
     mitsuba.set_variant("llvm_ad_rgb")
-    from bench.demand.mitsuba_bsdf import register
+    from bench.demand.mitsuba.bsdf import register
 
     register()
