@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     if options.query or options.data:
         return _again(options)
     from bench import records
-    from bench.conformance.stability import run as stress
+    from bench.conformance.stress import run as stress
     from bench.console import Console
     from bench.runs.provenance import provenance
     from reports import stress_text
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _all(of_codecs: "Iterator[Record]", pictures: bool) -> "Iterator[Record]":
-    from bench.conformance.stability.run import picture_records
+    from bench.conformance.stress.run import picture_records
 
     yield from of_codecs
     if pictures:
@@ -90,7 +90,7 @@ def _make(folder: Path) -> None:
 
 
 def _list() -> int:
-    from bench.conformance.stability import CASES, metrics
+    from bench.conformance.stress import CASES, metrics
 
     width = max(len(case.name) for case in CASES)
     for case in CASES:
@@ -106,9 +106,9 @@ def _again(options: argparse.Namespace) -> int:
 
     from bench.codecs.registry import load_codec
     from bench.conformance.check import CheckError
-    from bench.conformance.stability.case import subject_of
-    from bench.conformance.stability.properties import data_hold, query_holds
-    from bench.conformance.stability.run import chosen
+    from bench.conformance.stress.case import subject_of
+    from bench.conformance.stress.properties import data_hold, query_holds
+    from bench.conformance.stress.run import chosen
 
     queries = _numbers("--query", options.query, float)
     data = _numbers("--data", options.data, int)

@@ -10,10 +10,10 @@ from typing import Any
 
 from bench.codec import Codec, Progress, SharedNetwork, silent
 from bench.codecs.registry import load_codec
-from bench.conformance import stability
+from bench.conformance import stress
 from bench.conformance.check import STAGES, Bench, Check, CheckError, raised
-from bench.conformance.stability.case import short
-from bench.conformance.stability.reference import met_by_others
+from bench.conformance.stress.case import short
+from bench.conformance.stress.reference import met_by_others
 from bench.material import parameters
 from bench.records import Record
 
@@ -32,7 +32,7 @@ def check(codec: Codec, network: SharedNetwork | None = None, show: Progress = s
     """Run the checks against a codec, yielding each result; what a codec itself raises is a failed check.
 
     They come in stages: it encodes and answers, the answers are the material's, a renderer's promises, and the quick
-    extremes of `bench.conformance.stability`. The first stage in which one fails is the last that is tried: what comes
+    extremes of `bench.conformance.stress`. The first stage in which one fails is the last that is tried: what comes
     after would fail for the same reason. A codec that shares a network over materials is tried with a small one of its
     own, or that of `network`.
     """
@@ -54,7 +54,7 @@ def check(codec: Codec, network: SharedNetwork | None = None, show: Progress = s
 
 def planned() -> int:
     """How many results a check yields that no stage of ends early."""
-    return sum(map(len, STAGES)) + sum(case.cheap for case in stability.CASES)
+    return sum(map(len, STAGES)) + sum(case.cheap for case in stress.CASES)
 
 
 def of(name: str, settings: dict[str, Any]) -> Codec:
@@ -75,12 +75,12 @@ def _stage(bench: Bench, checks: tuple[Check, ...]) -> Iterator[Result]:
 
 
 def _extremes(bench: Bench) -> Iterator[Result]:
-    subject = stability.Subject(bench)
-    cases = [case for case in stability.CASES if case.cheap]
+    subject = stress.Subject(bench)
+    cases = [case for case in stress.CASES if case.cheap]
     said = set[str]()
     for number, case in enumerate(cases):
         bench.show("extremes", number, len(cases))
-        found = stability.judge(case, subject)
+        found = stress.judge(case, subject)
         what = found.detail if found.detail not in said else "the same again"
         said.add(found.detail)
         failure = what + met_by_others(case.name) if found.verdict == "fail" else ""

@@ -16,13 +16,13 @@ from bench.btf import NotFiniteError
 from bench.codec import Parts
 from bench.codecs.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.codecs.quantise import Precision, pack, unpack
-from bench.conformance import stability
-from bench.conformance.stability.case import subject_of
-from bench.conformance.stability.data import ordinary
-from bench.conformance.stability.queries import Queries
+from bench.conformance import stress
+from bench.conformance.stress.case import subject_of
+from bench.conformance.stress.data import ordinary
+from bench.conformance.stress.queries import Queries
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, to_radiance
 
-CASES = {case.name: case for case in stability.CASES}
+CASES = {case.name: case for case in stress.CASES}
 
 
 class Sound(MeanColour):
@@ -390,7 +390,7 @@ BROKEN = {
 def verdict(codec, name, folder, monkeypatch):
     """The verdict on a codec; its files, which say mean-colour, decode with it."""
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
-    return stability.judge(CASES[name], subject_of(codec, folder))
+    return stress.judge(CASES[name], subject_of(codec, folder))
 
 
 def test_the_layer_that_gives_the_radiance_is_found_by_when_it_runs(tmp_path, monkeypatch):

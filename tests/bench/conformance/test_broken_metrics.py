@@ -1,7 +1,7 @@
 """Every pair of extreme pictures fails a metric and a loss that break in that way.
 
 `METRICS` and `LOSSES` name for each pair one that breaks there. All but the first find equal pictures equal, so that
-nothing else is wrong with them; the real metrics and losses pass every pair (`test_stability.py`).
+nothing else is wrong with them; the real metrics and losses pass every pair (`test_stress.py`).
 """
 
 from functools import partial
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.conformance.stability import metrics
+from bench.conformance.stress import metrics
 from bench.metrics.base import SliceMetric
 from bench.metrics.psnr import squared_error
 

@@ -13,9 +13,9 @@ from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench import cli
 from bench.codec import Codec, Parts
 from bench.codecs.quantise import unpack
-from bench.conformance import stability
+from bench.conformance import stress
 from bench.conformance.check import CHECKS, encodes, framed
-from bench.conformance.stability import reference
+from bench.conformance.stress import reference
 from bench.conformance.verdicts import check, of
 from bench.material import DecoderCost, Material
 from bench.records import FILE, append
@@ -42,9 +42,9 @@ def test_our_codecs_keep_every_promise(name, monkeypatch):
     # The extremes are tried on every codec by the stress test, where they have a table of their own.
     learned = name not in ("mean-colour", "table", "pca")
     if learned:
-        monkeypatch.setattr(stability, "CASES", ())
+        monkeypatch.setattr(stress, "CASES", ())
     results = list(check(of(name, {})))
-    assert len(results) == len(CHECKS) + (0 if learned else sum(case.cheap for case in stability.CASES))
+    assert len(results) == len(CHECKS) + (0 if learned else sum(case.cheap for case in stress.CASES))
     assert [result for result in results if result.failure] == []
     told_apart = [result.note for result in results if result.name == framed.__doc__]
     assert all(told_apart) == (name == "mean-colour")

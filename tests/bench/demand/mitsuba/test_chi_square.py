@@ -11,7 +11,7 @@ import torch
 import bench
 from bench.codecs import container
 from bench.codecs.registry import codec_entries, load_codec, make_codec
-from bench.conformance.stability.case import subject_of
+from bench.conformance.stress.case import subject_of
 from bench.data import materials
 from bench.demand.mitsuba.lobes import NAME, Lobe, fitted, noise
 from bench.hemisphere import uniform

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from bench.conformance.check import tiny_radiance
-from bench.conformance.stability.case import Array, Measured, Subject, require
-from bench.conformance.stability.data import values
-from bench.conformance.stability.queries import Queries, spread
+from bench.conformance.stress.case import Array, Measured, Subject, require
+from bench.conformance.stress.data import values
+from bench.conformance.stress.queries import Queries, spread
 from bench.hemisphere import uniform
 from bench.material import sample_texture
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from bench import metrics
 from bench.codecs.training import Loss, distance
 from bench.conformance.check import CheckError
-from bench.conformance.stability.case import Verdict, require
+from bench.conformance.stress.case import Verdict, require
 from bench.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE

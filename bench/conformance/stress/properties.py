@@ -9,8 +9,8 @@ import torch
 
 from bench.btf import BTF, ArraySource
 from bench.conformance.check import ROUNDING, CheckError
-from bench.conformance.stability.case import Subject, applicable, require
-from bench.conformance.stability.queries import BOUND, Queries, spread
+from bench.conformance.stress.case import Subject, applicable, require
+from bench.conformance.stress.queries import BOUND, Queries, spread
 from bench.hemisphere import from_degrees, thin, ubo2003
 
 NUMBERS = 9  # of a query: u v, ω_o, ω_i, footprint

@@ -5,8 +5,8 @@ numbers inside a decoder (`networks`), what must hold anywhere (`invariants`); f
 (`metrics`). The cheap ones are part of `neubtf-bench check`.
 """
 
-from bench.conformance.stability import data, invariants, networks, queries
-from bench.conformance.stability.case import Case, Subject, Verdict, judge, subject_of
+from bench.conformance.stress import data, invariants, networks, queries
+from bench.conformance.stress.case import Case, Subject, Verdict, judge, subject_of
 
 CASES: tuple[Case, ...] = (*data.CASES, *queries.CASES, *networks.CASES, *invariants.CASES)
 

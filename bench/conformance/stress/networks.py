@@ -14,9 +14,9 @@ from torch import Tensor, nn
 
 from bench.codecs.decoder import Decoder
 from bench.conformance.check import CheckError
-from bench.conformance.stability.case import Case, Measured, NotApplicable, Subject, Test, applicable, require
-from bench.conformance.stability.data import SAME_DB, firefly, ordinary
-from bench.conformance.stability.queries import Queries, described, grazing, spread
+from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, applicable, require
+from bench.conformance.stress.data import SAME_DB, firefly, ordinary
+from bench.conformance.stress.queries import Queries, described, grazing, spread
 from bench.material import HALF_MAX, Material
 from bench.metrics.display import exposure_of, to_display
 from bench.metrics.psnr import psnr

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from bench.codec import Progress, silent
 from bench.codecs.registry import codec_entries, load_codec
-from bench.conformance.stability import CASES, metrics
-from bench.conformance.stability.case import Case, Verdict, judge, subject_of
+from bench.conformance.stress import CASES, metrics
+from bench.conformance.stress.case import Case, Verdict, judge, subject_of
 from bench.errors import InputError, did_you_mean
 from bench.records import Record
 from bench.runs.executors import Workers

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from bench.conformance.check import ROUNDING, CheckError
-from bench.conformance.stability.case import Case, Subject, require
+from bench.conformance.stress.case import Case, Subject, require
 from bench.errors import InputError
 from bench.hemisphere import from_angles, from_degrees, uniform
 

@@ -14,12 +14,12 @@ from bench.codec import Configured, settings_dict
 from bench.codecs import container, shared
 from bench.conformance import check
 from bench.conformance.check import CheckError
-from bench.conformance.stability.case import Case, Measured, NotApplicable, Subject, Test, require
-from bench.conformance.stability.data import ordinary
-from bench.conformance.stability.networks import SHORT_FLOATS
-from bench.conformance.stability.physics import CONSERVES, RECIPROCAL, energy, reciprocity
-from bench.conformance.stability.properties import DATA_HOLDS, QUERIES_HOLD, drawn_data, drawn_queries
-from bench.conformance.stability.queries import Queries, described, spread
+from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, require
+from bench.conformance.stress.data import ordinary
+from bench.conformance.stress.networks import SHORT_FLOATS
+from bench.conformance.stress.physics import CONSERVES, RECIPROCAL, energy, reciprocity
+from bench.conformance.stress.properties import DATA_HOLDS, QUERIES_HOLD, drawn_data, drawn_queries
+from bench.conformance.stress.queries import Queries, described, spread
 
 MANY = 10_000
 LINES, HALVINGS = 2_000, 20  # 2⁻²⁰ is 1e-6

@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.btf import BTF, ArraySource
 from bench.conformance.check import CheckError, tiny_btf
-from bench.conformance.stability.case import Case, Encoded, Measured, Subject, require
+from bench.conformance.stress.case import Case, Encoded, Measured, Subject, require
 from bench.data.repair import repaired
 from bench.errors import InputError
 from bench.hemisphere import from_degrees

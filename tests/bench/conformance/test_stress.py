@@ -14,21 +14,21 @@ from bench.codec import Parts
 from bench.codecs.quantise import unpack
 from bench.codecs.registry import load_codec
 from bench.codecs.training import DivergedError
-from bench.conformance import stability
-from bench.conformance.stability import metrics, properties
-from bench.conformance.stability.case import SHORT, subject_of
-from bench.conformance.stability.invariants import wild_rates
+from bench.conformance import stress
+from bench.conformance.stress import metrics, properties
+from bench.conformance.stress.case import SHORT, subject_of
+from bench.conformance.stress.invariants import wild_rates
 from bench.errors import InputError
 from bench.material import Material
 from bench.records import load_run
 
-CASES = {case.name: case for case in stability.CASES}
+CASES = {case.name: case for case in stress.CASES}
 
 
 @pytest.mark.parametrize("name", ["mean-colour", "pca", "neubtf-direct"])
 def test_our_codecs_survive_the_cheap_part(name, tmp_path):
     subject = subject_of(load_codec(name), tmp_path)
-    verdicts = {case.name: stability.judge(case, subject) for case in stability.CASES if case.cheap}
+    verdicts = {case.name: stress.judge(case, subject) for case in stress.CASES if case.cheap}
     assert {name: verdict for name, verdict in verdicts.items() if verdict.verdict == "fail"} == {}
     assert sum(verdict.verdict == "pass" for verdict in verdicts.values()) > 25
 
@@ -37,7 +37,7 @@ def verdicts(codec, names, folder, monkeypatch):
     """The verdicts on a codec named mean-colour, whose files decode with it."""
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
     subject = subject_of(codec, folder)
-    return {name: stability.judge(CASES[name], subject) for name in names}
+    return {name: stress.judge(CASES[name], subject) for name in names}
 
 
 class Broken(MeanColour):
@@ -59,7 +59,7 @@ class Dark(MeanColourMaterial):
 
 
 def test_a_codec_that_answers_0_everywhere_fails(tmp_path, monkeypatch):
-    names = [case.name for case in stability.CASES if case.group == "data" and "scaled" not in case.name]
+    names = [case.name for case in stress.CASES if case.group == "data" and "scaled" not in case.name]
     found = verdicts(broken(Dark), names, tmp_path, monkeypatch)
     passed = {name for name, verdict in found.items() if verdict.verdict == "pass"}
     assert passed == {"all zero", "NaN and infinite texels"}
@@ -196,7 +196,7 @@ def test_the_command_records_prints_and_says_no(tmp_path, monkeypatch, capsys):
     assert re.search(r"^two constants +pass$", said, re.M)
     assert re.search(r"^sine of 1e5 +n/a a$", said, re.M)
     assert "a: has no sine" in said
-    monkeypatch.setattr("bench.conformance.stability.run.load_codec", lambda name: broken(Dark))
+    monkeypatch.setattr("bench.conformance.stress.run.load_codec", lambda name: broken(Dark))
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": broken(Dark))
     assert main(command) == 1
     said = capsys.readouterr().out
