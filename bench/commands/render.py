@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.console import Console
     from bench.data.open import open_named
     from bench.demand import still
-    from bench.demand.judge import table_of
+    from bench.demand.frame_scorer import table_of
 
     still.check_ending(options.out)
     _check_limits(options)

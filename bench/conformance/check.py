@@ -71,8 +71,8 @@ def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarr
     )
     half = (wo + wi) / np.linalg.norm(wo + wi, axis=-1, keepdims=True)
     gloss = 0.5 * half[..., 2:] ** 20 * (1 + np.sin(2 * np.pi * col))[..., None]
-    found: np.ndarray = (albedo / np.pi + gloss) * wi[..., 2:]
-    return found
+    radiance: np.ndarray = (albedo / np.pi + gloss) * wi[..., 2:]
+    return radiance
 
 
 def others(btf: BTF) -> list[BTF]:
@@ -168,13 +168,13 @@ def fresh_process(bench: Bench) -> None:
     """a fresh process decodes the file to the same answers, bit for bit"""
     from safetensors.torch import load_file, save_file
 
-    asked, answered = bench.folder / "queries", bench.folder / "answers"
-    save_file(dict(zip(("uv", "wo", "wi", "footprint"), bench.queries, strict=True)), asked)
-    command = [sys.executable, "-c", FRESH, str(bench.header.path), str(asked), str(answered)]
+    queries_file, answers_file = bench.folder / "queries", bench.folder / "answers"
+    save_file(dict(zip(("uv", "wo", "wi", "footprint"), bench.queries, strict=True)), queries_file)
+    command = [sys.executable, "-c", FRESH, str(bench.header.path), str(queries_file), str(answers_file)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise CheckError(f"the fresh process failed: {(done.stderr.splitlines() or ['no message'])[-1]}")
-    _same("fresh process", load_file(answered)["rgb"], bench.answers, 0.0)
+    _same("fresh process", load_file(answers_file)["rgb"], bench.answers, 0.0)
 
 
 def same_bytes(bench: Bench) -> None:
@@ -221,14 +221,14 @@ def refuses(bench: Bench) -> None:
 def counted(bench: Bench) -> None:
     """declared parameters, channels and numbers in textures are those that are counted"""
     declared = bench.material.cost
-    found = parameters(bench.material)
-    if declared.parameters != found:
-        raise CheckError(f"declares {declared.parameters:,} parameters, holds {found:,}")
+    counted_parameters = parameters(bench.material)
+    if declared.parameters != counted_parameters:
+        raise CheckError(f"declares {declared.parameters:,} parameters, holds {counted_parameters:,}")
     texture = container.read_parts(bench.header.path)[1].texture
     floats, channels = counting.texture_floats(texture), counting.texture_channels(texture, bench.material.size)
     held = counting.held_floats(bench.material)
     if declared.texture_floats not in floats and declared.texture_floats != held:
-        stores = f"stores {counting.said(floats)} and holds {held:,}"
+        stores = f"stores {counting.count_text(floats)} and holds {held:,}"
         raise CheckError(f"declares {declared.texture_floats:,} numbers in textures, {stores}")
     if channels is not None and declared.texture_channels != channels:
         raise CheckError(f"declares {declared.texture_channels:,} texture channels, stores {channels:,}")
@@ -252,8 +252,8 @@ def slices(bench: Bench) -> None:
     wo, wi = bench.btf.wo[5], bench.btf.wi[5]
     uv = texel_centres(height, width)
     view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
-    asked = bench.material.query(uv, view, light, 1 / max(height, width))
-    _same("slice", bench.material.slice(wo.tolist(), wi.tolist()), asked.reshape(height, width, 3), 0.0)
+    answers = bench.material.query(uv, view, light, 1 / max(height, width))
+    _same("slice", bench.material.slice(wo.tolist(), wi.tolist()), answers.reshape(height, width, 3), 0.0)
 
 
 def encodes(bench: Bench) -> None:
@@ -275,8 +275,8 @@ def framed(bench: Bench) -> str | None:
     """frame, order of channels and directions, and units are those of the truth"""
     if mistake := bench.framed.mistake():
         raise CheckError(mistake)
-    untold = bench.framed.untold()
-    return f"its answers are the same {'; '.join(untold)}" if untold else None
+    undecided = bench.framed.undecided()
+    return f"its answers are the same {'; '.join(undecided)}" if undecided else None
 
 
 Check = Callable[[Bench], str | None]  # what it raises is the failure, what it returns a note

@@ -61,7 +61,7 @@ def material() -> BTF:
 class Arrangement:
     """A way to be wrong: what is said of it, and the radiance that such a codec would answer."""
 
-    says: str
+    description: str
     radiance: Radiance
 
 
@@ -175,11 +175,11 @@ class Found:
 
     def shares(self) -> dict[str, float]:
         """`share` of each wrong arrangement, by what is said of it."""
-        return {one.says: self.share(one.radiance(*self.queries)) for one in ARRANGEMENTS}
+        return {one.description: self.share(one.radiance(*self.queries)) for one in ARRANGEMENTS}
 
     def mistake(self) -> str:
         """What is wrong, in words; empty where nothing is."""
-        likely = [(self.error(one.radiance(*self.queries)), one.says) for one in self._wrong()]
+        likely = [(self.error(one.radiance(*self.queries)), one.description) for one in self._wrong()]
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
             likely.append((self.error(truth(*self.queries).double() * scale), f"as {scale:.3g} times the truth"))
@@ -188,6 +188,6 @@ class Found:
     def _wrong(self) -> list[Arrangement]:
         return [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
 
-    def untold(self) -> list[str]:
+    def undecided(self) -> list[str]:
         """The arrangements that the answers do not tell from the truth."""
-        return [says for says, share in self.shares().items() if RIGHT < share <= WRONG]
+        return [description for description, share in self.shares().items() if RIGHT < share <= WRONG]

@@ -77,14 +77,14 @@ def _stage(bench: Bench, checks: tuple[Check, ...]) -> Iterator[Result]:
 def _extremes(bench: Bench) -> Iterator[Result]:
     subject = stress.Subject(bench)
     cases = [case for case in stress.CASES if case.cheap]
-    said = set[str]()
+    details = set[str]()
     for number, case in enumerate(cases):
         bench.show("extremes", number, len(cases))
-        found = stress.judge(case, subject)
-        what = found.detail if found.detail not in said else "the same again"
-        said.add(found.detail)
-        failure = what + met_by_others(case.name) if found.verdict == "fail" else ""
-        yield Result(f"{case.name}: {case.holds}", failure, found.detail if found.verdict == "n/a" else "")
+        verdict = stress.judge(case, subject)
+        what = verdict.detail if verdict.detail not in details else "the same again"
+        details.add(verdict.detail)
+        failure = what + met_by_others(case.name) if verdict.verdict == "fail" else ""
+        yield Result(f"{case.name}: {case.holds}", failure, verdict.detail if verdict.verdict == "n/a" else "")
     bench.show("extremes", len(cases), len(cases))
 
 
@@ -93,12 +93,12 @@ def count(name: str) -> Record:
 
     A codec with recipes is counted as published. One that is fitted in `steps` takes one, which changes no count.
     """
-    found = load_codec(name)
-    fitted = "steps" in {field.name for field in dataclasses.fields(found.Settings)}
+    codec_class = load_codec(name)
+    fitted = "steps" in {field.name for field in dataclasses.fields(codec_class.Settings)}
     settings: dict[str, Any] = {"steps": 1} if fitted else {}
-    if "paper" in found.recipes:
+    if "paper" in codec_class.recipes:
         settings["recipe"] = "paper"
-    codec = found(**settings)
+    codec = codec_class(**settings)
     with tempfile.TemporaryDirectory() as folder:
         material = Bench(codec, Path(folder), codec.network().brief() if codec.network else None).material
     return {

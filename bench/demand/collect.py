@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.codec import Progress, silent
 from bench.demand.demand import CELLS, MOST, Demand
-from bench.demand.points import Light, Points, asked
+from bench.demand.points import Light, Points, queries_of
 from bench.errors import InputError
 
 PREVIEW = 96  # cells along the longer side of the picture, for a first look at how much of it shows the material
@@ -54,7 +54,7 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
         show("casting rays", frame, scene.frames)
         points = scene.cast(frame, *_places(scene.picture, size, rng))
         if len(points):
-            queries = asked(points, scene.lights(points, rng))
+            queries = queries_of(points, scene.lights(points, rng))
             queries["pixel"] += frame * cells
             parts.append(queries)
     show("casting rays", scene.frames, scene.frames)
@@ -63,8 +63,8 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     if not len(columns["pixel"]):
         raise InputError(f"{scene.name}: the camera sees the material, but no light reaches it on that side")
-    says = {"scene": scene.name, "picture": list(scene.picture), "limit": limit, "seed": seed}
-    demand = Demand(**columns, frames=(scene.frames, *size), provenance=says)
+    provenance = {"scene": scene.name, "picture": list(scene.picture), "limit": limit, "seed": seed}
+    demand = Demand(**columns, frames=(scene.frames, *size), provenance=provenance)
     return demand if len(demand) <= limit else demand.thinned(limit, rng)
 
 

@@ -78,7 +78,7 @@ class Light:
     irradiance: Array  # (n, 3)
 
 
-def asked(points: Points, lights: list[Light]) -> dict[str, Array]:
+def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
     """The queries of some points under some lights, as the columns of `Demand`.
 
     Leaves out queries at or below a horizon, and unlit ones.

@@ -52,8 +52,8 @@ def _axes(surface: Surface) -> tuple[Array, Array, Array]:
 def _plane_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     normal = _axes(surface)[2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = (np.asarray(surface.centre) - eye) @ normal / (ahead @ normal)
-    return np.where(found > 0, found, np.inf)
+        along = (np.asarray(surface.centre) - eye) @ normal / (ahead @ normal)
+    return np.where(along > 0, along, np.inf)
 
 
 def _sphere_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
@@ -61,8 +61,8 @@ def _sphere_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     offset = eye - np.asarray(surface.centre)
     half = ahead @ offset
     with np.errstate(invalid="ignore"):
-        found = -half - np.sqrt(half**2 - (offset @ offset - surface.radius**2))
-    return np.where(found > 0, found, np.inf)
+        nearer = -half - np.sqrt(half**2 - (offset @ offset - surface.radius**2))
+    return np.where(nearer > 0, nearer, np.inf)
 
 
 def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Array, Array, Array, Array, Array]:
@@ -114,7 +114,7 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = np.stack([(low - start) / way, (high - start) / way])
     enter, leave = np.maximum(np.nanmax(sides.min(0), 1), 0), np.nanmin(sides.max(0), 1)
-    found = np.full(len(way), np.inf)
+    distances = np.full(len(way), np.inf)
     some = np.flatnonzero(enter < leave)
     enter, leave, way = enter[some], leave[some], way[some]
 
@@ -133,5 +133,5 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
         middle = (near + far) / 2
         before = above(middle) == first
         near, far = np.where(before, middle, near), np.where(before, far, middle)
-    found[some[hit]] = far[hit]
-    return found
+    distances[some[hit]] = far[hit]
+    return distances

@@ -261,22 +261,22 @@ def footprint_errors(
     errors: dict[int, list[float]] = {factor: [] for factor in factors if factor <= min(btf.shape)}
     for pair in np.asarray(pairs).tolist():
         truth = btf[pair]
-        for factor, found in errors.items():
+        for factor, squared in errors.items():
             wanted, name = box_filter(truth, factor), f"decoded slice of pair {pair} at footprint {factor}"
             test = check_radiance(decode(pair, factor), name)
             if test.shape != wanted.shape:
                 raise InputError(f"{name} is {test.shape}, not {wanted.shape}")
-            found.append(float(np.square(to_display(wanted, exposure) - to_display(test, exposure)).mean()))
-    return {factor: np.array(found) for factor, found in errors.items()}
+            squared.append(float(np.square(to_display(wanted, exposure) - to_display(test, exposure)).mean()))
+    return {factor: np.array(squared) for factor, squared in errors.items()}
 
 
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
     """The summary of `footprint_errors` for a record; see `score_footprints`."""
-    found: dict[str, dict[str, float | int | None]] = {}
+    summary: dict[str, dict[str, float | int | None]] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)
-        found[str(factor)] = {"psnr_display": stats["pooled"]} | {k: stats[k] for k in ("mean", "exact", "slices")}
-    return found
+        summary[str(factor)] = {"psnr_display": stats["pooled"]} | {k: stats[k] for k in ("mean", "exact", "slices")}
+    return summary
 
 
 def _masks(pairs: Array, wo: Array, wi: Array, groups: dict[str, Array]) -> dict[str, Array]:

@@ -159,8 +159,8 @@ def judge(case: Case, subject: Subject) -> Verdict:
     """Try a case on a codec. Whatever a codec raises is its failure."""
     try:
         with torch_threads(1):
-            found = case.test(subject) or Measured()
-        return Verdict("pass", found.figure, found.detail, found.used)
+            measured = case.test(subject) or Measured()
+        return Verdict("pass", measured.figure, measured.detail, measured.used)
     except NotApplicable as reason:
         return Verdict("n/a", "n/a", str(reason))
     except CheckError as error:

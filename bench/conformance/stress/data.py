@@ -242,9 +242,9 @@ def refused(subject: Subject) -> None:
     try:
         subject.encode(not_finite())
     except InputError as error:
-        said = str(error)
-        told = re.search(r"\d of [\d,]+ values", said) and re.search(r"\(\d+, ", said)  # of a slice, or of samples
-        require(told, "unclear", f"names no count and place: {said}")
+        message = str(error)
+        count, place = (re.search(pattern, message) for pattern in (r"\d of [\d,]+ values", r"\(\d+, "))
+        require(count and place, "unclear", f"names no count and place: {message}")
         return
     raise CheckError("values that are not finite were encoded", "encoded")
 
@@ -254,9 +254,9 @@ def stored_or_refused(subject: Subject) -> Measured:
     try:
         encoded = subject.encode(beyond_half(), stretch=5)
     except InputError as error:
-        said = str(error)
-        require(re.search(r"1e\+?0?6|1,?000,?000|65,?504", said), "unclear", f"names no value and no limit: {said}")
-        return Measured("refused", detail=said)
+        named = re.search(r"1e\+?0?6|1,?000,?000|65,?504", str(error))
+        require(named, "unclear", f"names no value and no limit: {error}")
+        return Measured("refused", detail=str(error))
     return no_worse(encoded)
 
 
@@ -283,8 +283,8 @@ def data(
 
 
 def scale(name: str, factor: float) -> Case:
-    says = f"the quality of the same data unscaled, within {SAME_DB} dB (above {EXACT_DB:.0f} dB all are equal)"
-    return Case("data", name, says, same_quality(factor))
+    holds = f"the quality of the same data unscaled, within {SAME_DB} dB (above {EXACT_DB:.0f} dB all are equal)"
+    return Case("data", name, holds, same_quality(factor))
 
 
 CASES = (

@@ -135,8 +135,8 @@ def near_double(name: str, subject: Subject) -> Measured:
     r = SHORT_STEPS * torch.finfo(SHORT_FLOATS[name]).eps
     excess = ((ours - double).abs() / (double.abs() + double.mean()) / r).amax(1)
     worst = int(excess.nan_to_num(torch.inf).argmax())
-    said, right = ours[worst].tolist(), double[worst].tolist()
-    where = f"{said}, {right} in float64: {excess[worst]:.2f} of what is allowed, at {described(queries, worst)}"
+    short, exact = ours[worst].tolist(), double[worst].tolist()
+    where = f"{short}, {exact} in float64: {excess[worst]:.2f} of what is allowed, at {described(queries, worst)}"
     require(excess[worst] <= 1, f"{excess[worst] * r:.1%}", where)
     return Measured(used=float(excess[worst]), detail=where)
 
@@ -149,9 +149,9 @@ def diverges(subject: Subject) -> None:
     except NotApplicable:
         raise
     except Exception as error:  # of whatever kind a codec raises: it must say what happened
-        said = str(error)
-        require("diverged" in said or "not finite" in said, "unclear", f"{type(error).__name__}: {said}")
-        left = [found.name for found in subject.bench.folder.glob(f"{path.stem}*")]
+        message = str(error)
+        require("diverged" in message or "not finite" in message, "unclear", f"{type(error).__name__}: {message}")
+        left = [file.name for file in subject.bench.folder.glob(f"{path.stem}*")]
         require(not left, "left a file", f"left {left}")
         return
     raise CheckError(f"a fit at a rate of {HIGH_RATE:g} ended as if nothing were wrong", "silent")

@@ -109,10 +109,10 @@ def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None
 
 def subjects() -> dict[str, Callable[[PictureCase], None]]:
     """Every metric and loss by name."""
-    found: dict[str, Callable[[PictureCase], None]] = {
+    tests: dict[str, Callable[[PictureCase], None]] = {
         name: partial(scored, metrics.get(name).load()) for name in metric_names()
     }
-    return found | {f"loss {loss}": partial(weighed, partial(distance, loss=loss)) for loss in get_args(Loss)}
+    return tests | {f"loss {loss}": partial(weighed, partial(distance, loss=loss)) for loss in get_args(Loss)}
 
 
 def judge(test: Callable[[PictureCase], None], case: PictureCase) -> Verdict:

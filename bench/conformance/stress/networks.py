@@ -109,7 +109,7 @@ SPOILED: dict[str, Callable[[Subject], Material]] = {
 }
 
 
-def asked() -> Queries:
+def random_and_grazing() -> Queries:
     """Random queries and grazing ones."""
     some, low = spread(), spread(seed=1)
     low = low._replace(wo=grazing(), wi=grazing(89.0))
@@ -118,13 +118,13 @@ def asked() -> Queries:
 
 def sound(material: Material, what: str = "") -> None:
     """`CheckError` where a material answers something negative or not finite."""
-    queries = asked()
+    queries = random_and_grazing()
     answers = material.query(*queries)
     bad = ~(answers.isfinite() & (answers >= 0)).all(1)
     if bad.any():
         row = int(bad.nonzero()[0])
-        said = f"{what}{answers[row].tolist()} at {described(queries, row)}"
-        raise CheckError(said, f"{int(bad.sum())} bad")
+        first = f"{what}{answers[row].tolist()} at {described(queries, row)}"
+        raise CheckError(first, f"{int(bad.sum())} bad")
 
 
 def spoiled(make: Callable[[Subject], Material], subject: Subject) -> None:

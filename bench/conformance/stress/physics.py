@@ -48,8 +48,8 @@ def reciprocity(subject: Subject) -> Measured:
     error = asymmetry(lambda queries: subject.bench.material.query(*queries))
     require(error.isfinite(), "not finite", "the error of reciprocity is not finite")
     most = asymmetry(mean_colour()) * NO_WORSE
-    said = f"the exchange of view and light changes f_r by {error:.1%} of its mean, a mean colour's by {most:.1%}"
-    require(error <= most, f"{error:.0%}", said)
+    detail = f"the exchange of view and light changes f_r by {error:.1%} of its mean, a mean colour's by {most:.1%}"
+    require(error <= most, f"{error:.0%}", detail)
     return Measured(f"{error:.0%}")
 
 
@@ -73,13 +73,13 @@ def energy(subject: Subject) -> Measured:
             torch.from_numpy(wi).repeat(VIEWS, 1),
             torch.zeros(VIEWS * LIGHTS),
         )
-        found: Array = answer(queries).view(VIEWS, LIGHTS, 3).mean(1).numpy() * 2 * np.pi / true
-        return found
+        albedo: Array = answer(queries).view(VIEWS, LIGHTS, 3).mean(1).numpy() * 2 * np.pi / true
+        return albedo
 
     ours = excess(lambda queries: subject.bench.material.query(*queries))
     most = max(1.0, float(excess(mean_colour()).max())) * NO_WORSE
     worst = int(ours.max(1).argmax())
     theta, share = math.degrees(math.acos(wo[worst, 2])), ours.max()
-    said = f"reflects {share:.1%} of what the truth does, or of all light, at θ = {theta:.0f}°; allowed {most:.1%}"
-    require(share <= most, f"{share:.0%}", said)
+    detail = f"reflects {share:.1%} of what the truth does, or of all light, at θ = {theta:.0f}°; allowed {most:.1%}"
+    require(share <= most, f"{share:.0%}", detail)
     return Measured(f"{share:.0%}")

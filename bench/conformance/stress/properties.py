@@ -28,11 +28,11 @@ def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
     query = Queries(row[None, :2], row[None, 2:5], row[None, 5:8], row[8:])
     material = subject.bench.material
     answer = material.query(*query)[0]
-    said = f"{answer.tolist()}"
-    require(answer.isfinite().all() and (answer >= 0).all(), "bad", f"{said} is negative or not finite")
-    require((answer <= BOUND * subject.brightest).all(), f"{answer.max():.3g}", f"{said}: a firefly")
+    listed = f"{answer.tolist()}"
+    require(answer.isfinite().all() and (answer >= 0).all(), "bad", f"{listed} is negative or not finite")
+    require((answer <= BOUND * subject.brightest).all(), f"{answer.max():.3g}", f"{listed}: a firefly")
     if min(query.wo[0, 2], query.wi[0, 2]) <= 0:
-        require(not answer.any(), f"{answer.max():.3g}", f"{said} below the horizon")
+        require(not answer.any(), f"{answer.max():.3g}", f"{listed} below the horizon")
     allowed = ROUNDING * max(1.0, subject.brightest)
     # Sixteenths are exact in float32, here and three periods away.
     place = query._replace(uv=(query.uv * 16).round().remainder(16) / 16)

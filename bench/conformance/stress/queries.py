@@ -71,8 +71,8 @@ def bounded(subject: Subject, queries: Queries) -> None:
     bad = ~(answers.isfinite() & (answers >= 0) & (answers <= BOUND * subject.brightest)).all(1)
     if bad.any():
         row = int(bad.nonzero()[0])
-        said, asked = answers[row].tolist(), described(queries, row)
-        raise CheckError(f"{int(bad.sum())} answers, the first {said} at {asked}", f"{answers[bad].max():.3g}")
+        first, query_text = answers[row].tolist(), described(queries, row)
+        raise CheckError(f"{int(bad.sum())} answers, the first {first} at {query_text}", f"{answers[bad].max():.3g}")
 
 
 def dark(subject: Subject, queries: Queries) -> None:

@@ -137,10 +137,10 @@ def open_svbrdf(folder: Path, data: Preparation, show: Progress, draw: int = 0) 
 
 def _cached(folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], show: Progress) -> BTF:
     """A folder of maps at some pairs, which `sampled` describes: from the cache, or baked into it."""
-    found, name = recognise(folder), folder.resolve().name
-    path = cache_dir() / "materials" / f"{name}-{size}-{_key(found, size, sampled)[:24]}.npz"
+    maps, name = recognise(folder), folder.resolve().name
+    path = cache_dir() / "materials" / f"{name}-{size}-{_key(maps, size, sampled)[:24]}.npz"
     if not path.exists():
-        surface = read_surface(found, size)
+        surface = read_surface(maps, size)
         path.parent.mkdir(parents=True, exist_ok=True)
         log.warning("baking %s\n%s", folder, table(surface))
         _bake(surface, pairs, _described(surface, 0) | sampled, path, show)
@@ -155,9 +155,9 @@ def table(surface: Surface) -> str:
     return "\n".join(f"  {role:<{width}}  {text}" for role, text in surface.notes.items())
 
 
-def _key(found: MapFiles, size: int, sampled: dict[str, Any]) -> str:
+def _key(maps: MapFiles, size: int, sampled: dict[str, Any]) -> str:
     """A hash of everything that determines the values of a bake with default options."""
-    content = [FolderFiles(found.folder).digest(found.files.values()), sorted(found.files.items())]
+    content = [FolderFiles(maps.folder).digest(maps.files.values()), sorted(maps.files.items())]
     described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, size, sampled, content])
     return hashlib.sha256(described.encode()).hexdigest()
 

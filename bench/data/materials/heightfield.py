@@ -51,11 +51,11 @@ class HeightField:
         for k in range(1, steps + 1):
             z = self.top - k * step
             above = self._along(per_height, z, stride) - np.float32(z)
-            found = np.flatnonzero((above >= 0) & alive)
-            if len(found):
-                a, b = above.flat[found], before.flat[found]
-                hit.flat[found] = z + step * a / np.maximum(a - b, 1e-20)
-                alive.flat[found] = False
+            crossed = np.flatnonzero((above >= 0) & alive)
+            if len(crossed):
+                a, b = above.flat[crossed], before.flat[crossed]
+                hit.flat[crossed] = z + step * a / np.maximum(a - b, 1e-20)
+                alive.flat[crossed] = False
                 if not alive.any():
                     break
             before = above

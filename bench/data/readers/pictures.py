@@ -212,13 +212,13 @@ def _exr_attributes(data: bytes, label: str) -> dict[str, bytes] | None:
 
 def _exr_channels(attributes: dict[str, bytes]) -> dict[str, tuple[int, int, int]]:
     """Pixel type (0 uint, 1 half, 2 float) and samplings of each channel of an EXR header."""
-    found, data, at = {}, attributes["channels"], 0
+    channels, data, at = {}, attributes["channels"], 0
     while at < len(data) and data[at]:
         end = data.index(b"\0", at)
         kind, x_step, y_step = struct.unpack_from("<i4xii", data, end + 1)
-        found[data[at:end].decode("latin-1")] = (kind, x_step, y_step)
+        channels[data[at:end].decode("latin-1")] = (kind, x_step, y_step)
         at = end + 17
-    return found
+    return channels
 
 
 def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ class _Lobes:
 
     def __init__(self, stored: np.ndarray, repeat: tuple[float, float]):
         self.cells, self.repeat = len(stored), repeat
-        lobe = Lobe.of(torch.from_numpy(stored).reshape(-1, stored.shape[2]))
+        lobe = Lobe.from_stored(torch.from_numpy(stored).reshape(-1, stored.shape[2]))
         columns = [lobe.share, lobe.along, lobe.across, *(axis for axes in lobe.axes for axis in axes.T)]
         self.columns = [mi.Float(column.numpy()) for column in columns]
 
@@ -85,8 +85,8 @@ class _Lobes:
         inside, out = (mi.Vector3f(*(dr.dot(each, axis) for axis in axes)) for each in (view, light))
         half = dr.normalize(inside + out)
         met = dr.dot(inside, half)
-        found = _ggx(along, across).pdf(inside, half) / (4 * met)
-        return dr.select((inside.z > 1e-4) & (met > 1e-4) & (half.z > 0), found, 0)
+        density = _ggx(along, across).pdf(inside, half) / (4 * met)
+        return dr.select((inside.z > 1e-4) & (met > 1e-4) & (half.z > 0), density, 0)
 
 
 def _wrapped(si: Any, repeat: tuple[float, float]) -> Any:
@@ -137,21 +137,21 @@ class _Answers:
         toward = mi.warp.square_to_cosine_hemisphere(sample2)
         if self.lobes:
             toward = dr.select(sample1 < self.lobes.share(si, view), self.lobes.drawn(si, view, sample2), toward)
-        found = mi.BSDFSample3f(self._turned(si, toward))
-        found.pdf = self.pdf(context, si, found.wo, active)
-        found.eta, found.sampled_component = 1.0, 0
-        found.sampled_type = mi.UInt32(+mi.BSDFFlags.GlossyReflection)
-        active = active & (found.pdf > 0)
-        return found, dr.select(active, self.eval(context, si, found.wo, active) / found.pdf, 0)
+        drawn = mi.BSDFSample3f(self._turned(si, toward))
+        drawn.pdf = self.pdf(context, si, drawn.wo, active)
+        drawn.eta, drawn.sampled_component = 1.0, 0
+        drawn.sampled_type = mi.UInt32(+mi.BSDFFlags.GlossyReflection)
+        active = active & (drawn.pdf > 0)
+        return drawn, dr.select(active, self.eval(context, si, drawn.wo, active) / drawn.pdf, 0)
 
     def _turned(self, si: Any, direction: Any) -> Any:
         """A direction of the surface's frame in the texture's, or back."""
         # As of Mitsuba's spheres, where v runs against the frame's y: the texture is mirrored, and its relief with it.
         mirrored = dr.dot(dr.cross(si.dp_du, si.dp_dv), si.sh_frame.n) < 0
-        found = mi.Vector3f(direction.x, dr.select(mirrored, -direction.y, direction.y), direction.z)
+        turned = mi.Vector3f(direction.x, dr.select(mirrored, -direction.y, direction.y), direction.z)
         if self.two_sided:
-            found.z = dr.mulsign(found.z, si.wi.z)
-        return found
+            turned.z = dr.mulsign(turned.z, si.wi.z)
+        return turned
 
     def eval(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
         # Mitsuba's wi is toward the camera and its wo toward the light.

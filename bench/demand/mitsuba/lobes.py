@@ -39,7 +39,7 @@ class Lobe:
     axes: tuple[Tensor, Tensor, Tensor]
 
     @classmethod
-    def of(cls, raw: Tensor) -> "Lobe":
+    def from_stored(cls, raw: Tensor) -> "Lobe":
         """From the five stored numbers (n, 5): any number is valid."""
         share = (1 - LEAST_COSINE) * raw[:, 0].sigmoid()
         along, across = (LEAST_ROUGHNESS + (1 - LEAST_ROUGHNESS) * raw[:, 1:3].sigmoid()).unbind(1)
@@ -77,17 +77,17 @@ def fitted(
     for step in range(steps):
         cell, wo, wi, values = drawn(material, cells, VIEWS, LIGHTS, rng)
         weights = values / values.mean(1, keepdim=True).clamp_min(1e-9)
-        density = Lobe.of(raw[cell]).density(wo, wi)
+        density = Lobe.from_stored(raw[cell]).density(wo, wi)
         loss = -(weights.flatten() * density.clamp_min(1e-9).log()).mean()
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
         schedule.step()
         show("fitting lobes", step + 1, steps)
-    found = raw.detach()
-    cosine, mixed = (each.view(len(found), -1).sum(1) for each in _variances(material, found, CHECKED, rng)[:2])
-    found[mixed > cosine, 0] = OFF  # the entropy is not the variance: some cells are better off with the cosine
-    return found.reshape(cells, cells, -1).half()
+    lobes = raw.detach()
+    cosine, mixed = (each.view(len(lobes), -1).sum(1) for each in _variances(material, lobes, CHECKED, rng)[:2])
+    lobes[mixed > cosine, 0] = OFF  # the entropy is not the variance: some cells are better off with the cosine
+    return lobes.reshape(cells, cells, -1).half()
 
 
 def drawn(
@@ -142,4 +142,4 @@ def _variances(material: Material, raw: Tensor, lights: int, rng: np.random.Gene
     def variance(density: Tensor) -> Tensor:
         return (values.square() / density.view(-1, lights)).mean(1) * whole - albedo**2
 
-    return variance(wi[:, 2] / math.pi), variance(Lobe.of(raw[cell]).density(wo, wi)), albedo
+    return variance(wi[:, 2] / math.pi), variance(Lobe.from_stored(raw[cell]).density(wo, wi)), albedo

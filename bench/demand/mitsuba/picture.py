@@ -52,10 +52,10 @@ def replaced(scene: Path, bsdf: str, file: Path, repeat: float) -> str:
         root = ElementTree.parse(scene).getroot()
     except (OSError, ElementTree.ParseError) as error:
         raise InputError(f"{scene}: cannot be read ({error})") from error
-    found = {node.get("id", ""): node for node in root.iter("bsdf") if node.get("id")}
-    if bsdf not in found:
-        raise InputError(f"{scene}: has no BSDF with the id {bsdf!r}{did_you_mean(bsdf, found)}")
-    node = found[bsdf]
+    bsdfs = {node.get("id", ""): node for node in root.iter("bsdf") if node.get("id")}
+    if bsdf not in bsdfs:
+        raise InputError(f"{scene}: has no BSDF with the id {bsdf!r}{did_you_mean(bsdf, bsdfs)}")
+    node = bsdfs[bsdf]
     node.clear()
     node.attrib.update(type=NAME, id=bsdf)
     ElementTree.SubElement(node, "string", name="filename", value=str(file.absolute()))

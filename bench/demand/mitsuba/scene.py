@@ -53,8 +53,8 @@ class MitsubaScene:
         position, normal = _rows(hit.p), _rows(hit.sh_frame.n)
         eye = np.broadcast_to(np.asarray(self.sensors[frame].world_transform().translation()).ravel(), position.shape)
         columns = (_rows(hit.uv), position, normal, _rows(hit.dp_du), _rows(hit.dp_dv), eye)
-        found = (*columns, _rows(ahead(1, 0).d), _rows(ahead(0, 1).d))
-        return Points(some, *(column[some] for column in found))
+        neighbours = _rows(ahead(1, 0).d), _rows(ahead(0, 1).d)
+        return Points(some, *(column[some] for column in (*columns, *neighbours)))
 
     def _rays(self, frame: int, col: Array, row: Array) -> Values:
         height, width = self.picture
@@ -65,15 +65,15 @@ class MitsubaScene:
         """Every emitter that may reach the points, where nothing is between; of an extended one some samples."""
         here = dr.zeros(mi.SurfaceInteraction3f, len(points))
         here.p, here.n = _vector(mi.Point3f, points.position), _vector(mi.Normal3f, points.normal)
-        found = []
+        samples = []
         for emitter, count in self.emitters:
             for _ in range(count):
                 chance = mi.Point2f(*(mi.Float(rng.random(len(points))) for _ in range(2)))
                 toward, arriving = emitter.sample_direction(here, chance)
                 free = ~self.scene.ray_test(here.spawn_ray_to(toward.p))
                 irradiance = _rows(arriving) * np.asarray(free)[:, None] / count
-                found.append(Light(_rows(toward.d), np.nan_to_num(irradiance)))
-        return found
+                samples.append(Light(_rows(toward.d), np.nan_to_num(irradiance)))
+        return samples
 
 
 def set_variant() -> None:
@@ -107,8 +107,8 @@ def _chosen(scene: Values, path: Path, bsdf: str) -> Values:
 
 def _rows(values: Values) -> Array:
     """Dr.Jit vectors as rows (n, k) float64."""
-    found: Array = np.asarray(values, np.float64).T
-    return found
+    rows: Array = np.asarray(values, np.float64).T
+    return rows
 
 
 def _vector(kind: Values, rows: Array) -> Values:

@@ -23,8 +23,8 @@ from bench.conformance.check import tiny_btf
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
 from bench.demand.fitting import Goal, Search, density_of, encode, sized, steps_of
-from bench.demand.judge import Judge
-from bench.demand.need import Need, needed_pairs
+from bench.demand.frame_scorer import FrameScorer
+from bench.demand.needed_part import NeededPart, needed_pairs
 from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
 from bench.errors import InputError
@@ -68,7 +68,7 @@ def loaded(codec, parts, folder):
 
 
 def test_a_near_scene_needs_a_window_of_the_texture_and_few_pairs():
-    need = Need.of(tiny_btf(64, 9, 9), demand(NEAR))
+    need = NeededPart.for_demand(tiny_btf(64, 9, 9), demand(NEAR))
     assert need.window.factor == 1
     assert need.window.height < 40
     assert need.window.width < 40
@@ -78,13 +78,13 @@ def test_a_near_scene_needs_a_window_of_the_texture_and_few_pairs():
 
 def test_a_far_scene_needs_nothing_fine():
     asked = demand(FAR)
-    need = Need.of(tiny_btf(64, 9, 9), asked)
+    need = NeededPart.for_demand(tiny_btf(64, 9, 9), asked)
     assert need.window.full
     assert need.window.factor == int(np.percentile(asked.footprint, 1) * 64) > 2
 
 
 def test_a_demand_from_everywhere_needs_everything():
-    need = Need.of(tiny_btf(16, 6, 6), random_demand())
+    need = NeededPart.for_demand(tiny_btf(16, 6, 6), random_demand())
     assert need.whole
     assert need.views.sum() > 100
 
@@ -93,7 +93,7 @@ def test_a_demand_from_everywhere_needs_everything():
 def test_a_window_maps_its_texels_onto_its_own_around_the_border_too(start):
     btf, asked = tiny_btf(32, 4, 4), random_demand(200)
     asked = replace(asked, place=((start + 0.4 * asked.place) % 1).astype(np.float32))
-    window = Need.of(btf, asked).window
+    window = NeededPart.for_demand(btf, asked).window
     assert 12 <= window.height <= 17
     uv = texel_centres(32, 32)
     inside = window.holds(uv)
@@ -111,7 +111,7 @@ def test_a_window_maps_its_texels_onto_its_own_around_the_border_too(start):
 def test_a_texture_that_is_not_square_has_windows_and_samples_of_square_texels():
     """A scene sees as much of it along u as along v, in texels, and a footprint covers as many of them."""
     btf, asked = tiny_btf(64, 4, 4).crop(0, 0, 32, 64), demand(NEAR)
-    whole, window = (Need.of(each, asked).window for each in (tiny_btf(64, 4, 4), btf))
+    whole, window = (NeededPart.for_demand(each, asked).window for each in (tiny_btf(64, 4, 4), btf))
     assert window.size == (32, 64)
     assert abs(window.height - whole.height) <= 1 or window.height == 32
     assert window.width == whole.width
@@ -160,7 +160,7 @@ def test_samples_follow_the_demand_and_a_share_is_uniform():
     batch = samples.draw(20_000, torch.Generator().manual_seed(0))
     drawn = batch.pair >= len(btf)
     assert drawn.float().mean() == pytest.approx(0.75, abs=0.02)
-    seen = Need.of(btf, asked).window
+    seen = NeededPart.for_demand(btf, asked).window
     assert seen.holds(samples.centres(batch.texel[drawn])).float().mean() > 0.99
     assert seen.holds(samples.centres(batch.texel[~drawn])).float().mean() < 0.9
     wo = samples.wo[batch.pair[drawn]].mean(0).numpy()
@@ -243,7 +243,7 @@ def noisy_btf():
 
 def search(tmp_path, asked, codec):
     btf = noisy_btf()
-    return Search(codec, btf, Judge(btf, asked), Fit, tmp_path)
+    return Search(codec, btf, FrameScorer(btf, asked), Fit, tmp_path)
 
 
 def test_a_search_finds_the_smallest_that_does_as_well_as_the_full_model(tmp_path):
@@ -309,7 +309,7 @@ def test_levels_that_a_scene_never_touches_are_left_out_of_a_pyramid(tmp_path):
     near, far = (random_demand(footprint=side / 16) for side in (1.0, 4.0))
     rows = {}
     for name, asked in (("near", near), ("far", far)):
-        factor = Need.of(btf, asked, every_pair=True).window.factor
+        factor = NeededPart.for_demand(btf, asked, every_pair=True).window.factor
         material = loaded(codec, encode(codec, btf, Fit(), asked), tmp_path)
         rows[name] = (factor, material.inner.pyramid.levels)
         assert (

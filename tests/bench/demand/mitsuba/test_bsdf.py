@@ -142,7 +142,7 @@ def test_lobes_are_those_that_were_fitted(sampled):
     wo[:, 2], wi[:, 2] = abs(wo[:, 2]), abs(wi[:, 2])
     raw = container.read_parts(sampled)[1].sampling[NAME].float()
     rows, columns = (np.minimum((x * 2).astype(int), 1) for x in (1 - uv[:, 1], uv[:, 0]))
-    wanted = Lobe.of(raw[rows, columns]).density(torch.from_numpy(wo), torch.from_numpy(wi)).numpy()
+    wanted = Lobe.from_stored(raw[rows, columns]).density(torch.from_numpy(wo), torch.from_numpy(wi)).numpy()
     found = np.asarray(bsdf.pdf(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T)))
     np.testing.assert_allclose(found, wanted, rtol=2e-3, atol=1e-5)
 

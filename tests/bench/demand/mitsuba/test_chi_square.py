@@ -72,7 +72,7 @@ def misfit(bsdf, uv, theta_deg, tests, other=None):
 
 def busiest(lobes):
     """Where the texture's lobe is drawn most often."""
-    share = Lobe.of(lobes.float().reshape(-1, lobes.shape[2])).share.reshape(lobes.shape[:2])
+    share = Lobe.from_stored(lobes.float().reshape(-1, lobes.shape[2])).share.reshape(lobes.shape[:2])
     row, col = divmod(int(share.argmax()), share.shape[1])
     return (col + 0.5) / share.shape[1], 1 - (row + 0.5) / share.shape[0]
 

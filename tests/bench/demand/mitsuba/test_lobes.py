@@ -37,7 +37,7 @@ def directions(n, seed=0, most=89.9):
 )
 def test_a_density_integrates_to_what_stays_above_the_horizon(raw):
     """No more than 1, and 1 but for what a lobe throws below the horizon."""
-    lobe = Lobe.of(torch.tensor([raw], dtype=torch.float32).expand(200_000, -1))
+    lobe = Lobe.from_stored(torch.tensor([raw], dtype=torch.float32).expand(200_000, -1))
     for seed, cosine in ((1, 0.95), (2, 0.4)):
         wo = torch.tensor([math.sqrt(1 - cosine**2), 0.0, cosine]).expand(200_000, -1)
         total = float(lobe.density(wo, directions(200_000, seed)).mean()) * 2 * math.pi
@@ -50,7 +50,7 @@ def test_a_fit_finds_a_highlight_and_lessens_the_noise():
     before = torch.tensor([0.0, -1.0, -1.0, 0.0, 0.0]).expand(2, 2, -1)
     narrow = Plastic(0.01)
     lobes = fitted(narrow, cells=2, steps=120).float()
-    roughness = Lobe.of(lobes.reshape(4, -1))
+    roughness = Lobe.from_stored(lobes.reshape(4, -1))
     assert float(roughness.along.max()) < 0.2
     found = noise(narrow, lobes)
     assert found.total < 0.5 * noise(narrow, before).total

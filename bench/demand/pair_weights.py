@@ -12,7 +12,7 @@ CHUNK = 8_192  # queries at once: scattered pairs are searched by their distance
 Array = np.ndarray
 
 
-def corners(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:
+def pair_weights(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:
     """Pairs and shares (n, k) of each query, as `bench.directions` interpolates between them.
 
     Shares add up to one; with `radiance` they are the weights that radiance is interpolated with, cosines included.
@@ -20,16 +20,16 @@ def corners(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:
     interpolator = PairInterpolator(layout)
     search = interpolator if radiance else interpolator.shares
     wo, wi = torch.from_numpy(demand.wo), torch.from_numpy(demand.wi)
-    found = [search(o, i) for o, i in zip(wo.split(CHUNK), wi.split(CHUNK), strict=True)]
-    return Weights(torch.cat([f.sample for f in found]).int(), torch.cat([f.weight for f in found]).float())
+    parts = [search(o, i) for o, i in zip(wo.split(CHUNK), wi.split(CHUNK), strict=True)]
+    return Weights(torch.cat([part.sample for part in parts]).int(), torch.cat([part.weight for part in parts]).float())
 
 
 def pair_shares(layout: Layout, demand: Demand) -> Array:
     """The share (N,) of the demand that falls on each pair; they add up to one."""
-    return share_of(corners(layout, demand), demand.importance, len(layout.view))
+    return shares_from_weights(pair_weights(layout, demand), demand.importance, len(layout.view))
 
 
-def share_of(found: Weights, importance: Array, count: int) -> Array:
+def shares_from_weights(weights: Weights, importance: Array, count: int) -> Array:
     """The share (count,) of each pair, from corners that are already known."""
-    weight = found.weight.numpy() * importance[:, None]
-    return np.bincount(found.sample.numpy().ravel(), weight.ravel(), count)
+    weight = weights.weight.numpy() * importance[:, None]
+    return np.bincount(weights.sample.numpy().ravel(), weight.ravel(), count)

@@ -7,8 +7,8 @@ from baselines.table import Table
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.demand.collect import collect
-from bench.demand.corners import pair_shares
-from bench.demand.judge import FLIP, PSNR, Judge, table_of
+from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer, table_of
+from bench.demand.pair_weights import pair_shares
 from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
 from bench.demand.truth import truth
@@ -64,25 +64,25 @@ def test_the_reference_over_a_box_is_its_mean():
 def test_the_table_makes_the_frames_of_the_reference_and_a_mean_colour_does_not():
     coarse = SCENE.replace("repeat = [2, 2]", "repeat = [1, 1]")  # a pixel is smaller than a texel
     btf, asked = tiny_btf(8, 6, 6), demand(coarse)
-    judge = Judge(btf, asked)
-    exact, plain = (judge.score(decoded(codec, btf)) for codec in (Table(), MeanColour()))
+    scorer = FrameScorer(btf, asked)
+    exact, plain = (scorer.score(decoded(codec, btf)) for codec in (Table(), MeanColour()))
     assert exact[PSNR] > 60  # the table is of half floats
     assert exact[FLIP] < 0.005
     assert plain[PSNR] < 40 < exact[PSNR]
-    seen = judge.seen
-    truth, ours = judge.truth, judge.frames(decoded(MeanColour(), btf))
-    error = np.square(to_display(truth, judge.exposure) - to_display(ours, judge.exposure))[seen].mean()
+    seen = scorer.seen
+    truth, ours = scorer.truth, scorer.frames(decoded(MeanColour(), btf))
+    error = np.square(to_display(truth, scorer.exposure) - to_display(ours, scorer.exposure))[seen].mean()
     assert plain[PSNR] == pytest.approx(-10 * np.log10(error))
 
 
 def test_pixels_without_material_do_not_count():
     btf = tiny_btf(8, 6, 6)
     text = SCENE.replace("[1.2, 1.2]", "[0.3, 0.3]").replace("repeat = [2, 2]", "repeat = [0.5, 0.5]")
-    judge = Judge(btf, demand(text))
-    assert 0.01 < judge.seen.mean() < 0.3
-    grey = judge.frames(decoded(MeanColour(), btf))
-    worse = np.where(judge.seen[..., None], grey, 9.0)
-    assert judge.compare(worse, (PSNR,)) == judge.compare(grey, (PSNR,))
+    scorer = FrameScorer(btf, demand(text))
+    assert 0.01 < scorer.seen.mean() < 0.3
+    grey = scorer.frames(decoded(MeanColour(), btf))
+    worse = np.where(scorer.seen[..., None], grey, 9.0)
+    assert scorer.compare(worse, (PSNR,)) == scorer.compare(grey, (PSNR,))
 
 
 def test_a_table_whose_held_out_pairs_are_scattered_is_that_of_the_training_pairs():

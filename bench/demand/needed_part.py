@@ -8,8 +8,8 @@ import torch
 
 from bench.btf import BTF, Layout, periods
 from bench.codecs.window import CELLS, Window, cell_of, to_hex
-from bench.demand.corners import corners, pair_shares, share_of
 from bench.demand.demand import Demand
+from bench.demand.pair_weights import pair_shares, pair_weights, shares_from_weights
 from bench.density import COVERED
 from bench.directions import Hemisphere
 
@@ -19,7 +19,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Need:
+class NeededPart:
     """The needed part of a BTF. `views` and `lights` are maps (CELLS, CELLS) of the demand's directions."""
 
     window: Window
@@ -30,7 +30,7 @@ class Need:
     whole: bool  # whether nothing of the BTF is left out
 
     @classmethod
-    def of(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "Need":
+    def for_demand(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "NeededPart":
         """The part of a BTF that a demand needs; `every_pair` keeps all pairs."""
         finest = _finest(demand)
         factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
@@ -43,7 +43,7 @@ class Need:
         """Cut the BTF to the needed part."""
         return self.window.cut(btf if len(self.pairs) == len(btf) else btf.subset(self.pairs))
 
-    def says(self, demand: Demand) -> dict[str, Any]:
+    def facts(self, demand: Demand) -> dict[str, Any]:
         """The facts that a codec file records."""
         window = self.window
         return {
@@ -63,8 +63,8 @@ def needed_pairs(layout: Layout, demand: Demand) -> Array:
     """Indices of the pairs that a demand lies between, in order; of a product those that form a smaller one."""
     if layout.grid is None:
         return np.sort(_heaviest(pair_shares(layout, demand)))
-    found = corners(layout, demand)
-    share = share_of(found, demand.importance, len(layout.view))
+    weights = pair_weights(layout, demand)
+    share = shares_from_weights(weights, demand.importance, len(layout.view))
     views = _side(layout.views, np.bincount(layout.view, share, len(layout.views)))
     lights = _side(layout.lights, np.bincount(layout.light, share, len(layout.lights)))
     return np.sort(layout.grid[np.ix_(views, lights)].ravel())

@@ -11,8 +11,8 @@ from bench import metrics as registry
 from bench import records
 from bench.btf import BTF
 from bench.codec import Progress, silent
-from bench.demand.corners import pair_shares
 from bench.demand.demand import Demand
+from bench.demand.pair_weights import pair_shares
 from bench.demand.truth import truth
 from bench.material import Material
 from bench.metrics.angular import as_number
@@ -35,7 +35,7 @@ def table_of(btf: BTF) -> BTF:
 
 
 @dataclass
-class Judge:
+class FrameScorer:
     """A scene with the frames of the reference table; scores any number of decoded materials."""
 
     btf: BTF  # the reference table
@@ -68,8 +68,8 @@ class Judge:
     def frames(self, material: Material) -> Array:
         """The frames (frames, H, W, 3) that a decoded material makes."""
         columns = (self.demand.uv(self.btf.shape), self.demand.wo, self.demand.wi, self.demand.footprint)
-        asked = (torch.from_numpy(column).to(material.device) for column in columns)
-        return self.demand.pictures(material.query(*asked).cpu().numpy())
+        queries = (torch.from_numpy(column).to(material.device) for column in columns)
+        return self.demand.pictures(material.query(*queries).cpu().numpy())
 
     def score(self, material: Material, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
         """Each metric of the frames over the pixels that show the material, pooled over frames.
@@ -80,15 +80,15 @@ class Judge:
 
     def compare(self, frames: Array, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
         """Each metric of given frames (frames, H, W, 3), linear RGB; see `score`."""
-        found = {}
+        scores = {}
         for name in names:
             metric = registry.get(name).load()
             if min(self.demand.frames[1:]) >= metric.smallest:
                 sides = self._sides(name, metric)
                 maps = np.stack([metric.error_map(side, frame) for side, frame in zip(sides, frames, strict=True)])
                 values = maps[_inner(self.seen, maps.shape[1:])]
-                found[name] = as_number(float(metric.values(values.mean()))) if len(values) else None
-        return found
+                scores[name] = as_number(float(metric.values(values.mean()))) if len(values) else None
+        return scores
 
     def _sides(self, name: str, metric: SliceMetric) -> list[Prepared]:
         if name not in self.prepared:
