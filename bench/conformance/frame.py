@@ -144,14 +144,14 @@ ARRANGEMENTS = (*PLACES, *CHANNELS, *DIRECTIONS, *UNITS)
 
 
 @dataclass(frozen=True)
-class Found:
+class FrameAnswers:
     """Answers to every texel at every pair of the material, (n, 3), and the queries: uv (n, 2), wo and wi (n, 3)."""
 
     answers: Tensor
     queries: tuple[Tensor, Tensor, Tensor]
 
     @classmethod
-    def of(cls, decoded: Material, btf: BTF) -> "Found":
+    def at_texel_centres(cls, decoded: Material, btf: BTF) -> "FrameAnswers":
         """What a decoded material answers at the texel centres, at every pair."""
         uv = texel_centres(*SHAPE)
         wo, wi = (torch.from_numpy(w).repeat_interleave(len(uv), 0) for w in (btf.wo, btf.wi))

@@ -11,7 +11,7 @@ from typing import Any
 from bench.codec import Codec, Progress, SharedNetwork, silent
 from bench.codecs.registry import load_codec
 from bench.conformance import stress
-from bench.conformance.check import STAGES, Bench, Check, CheckError, raised
+from bench.conformance.check import STAGES, Check, CheckError, CodecUnderTest, raised
 from bench.conformance.stress.case import short
 from bench.conformance.stress.reference import met_by_others
 from bench.material import parameters
@@ -39,8 +39,8 @@ def check(codec: Codec, network: SharedNetwork | None = None, show: Progress = s
     if network is None and codec.network is not None:
         network = codec.network().brief()
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(codec, Path(folder), network, show)
-        stages = [*(partial(_stage, bench, stage) for stage in STAGES), partial(_extremes, bench)]
+        tested = CodecUnderTest(codec, Path(folder), network, show)
+        stages = [*(partial(_stage, tested, stage) for stage in STAGES), partial(_extremes, tested)]
         for number, stage in enumerate(stages):
             show("stages of the check", number, len(stages))
             failed = False
@@ -63,29 +63,29 @@ def of(name: str, settings: dict[str, Any]) -> Codec:
     return kind(**short(kind) | settings)
 
 
-def _stage(bench: Bench, checks: tuple[Check, ...]) -> Iterator[Result]:
+def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result]:
     for one in checks:
         name = one.__doc__ or one.__name__
         try:
-            yield Result(name, note=one(bench) or "")
+            yield Result(name, note=one(tested) or "")
         except CheckError as error:
             yield Result(name, str(error))
         except Exception as error:  # whatever a foreign codec raises is its failure
-            yield Result(name, raised(error, bench.codec))
+            yield Result(name, raised(error, tested.codec))
 
 
-def _extremes(bench: Bench) -> Iterator[Result]:
-    subject = stress.Subject(bench)
+def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
+    subject = stress.Subject(tested)
     cases = [case for case in stress.CASES if case.cheap]
     details = set[str]()
     for number, case in enumerate(cases):
-        bench.show("extremes", number, len(cases))
+        tested.show("extremes", number, len(cases))
         verdict = stress.judge(case, subject)
         what = verdict.detail if verdict.detail not in details else "the same again"
         details.add(verdict.detail)
         failure = what + met_by_others(case.name) if verdict.verdict == "fail" else ""
         yield Result(f"{case.name}: {case.holds}", failure, verdict.detail if verdict.verdict == "n/a" else "")
-    bench.show("extremes", len(cases), len(cases))
+    tested.show("extremes", len(cases), len(cases))
 
 
 def count(name: str) -> Record:
@@ -100,7 +100,7 @@ def count(name: str) -> Record:
         settings["recipe"] = "paper"
     codec = codec_class(**settings)
     with tempfile.TemporaryDirectory() as folder:
-        material = Bench(codec, Path(folder), codec.network().brief() if codec.network else None).material
+        material = CodecUnderTest(codec, Path(folder), codec.network().brief() if codec.network else None).material
     return {
         "codec": name,
         "label": name,

@@ -6,8 +6,8 @@ numbers inside a decoder (`networks`), what must hold anywhere (`invariants`); f
 """
 
 from bench.conformance.stress import data, invariants, networks, queries
-from bench.conformance.stress.case import Case, Subject, Verdict, judge, subject_of
+from bench.conformance.stress.case import Case, CaseVerdict, Subject, judge, subject_of
 
 CASES: tuple[Case, ...] = (*data.CASES, *queries.CASES, *networks.CASES, *invariants.CASES)
 
-__all__ = ["CASES", "Case", "Subject", "Verdict", "judge", "subject_of"]
+__all__ = ["CASES", "Case", "CaseVerdict", "Subject", "judge", "subject_of"]

@@ -13,7 +13,7 @@ import torch
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, settings_dict
 from bench.codecs import container, loading, shared
-from bench.conformance.check import Bench, CheckError, raised
+from bench.conformance.check import CheckError, CodecUnderTest, raised
 from bench.material import Material
 from bench.threads import torch_threads
 
@@ -55,7 +55,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CaseVerdict:
     """What came of a case: the figure that stands in the cell, the whole story or the reason, and see `Measured`."""
 
     verdict: Literal["pass", "fail", "n/a"]
@@ -87,50 +87,50 @@ class Encoded:
 class Subject:
     """A codec under stress: its conformance bench holds the ordinary small material, encoded once."""
 
-    bench: Bench
+    tested: CodecUnderTest
     stored: Parts | None = None  # tensors to look at in place of those of the ordinary material's file
 
     @property
     def fits(self) -> bool:
         """Whether the codec is fitted in steps."""
-        return "steps" in vars(self.bench.codec.settings)
+        return "steps" in vars(self.tested.codec.settings)
 
     def codec(self, **changes: Any) -> Codec:
         """The codec with some settings changed."""
-        return changed(self.bench.codec, **changes)
+        return changed(self.tested.codec, **changes)
 
     def fit(self) -> Fit:
         """What each fit is given."""
-        return Fit(seed=1, network=self.bench.network)
+        return Fit(seed=1, network=self.tested.network)
 
     def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
         """Encode by the codec's fit, or one of `stretch` times its steps, write, read and decode."""
         if stretch > 1 and self.fits:
-            changes = {"steps": stretch * self.bench.codec.settings.steps} | changes
-        codec, path = self.codec(**changes), self.bench.folder / f"stress{container.SUFFIX}"
+            changes = {"steps": stretch * self.tested.codec.settings.steps} | changes
+        codec, path = self.codec(**changes), self.tested.folder / f"stress{container.SUFFIX}"
         container.save(path, codec, codec.encode(btf, self.fit()))
-        return Encoded(btf, loading.load(path, network=self.bench.network)[1])
+        return Encoded(btf, loading.load(path, network=self.tested.network)[1])
 
     @cached_property
     def usual(self) -> Encoded:
         """The ordinary material, encoded as the extremes are."""
-        return self.encode(self.bench.btf)
+        return self.encode(self.tested.btf)
 
     @cached_property
     def brightest(self) -> float:
         """The largest sample of the ordinary material."""
-        return float(max(picture.max() for picture in self.bench.btf))
+        return float(max(picture.max() for picture in self.tested.btf))
 
     @cached_property
     def parts(self) -> Parts:
         """The tensors of the ordinary material's file."""
         if self.stored is not None:
             return self.stored
-        return dataclasses.replace(container.read_parts(self.bench.header.path)[1], network=self.bench.network)
+        return dataclasses.replace(container.read_parts(self.tested.header.path)[1], network=self.tested.network)
 
     def decode(self, parts: Parts) -> Material:
         """The material of some tensors, which need not be those of a file."""
-        return self.bench.codec.decode(parts, torch.device("cpu"))
+        return self.tested.codec.decode(parts, torch.device("cpu"))
 
 
 def subject_of(kind: type[Codec], folder: Path) -> Subject:
@@ -141,7 +141,7 @@ def subject_of(kind: type[Codec], folder: Path) -> Subject:
     network = None
     if kind.network is not None and not shared.place(kind.name).exists():
         network = kind.network().brief()
-    return Subject(Bench(kind(**short(kind)), folder, network))
+    return Subject(CodecUnderTest(kind(**short(kind)), folder, network))
 
 
 def short(kind: type[Codec]) -> dict[str, Any]:
@@ -155,18 +155,18 @@ def changed(codec: Codec, **changes: Any) -> Codec:
     return type(codec)(**settings_dict(codec) | changes)
 
 
-def judge(case: Case, subject: Subject) -> Verdict:
+def judge(case: Case, subject: Subject) -> CaseVerdict:
     """Try a case on a codec. Whatever a codec raises is its failure."""
     try:
         with torch_threads(1):
             measured = case.test(subject) or Measured()
-        return Verdict("pass", measured.figure, measured.detail, measured.used)
+        return CaseVerdict("pass", measured.figure, measured.detail, measured.used)
     except NotApplicable as reason:
-        return Verdict("n/a", "n/a", str(reason))
+        return CaseVerdict("n/a", "n/a", str(reason))
     except CheckError as error:
-        return Verdict("fail", error.figure or "failed", str(error))
+        return CaseVerdict("fail", error.figure or "failed", str(error))
     except Exception as error:  # whatever a foreign codec raises is its failure, and the next case still runs
-        return Verdict("fail", type(error).__name__, raised(error, subject.bench.codec))
+        return CaseVerdict("fail", type(error).__name__, raised(error, subject.tested.codec))
 
 
 def applicable(condition: object, reason: str) -> None:

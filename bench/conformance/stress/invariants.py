@@ -33,7 +33,7 @@ SAYS_CONTINUOUS = f"moved by {STEP:g}, answers move by at most {SLOPE:g} × {STE
 def finite(subject: Subject) -> None:
     """finite and not negative up to 89.9°"""
     queries = spread(MANY, 89.9, seed=5)
-    answers = subject.bench.material.query(*queries)
+    answers = subject.tested.material.query(*queries)
     bad = ~(answers.isfinite() & (answers >= 0)).all(1)
     if bad.any():
         row = int(bad.nonzero()[0])
@@ -83,7 +83,7 @@ def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) ->
         subject,
         here,
         there,
-        (subject.bench.material.query(*here) - subject.bench.material.query(*there)).abs().amax(1),
+        (subject.tested.material.query(*here) - subject.tested.material.query(*there)).abs().amax(1),
     )
 
 
@@ -112,7 +112,7 @@ def no_jump(subject: Subject) -> None:
         return Queries((start.uv + share * (uv - start.uv)).float(), wo.float(), wi.float(), start.footprint)
 
     def answers(share: Tensor) -> Tensor:
-        return subject.bench.material.query(*at(share))
+        return subject.tested.material.query(*at(share))
 
     low, high = torch.zeros(LINES, dtype=torch.float64), torch.ones(LINES, dtype=torch.float64)
     below, above = answers(low), answers(high)
@@ -143,7 +143,7 @@ def near_double(name: str, subject: Subject) -> Measured:
 
 def diverges(subject: Subject) -> None:
     """A fit at an absurd learning rate says that it diverged, and leaves no file; so does that of a shared network."""
-    path = subject.bench.folder / f"diverged{container.SUFFIX}"
+    path = subject.tested.folder / f"diverged{container.SUFFIX}"
     try:
         _fit_wildly(subject, path)
     except NotApplicable:
@@ -151,14 +151,14 @@ def diverges(subject: Subject) -> None:
     except Exception as error:  # of whatever kind a codec raises: it must say what happened
         message = str(error)
         require("diverged" in message or "not finite" in message, "unclear", f"{type(error).__name__}: {message}")
-        left = [file.name for file in subject.bench.folder.glob(f"{path.stem}*")]
+        left = [file.name for file in subject.tested.folder.glob(f"{path.stem}*")]
         require(not left, "left a file", f"left {left}")
         return
     raise CheckError(f"a fit at a rate of {HIGH_RATE:g} ended as if nothing were wrong", "silent")
 
 
 def _fit_wildly(subject: Subject, path: Path) -> None:
-    codec, network = subject.bench.codec, subject.bench.codec.network
+    codec, network = subject.tested.codec, subject.tested.codec.network
     if wild := wild_rates(type(codec)):
         wild_codec = subject.codec(**wild)
         container.save(path, wild_codec, wild_codec.encode(ordinary(), subject.fit()))
@@ -175,8 +175,8 @@ def wild_rates(kind: type[Configured]) -> dict[str, float]:
     return {name: HIGH_RATE for name in kinds if kinds[name] is float and (name == "rate" or name.endswith("_rate"))}
 
 
-def same(test: Callable[[check.Bench], None]) -> Callable[[Subject], None]:
-    return lambda subject: test(subject.bench)
+def same(test: Callable[[check.CodecUnderTest], None]) -> Callable[[Subject], None]:
+    return lambda subject: test(subject.tested)
 
 
 def invariant(name: str, holds: str, test: Test, cheap: bool = True) -> Case:

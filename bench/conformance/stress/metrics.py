@@ -12,7 +12,7 @@ from torch import Tensor
 from bench import metrics
 from bench.codecs.training import Loss, distance
 from bench.conformance.check import CheckError
-from bench.conformance.stress.case import Verdict, require
+from bench.conformance.stress.case import CaseVerdict, require
 from bench.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
@@ -115,14 +115,14 @@ def subjects() -> dict[str, Callable[[PictureCase], None]]:
     return tests | {f"loss {loss}": partial(weighed, partial(distance, loss=loss)) for loss in get_args(Loss)}
 
 
-def judge(test: Callable[[PictureCase], None], case: PictureCase) -> Verdict:
+def judge(test: Callable[[PictureCase], None], case: PictureCase) -> CaseVerdict:
     """Try a metric or a loss on two pictures; a picture that is too small for it is refused by name."""
     try:
         test(case)
     except InputError as error:
-        return Verdict("n/a", "n/a", str(error))
+        return CaseVerdict("n/a", "n/a", str(error))
     except CheckError as error:
-        return Verdict("fail", error.figure or "failed", str(error))
+        return CaseVerdict("fail", error.figure or "failed", str(error))
     except Exception as error:  # whatever a metric raises is its failure, and the next case still runs
-        return Verdict("fail", type(error).__name__, f"{type(error).__name__}: {error}".splitlines()[0])
-    return Verdict("pass")
+        return CaseVerdict("fail", type(error).__name__, f"{type(error).__name__}: {error}".splitlines()[0])
+    return CaseVerdict("pass")

@@ -152,10 +152,10 @@ def short(dtype: torch.dtype, subject: Subject) -> None:
 
 def eight_bits(subject: Subject) -> None:
     """The same with the texture stored at eight bits, where the codec can."""
-    settings = {field.name: str(field.type) for field in dataclasses.fields(subject.bench.codec.Settings)}
+    settings = {field.name: str(field.type) for field in dataclasses.fields(subject.tested.codec.Settings)}
     applicable("precision" in settings, "stores no eight bits")
     codec = subject.codec(precision="int8")
-    changed = Subject(dataclasses.replace(subject.bench, codec=codec), codec.encode(ordinary(), subject.fit()))
+    changed = Subject(dataclasses.replace(subject.tested, codec=codec), codec.encode(ordinary(), subject.fit()))
     for name, make in {"ordinary": lambda s: s.decode(s.parts), **SPOILED}.items():
         try:
             material = make(changed)

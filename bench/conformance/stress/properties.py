@@ -26,7 +26,7 @@ def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
         raise ValueError(f"a query has {NUMBERS} numbers: u v, ω_o, ω_i, footprint; not {len(numbers)}")
     row = torch.tensor(numbers, dtype=torch.float32)
     query = Queries(row[None, :2], row[None, 2:5], row[None, 5:8], row[8:])
-    material = subject.bench.material
+    material = subject.tested.material
     answer = material.query(*query)[0]
     listed = f"{answer.tolist()}"
     require(answer.isfinite().all() and (answer >= 0).all(), "bad", f"{listed} is negative or not finite")
@@ -120,5 +120,5 @@ def _search(subject: Subject, word: str, strategy: Any, count: int, holds: Calla
             raise
         numbers, error = failing[-1]
         listed = " ".join(f"{x:.9g}" for x in numbers)
-        again = f'neubtf-bench stress --codec {subject.bench.codec.name} --{word} "{listed}"'
+        again = f'neubtf-bench stress --codec {subject.tested.codec.name} --{word} "{listed}"'
         raise CheckError(f"{error}: {again}", getattr(error, "figure", "") or type(error).__name__) from raised

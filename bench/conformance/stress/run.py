@@ -11,7 +11,7 @@ from pathlib import Path
 from bench.codec import Progress, silent
 from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.stress import CASES, metrics
-from bench.conformance.stress.case import Case, Verdict, judge, subject_of
+from bench.conformance.stress.case import Case, CaseVerdict, judge, subject_of
 from bench.errors import InputError, did_you_mean
 from bench.records import Record
 from bench.runs.executors import Workers
@@ -83,12 +83,12 @@ def picture_records() -> Iterator[Record]:
             yield _record(name, row, verdict, seconds) | {"order": len(CASES) + metrics.CASES.index(case)}
 
 
-def _timed(call: Callable[[], Verdict]) -> tuple[Verdict, float]:
+def _timed(call: Callable[[], CaseVerdict]) -> tuple[CaseVerdict, float]:
     start = time.perf_counter()
     return call(), time.perf_counter() - start
 
 
-def _record(subject: str, case: Case, verdict: Verdict, seconds: float) -> Record:
+def _record(subject: str, case: Case, verdict: CaseVerdict, seconds: float) -> Record:
     """A line of `records.jsonl`: `subject` is a codec, or of the group `pictures` a metric or a loss.
 
     `used` is the share of the bound that a comparison with float64 uses, else None. Beside what stands here it says

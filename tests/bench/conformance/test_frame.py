@@ -12,7 +12,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading, registry
 from bench.conformance import frame
-from bench.conformance.check import Bench, CheckError, framed
+from bench.conformance.check import CheckError, CodecUnderTest, framed
 from bench.metrics.display import to_display
 
 
@@ -122,13 +122,13 @@ PLANTED = {
 def test_a_wrong_arrangement_is_named(says, tmp_path, monkeypatch):
     monkeypatch.setattr(registry, "load_codec", lambda name, wanted_by="": PLANTED[says])
     with pytest.raises(CheckError, match="your answers fit better") as raised:
-        framed(Bench(PLANTED[says](), tmp_path))
+        framed(CodecUnderTest(PLANTED[says](), tmp_path))
     assert says in str(raised.value)
 
 
 def test_there_is_a_planted_codec_for_each_arrangement():
     for arrangement in frame.ARRANGEMENTS:
-        assert sum(says in arrangement.says for says in PLANTED) == 1, arrangement.says
+        assert sum(says in arrangement.description for says in PLANTED) == 1, arrangement.description
 
 
 def test_a_lossy_codec_is_found_out_as_well(tmp_path, monkeypatch):
@@ -138,14 +138,14 @@ def test_a_lossy_codec_is_found_out_as_well(tmp_path, monkeypatch):
 
     monkeypatch.setattr(registry, "load_codec", lambda name, wanted_by="": Wrong)
     with pytest.raises(CheckError, match="order BGR"):
-        framed(Bench(Wrong(components=1), tmp_path))
+        framed(CodecUnderTest(Wrong(components=1), tmp_path))
 
 
 def test_what_a_codec_does_not_tell_apart_is_said_and_no_failure(tmp_path):
-    note = framed(Bench(MeanColour(), tmp_path))
+    note = framed(CodecUnderTest(MeanColour(), tmp_path))
     assert "ω_o and ω_i exchanged" in note
     assert "upside down" not in note
-    assert framed(Bench(Table(), tmp_path / "table")) is None
+    assert framed(CodecUnderTest(Table(), tmp_path / "table")) is None
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -153,11 +153,11 @@ def test_no_seed_brings_a_codec_that_is_right_near_a_wrong_arrangement(seed, tmp
     """`vq` clusters at random: of the codecs here its answers come nearest."""
     btf = frame.material()
     header = container.save(tmp_path / f"a{container.SUFFIX}", VQ(), VQ().encode(btf, Fit(seed=seed)))
-    shares = frame.Found.of(loading.load(header.path)[1], btf).shares()
+    shares = frame.FrameAnswers.at_texel_centres(loading.load(header.path)[1], btf).shares()
     assert max(map(abs, shares.values())) < frame.RIGHT / 2
 
 
 def test_the_truth_is_told_apart_from_every_wrong_arrangement(tmp_path):
-    found = Bench(Table(), tmp_path).framed
+    found = CodecUnderTest(Table(), tmp_path).frame_answers
     assert max(map(abs, found.shares().values())) < 0.01
     assert found.scale == pytest.approx(1, abs=1e-3)
