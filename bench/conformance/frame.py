@@ -179,14 +179,12 @@ class FrameAnswers:
 
     def mistake(self) -> str:
         """What is wrong, in words; empty where nothing is."""
-        likely = [(self.error(one.radiance(*self.queries)), one.description) for one in self._wrong()]
+        wrong = [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
+        likely = [(self.error(one.radiance(*self.queries)), one.description) for one in wrong]
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
             likely.append((self.error(truth(*self.queries).double() * scale), f"as {scale:.3g} times the truth"))
         return f"your answers fit better {min(likely)[1]}" if likely else ""
-
-    def _wrong(self) -> list[Arrangement]:
-        return [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
 
     def undecided(self) -> list[str]:
         """The arrangements that the answers do not tell from the truth."""

@@ -1,7 +1,7 @@
 """A case of the catalogue, the codec that it is tried on, and what came of it."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, settings_dict
@@ -98,6 +99,10 @@ class Subject:
     def codec(self, **changes: Any) -> Codec:
         """The codec with some settings changed."""
         return changed(self.tested.codec, **changes)
+
+    def answers(self, queries: Iterable[Tensor]) -> Tensor:
+        """The answers (n, 3) of the ordinary material to uv, ω_o, ω_i and footprints."""
+        return self.tested.material.query(*queries)
 
     def fit(self) -> Fit:
         """What each fit is given."""

@@ -16,7 +16,7 @@ from bench.conformance import check
 from bench.conformance.check import CheckError
 from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, require
 from bench.conformance.stress.data import ordinary
-from bench.conformance.stress.networks import SHORT_FLOATS
+from bench.conformance.stress.networks import SHORT_FLOATS, sound
 from bench.conformance.stress.physics import CONSERVES, RECIPROCAL, energy, reciprocity
 from bench.conformance.stress.properties import DATA_HOLDS, QUERIES_HOLD, drawn_data, drawn_queries
 from bench.conformance.stress.queries import Queries, described, spread
@@ -32,12 +32,7 @@ SAYS_CONTINUOUS = f"moved by {STEP:g}, answers move by at most {SLOPE:g} × {STE
 
 def finite(subject: Subject) -> None:
     """finite and not negative up to 89.9°"""
-    queries = spread(MANY, 89.9, seed=5)
-    answers = subject.tested.material.query(*queries)
-    bad = ~(answers.isfinite() & (answers >= 0)).all(1)
-    if bad.any():
-        row = int(bad.nonzero()[0])
-        raise CheckError(f"{answers[row].tolist()} at {described(queries, row)}", f"{int(bad.sum())} bad")
+    sound(subject.tested.material, queries=spread(MANY, 89.9, seed=5))
 
 
 def tilted(directions: Tensor, angle: float, seed: int) -> Tensor:
@@ -79,12 +74,7 @@ def at_samples() -> tuple[Queries, Queries]:
 
 def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) -> None:
     here, there = make()
-    _moves_little(
-        subject,
-        here,
-        there,
-        (subject.tested.material.query(*here) - subject.tested.material.query(*there)).abs().amax(1),
-    )
+    _moves_little(subject, here, there, (subject.answers(here) - subject.answers(there)).abs().amax(1))
 
 
 def _moves_little(subject: Subject, here: Queries, there: Queries, apart: Tensor) -> None:
@@ -111,14 +101,11 @@ def no_jump(subject: Subject) -> None:
         )
         return Queries((start.uv + share * (uv - start.uv)).float(), wo.float(), wi.float(), start.footprint)
 
-    def answers(share: Tensor) -> Tensor:
-        return subject.tested.material.query(*at(share))
-
     low, high = torch.zeros(LINES, dtype=torch.float64), torch.ones(LINES, dtype=torch.float64)
-    below, above = answers(low), answers(high)
+    below, above = subject.answers(at(low)), subject.answers(at(high))
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        between = answers(middle)
+        between = subject.answers(at(middle))
         lower = (between - below).abs().amax(1) > (above - between).abs().amax(1)
         low, high = low.where(lower, middle), middle.where(lower, high)
         below, above = below.where(lower[:, None], between), between.where(lower[:, None], above)

@@ -71,13 +71,6 @@ CASES = (
 )
 
 
-def metric_names() -> list[str]:
-    """Every metric of the registry at its usual distance, and its periodic variant."""
-    plain = [metric.name.replace("{ppd}", "67") for metric in metrics.registered()]
-    variants = [n + metrics.PERIODIC for n, m in zip(plain, metrics.registered(), strict=True) if m.periodic]
-    return plain + variants
-
-
 def scored(metric: SliceMetric, case: PictureCase) -> None:
     """Score the pictures of a case. `CheckError` says what does not hold."""
     pictures = case.make()
@@ -110,7 +103,7 @@ def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None
 def subjects() -> dict[str, Callable[[PictureCase], None]]:
     """Every metric and loss by name."""
     tests: dict[str, Callable[[PictureCase], None]] = {
-        name: partial(scored, metrics.get(name).load()) for name in metric_names()
+        name: partial(scored, metrics.get(name).load()) for name in metrics.examples()
     }
     return tests | {f"loss {loss}": partial(weighed, partial(distance, loss=loss)) for loss in get_args(Loss)}
 

@@ -116,15 +116,14 @@ def random_and_grazing() -> Queries:
     return Queries(*(torch.cat(both) for both in zip(some, low, strict=True)))
 
 
-def sound(material: Material, what: str = "") -> None:
-    """`CheckError` where a material answers something negative or not finite."""
-    queries = random_and_grazing()
+def sound(material: Material, what: str = "", queries: Queries | None = None) -> None:
+    """`CheckError` where a material answers something negative or not finite; by default `random_and_grazing`."""
+    queries = queries or random_and_grazing()
     answers = material.query(*queries)
     bad = ~(answers.isfinite() & (answers >= 0)).all(1)
     if bad.any():
         row = int(bad.nonzero()[0])
-        first = f"{what}{answers[row].tolist()} at {described(queries, row)}"
-        raise CheckError(first, f"{int(bad.sum())} bad")
+        raise CheckError(f"{what}{answers[row].tolist()} at {described(queries, row)}", f"{int(bad.sum())} bad")
 
 
 def spoiled(make: Callable[[Subject], Material], subject: Subject) -> None:
@@ -139,15 +138,14 @@ def exact_sine(subject: Subject) -> None:
     require(worst <= 2**-23, f"{worst:.1g}", f"the sine of arguments up to {ARGUMENT:g} is off by {worst:.3g}")
 
 
-def short(dtype: torch.dtype, subject: Subject) -> None:
-    """The ordinary material and all that was spoiled, as short floats."""
-    sound(subject.decode(subject.parts).to(dtype=dtype), "ordinary: ")
-    for name, make in SPOILED.items():
+def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
+    """The ordinary material and all that was spoiled answer soundly, as floats of a type where one is given."""
+    for name, make in {"ordinary": lambda s: s.decode(s.parts), **SPOILED}.items():
         try:
             material = make(subject)
         except NotApplicable:
             continue
-        sound(material.to(dtype=dtype), f"{name}: ")
+        sound(material.to(dtype=dtype) if dtype else material, f"{name}: ")
 
 
 def eight_bits(subject: Subject) -> None:
@@ -155,13 +153,7 @@ def eight_bits(subject: Subject) -> None:
     settings = {field.name: str(field.type) for field in dataclasses.fields(subject.tested.codec.Settings)}
     applicable("precision" in settings, "stores no eight bits")
     codec = subject.codec(precision="int8")
-    changed = Subject(dataclasses.replace(subject.tested, codec=codec), codec.encode(ordinary(), subject.fit()))
-    for name, make in {"ordinary": lambda s: s.decode(s.parts), **SPOILED}.items():
-        try:
-            material = make(changed)
-        except NotApplicable:
-            continue
-        sound(material, f"{name}: ")
+    all_sound(Subject(dataclasses.replace(subject.tested, codec=codec), codec.encode(ordinary(), subject.fit())))
 
 
 def gradients_at_zero(subject: Subject) -> None:
@@ -213,7 +205,7 @@ CASES = (
     *(network(name, partial(spoiled, make)) for name, make in SPOILED.items() if make is not large_arguments),
     network("sine of 1e5", exact_sine, f"{FINITE}; the sine of a float within 2⁻²³"),
     network("gradients at exact zero", gradients_at_zero, "finite"),
-    *(network(f"{name}, all of the above", partial(short, dtype)) for name, dtype in SHORT_FLOATS.items()),
+    *(network(f"{name}, all of the above", partial(all_sound, dtype=dtype)) for name, dtype in SHORT_FLOATS.items()),
     network("int8 texture, all of the above", eight_bits, cheap=False),
     network(
         "fitted with a firefly (reported)",

@@ -45,7 +45,7 @@ def reciprocity(subject: Subject) -> Measured:
         ours, theirs = (answer(q) / q.wi[:, 2:] for q in (queries, there))
         return (ours - theirs).square().mean().sqrt() / ((ours + theirs) / 2).mean().clamp_min(1e-30)
 
-    error = asymmetry(lambda queries: subject.tested.material.query(*queries))
+    error = asymmetry(subject.answers)
     require(error.isfinite(), "not finite", "the error of reciprocity is not finite")
     most = asymmetry(mean_colour()) * NO_WORSE
     detail = f"the exchange of view and light changes f_r by {error:.1%} of its mean, a mean colour's by {most:.1%}"
@@ -76,7 +76,7 @@ def energy(subject: Subject) -> Measured:
         albedo: Array = answer(queries).view(VIEWS, LIGHTS, 3).mean(1).numpy() * 2 * np.pi / true
         return albedo
 
-    ours = excess(lambda queries: subject.tested.material.query(*queries))
+    ours = excess(subject.answers)
     most = max(1.0, float(excess(mean_colour()).max())) * NO_WORSE
     worst = int(ours.max(1).argmax())
     theta, share = math.degrees(math.acos(wo[worst, 2])), ours.max()

@@ -67,7 +67,7 @@ def at(wo: Tensor | None = None, wi: Tensor | None = None) -> Callable[[], Queri
 
 def bounded(subject: Subject, queries: Queries) -> None:
     """finite, not negative, at most twice the brightest sample"""
-    answers = subject.tested.material.query(*queries)
+    answers = subject.answers(queries)
     bad = ~(answers.isfinite() & (answers >= 0) & (answers <= BOUND * subject.brightest)).all(1)
     if bad.any():
         row = int(bad.nonzero()[0])
@@ -77,7 +77,7 @@ def bounded(subject: Subject, queries: Queries) -> None:
 
 def dark(subject: Subject, queries: Queries) -> None:
     """exactly 0"""
-    answers = subject.tested.material.query(*queries)
+    answers = subject.answers(queries)
     lit = (answers != 0).any(1)
     if lit.any():
         row = int(lit.nonzero()[0])
@@ -99,7 +99,7 @@ def refused(subject: Subject, queries: Queries) -> None:
 
 def agree(subject: Subject, ours: Queries, theirs: Queries, tolerance: float = ROUNDING) -> None:
     """Two sets of queries are answered alike within a tolerance relative to the brightest sample."""
-    answers, wanted = (subject.tested.material.query(*queries) for queries in (ours, theirs))
+    answers, wanted = (subject.answers(queries) for queries in (ours, theirs))
     apart = (answers - wanted).abs().amax(1)
     worst, allowed = int(apart.argmax()), tolerance * subject.brightest
     require(
@@ -139,7 +139,7 @@ def batch_of(count: int) -> Callable[[Subject], None]:
     def test(subject: Subject) -> None:
         few = spread(1021, seed=3)
         turns = torch.arange(count) % len(few.uv)
-        answers, wanted = subject.tested.material.query(*few.rows(turns)), subject.tested.material.query(*few)
+        answers, wanted = subject.answers(few.rows(turns)), subject.answers(few)
         require(answers.shape == (count, 3), str(tuple(answers.shape)), f"the answer is {tuple(answers.shape)}")
         apart, allowed = (answers - wanted[turns]).abs().max().item() if count else 0.0, ROUNDING * subject.brightest
         require(

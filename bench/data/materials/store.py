@@ -17,7 +17,7 @@ from bench.atomic import cache_dir
 from bench.btf import BTF, RENDERED, ArraySource
 from bench.data.joined import with_heldout
 from bench.data.materials.maps import Recipe
-from bench.data.materials.renderer import RENDERER_VERSION, SUB_POINTS, render
+from bench.data.materials.renderer import DESCRIPTION, RENDERER_VERSION, SUB_POINTS, render
 from bench.data.pairs import Sampling
 from bench.errors import InputError
 
@@ -93,10 +93,7 @@ def _describe(name: str, recipe: Recipe, size: int, seed: int) -> dict[str, Any]
         "seed": seed,
         "size": size,
         "sub_points": SUB_POINTS,
-        "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
-        "reference_plane": "mean height",
-        "transport": "direct light, self-shadowing; no inter-reflection",
-        "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
+        **DESCRIPTION,
     }
 
 

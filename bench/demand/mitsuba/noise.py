@@ -24,10 +24,6 @@ BALL = {"type": "sphere", "radius": 0.5}
 PLANE = {"type": "rectangle"}
 
 
-def _even_sky() -> dict[str, Any]:
-    return {"type": "constant"}
-
-
 def _low_sun() -> dict[str, Any]:
     """A disc of 3° half angle, 12° above the plane."""
     far, height = 40 * np.cos(np.radians(12)), 40 * np.sin(np.radians(12))
@@ -46,7 +42,7 @@ def _lamps() -> dict[str, Any]:
 
 EVEN = "ball, even sky"
 SCENES: dict[str, tuple[dict[str, Any], Callable[[], dict[str, Any]], int]] = {
-    EVEN: (BALL, _even_sky, 0),  # the last: samples of the light beside each one of the material
+    EVEN: (BALL, lambda: {"type": "constant"}, 0),  # the last: samples of the light beside each one of the material
     "plane, low sun": (PLANE, _low_sun, 1),
     "ball, small lamps": (BALL, _lamps, 1),
 }

@@ -38,7 +38,8 @@ class MitsubaScene:
         self.bsdf = _chosen(self.scene, path, bsdf)
         width, height = self.sensors[0].film().crop_size()
         self.frames, self.picture = len(self.sensors), (int(height), int(width))
-        self.emitters = [(emitter, 1 if _is_delta(emitter) else SAMPLES) for emitter in self.scene.emitters()]
+        point = mi.EmitterFlags.Delta  # a point or a direction
+        self.emitters = [(each, 1 if mi.has_flag(each.flags(), point) else SAMPLES) for each in self.scene.emitters()]
         if not self.emitters:
             raise InputError(f"{path}: has no emitter: nothing lights the material")
         self.samples = sum(count for _, count in self.emitters)
@@ -85,10 +86,6 @@ def set_variant() -> None:
     if reason:
         raise InputError(f"Mitsuba finds no CUDA device, and {reason}; or describe the scene in TOML")
     mi.set_variant("llvm_ad_rgb")
-
-
-def _is_delta(emitter: Values) -> bool:
-    return bool(mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta))
 
 
 def _chosen(scene: Values, path: Path, bsdf: str) -> Values:
