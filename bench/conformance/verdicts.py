@@ -57,7 +57,7 @@ def planned() -> int:
     return sum(map(len, STAGES)) + sum(case.cheap for case in stress.CASES)
 
 
-def of(name: str, settings: dict[str, Any]) -> Codec:
+def codec_to_check(name: str, settings: dict[str, Any]) -> Codec:
     """The codec of a name as it is checked: with these settings, and fits that are short where they do not say."""
     kind = load_codec(name)
     return kind(**short(kind) | settings)

@@ -23,10 +23,10 @@ import numpy as np
 from bench.archive import LEAST, MAX_FILE, RATIO
 from bench.btf import BTF, Source, finite
 from bench.data.joined import with_heldout
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
 from bench.data.readers.pictures import MAX_PIXELS
-from bench.data.readers.seen import Seen
 from bench.errors import InputError, readable
 
 Array = np.ndarray
@@ -37,7 +37,7 @@ MAX_PAIRS = 1 << 20
 AT_ONCE = 64 << 20  # bytes of pictures that share chunks and are read together
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of an HDF5 file, or None."""
     return open_hdf5(seen.path) if seen.head.startswith(SIGNATURE) else None
 

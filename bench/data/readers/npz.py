@@ -9,9 +9,9 @@ import numpy as np
 
 from bench.archive import ZipFiles, stored
 from bench.btf import BTF, ArraySource, finite
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
-from bench.data.readers.seen import Seen
 from bench.errors import InputError, readable
 
 Array = np.ndarray
@@ -48,7 +48,7 @@ class NpzSource(ArraySource):
         return self._digest
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of an archive with `radiance.npy`, or None."""
     return open_npz(seen.path) if seen.is_zip and "radiance.npy" in seen.names else None
 

@@ -53,10 +53,10 @@ def kind_of(head: bytes) -> str | None:
 
 def picture_size(files: Files, name: str) -> tuple[int, int]:
     """(H, W) of a picture, upright, from its header; raises `InputError` for what `read_picture` would not read."""
-    return _seen(files, name)[0]
+    return _size_and_orientation(files, name)[0]
 
 
-def _seen(files: Files, name: str) -> tuple[tuple[int, int], int]:
+def _size_and_orientation(files: Files, name: str) -> tuple[tuple[int, int], int]:
     """(H, W) of a picture, upright, and the orientation in which it is stored, from its header."""
     label, total = files.label(name), files.size(name)
     data = files.head(name, 4096)
@@ -84,7 +84,7 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False) -> Array:
     as CIE XYZ under D65. A JPEG or PNG is turned as its EXIF notes say. Raises `InputError` for unreadable, CMYK or
     incomplete pictures and values not finite.
     """
-    (height, width), noted = _seen(files, name)
+    (height, width), noted = _size_and_orientation(files, name)
     label = files.label(name)
     with readable(label, "the picture is damaged; get it again"):
         kind = kind_of(files.head(name, 8))
@@ -112,7 +112,7 @@ class PictureSource(Source):
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
-            size, noted = _seen(files, name)
+            size, noted = _size_and_orientation(files, name)
             self.turned |= {name: noted} if noted > 1 else {}
             if index == 0:
                 self.shape = size

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from bench.btf import BTF
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, unit_directions, view_major
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
-from bench.data.readers.seen import Seen
 from bench.errors import InputError, readable
 
 MAX_LIST = 16 << 20
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of a folder with an `.lp` list, or of the list itself, or None."""
     if seen.is_folder:
         return open_rti(listed) if (listed := find_list(seen.path)) else None

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Source, finite
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.files import file_digest
-from bench.data.readers.seen import Seen
 from bench.errors import InputError
 from bench.hemisphere import from_angles
 
@@ -117,7 +117,7 @@ class Material:
     model: int = 0
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of a file that begins as those of UBO2014 do, or None."""
     return open_ubo2014(seen.path) if seen.head[:1] == b"!" else None
 

@@ -8,14 +8,14 @@ HEAD = 4096
 
 
 @dataclass(frozen=True)
-class Seen:
+class Candidate:
     """A file with its first bytes, or a folder, for which `head` is empty."""
 
     path: Path
     head: bytes
 
     @classmethod
-    def of(cls, path: Path) -> "Seen":
+    def read(cls, path: Path) -> "Candidate":
         """Look at a path; `OSError` where it cannot be read."""
         if path.is_dir():
             return cls(path, b"")
