@@ -144,15 +144,15 @@ def test_every_pair_of_pictures_has_a_broken_metric_and_a_broken_loss():
 def test_what_breaks_there_fails(name, kind):
     test = partial(metrics.scored, METRICS[name]) if kind == "metric" else partial(metrics.weighed, LOSSES[name])
     with np.errstate(all="ignore"):
-        found = metrics.judge(test, CASES[name])
-        assert found.verdict == "fail", found
-        assert found.figure in {"nan", "inf", "not finite"} or float(found.figure) > 0  # no exception: a wrong number
+        result = metrics.judge(test, CASES[name])
+        assert result.verdict == "fail", result
+        assert result.figure in {"nan", "inf", "not finite"} or float(result.figure) > 0  # no exception: a wrong number
         if name != "equal":
             assert metrics.judge(test, CASES["equal"]).verdict == "pass"
 
 
 def test_a_loss_without_a_gradient_fails():
-    found = metrics.judge(
+    result = metrics.judge(
         partial(metrics.weighed, lambda ours, target: (ours - target).square().mean().sqrt()), CASES["both black"]
     )
-    assert (found.verdict, found.figure) == ("fail", "not finite")
+    assert (result.verdict, result.figure) == ("fail", "not finite")

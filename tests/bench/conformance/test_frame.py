@@ -27,7 +27,7 @@ def encoded(change):
     return Wrong
 
 
-def asked(change):
+def asked_otherwise(change):
     """The table whose material changes what it is asked: uv, ω_o, ω_i → the same."""
 
     class Wrong(Table):
@@ -60,7 +60,7 @@ def turned(view, light):
         wo, wi = (torch.stack([*turn(w[:, 0], w[:, 1]), w[:, 2]], 1) for turn, w in ((view, wo), (light, wi)))
         return uv, wo, wi
 
-    return asked(change)
+    return asked_otherwise(change)
 
 
 def both(turn):
@@ -76,7 +76,7 @@ def opposite(x, y):
 
 
 def moved(u, v):
-    return asked(lambda uv, wo, wi: (uv + torch.tensor([u, v]) / 16, wo, wi))
+    return asked_otherwise(lambda uv, wo, wi: (uv + torch.tensor([u, v]) / 16, wo, wi))
 
 
 def channels(*order):
@@ -87,7 +87,7 @@ PLANTED = {
     "upside down": encoded(lambda picture: picture[::-1]),
     "mirrored left to right": encoded(lambda picture: picture[:, ::-1]),
     "turned by 180°": encoded(lambda picture: picture[::-1, ::-1]),
-    "u and v exchanged": asked(lambda uv, wo, wi: (uv.flip(1), wo, wi)),
+    "u and v exchanged": asked_otherwise(lambda uv, wo, wi: (uv.flip(1), wo, wi)),
     "transposed": encoded(lambda picture: picture.transpose(1, 0, 2)),
     "by 90° to the left": encoded(lambda picture: np.rot90(picture, 1)),
     "by 90° to the right": encoded(lambda picture: np.rot90(picture, -1)),
@@ -100,7 +100,7 @@ PLANTED = {
     "order RBG": channels(0, 2, 1),
     "order GBR": channels(1, 2, 0),
     "order BRG": channels(2, 0, 1),
-    "ω_o and ω_i exchanged": asked(lambda uv, wo, wi: (uv, wi, wo)),
+    "ω_o and ω_i exchanged": asked_otherwise(lambda uv, wo, wi: (uv, wi, wo)),
     "φ + 180° for φ (ω": both(opposite),
     "−φ for φ": both(lambda x, y: (x, -y)),
     "180° − φ for φ": both(lambda x, y: (-x, y)),
@@ -128,7 +128,7 @@ def test_a_wrong_arrangement_is_named(says, tmp_path, monkeypatch):
 
 def test_there_is_a_planted_codec_for_each_arrangement():
     for arrangement in frame.ARRANGEMENTS:
-        assert sum(says in arrangement.description for says in PLANTED) == 1, arrangement.description
+        assert sum(words in arrangement.description for words in PLANTED) == 1, arrangement.description
 
 
 def test_a_lossy_codec_is_found_out_as_well(tmp_path, monkeypatch):
@@ -158,6 +158,6 @@ def test_no_seed_brings_a_codec_that_is_right_near_a_wrong_arrangement(seed, tmp
 
 
 def test_the_truth_is_told_apart_from_every_wrong_arrangement(tmp_path):
-    found = CodecUnderTest(Table(), tmp_path).frame_answers
-    assert max(map(abs, found.shares().values())) < 0.01
-    assert found.scale == pytest.approx(1, abs=1e-3)
+    answers = CodecUnderTest(Table(), tmp_path).frame_answers
+    assert max(map(abs, answers.shares().values())) < 0.01
+    assert answers.scale == pytest.approx(1, abs=1e-3)

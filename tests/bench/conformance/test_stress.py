@@ -60,11 +60,11 @@ class Dark(MeanColourMaterial):
 
 def test_a_codec_that_answers_0_everywhere_fails(tmp_path, monkeypatch):
     names = [case.name for case in stress.CASES if case.group == "data" and "scaled" not in case.name]
-    found = verdicts(broken(Dark), names, tmp_path, monkeypatch)
-    passed = {name for name, verdict in found.items() if verdict.verdict == "pass"}
+    by_case = verdicts(broken(Dark), names, tmp_path, monkeypatch)
+    passed = {name for name, verdict in by_case.items() if verdict.verdict == "pass"}
     assert passed == {"all zero", "NaN and infinite texels"}
-    assert found["two constants"].figure == "100.0%"
-    assert "dB is due" in found["one row"].detail
+    assert by_case["two constants"].figure == "100.0%"
+    assert "dB is due" in by_case["one row"].detail
 
 
 class OneColour(MeanColourMaterial):
@@ -76,8 +76,8 @@ class OneColour(MeanColourMaterial):
 
 def test_a_codec_that_answers_one_colour_fails_where_texels_differ(tmp_path, monkeypatch):
     names = ["two constants", "one firefly texel", "highlights of 1e6", "65,504 beside zeros", "rank one"]
-    found = verdicts(broken(OneColour), names, tmp_path, monkeypatch)
-    assert {name: verdict.verdict for name, verdict in found.items()} == dict.fromkeys(names, "fail")
+    by_case = verdicts(broken(OneColour), names, tmp_path, monkeypatch)
+    assert {name: verdict.verdict for name, verdict in by_case.items()} == dict.fromkeys(names, "fail")
 
 
 class BlackensTheRest(MeanColourMaterial):
@@ -88,8 +88,8 @@ class BlackensTheRest(MeanColourMaterial):
 
 
 def test_a_codec_that_keeps_highlights_and_blackens_the_rest_fails(tmp_path, monkeypatch):
-    found = verdicts(broken(BlackensTheRest), ["highlights of 1e6"], tmp_path, monkeypatch)["highlights of 1e6"]
-    assert found.verdict == "fail", found
+    outcome = verdicts(broken(BlackensTheRest), ["highlights of 1e6"], tmp_path, monkeypatch)["highlights of 1e6"]
+    assert outcome.verdict == "fail", outcome
 
 
 class Fitted(MeanColour):
@@ -115,15 +115,15 @@ def test_highlights_beyond_half_may_be_refused_by_name(says, verdict, tmp_path, 
         def encode(self, btf, fit):
             raise InputError(says)
 
-    found = verdicts(Refuses, ["highlights of 1e6"], tmp_path, monkeypatch)["highlights of 1e6"]
-    assert (found.verdict, found.figure) == (verdict, "refused" if verdict == "pass" else "unclear")
+    outcome = verdicts(Refuses, ["highlights of 1e6"], tmp_path, monkeypatch)["highlights of 1e6"]
+    assert (outcome.verdict, outcome.figure) == (verdict, "refused" if verdict == "pass" else "unclear")
 
 
 def test_the_worst_query_in_halves_is_named(tmp_path, monkeypatch):
-    found = verdicts(MeanColour, ["fp16 against fp64"], tmp_path, monkeypatch)["fp16 against fp64"]
-    assert found.verdict == "pass"
-    assert 0 < found.used < 1
-    assert f"{found.used:.2f} of what is allowed, at --query" in found.detail
+    outcome = verdicts(MeanColour, ["fp16 against fp64"], tmp_path, monkeypatch)["fp16 against fp64"]
+    assert outcome.verdict == "pass"
+    assert 0 < outcome.used < 1
+    assert f"{outcome.used:.2f} of what is allowed, at --query" in outcome.detail
 
 
 def test_fits_of_the_catalogue_are_short(tmp_path):
@@ -144,8 +144,8 @@ def test_learning_rates_are_found_though_their_types_say_ranges(name, rates):
 
 def test_what_does_not_apply_has_a_reason(tmp_path, monkeypatch):
     names = ["layer norm of a constant vector", "a fit that diverges", "weights at half's maximum"]
-    found = verdicts(MeanColour, names, tmp_path, monkeypatch)
-    assert [(v.verdict, v.detail) for v in found.values()] == [
+    by_case = verdicts(MeanColour, names, tmp_path, monkeypatch)
+    assert [(v.verdict, v.detail) for v in by_case.values()] == [
         ("n/a", "has no layer norm"),
         ("n/a", "no learning rate"),
         ("n/a", "stores no decoder"),
@@ -158,9 +158,9 @@ class BrightToTheRight(MeanColourMaterial):
 
 
 def test_the_smallest_failing_query_is_printed_as_a_command_that_fails_again(tmp_path, monkeypatch):
-    found = verdicts(broken(BrightToTheRight), ["drawn queries"], tmp_path, monkeypatch)["drawn queries"]
-    assert found.verdict == "fail"
-    numbers = re.search(r'stress --codec mean-colour --query "([^"]+)"', found.detail)[1]
+    outcome = verdicts(broken(BrightToTheRight), ["drawn queries"], tmp_path, monkeypatch)["drawn queries"]
+    assert outcome.verdict == "fail"
+    numbers = re.search(r'stress --codec mean-colour --query "([^"]+)"', outcome.detail)[1]
     # Shrunk: both directions at the zenith, no footprint, v = 0.
     assert [float(x) for x in numbers.split()][1:] == [0, 0, 0, 1, 0, 0, 1, 0]
     with pytest.raises(properties.CheckError, match="a firefly"):
@@ -176,15 +176,15 @@ class LosesOneRow(Broken):
 
 
 def test_the_smallest_failing_material_is_printed_as_a_command(tmp_path, monkeypatch):
-    found = verdicts(LosesOneRow, ["drawn data"], tmp_path, monkeypatch)["drawn data"]
-    height, width, views, lights, *_ = re.search(r'--data "([^"]+)"', found.detail)[1].split()
+    outcome = verdicts(LosesOneRow, ["drawn data"], tmp_path, monkeypatch)["drawn data"]
+    height, width, views, lights, *_ = re.search(r'--data "([^"]+)"', outcome.detail)[1].split()
     assert (height, width, views, lights) == ("3", "1", "1", "1")
 
 
 def test_metrics_and_losses_survive_extreme_pictures():
-    found = {(n, case.name): metrics.judge(t, case) for n, t in metrics.subjects().items() for case in metrics.CASES}
-    assert {cell: verdict for cell, verdict in found.items() if verdict.verdict == "fail"} == {}
-    refused = {cell for cell, verdict in found.items() if verdict.verdict == "n/a"}
+    cells = {(n, case.name): metrics.judge(t, case) for n, t in metrics.subjects().items() for case in metrics.CASES}
+    assert {cell: verdict for cell, verdict in cells.items() if verdict.verdict == "fail"} == {}
+    refused = {cell for cell, verdict in cells.items() if verdict.verdict == "n/a"}
     assert refused == {("ssim", "one texel")}, refused
 
 
@@ -192,19 +192,19 @@ def test_the_command_records_prints_and_says_no(tmp_path, monkeypatch, capsys):
     command = ["stress", "--codec", "mean-colour", "--case", "two constants", "--case", "sine of 1e5", "--jobs", "1"]
     command += ["--out", str(tmp_path / "out")]
     assert main(command) == 0
-    said = capsys.readouterr().out
-    assert re.search(r"^two constants +pass$", said, re.M)
-    assert re.search(r"^sine of 1e5 +n/a a$", said, re.M)
-    assert "a: has no sine" in said
+    printed = capsys.readouterr().out
+    assert re.search(r"^two constants +pass$", printed, re.M)
+    assert re.search(r"^sine of 1e5 +n/a a$", printed, re.M)
+    assert "a: has no sine" in printed
     monkeypatch.setattr("bench.conformance.stress.run.load_codec", lambda name: broken(Dark))
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": broken(Dark))
     assert main(command) == 1
-    said = capsys.readouterr().out
-    assert re.search(r"^two constants +FAIL 100.0%$", said, re.M)
-    assert "FAIL mean-colour, two constants: a value is off by 100.000%" in said
+    printed = capsys.readouterr().out
+    assert re.search(r"^two constants +FAIL 100.0%$", printed, re.M)
+    assert "FAIL mean-colour, two constants: a value is off by 100.000%" in printed
     run = load_run(tmp_path / "out")
-    found = {(r["subject"], r["extreme"], r["verdict"], r["version"]) for r in run.stress}
-    assert found == {("mean-colour", "two constants", "fail", 1), ("mean-colour", "sine of 1e5", "n/a", 1)}
+    recorded = {(r["subject"], r["extreme"], r["verdict"], r["version"]) for r in run.stress}
+    assert recorded == {("mean-colour", "two constants", "fail", 1), ("mean-colour", "sine of 1e5", "n/a", 1)}
 
 
 def test_its_folder_is_no_run(tmp_path, monkeypatch, capsys):

@@ -42,29 +42,29 @@ def decoded(codec, btf):
 
 
 def test_the_reference_at_a_pair_and_a_texel_is_the_btf_itself():
-    btf, asked = tiny_btf(8, 6, 6), demand()
+    btf, queries = tiny_btf(8, 6, 6), demand()
     rng = np.random.default_rng(0)
-    pair, row, col = (rng.integers(0, n, len(asked)) for n in (36, 8, 8))
-    columns = {"wo": btf.wo[pair], "wi": btf.wi[pair], "footprint": np.zeros(len(asked), np.float32)}
+    pair, row, col = (rng.integers(0, n, len(queries)) for n in (36, 8, 8))
+    columns = {"wo": btf.wo[pair], "wi": btf.wi[pair], "footprint": np.zeros(len(queries), np.float32)}
     columns["place"] = np.stack([(col + 0.5) / 8, 1 - (row + 0.5) / 8], 1).astype(np.float32)
-    exact = type(asked)(**(vars(asked) | columns))
+    exact = type(queries)(**(vars(queries) | columns))
     np.testing.assert_allclose(truth(btf, exact), btf.gather(pair, row, col), atol=2e-5)
 
 
 def test_the_reference_over_a_box_is_its_mean():
-    btf, asked = tiny_btf(8, 6, 6), demand()
-    count = len(asked)
+    btf, queries = tiny_btf(8, 6, 6), demand()
+    count = len(queries)
     columns = {"wo": np.repeat(btf.wo[7:8], count, 0), "wi": np.repeat(btf.wi[7:8], count, 0)}
     columns["footprint"] = np.full(count, 0.5, np.float32)  # four texels
     columns["place"] = np.full((count, 2), 0.25, np.float32)  # the middle of the box at the lower left
-    box = type(asked)(**(vars(asked) | columns))
+    box = type(queries)(**(vars(queries) | columns))
     np.testing.assert_allclose(truth(btf, box)[0], btf[7][4:, :4].mean((0, 1)), atol=1e-5)
 
 
 def test_the_table_makes_the_frames_of_the_reference_and_a_mean_colour_does_not():
     coarse = SCENE.replace("repeat = [2, 2]", "repeat = [1, 1]")  # a pixel is smaller than a texel
-    btf, asked = tiny_btf(8, 6, 6), demand(coarse)
-    scorer = FrameScorer(btf, asked)
+    btf, queries = tiny_btf(8, 6, 6), demand(coarse)
+    scorer = FrameScorer(btf, queries)
     exact, plain = (scorer.score(decoded(codec, btf)) for codec in (Table(), MeanColour()))
     assert exact[PSNR] > 60  # the table is of half floats
     assert exact[FLIP] < 0.005
@@ -95,11 +95,11 @@ def test_a_table_whose_held_out_pairs_are_scattered_is_that_of_the_training_pair
 
 
 def test_shares_of_pairs_add_up_and_lie_where_the_scene_looks():
-    btf, asked = tiny_btf(8, 9, 9), demand()
-    share = pair_shares(btf.layout, asked)
+    btf, queries = tiny_btf(8, 9, 9), demand()
+    share = pair_shares(btf.layout, queries)
     assert share.sum() == pytest.approx(1)
     middle = share @ btf.wo
-    assert np.degrees(np.arccos(middle @ (asked.importance @ asked.wo) / np.linalg.norm(middle))) < 12
+    assert np.degrees(np.arccos(middle @ (queries.importance @ queries.wo) / np.linalg.norm(middle))) < 12
 
 
 def test_weighted_statistics_of_equal_shares_are_the_plain_ones():
@@ -110,13 +110,13 @@ def test_weighted_statistics_of_equal_shares_are_the_plain_ones():
     even = weighted(scores, np.full(16, 1 / 16))
     for name, stats in plain["metrics"].items():
         assert even["metrics"][name] == pytest.approx(stats, nan_ok=True), name
-    alone = weighted(scores, np.eye(16)[3])
-    assert alone["slices"] == 1
-    assert alone["metrics"]["psnr_display"]["pooled"] == pytest.approx(-10 * np.log10(scores.raw["psnr_display"][3]))
+    one_pair = weighted(scores, np.eye(16)[3])
+    assert one_pair["slices"] == 1
+    assert one_pair["metrics"]["psnr_display"]["pooled"] == pytest.approx(-10 * np.log10(scores.raw["psnr_display"][3]))
 
 
 def test_directions_at_random_have_shares_everywhere():
-    btf, asked = tiny_btf(8, 6, 6), demand()
+    btf, queries = tiny_btf(8, 6, 6), demand()
     rng = np.random.default_rng(0)
-    columns = {name: uniform(rng, len(asked)) for name in ("wo", "wi")}
-    assert (pair_shares(btf.layout, type(asked)(**(vars(asked) | columns))) > 0).all()
+    columns = {name: uniform(rng, len(queries)) for name in ("wo", "wi")}
+    assert (pair_shares(btf.layout, type(queries)(**(vars(queries) | columns))) > 0).all()

@@ -36,17 +36,17 @@ def queries(n):
 def surface(uv, wo):
     import drjit as dr
 
-    found = dr.zeros(mi.SurfaceInteraction3f, len(uv))
-    found.uv, found.wi = mi.Point2f(uv.T), mi.Vector3f(wo.T)
-    return found
+    si = dr.zeros(mi.SurfaceInteraction3f, len(uv))
+    si.uv, si.wi = mi.Point2f(uv.T), mi.Vector3f(wo.T)
+    return si
 
 
 def test_its_radiance_is_the_materials(file):
     bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), "repeat": 2.0})
     uv, wo, wi = queries(10_000)
-    found = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
+    radiance = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
     wanted = bench.load(file).query(2 * uv, wo, wi)
-    np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(radiance, wanted, rtol=1e-4, atol=1e-5)
     assert 0.15 < (wanted > 0).any(1).mean() < 0.35  # black below the horizon, of either direction
 
 
@@ -57,8 +57,8 @@ def test_a_texture_that_is_not_square_is_not_squeezed(tmp_path):
     )
     bsdf = mi.load_dict({"type": "neubtf", "filename": str(path), "repeat": 2.0})
     uv, wo, wi = queries(1_000)
-    found = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
-    np.testing.assert_allclose(found, bench.load(path).query(uv * np.float32([2, 4]), wo, wi), rtol=1e-3, atol=1e-5)
+    radiance = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
+    np.testing.assert_allclose(radiance, bench.load(path).query(uv * np.float32([2, 4]), wo, wi), rtol=1e-3, atol=1e-5)
 
 
 def test_a_back_is_black_or_mirrors_the_front(file):
@@ -67,9 +67,9 @@ def test_a_back_is_black_or_mirrors_the_front(file):
     up = np.float32([1, 1, -1])
     for two_sided in (False, True):
         bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), "two_sided": two_sided})
-        found = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
-        wanted = bench.load(file).query(uv, wo * up, wi * up) if two_sided else 0 * found
-        np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-5)
+        radiance = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
+        wanted = bench.load(file).query(uv, wo * up, wi * up) if two_sided else 0 * radiance
+        np.testing.assert_allclose(radiance, wanted, rtol=1e-4, atol=1e-5)
 
 
 def averaged(file, light, fine=8):
@@ -143,8 +143,8 @@ def test_lobes_are_those_that_were_fitted(sampled):
     raw = container.read_parts(sampled)[1].sampling[NAME].float()
     rows, columns = (np.minimum((x * 2).astype(int), 1) for x in (1 - uv[:, 1], uv[:, 0]))
     wanted = Lobe.from_stored(raw[rows, columns]).density(torch.from_numpy(wo), torch.from_numpy(wi)).numpy()
-    found = np.asarray(bsdf.pdf(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T)))
-    np.testing.assert_allclose(found, wanted, rtol=2e-3, atol=1e-5)
+    density = np.asarray(bsdf.pdf(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T)))
+    np.testing.assert_allclose(density, wanted, rtol=2e-3, atol=1e-5)
 
 
 def test_a_variant_that_cannot_run_it_is_refused():

@@ -48,9 +48,9 @@ def bsdf_of(lobes, folder):
 
 
 def surface(uv, theta_deg, count):
-    found, theta = dr.zeros(mi.SurfaceInteraction3f, count), math.radians(theta_deg)
-    found.uv, found.wi = mi.Point2f(*uv), mi.Vector3f(math.sin(theta), 0.0, math.cos(theta))
-    return found
+    si, theta = dr.zeros(mi.SurfaceInteraction3f, count), math.radians(theta_deg)
+    si.uv, si.wi = mi.Point2f(*uv), mi.Vector3f(math.sin(theta), 0.0, math.cos(theta))
+    return si
 
 
 def misfit(bsdf, uv, theta_deg, tests, other=None):
@@ -58,8 +58,8 @@ def misfit(bsdf, uv, theta_deg, tests, other=None):
     context = mi.BSDFContext()
 
     def draw(sample):
-        found = bsdf.sample(context, surface(uv, theta_deg, DRAWN), sample.x, mi.Point2f(sample.y, sample.z))[0]
-        return found.wo, dr.select(found.pdf > 0, mi.Float(1), 0)  # below the horizon nothing is drawn
+        drawn = bsdf.sample(context, surface(uv, theta_deg, DRAWN), sample.x, mi.Point2f(sample.y, sample.z))[0]
+        return drawn.wo, dr.select(drawn.pdf > 0, mi.Float(1), 0)  # below the horizon nothing is drawn
 
     def density(wo):
         return (other or bsdf).pdf(context, surface(uv, theta_deg, dr.width(wo)), wo)

@@ -52,15 +52,15 @@ def test_a_fit_finds_a_highlight_and_lessens_the_noise():
     lobes = fitted(narrow, cells=2, steps=120).float()
     roughness = Lobe.from_stored(lobes.reshape(4, -1))
     assert float(roughness.along.max()) < 0.2
-    found = noise(narrow, lobes)
-    assert found.total < 0.5 * noise(narrow, before).total
-    assert found.total < 0.1
+    measured = noise(narrow, lobes)
+    assert measured.total < 0.5 * noise(narrow, before).total
+    assert measured.total < 0.1
 
 
 def test_a_rough_material_is_never_much_noisier_than_by_the_cosine():
     rough = Plastic(1.0)
-    found = noise(rough, fitted(rough, cells=1, steps=150).float())
-    assert found.total <= 1.2
+    measured = noise(rough, fitted(rough, cells=1, steps=150).float())
+    assert measured.total <= 1.2
 
 
 def test_the_same_seed_gives_the_same_lobes():

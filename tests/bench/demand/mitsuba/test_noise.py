@@ -32,12 +32,12 @@ def test_as_many_samples_reach_the_noise_that_is_stated(file, monkeypatch):
     from bench.demand.mitsuba import noise
 
     monkeypatch.setattr(noise, "NOISE", 0.2)
-    (found,) = measured(file, [None], 16)
+    (figures,) = measured(file, [None], 16)
     bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), "repeat": noise.REPEAT})
     scene = noise._loaded(bsdf, noise.EVEN, SIDE)
-    pictures = [np.asarray(mi.render(scene, spp=round(found.samples), seed=100 + k)).mean(2) for k in range(24)]
+    pictures = [np.asarray(mi.render(scene, spp=round(figures.samples), seed=100 + k)).mean(2) for k in range(24)]
     spread = np.sqrt(np.var(pictures, axis=0, ddof=1).mean()) / np.mean(pictures)
-    assert found.samples > 10
+    assert figures.samples > 10
     assert spread == pytest.approx(0.2, rel=0.15)  # of 24 pictures of 36 pixels, some of which are far noisier
 
 

@@ -96,9 +96,9 @@ def test_inter_reflection_is_that_of_mitsubas_own_integrator():
     wo, wi = np.float32([[0.6, 0, 0.8]]), np.float32([[0.28, 0, 0.96]])
     ours = tracer().path_trace(maps, wo, wi, (32, 32), 4).mean()
     with tracer().using("scalar_rgb"):
-        made = tracer().PathTracer(maps, (32, 32), 1, 0.8, 0.8)
+        own_tracer = tracer().PathTracer(maps, (32, 32), 1, 0.8, 0.8)
         sun = {"type": "directional", "direction": (-wi[0]).tolist(), "irradiance": 1.0}
-        scene = mi.load_dict({"type": "scene", "mesh": smooth(made), "sun": sun})
+        scene = mi.load_dict({"type": "scene", "mesh": smooth(own_tracer), "sun": sun})
         path = mi.load_dict({"type": "path", "max_depth": 16, "rr_depth": 100})
         sampler = mi.load_dict({"type": "independent", "sample_count": 1})
         toward = mi.Vector3f(wo[0].tolist())
@@ -108,20 +108,20 @@ def test_inter_reflection_is_that_of_mitsubas_own_integrator():
     assert ours == pytest.approx(theirs, rel=0.015)
 
 
-def smooth(made):
+def smooth(own_tracer):
     """The mesh of a tracer as Lambert with an albedo of 0.9, shaded with the height field's normals."""
     import mitsuba as mi
 
-    old = mi.traverse(made._mesh(0.8, 0.8))
+    old = mi.traverse(own_tracer._mesh(0.8, 0.8))
     vertices, faces = np.array(old["vertex_positions"]), np.array(old["faces"])
     look = mi.Properties()
     look["bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": 0.9})
     mesh = mi.Mesh("smooth", len(vertices) // 3, len(faces) // 3, has_vertex_normals=True, props=look)
-    size = made.size[0]
+    size = own_tracer.size[0]
     col, row = (np.floor(place * size).astype(int) % size for place in (vertices[::3], 1 - vertices[1::3]))
     new = mi.traverse(mesh)
     new["vertex_positions"], new["faces"] = vertices, faces
-    new["vertex_normals"] = np.ascontiguousarray(made.field.normals()[:, row, col].T).reshape(-1)
+    new["vertex_normals"] = np.ascontiguousarray(own_tracer.field.normals()[:, row, col].T).reshape(-1)
     new.update()
     return mesh
 

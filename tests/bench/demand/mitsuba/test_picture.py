@@ -149,13 +149,13 @@ def test_a_footprint_is_that_of_a_pixel(btf, tmp_path):
     col, row = (mi.Float(x) for x in np.random.default_rng(0).random((2, 1000)).astype("f4"))
     rays, _ = scene.sensors()[0].sample_ray_differential(0.0, 0.5, mi.Point2f(col, row), mi.Point2f(0.5, 0.5))
     si = scene.ray_intersect(rays)
-    found = np.asarray(bsdf._footprint(si))
+    footprints = np.asarray(bsdf._footprint(si))
     si.compute_uv_partials(rays)
     across, down = (np.linalg.norm(np.asarray(each), axis=0) for each in (si.duv_dx, si.duv_dy))
     hit = np.asarray(si.is_valid())
     assert hit.mean() > 0.2
     # Pixels are square and their angle is that in the middle of the picture; a cone is round.
-    ratio = found[hit] / np.maximum(across, down)[hit]
+    ratio = footprints[hit] / np.maximum(across, down)[hit]
     assert (abs(ratio - 1) < 0.1).all()
     bsdf.pixel_angle = 0.0
     np.testing.assert_allclose(np.asarray(bsdf._footprint(si))[hit], np.maximum(across, down)[hit], rtol=1e-5)
@@ -167,7 +167,7 @@ def test_samples_of_a_pixel_share_its_footprint(btf, tmp_path):
     file, scene = tmp_path / "a.nbtf", tmp_path / "wall.xml"
     bench.encode(btf, "neumip", file, steps=20)
     scene.write_text(WALL)
-    found = path_traced(scene, "cloth", file, 20.0, 4)[..., :3]
+    picture = path_traced(scene, "cloth", file, 20.0, 4)[..., :3]
 
     def wanted(angle):
         text = (
@@ -176,7 +176,7 @@ def test_samples_of_a_pixel_share_its_footprint(btf, tmp_path):
         text = WALL.replace('<bsdf type="diffuse" id="cloth">', f'{text}<float name="pixel_angle" value="{angle}"/>')
         return np.asarray(mi.render(mi.load_string(text), spp=4))
 
-    np.testing.assert_allclose(found, wanted(2 * math.tan(math.radians(15)) / 16 / 2), rtol=1e-3)
-    assert apart(wanted(0.0), found) > 0.02
+    np.testing.assert_allclose(picture, wanted(2 * math.tan(math.radians(15)) / 16 / 2), rtol=1e-3)
+    assert apart(wanted(0.0), picture) > 0.02
     from_afar = mi.load_dict({"type": "orthographic"})
     assert _pixel_angle(from_afar, 4) == 0

@@ -61,7 +61,7 @@ def written(folder, *parts):
     return path
 
 
-def of(path, bsdf="cloth"):
+def demand_of(path, bsdf="cloth"):
     from bench.demand.mitsuba.scene import MitsubaScene
 
     if reason := llvm.unusable(plugins=True):
@@ -72,7 +72,7 @@ def of(path, bsdf="cloth"):
 @short
 @with_mitsuba
 def test_a_plane_a_camera_and_a_light_ask_the_same_as_in_toml(tmp_path):
-    demand = of(written(tmp_path, CAMERA, CLOTH, PLANE, LAMP))
+    demand = demand_of(written(tmp_path, CAMERA, CLOTH, PLANE, LAMP))
     expected = collect(TextScene(parse_scene("scene", TEXT)), 10**6)
     assert demand.frames == expected.frames
     for name in ("place", "footprint", "wo", "wi", "weight", "pixel"):
@@ -87,7 +87,7 @@ def test_the_sum_over_the_demand_is_the_frame_of_the_direct_integrator(tmp_path,
     # At the rim of the shadow a pixel is lit in part; a ray through its middle sees all or nothing.
     fine = CAMERA.replace('"40"/><integer', '"160"/><integer').replace('"height" value="20"', '"height" value="80"')
     path = written(tmp_path, fine, CLOTH, PLANE, LAMP, extra)
-    demand = of(path)
+    demand = demand_of(path)
     assert demand.frames == (1, 80, 160)
     import mitsuba as mi
 
@@ -147,7 +147,7 @@ def test_light_from_all_sides_and_curved_shapes(shape, light, tmp_path, monkeypa
     import mitsuba as mi
 
     path = written(tmp_path, CAMERA, CLOTH, shape, light)
-    demand = of(path)
+    demand = demand_of(path)
     frame = np.asarray(mi.render(mi.load_file(str(path)), spp=256), np.float64)[..., :3]
     summed = demand.pictures(np.repeat(demand.wi[:, 2:] * 0.5 / np.pi, 3, 1))[0]
     seen = inside(np.isin(np.arange(800), demand.pixel).reshape(20, 40))
@@ -169,7 +169,7 @@ def inside(seen):
 @with_mitsuba
 def test_each_sensor_is_a_frame(tmp_path):
     higher = CAMERA.replace("0.3,-1.5,0.9", "0.3,-1.5,1.9")
-    demand = of(written(tmp_path, CAMERA, higher, CLOTH, PLANE, LAMP))
+    demand = demand_of(written(tmp_path, CAMERA, higher, CLOTH, PLANE, LAMP))
     assert demand.frames == (2, 20, 40)
     later = demand.pixel >= 800
     assert demand.wo[later, 2].mean() > demand.wo[~later, 2].mean() + 0.1
@@ -187,7 +187,7 @@ def test_what_will_not_do_says_why(tmp_path):
         ((CAMERA, "<bsdf>"), "cloth", "Mitsuba cannot load it"),
     ]:
         with pytest.raises(InputError, match=message):
-            of(written(tmp_path, *parts), bsdf)
+            demand_of(written(tmp_path, *parts), bsdf)
 
 
 @short
@@ -216,10 +216,10 @@ def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch)
     monkeypatch.setattr(llvm, "_tried", lambda choice: ("LLVM 15.0.6", ("kernels",), "Cannot select: fmaximum"))
     path = written(tmp_path, CAMERA, CLOTH, PLANE, LAMP)
     assert cli.main(["demand", str(path), "--bsdf", "cloth", "-o", str(tmp_path / "a.npz")]) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "LLVM 15.0.6, which ended a trial process (Cannot select: fmaximum)" in said
-    assert "apt-get install libllvm19" in said
-    assert "DRJIT_LIBLLVM_PATH" in said
+    message = " ".join(capsys.readouterr().err.split())
+    assert "LLVM 15.0.6, which ended a trial process (Cannot select: fmaximum)" in message
+    assert "apt-get install libllvm19" in message
+    assert "DRJIT_LIBLLVM_PATH" in message
 
 
 @short
