@@ -39,7 +39,7 @@ class CheckError(AssertionError):
 
 
 def raised(error: BaseException, codec: Codec) -> str:
-    """What a codec raised, in one line, with the last line of its author's own files that it went through."""
+    """Describe an error that a codec raised in one line, with the last line of its author's own files in the trace."""
     if isinstance(error, ContainerError) and error.__cause__:  # the file is as it was written just now
         error = error.__cause__
     if isinstance(error, CodecError):
@@ -65,7 +65,7 @@ def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
 
 
 def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
-    """What `tiny_btf` holds (…, 3), at any row and col (…) over the size and any directions (…, 3)."""
+    """The radiance (…, 3) of `tiny_btf` at any row and col (…) over the size and any directions (…, 3)."""
     albedo = 0.4 + 0.3 * np.stack(
         [np.sin(2 * np.pi * row), np.cos(2 * np.pi * col), np.sin(2 * np.pi * (row + col))], -1
     )
@@ -124,7 +124,7 @@ class CodecUnderTest:
 
     @cached_property
     def frame_answers(self) -> frame.FrameAnswers:
-        """What the codec answers of the material that tells every arrangement apart."""
+        """The codec's answers on the material that tells every arrangement apart."""
         btf, folder = frame.material(), self.folder / "frame"
         folder.mkdir(parents=True)
         network = self._network(btf, folder)

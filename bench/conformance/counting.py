@@ -21,7 +21,7 @@ def texture_floats(texture: dict[str, Tensor]) -> range:
 
 
 def held_floats(material: Material) -> int:
-    """How many numbers a decoder holds besides its network's: what it makes of a file's textures, levels and copies."""
+    """Count the numbers of a decoder outside its network: textures, and the levels and copies made of them."""
     values = [value for value in vars(material).values() if isinstance(value, Tensor)]
     plain = (
         value for value in vars(material).values() if isinstance(value, nn.Module) and value not in material.modules()

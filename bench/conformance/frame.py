@@ -59,7 +59,7 @@ def material() -> BTF:
 
 @dataclass(frozen=True)
 class Arrangement:
-    """A way to be wrong: what is said of it, and the radiance that such a codec would answer."""
+    """A way to be wrong: its description, and the radiance that such a codec would answer."""
 
     description: str
     radiance: Radiance
@@ -152,7 +152,7 @@ class FrameAnswers:
 
     @classmethod
     def at_texel_centres(cls, decoded: Material, btf: BTF) -> "FrameAnswers":
-        """What a decoded material answers at the texel centres, at every pair."""
+        """Ask a decoded material at the texel centres, at every pair."""
         uv = texel_centres(*SHAPE)
         wo, wi = (torch.from_numpy(w).repeat_interleave(len(uv), 0) for w in (btf.wo, btf.wi))
         queries = uv.repeat(len(btf), 1), wo, wi
@@ -174,11 +174,11 @@ class FrameAnswers:
         return float(self.answers.mean() / truth(*self.queries).double().mean())
 
     def shares(self) -> dict[str, float]:
-        """`share` of each wrong arrangement, by what is said of it."""
+        """`share` of each wrong arrangement, by its description."""
         return {one.description: self.share(one.radiance(*self.queries)) for one in ARRANGEMENTS}
 
     def mistake(self) -> str:
-        """What is wrong, in words; empty where nothing is."""
+        """Describe the mistake in words; empty where there is none."""
         wrong = [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
         likely = [(self.error(one.radiance(*self.queries)), one.description) for one in wrong]
         scale = self.scale

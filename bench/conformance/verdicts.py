@@ -53,7 +53,7 @@ def check(codec: Codec, network: SharedNetwork | None = None, show: Progress = s
 
 
 def planned() -> int:
-    """How many results a check yields that no stage of ends early."""
+    """The number of results of a check whose every stage is tried."""
     return sum(map(len, STAGES)) + sum(case.cheap for case in stress.CASES)
 
 
@@ -89,7 +89,7 @@ def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
 
 
 def count(name: str) -> Record:
-    """What a codec's decoder holds, counted in a file of the small material: `label`, `parameters`, `cost` of a record.
+    """Count a codec's decoder in a file of the small material: `label`, `parameters`, `cost` of a record.
 
     A codec with recipes is counted as published. One that is fitted in `steps` takes one, which changes no count.
     """

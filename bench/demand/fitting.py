@@ -194,7 +194,7 @@ def _beats(one: Model, other: Model) -> bool:
 
 
 def steps_of(codec: Codec) -> int:
-    """How many sizes a codec can be given: the value of the setting that leads."""
+    """The number of sizes that a codec can have: the value of its leading setting."""
     return int(getattr(codec.settings, codec.sizes[0])) if codec.sizes else 1
 
 

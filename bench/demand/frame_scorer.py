@@ -57,7 +57,7 @@ class FrameScorer:
 
     @cached_property
     def exposure(self) -> float:
-        """That of the frames, by the pixels that show the material."""
+        """The exposure of the frames, from the pixels that show the material."""
         return exposure_of(self.truth[self.seen])
 
     @cached_property

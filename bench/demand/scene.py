@@ -143,7 +143,7 @@ def _check_toward(toward: Vector) -> None:
 
 @dataclass(frozen=True)
 class Scene:
-    """See the module."""
+    """A scene as its TOML file describes it; see the module."""
 
     name: str
     cameras: tuple[Camera, ...]

@@ -12,7 +12,7 @@ DRAPE_LOW, DRAPE_HIGH = -0.35, 0.6  # all heights lie between
 
 
 def distance(surface: Surface, eye: Array, ahead: Array) -> Array:
-    """How far along unit directions (n, 3) from an eye (3,) a surface is first met: (n,), infinite where it is not."""
+    """The distance (n,) from an eye (3,) to a surface along unit directions (n, 3), infinite where they miss it."""
     match surface.shape:
         case "plane":
             return _plane_distance(surface, eye, ahead)
@@ -99,7 +99,7 @@ def _unit_of(surface: Surface) -> Array:
 
 
 def _slopes(surface: Surface, place: Array) -> Array:
-    """How the cloth rises (n, 2) along u and v at places (n, 2) of the plane."""
+    """The slopes (n, 2) of the cloth along u and v at places (n, 2) of the plane."""
     scale, step = _unit_of(surface), 1e-5
     place = place / scale[:2]
     rise = [_height(place + move) - _height(place - move) for move in step * np.eye(2)]

@@ -31,7 +31,7 @@ class NotApplicable(Exception):  # noqa: N818  (it is no error)
 
 @dataclass(frozen=True)
 class Measured:
-    """What a test that passed has to tell: a figure for the cell, how much of the bound is used, and where."""
+    """The result of a test that passed: a figure for the cell, the share of the bound that is used, and where."""
 
     figure: str = ""
     used: float | None = None
@@ -57,7 +57,7 @@ class Case:
 
 @dataclass(frozen=True)
 class CaseVerdict:
-    """What came of a case: the figure that stands in the cell, the whole story or the reason, and see `Measured`."""
+    """The verdict on a case: the figure in its cell, the detail or the reason; for `used` see `Measured`."""
 
     verdict: Literal["pass", "fail", "n/a"]
     figure: str = ""
@@ -105,7 +105,7 @@ class Subject:
         return self.tested.material.query(*queries)
 
     def fit(self) -> Fit:
-        """What each fit is given."""
+        """A new `Fit`, the same for each fit."""
         return Fit(seed=1, network=self.tested.network)
 
     def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:

@@ -35,7 +35,7 @@ def ordinary() -> BTF:
 
 @cache
 def values() -> Array:
-    """Its radiance (81, 8, 8, 3)."""
+    """The radiance (81, 8, 8, 3) of the ordinary material."""
     stacked = np.stack(list(ordinary()))
     stacked.setflags(write=False)
     return stacked
@@ -184,7 +184,7 @@ def bound(encoded: Encoded) -> dict[str, float]:
 
 
 def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
-    """How much of what is allowed an error is; `CheckError` where it is beyond that in its space."""
+    """Measure the error as a share of what each space allows; `CheckError` where it is larger."""
     sound(encoded)
     errors, used = mean_squares(encoded, encoded.decoded), 0.0
     for space, (mse, peak) in errors.items():

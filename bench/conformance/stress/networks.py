@@ -27,7 +27,7 @@ FINITE = "finite and not negative"
 
 
 def scaled_texture(subject: Subject) -> Material:
-    """What is stored of each texel, times 1e4. Of eight bits that is the scale and the offset."""
+    """The stored texture times 1e4; of eight bits, its scale and its offset."""
     stored = subject.parts.texture
     floats = {name: values.float() * 1e4 for name, values in stored.items() if values.is_floating_point()}
     applicable(floats, "stores no numbers a texel, only indices")
@@ -149,7 +149,7 @@ def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
 
 
 def eight_bits(subject: Subject) -> None:
-    """The same with the texture stored at eight bits, where the codec can."""
+    """Try `all_sound` with the texture stored at eight bits, where the codec can."""
     settings = {field.name: str(field.type) for field in dataclasses.fields(subject.tested.codec.Settings)}
     applicable("precision" in settings, "stores no eight bits")
     codec = subject.codec(precision="int8")
@@ -175,7 +175,7 @@ def gradients_at_zero(subject: Subject) -> None:
 
 
 def trained_with_firefly(subject: Subject) -> Measured:
-    """How much the other texels lose to one firefly, in dB; they stay no worse than mean-colour."""
+    """Measure what the other texels lose to one firefly, in dB; they stay no worse than mean-colour."""
     others = np.ones(ordinary().shape, bool)
     others[3, 5] = False
 

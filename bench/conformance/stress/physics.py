@@ -28,7 +28,7 @@ Answer = Callable[[Queries], Tensor]
 
 
 def mean_colour() -> Answer:
-    """What the mean-colour codec answers of the ordinary material, but for its halves."""
+    """The answers of the mean-colour codec on the ordinary material, but for its halves."""
     texture = torch.from_numpy(values().mean(0))
     return lambda queries: sample_texture(texture, queries.uv)
 

@@ -20,7 +20,7 @@ def _records() -> tuple[Record, ...]:
 
 
 def met_by_others(extreme: str) -> str:
-    """How many built-in codecs meet an extreme, to be added to what is said of one that does not."""
+    """Say how many built-in codecs meet an extreme, as the end of a message about one that does not."""
     met = [record["verdict"] for record in _records() if record["extreme"] == extreme and record["verdict"] != "n/a"]
     passed = met.count("pass")
     count = f"all {passed}" if passed == len(met) else f"{passed} of {len(met)}"

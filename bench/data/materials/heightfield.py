@@ -81,7 +81,7 @@ class HeightField:
         return low
 
     def visibility(self, wi: Array) -> Array:
-        """What share (H, W) of the light from `wi` reaches each grid point, uint8 with 255 for all of it.
+        """The share (H, W) of the light from `wi` that reaches each grid point, uint8 with 255 for all of it.
 
         The horizon, the maximum over j ≥ 1 of h(p + jδ) − jc with c the rise of the light's ray over a step δ of one
         cell, is built by doubling: M₂ₙ(p) = max(Mₙ(p), Mₙ(p + nδ) − nc). A shadow's edge is a ramp of half a step.

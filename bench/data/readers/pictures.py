@@ -317,7 +317,7 @@ def _check_primaries(attributes: dict[str, bytes], label: str) -> None:
 
 
 class _HdrHeader:
-    """What a Radiance header says: size, axis order and signs, the total exposure, and where the pixels begin."""
+    """The header of a Radiance picture: size, axis order and signs, total exposure, and where the pixels begin."""
 
     def __init__(self, start: int, axes: list[str], counts: list[int], exposure: float):
         self.start, self.axes, self.counts, self.exposure = start, axes, counts, exposure

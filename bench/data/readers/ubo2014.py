@@ -107,7 +107,7 @@ class Matrix:
 
 @dataclass
 class Material:
-    """What a file holds besides its header: directions in radians, size, and three channels of factors."""
+    """The content of a file below its header: directions in radians, size, and three channels of factors."""
 
     views: Array  # (V, 2) θ, φ
     lights: Array  # (L, 2)
@@ -163,7 +163,7 @@ def _assemble(path: Path, signature: str, material: Material, notes: dict[str, A
 
 
 def _header(cursor: Cursor) -> dict[str, Any]:
-    """What the file says about its measurement; its length must be the stated one."""
+    """Read the header about the measurement; its length must be the stated one."""
     start = cursor.at
     size, version = cursor.numbers("2I", "the header")
     if not 1 <= version <= 4:

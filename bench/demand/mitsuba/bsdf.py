@@ -108,7 +108,7 @@ def _ggx(along: Any, across: Any) -> Any:
 
 
 class _Answers:
-    """What the plug-in does, whatever the variant; `_plugin` adds Mitsuba's own class."""
+    """The plug-in in any variant; `_plugin` adds Mitsuba's own class."""
 
     m_flags: Any
     m_components: Any

@@ -116,7 +116,7 @@ def checked(sampling: dict[str, Tensor]) -> Tensor | None:
 
 @dataclass(frozen=True)
 class Noise:
-    """How noisy drawing from lobes is beside drawing by the cosine, under a uniform environment."""
+    """Compares the noise of drawing from lobes with that of drawing by the cosine, under a uniform environment."""
 
     total: float  # the variances over all views and places, summed, as a ratio
     median: float  # of the ratios of the variances of each

@@ -50,7 +50,7 @@ SCENES: dict[str, tuple[dict[str, Any], Callable[[], dict[str, Any]], int]] = {
 
 @dataclass(frozen=True)
 class Picture:
-    """How a picture is made and repeated."""
+    """The settings of a measurement: the picture and its repetitions."""
 
     side: int = 24  # pixels
     samples: int = 64  # a pixel, of each repetition
@@ -60,7 +60,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Reached:
-    """What it takes to bring the noise of the scene's picture down to `NOISE`."""
+    """The samples and the time that bring the noise of the scene's picture down to `NOISE`."""
 
     samples: float  # a pixel
     seconds: float  # of the processor, over all its cores and all pixels, without what a picture takes however small

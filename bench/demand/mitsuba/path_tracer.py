@@ -219,7 +219,7 @@ def _triangles(vertices: Array) -> Any:
 
 @dr.syntax
 def _follow(tracer: PathTracer, ray: Values, wi: Values, numbers: _Numbers, depth: Values) -> Values:
-    """What paths that start with `ray` bring back (mi.Color3f) under unit light from `wi`."""
+    """The radiance (mi.Color3f) of paths that start with `ray`, under unit light from `wi`."""
     value, weight = mi.Color3f(0), mi.Color3f(1)
     edges, active = mi.UInt32(1), mi.Bool(True)
     generator, first = numbers.generator, numbers.first
