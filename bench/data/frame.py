@@ -20,7 +20,7 @@ CLEAR = (0.5, 2.0)  # a mirrored side explains at least this share, and so many 
 
 
 @dataclass(frozen=True)
-class Lobe:
+class MeanLobe:
     """The shares of the mean lobe at θ_o = θ_i that φ_i − φ_o and φ_i + φ_o explain, and the former's largest place."""
 
     theta_deg: float
@@ -34,7 +34,7 @@ class Lobe:
         return self.theta_deg >= STEEP and self.mirrored >= max(share, times * self.given)
 
 
-def mean_lobe(btf: BTF) -> Lobe | None:
+def mean_lobe(btf: BTF) -> MeanLobe | None:
     """The lobe of slices' means at the outermost ring of directions that views and lights share; None without one.
 
     Each is divided by cos θ_i, and by the mean of its view and of its light; what is left is fitted with two harmonics
@@ -59,7 +59,7 @@ def mean_lobe(btf: BTF) -> Lobe | None:
     mirrored_share, _ = _explained(rest, phi_i + phi_o[:, None])
     around = np.arange(360.0)
     peak = around[np.argmax(_waves(np.radians(around)) @ coefficients)]
-    return Lobe(theta, share / total, mirrored_share / total, float(peak))
+    return MeanLobe(theta, share / total, mirrored_share / total, float(peak))
 
 
 def _ring(layout: Layout) -> tuple[float, Array, Array] | None:

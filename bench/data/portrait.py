@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.btf import BTF, Layout, box_filter
 from bench.data import periodic
-from bench.data.frame import Lobe, mean_lobe
+from bench.data.frame import MeanLobe, mean_lobe
 from bench.errors import InputError
 from bench.hemisphere import thin, to_degrees
 from bench.metrics.display import exposure_of, to_display
@@ -44,7 +44,7 @@ class Look:
     values: Array
     power: float | None
     seams: list[tuple[float, float]]
-    lobe: Lobe | None
+    lobe: MeanLobe | None
 
     @cached_property
     def layout(self) -> Layout:

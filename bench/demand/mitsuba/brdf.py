@@ -17,7 +17,7 @@ Values = Any  # Dr.Jit arrays over points, colours mi.Color3f in linear Rec. 709
 
 
 @dataclass(frozen=True)
-class Lobes:
+class Shading:
     """Points seen from `o`, whose normal component is at least 1e-3, as the built-in renderer has it."""
 
     o: Values
@@ -31,7 +31,7 @@ class Lobes:
     glossy: Values  # the share of directions drawn from the highlight
 
 
-def lobes(o: Values, base: Values, roughness: Values, metal: Values, specular: Values, anisotropy: Values) -> Lobes:
+def shading(o: Values, base: Values, roughness: Values, metal: Values, specular: Values, anisotropy: Values) -> Shading:
     """Points prepared for one direction each; the maps are those of `bench.data.materials.maps.Maps`."""
     seen, o = o, mi.Vector3f(o.x, o.y, at_least(1e-3, o.z))
     alpha = at_least(MIN_ALPHA, roughness * roughness)
@@ -42,10 +42,10 @@ def lobes(o: Values, base: Values, roughness: Values, metal: Values, specular: V
     shine = mi.luminance(fresnel(f0, mi.Color3f(f90), o.z))
     matt = mi.luminance(diffuse) * dr.pi
     glossy = shine / at_least(1e-6, shine + matt)
-    return Lobes(o, seen, alpha / stretch, at_least(MIN_ALPHA, alpha * stretch), diffuse, f0, f90, specular, glossy)
+    return Shading(o, seen, alpha / stretch, at_least(MIN_ALPHA, alpha * stretch), diffuse, f0, f90, specular, glossy)
 
 
-def reflect(at: Lobes, i: Values) -> Values:
+def reflect(at: Shading, i: Values) -> Values:
     """f_r · cos θ_i (mi.Color3f) toward the points' `o`; 0 from below the tangent plane."""
     o, i_n = at.o, at_least(0, i.z)
     between = at_least(1e-6, 0.5 + 0.5 * dr.dot(at.seen, i))  # (o·h)²
@@ -56,7 +56,7 @@ def reflect(at: Lobes, i: Values) -> Values:
     return at.diffuse * through + fresnel(at.f0, mi.Color3f(at.f90), dr.sqrt(between)) * highlight
 
 
-def sample(at: Lobes, choice: Values, place: Values) -> tuple[Values, Values]:
+def sample(at: Shading, choice: Values, place: Values) -> tuple[Values, Values]:
     """Directions drawn by numbers in [0, 1): `choice` picks the lobe, `place` (mi.Point2f) the direction in it. Also
     f_r · cos θ_i over their density (mi.Color3f), 0 where a direction fell below the tangent plane."""
     matt = _cosine(place)
@@ -92,19 +92,19 @@ def _disc(place: Values) -> tuple[Values, Values]:
     return radius * dr.cos(phi), radius * dr.sin(phi)
 
 
-def _smith(at: Lobes, x: Values) -> Values:
+def _smith(at: Shading, x: Values) -> Values:
     t, b = at.alpha_t * x.x, at.alpha_b * x.y
     return dr.sqrt(t * t + b * b + x.z * x.z)
 
 
-def _density(at: Lobes, h: Values) -> Values:
+def _density(at: Shading, h: Values) -> Values:
     """The GGX distribution D at half vectors."""
     t, b = h.x / at.alpha_t, h.y / at.alpha_b
     stretched = t * t + b * b + h.z * h.z
     return 1 / (dr.pi * at.alpha_t * at.alpha_b * stretched * stretched)
 
 
-def _visible_normal(at: Lobes, o: Values, place: Values) -> Values:
+def _visible_normal(at: Shading, o: Values, place: Values) -> Values:
     """A half vector drawn in proportion to D(h) · (o·h)⁺ (Heitz 2018, appendix A)."""
     v = dr.normalize(mi.Vector3f(at.alpha_t * o.x, at.alpha_b * o.y, o.z))
     side = v.x * v.x + v.y * v.y
@@ -118,7 +118,7 @@ def _visible_normal(at: Lobes, o: Values, place: Values) -> Values:
     return dr.normalize(mi.Vector3f(at.alpha_t * h.x, at.alpha_b * h.y, at_least(1e-6, h.z)))
 
 
-def _glossy_density(at: Lobes, o: Values, i: Values) -> Values:
+def _glossy_density(at: Shading, o: Values, i: Values) -> Values:
     """Density of the directions that reflect `o` at a visible normal: D · G₁ / (4 o_n), per solid angle."""
     h = dr.normalize(o + i)
     return dr.select(dr.dot(o, h) > 0, _density(at, h) / (2 * (o.z + _smith(at, o))), 0)

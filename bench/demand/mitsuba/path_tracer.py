@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import Renderer
-from bench.demand.mitsuba.brdf import Lobes, at_least, lobes, reflect, sample
+from bench.demand.mitsuba.brdf import Shading, at_least, reflect, sample, shading
 from bench.errors import InputError
 from bench.llvm import unusable
 
@@ -167,7 +167,7 @@ class PathTracer:
         ray = mi.Ray3f(mi.Point3f(x, y, 0) + (self.field.top + 1e-3) / wo.z * wo, -wo)
         return _follow(self, ray, wi, _Numbers(self.seed, point, texel, number), mi.UInt32(depth))
 
-    def surface(self, p: Values, o: Values) -> tuple[Values, Lobes]:
+    def surface(self, p: Values, o: Values) -> tuple[Values, Shading]:
         """Tangent frame (mi.Frame3f) and reflectance of the points `p` seen from `o`, both in space."""
         t = self.table.eval(mi.Point2f(p.x, 1 - p.y / self.aspect))
         n = dr.normalize(mi.Vector3f(t[0], t[1], t[2]))
@@ -177,7 +177,7 @@ class PathTracer:
         stretch = mi.Vector3f(dr.sqrt(at_least(0, 0.5 + 0.5 * cos)), dr.select(t[11] < 0, -side, side), 0)
         tangent = dr.normalize(stretch - n * dr.dot(stretch, n))
         frame = mi.Frame3f(tangent, dr.cross(n, tangent), n)
-        return frame, lobes(frame.to_local(o), mi.Color3f(t[3], t[4], t[5]), t[6], t[7], t[8], t[9])
+        return frame, shading(frame.to_local(o), mi.Color3f(t[3], t[4], t[5]), t[6], t[7], t[8], t[9])
 
     def leave(self, p: Values, wi: Values) -> Values:
         """Where a ray to the light starts: a cell on, as in the built-in renderer. Relief inside a cell is not in

@@ -147,7 +147,7 @@ def test_drawn_directions_have_the_built_in_reflectance_as_their_mean(kind, o):
     expected = 2 * np.pi * (at.diffuse[0] * through + brdf.specular_colour(at, between)[0] * highlight).mean()
     random = np.random.default_rng(0).random((3, 100_000)).astype(np.float32)
     with tracer().using(tracer().fastest_variant()):
-        here = mitsuba_brdf.lobes(mi.Vector3f(*o), mi.Color3f(0.6), *(mi.Float(values[name]) for name in names))
+        here = mitsuba_brdf.shading(mi.Vector3f(*o), mi.Color3f(0.6), *(mi.Float(values[name]) for name in names))
         if mi.variant() == "scalar_rgb":
             pytest.skip("LLVM is not on this machine")
         choice, x, y = (mi.Float(row) for row in random)
