@@ -18,10 +18,10 @@ import time
 import numpy as np
 
 from bench.data import materials
-from bench.data.bake.path_tracer import MAX_DEPTH, PathTracer, fastest_variant, launches, using
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
 from bench.data.spec import Preparation
+from bench.demand.mitsuba.path_tracer import MAX_DEPTH, PathTracer, fastest_variant, launches, using
 
 AIM = 2e6
 SUB_POINTS = 4

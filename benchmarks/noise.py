@@ -15,8 +15,8 @@ from pathlib import Path
 from tabulate import tabulate
 
 import bench
-from bench.demand.lobes import fitted
-from bench.demand.noise import EVEN, SCENES, reached
+from bench.demand.mitsuba.lobes import fitted
+from bench.demand.mitsuba.noise import EVEN, SCENES, reached
 
 STEPS = {"steps": 650}  # of learned codecs
 LEARNED = ("neubtf-direct", "neumip", "relief", "bcf")

@@ -27,8 +27,8 @@ from bench.data.open import open_material
 from bench.data.spec import Preparation, named
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
-from bench.demand.fitting import Found, Search, as_good_as, rows
-from bench.demand.judge import Judge, table_of
+from bench.demand.fitting import Search, SearchResult, as_good_as, rows
+from bench.demand.frame_scorer import FrameScorer, table_of
 from bench.demand.scene import named_scene
 from bench.demand.text_scene import TextScene
 from bench.metrics.display import to_display
@@ -47,17 +47,17 @@ def demand_of(scene: str, queries: int, seed: int = 0) -> Demand:
     return collect(TextScene(named_scene(scene)), queries, seed)
 
 
-def search(codec: Codec, btf: BTF, judge: Judge, seed: int, folder: Path) -> Found:
+def search(codec: Codec, btf: BTF, scorer: FrameScorer, seed: int, folder: Path) -> SearchResult:
     """What a search for a model of the scene finds, with one thread."""
     training = btf.subset(btf.split().train)
-    return Search(codec, training, judge, lambda: Fit(seed=seed), folder).run()
+    return Search(codec, training, scorer, lambda: Fit(seed=seed), folder).run()
 
 
-def measure(codec: Codec, btf: BTF, judge: Judge, seed: int) -> list[float]:
+def measure(codec: Codec, btf: BTF, scorer: FrameScorer, seed: int) -> list[float]:
     """The numbers of one row, from `bytes full` on."""
     with tempfile.TemporaryDirectory() as folder:
-        found = search(codec, btf, judge, seed, Path(folder))
-        table = rows(found, judge, 1)
+        found = search(codec, btf, scorer, seed, Path(folder))
+        table = rows(found, scorer, 1)
     full, scene = table[0], table[-1]
     both = [[row[name] for row in (full, scene)] for name in ("psnr", "flip", "ns", "outside")]
     numbers = [np.nan if value is None else value for pair in both for value in pair]
@@ -79,9 +79,9 @@ def compare(options: argparse.Namespace) -> None:
     btf = open_material(named(options.material), Preparation(), lambda *_: None)
     print("| " + " | ".join(HEADS) + " |\n|" + "---|" * len(HEADS), flush=True)
     for scene in options.scene or SCENES:
-        judges = [Judge(table_of(btf), demand_of(scene, options.queries, seed)) for seed in range(options.seeds)]
+        scorers = [FrameScorer(table_of(btf), demand_of(scene, options.queries, seed)) for seed in range(options.seeds)]
         for text in options.codecs or ["pca", "vq"]:
-            found = [measure(parse(text), btf, judge, seed) for seed, judge in enumerate(judges)]
+            found = [measure(parse(text), btf, scorer, seed) for seed, scorer in enumerate(scorers)]
             print("| " + " | ".join([scene, text, *map(written, zip(*found, strict=True))]) + " |", flush=True)
 
 
@@ -91,11 +91,11 @@ def control(options: argparse.Namespace) -> None:
     training = btf.subset(btf.split().train)
     print("| scene | codec | bytes full | bytes smallest |\n|---|---|---|---|", flush=True)
     for scene in options.scene or SCENES:
-        judge = Judge(table_of(btf), demand_of(scene, options.queries))
+        scorer = FrameScorer(table_of(btf), demand_of(scene, options.queries))
         for text in options.codecs or ["pca", "vq"]:
             codec = parse(text)
             with tempfile.TemporaryDirectory() as folder:
-                look = Search(codec, training, judge, Fit, Path(folder))
+                look = Search(codec, training, scorer, Fit, Path(folder))
                 full = look.model(codec, "full")
                 goal = as_good_as(full)
                 size = min(model.header.file_bytes for model in look.ladder(goal, scene=False) if goal.met(model))
@@ -107,21 +107,21 @@ def pictures(options: argparse.Namespace) -> None:
     btf = open_material(named(options.material), Preparation(), lambda *_: None)
     codec = parse(options.codecs[0] if options.codecs else "pca")
     for scene in options.scene or SCENES:
-        judge = Judge(table_of(btf), demand_of(scene, PICTURED))
+        scorer = FrameScorer(table_of(btf), demand_of(scene, PICTURED))
         with tempfile.TemporaryDirectory() as folder:
-            found = search(codec, btf, judge, 0, Path(folder))
-            draw_models(judge, found, options.pictures / f"scene-{scene}.jpg")
+            found = search(codec, btf, scorer, 0, Path(folder))
+            draw_models(scorer, found, options.pictures / f"scene-{scene}.jpg")
 
 
-def draw_models(judge: Judge, found: Found, path: Path) -> None:
+def draw_models(scorer: FrameScorer, found: SearchResult, path: Path) -> None:
     """The first frame: reference table, full model, scene model, and below their FLIP."""
-    rows, titles = [[to_display(judge.truth[0], judge.exposure)], []], [f"{judge.demand.name}: reference table"]
+    rows, titles = [[to_display(scorer.truth[0], scorer.exposure)], []], [f"{scorer.demand.name}: reference table"]
     rows[1].append(np.ones_like(rows[0][0]))
     for name, model in {"full model": found.full, "scene model": found.scene}.items():
         if model:
-            frames = judge.frames(model.material)
-            rows[0].append(to_display(frames[0], judge.exposure))
-            rows[1].append(judge.flip_map(frames))
+            frames = scorer.frames(model.material)
+            rows[0].append(to_display(frames[0], scorer.exposure))
+            rows[1].append(scorer.flip_map(frames))
             titles.append(f"{name}: {model.header.file_bytes:,} bytes, {model.psnr:.1f} dB, FLIP {model.flip:.3f}")
     with atomic.replacing(path) as partial:
         grid(rows, titles, ["", "FLIP"], 5.0).savefig(partial, format="jpg", dpi=80, pil_kwargs={"quality": 85})

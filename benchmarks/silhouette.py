@@ -18,12 +18,12 @@ import numpy as np
 from PIL import Image
 
 import bench
-from bench.data.bake.path_brdf import lobes, reflect
 from bench.data.materials import recipe
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
-from bench.demand.mitsuba_bsdf import register
-from bench.demand.mitsuba_scene import set_variant
+from bench.demand.mitsuba.brdf import reflect, shading
+from bench.demand.mitsuba.bsdf import register
+from bench.demand.mitsuba.scene import set_variant
 from bench.hemisphere import uniform
 from bench.metrics.display import exposure_of, to_display
 
@@ -47,7 +47,7 @@ class Truth(mi.BSDF):
 
     def eval(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
         base = mi.Color3f(*self.base.eval(mi.Point2f(si.uv.x, 1 - si.uv.y)))
-        value = reflect(lobes(si.wi, base, *self.rest), wo)
+        value = reflect(shading(si.wi, base, *self.rest), wo)
         return dr.select(active & (si.wi.z > 0) & (wo.z > 0), value, 0)
 
     def pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:

@@ -52,7 +52,7 @@ class Header:
     tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, bytes
     file_bytes: int
     kind: str = MATERIAL
-    scene: dict[str, Any] = field(default_factory=dict)  # the demand that it was fitted to: see `bench.demand.need`
+    scene: dict[str, Any] = field(default_factory=dict)  # the demand it was fitted to: see `bench.demand.needed_part`
     network: str = ""  # the hash of the shared network's file, if one is needed to decode
     provenance: dict[str, Any] = field(default_factory=dict)  # the sources of the file other than a BTF
 

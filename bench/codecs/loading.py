@@ -5,8 +5,10 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
+from bench.btf import Source
 from bench.codec import Parts, TrainedNetwork
 from bench.codecs import registry, shared
 from bench.codecs.container import PARTS, SHARED, Header, read_parts
@@ -83,3 +85,20 @@ def _try(material: Material) -> None:
     up, low = (torch.tensor(w, device=material.device).expand(4, 3) for w in ((0.0, 0.0, 1.0), (0.6, 0.0, 0.8)))
     if not material.query(uv, up, low).isfinite().all():
         raise ValueError("its answers are not finite")
+
+
+class DecodedSource(Source):
+    """A decoded material as the source of a BTF at the pairs wo, wi (N, 3), so that what writes BTFs writes it.
+
+    `identity` names the file it was decoded from.
+    """
+
+    def __init__(self, material: Material, wo: np.ndarray, wi: np.ndarray, identity: str):
+        self.material, self.wo, self.wi, self.identity = material, wo, wi, identity
+        self.shape, self.count = material.size, len(wo)
+
+    def slice(self, pair: int) -> np.ndarray:
+        return self.material.slice(self.wo[pair].tolist(), self.wi[pair].tolist()).numpy()
+
+    def fingerprint(self) -> str:
+        return self.identity

@@ -15,7 +15,7 @@ FINER = 2.0  # a footprint smaller than the finest demanded one by this factor i
 
 
 class SceneMaterial(Material):
-    """Wraps the decoded material of a window of the texture; see `bench.demand.need`.
+    """Wraps the decoded material of a window of the texture; see `bench.demand.needed_part`.
 
     A query is far outside the scene's demand if its direction is over a map cell away from every demanded one, or its
     position or footprint was left out. Such queries get the nearest stored answer, are counted, and reported once.

@@ -39,7 +39,7 @@ class CheckError(AssertionError):
 
 
 def raised(error: BaseException, codec: Codec) -> str:
-    """What a codec raised, in one line, with the last line of its author's own files that it went through."""
+    """Describe an error that a codec raised in one line, with the last line of its author's own files in the trace."""
     if isinstance(error, ContainerError) and error.__cause__:  # the file is as it was written just now
         error = error.__cause__
     if isinstance(error, CodecError):
@@ -65,14 +65,14 @@ def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
 
 
 def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
-    """What `tiny_btf` holds (…, 3), at any row and col (…) over the size and any directions (…, 3)."""
+    """The radiance (…, 3) of `tiny_btf` at any row and col (…) over the size and any directions (…, 3)."""
     albedo = 0.4 + 0.3 * np.stack(
         [np.sin(2 * np.pi * row), np.cos(2 * np.pi * col), np.sin(2 * np.pi * (row + col))], -1
     )
     half = (wo + wi) / np.linalg.norm(wo + wi, axis=-1, keepdims=True)
     gloss = 0.5 * half[..., 2:] ** 20 * (1 + np.sin(2 * np.pi * col))[..., None]
-    found: np.ndarray = (albedo / np.pi + gloss) * wi[..., 2:]
-    return found
+    radiance: np.ndarray = (albedo / np.pi + gloss) * wi[..., 2:]
+    return radiance
 
 
 def others(btf: BTF) -> list[BTF]:
@@ -83,7 +83,7 @@ def others(btf: BTF) -> list[BTF]:
 
 
 @dataclass
-class Bench:
+class CodecUnderTest:
     """One codec under test, encoded once."""
 
     codec: Codec
@@ -123,14 +123,14 @@ class Bench:
         return loading.load(self.header.path, network=self.network)[1]
 
     @cached_property
-    def framed(self) -> frame.Found:
-        """What the codec answers of the material that tells every arrangement apart."""
+    def frame_answers(self) -> frame.FrameAnswers:
+        """The codec's answers on the material that tells every arrangement apart."""
         btf, folder = frame.material(), self.folder / "frame"
         folder.mkdir(parents=True)
         network = self._network(btf, folder)
         header = self.encode(f"frame/a{container.SUFFIX}", btf, network)
         with torch_threads(1):
-            return frame.Found.of(loading.load(header.path, network=network)[1], btf)
+            return frame.FrameAnswers.at_texel_centres(loading.load(header.path, network=network)[1], btf)
 
     @cached_property
     def queries(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -164,53 +164,53 @@ save_file({"rgb": rgb}, sys.argv[3])
 """
 
 
-def fresh_process(bench: Bench) -> None:
+def fresh_process(tested: CodecUnderTest) -> None:
     """a fresh process decodes the file to the same answers, bit for bit"""
     from safetensors.torch import load_file, save_file
 
-    asked, answered = bench.folder / "queries", bench.folder / "answers"
-    save_file(dict(zip(("uv", "wo", "wi", "footprint"), bench.queries, strict=True)), asked)
-    command = [sys.executable, "-c", FRESH, str(bench.header.path), str(asked), str(answered)]
+    queries_file, answers_file = tested.folder / "queries", tested.folder / "answers"
+    save_file(dict(zip(("uv", "wo", "wi", "footprint"), tested.queries, strict=True)), queries_file)
+    command = [sys.executable, "-c", FRESH, str(tested.header.path), str(queries_file), str(answers_file)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise CheckError(f"the fresh process failed: {(done.stderr.splitlines() or ['no message'])[-1]}")
-    _same("fresh process", load_file(answered)["rgb"], bench.answers, 0.0)
+    _same("fresh process", load_file(answers_file)["rgb"], tested.answers, 0.0)
 
 
-def same_bytes(bench: Bench) -> None:
+def same_bytes(tested: CodecUnderTest) -> None:
     """the same seed and threads give the same bytes"""
-    if bench.encode("b" + container.SUFFIX).sha256 != bench.header.sha256:
+    if tested.encode("b" + container.SUFFIX).sha256 != tested.header.sha256:
         raise CheckError("two fits of the same seed gave different files")
 
 
-def batches(bench: Bench) -> None:
+def batches(tested: CodecUnderTest) -> None:
     """one batch answers as many small ones do"""
-    pieces = [bench.material.query(*(q[i : i + 7] for q in bench.queries)) for i in range(0, 500, 7)]
-    _same("batches of 7", torch.cat(pieces), bench.answers, ROUNDING)
-    if bench.material.query(*(q[:0] for q in bench.queries)).shape != (0, 3):
+    pieces = [tested.material.query(*(q[i : i + 7] for q in tested.queries)) for i in range(0, 500, 7)]
+    _same("batches of 7", torch.cat(pieces), tested.answers, ROUNDING)
+    if tested.material.query(*(q[:0] for q in tested.queries)).shape != (0, 3):
         raise CheckError("an empty batch must give (0, 3)")
 
 
-def order(bench: Bench) -> None:
+def order(tested: CodecUnderTest) -> None:
     """the order of queries does not matter"""
-    _same("reversed", bench.material.query(*(q.flip(0) for q in bench.queries)).flip(0), bench.answers, ROUNDING)
+    _same("reversed", tested.material.query(*(q.flip(0) for q in tested.queries)).flip(0), tested.answers, ROUNDING)
 
 
-def wraps(bench: Bench) -> None:
+def wraps(tested: CodecUnderTest) -> None:
     """uv is periodic"""
     # Quarters of a texel are exact in float32 a few periods out, so the answers may differ by rounding alone.
-    uv, wo, wi, footprint = bench.queries
+    uv, wo, wi, footprint = tested.queries
     uv = (uv * 32).round() / 32
-    there = bench.material.query(uv + torch.tensor([2.0, -3.0]), wo, wi, footprint)
-    _same("uv + (2, −3)", there, bench.material.query(uv, wo, wi, footprint), ROUNDING)
+    there = tested.material.query(uv + torch.tensor([2.0, -3.0]), wo, wi, footprint)
+    _same("uv + (2, −3)", there, tested.material.query(uv, wo, wi, footprint), ROUNDING)
 
 
-def refuses(bench: Bench) -> None:
+def refuses(tested: CodecUnderTest) -> None:
     """a query that is not finite is refused, and the row is named"""
-    uv, wo, wi, footprint = (q.clone() for q in bench.queries)
+    uv, wo, wi, footprint = (q.clone() for q in tested.queries)
     wo[123, 1] = float("nan")
     try:
-        bench.material.query(uv, wo, wi, footprint)
+        tested.material.query(uv, wo, wi, footprint)
     except InputError as error:
         if "row 123" not in str(error):
             raise CheckError(f"the error names no row: {error}") from error
@@ -218,68 +218,68 @@ def refuses(bench: Bench) -> None:
     raise CheckError("a direction that is not a number was answered")
 
 
-def counted(bench: Bench) -> None:
+def counted(tested: CodecUnderTest) -> None:
     """declared parameters, channels and numbers in textures are those that are counted"""
-    declared = bench.material.cost
-    found = parameters(bench.material)
-    if declared.parameters != found:
-        raise CheckError(f"declares {declared.parameters:,} parameters, holds {found:,}")
-    texture = container.read_parts(bench.header.path)[1].texture
-    floats, channels = counting.texture_floats(texture), counting.texture_channels(texture, bench.material.size)
-    held = counting.held_floats(bench.material)
+    declared = tested.material.cost
+    counted_parameters = parameters(tested.material)
+    if declared.parameters != counted_parameters:
+        raise CheckError(f"declares {declared.parameters:,} parameters, holds {counted_parameters:,}")
+    texture = container.read_parts(tested.header.path)[1].texture
+    floats, channels = counting.texture_floats(texture), counting.texture_channels(texture, tested.material.size)
+    held = counting.held_floats(tested.material)
     if declared.texture_floats not in floats and declared.texture_floats != held:
-        stores = f"stores {counting.said(floats)} and holds {held:,}"
+        stores = f"stores {counting.count_text(floats)} and holds {held:,}"
         raise CheckError(f"declares {declared.texture_floats:,} numbers in textures, {stores}")
     if channels is not None and declared.texture_channels != channels:
         raise CheckError(f"declares {declared.texture_channels:,} texture channels, stores {channels:,}")
 
 
-def follows_data(bench: Bench) -> None:
+def follows_data(tested: CodecUnderTest) -> None:
     """it follows the data: nearer to the training slices than their one mean colour"""
-    btf = bench.btf
+    btf = tested.btf
     truth = torch.from_numpy(np.stack(list(btf)))
-    decoded = torch.stack([bench.material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()) for i in range(len(btf))])
+    decoded = torch.stack([tested.material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()) for i in range(len(btf))])
     error, floor = ((decoded - truth) ** 2).mean().item(), truth.var(dim=(0, 1, 2), correction=0).mean().item()
     if not error < floor:
         raise CheckError(f"mean squared error {error:.3g}, that of one constant colour is {floor:.3g}")
 
 
-def slices(bench: Bench) -> None:
+def slices(tested: CodecUnderTest) -> None:
     """a slice holds the answers at its texel centres, row 0 on top"""
-    height, width = bench.material.size
-    if (height, width) != bench.btf.shape:
-        raise CheckError(f"size is {(height, width)}, the BTF's is {bench.btf.shape}")
-    wo, wi = bench.btf.wo[5], bench.btf.wi[5]
+    height, width = tested.material.size
+    if (height, width) != tested.btf.shape:
+        raise CheckError(f"size is {(height, width)}, the BTF's is {tested.btf.shape}")
+    wo, wi = tested.btf.wo[5], tested.btf.wi[5]
     uv = texel_centres(height, width)
     view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
-    asked = bench.material.query(uv, view, light, 1 / max(height, width))
-    _same("slice", bench.material.slice(wo.tolist(), wi.tolist()), asked.reshape(height, width, 3), 0.0)
+    answers = tested.material.query(uv, view, light, 1 / max(height, width))
+    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), answers.reshape(height, width, 3), 0.0)
 
 
-def encodes(bench: Bench) -> None:
+def encodes(tested: CodecUnderTest) -> None:
     """it encodes, and its file decodes and answers"""
-    answers = bench.answers
+    answers = tested.answers
     if answers.shape != (500, 3):
         raise CheckError(f"500 queries must give (500, 3), not {tuple(answers.shape)}")
 
 
-def repeats(bench: Bench) -> None:
+def repeats(tested: CodecUnderTest) -> None:
     """the same queries get the same answers"""
-    worst = (bench.material.query(*bench.queries) - bench.answers).abs().max().item()
-    if not worst <= ROUNDING * max(1.0, bench.answers.abs().max().item()):
+    worst = (tested.material.query(*tested.queries) - tested.answers).abs().max().item()
+    if not worst <= ROUNDING * max(1.0, tested.answers.abs().max().item()):
         what = f"the same queries again with numbers that differ by {worst:.2g}"
-        raise answered(bench.material.evaluate, what, "the same answer (a decoder draws no random numbers)")
+        raise answered(tested.material.evaluate, what, "the same answer (a decoder draws no random numbers)")
 
 
-def framed(bench: Bench) -> str | None:
+def framed(tested: CodecUnderTest) -> str | None:
     """frame, order of channels and directions, and units are those of the truth"""
-    if mistake := bench.framed.mistake():
+    if mistake := tested.frame_answers.mistake():
         raise CheckError(mistake)
-    untold = bench.framed.untold()
-    return f"its answers are the same {'; '.join(untold)}" if untold else None
+    undecided = tested.frame_answers.undecided()
+    return f"its answers are the same {'; '.join(undecided)}" if undecided else None
 
 
-Check = Callable[[Bench], str | None]  # what it raises is the failure, what it returns a note
+Check = Callable[[CodecUnderTest], str | None]  # what it raises is the failure, what it returns a note
 STAGES: tuple[tuple[Check, ...], ...] = (
     (encodes,),
     (repeats,),

@@ -21,7 +21,7 @@ def texture_floats(texture: dict[str, Tensor]) -> range:
 
 
 def held_floats(material: Material) -> int:
-    """How many numbers a decoder holds besides its network's: what it makes of a file's textures, levels and copies."""
+    """Count the numbers of a decoder outside its network: textures, and the levels and copies made of them."""
     values = [value for value in vars(material).values() if isinstance(value, Tensor)]
     plain = (
         value for value in vars(material).values() if isinstance(value, nn.Module) and value not in material.modules()
@@ -32,9 +32,9 @@ def held_floats(material: Material) -> int:
 
 def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int | None:
     """Numbers a texel of the finest textures, by their shapes; None where one is packed or laid out otherwise."""
-    found = [_channels(tuple(values.shape), size) for values in texture.values() if values.ndim != 1]
+    channels = [_channels(tuple(values.shape), size) for values in texture.values() if values.ndim != 1]
     packed = any(values.ndim == 1 and not values.is_floating_point() for values in texture.values())
-    return None if packed or None in found else sum(count for count in found if count)
+    return None if packed or None in channels else sum(count for count in channels if count)
 
 
 def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
@@ -48,6 +48,6 @@ def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
     return 0 if coarser else None
 
 
-def said(count: range) -> str:
+def count_text(count: range) -> str:
     """A count in words."""
     return f"{count.start:,}" if len(count) == 1 else f"{count.start:,} to {count.stop - 1:,}"

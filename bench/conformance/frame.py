@@ -59,9 +59,9 @@ def material() -> BTF:
 
 @dataclass(frozen=True)
 class Arrangement:
-    """A way to be wrong: what is said of it, and the radiance that such a codec would answer."""
+    """A way to be wrong: its description, and the radiance that such a codec would answer."""
 
-    says: str
+    description: str
     radiance: Radiance
 
 
@@ -144,15 +144,15 @@ ARRANGEMENTS = (*PLACES, *CHANNELS, *DIRECTIONS, *UNITS)
 
 
 @dataclass(frozen=True)
-class Found:
+class FrameAnswers:
     """Answers to every texel at every pair of the material, (n, 3), and the queries: uv (n, 2), wo and wi (n, 3)."""
 
     answers: Tensor
     queries: tuple[Tensor, Tensor, Tensor]
 
     @classmethod
-    def of(cls, decoded: Material, btf: BTF) -> "Found":
-        """What a decoded material answers at the texel centres, at every pair."""
+    def at_texel_centres(cls, decoded: Material, btf: BTF) -> "FrameAnswers":
+        """Ask a decoded material at the texel centres, at every pair."""
         uv = texel_centres(*SHAPE)
         wo, wi = (torch.from_numpy(w).repeat_interleave(len(uv), 0) for w in (btf.wo, btf.wi))
         queries = uv.repeat(len(btf), 1), wo, wi
@@ -174,21 +174,18 @@ class Found:
         return float(self.answers.mean() / truth(*self.queries).double().mean())
 
     def shares(self) -> dict[str, float]:
-        """`share` of each wrong arrangement, by what is said of it."""
-        return {one.says: self.share(one.radiance(*self.queries)) for one in ARRANGEMENTS}
+        """`share` of each wrong arrangement, by its description."""
+        return {one.description: self.share(one.radiance(*self.queries)) for one in ARRANGEMENTS}
 
     def mistake(self) -> str:
-        """What is wrong, in words; empty where nothing is."""
-        likely = [
-            (self.error(one.radiance(*self.queries)), one.says)
-            for one in ARRANGEMENTS
-            if self.share(one.radiance(*self.queries)) > WRONG
-        ]
+        """Describe the mistake in words; empty where there is none."""
+        wrong = [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
+        likely = [(self.error(one.radiance(*self.queries)), one.description) for one in wrong]
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
             likely.append((self.error(truth(*self.queries).double() * scale), f"as {scale:.3g} times the truth"))
         return f"your answers fit better {min(likely)[1]}" if likely else ""
 
-    def untold(self) -> list[str]:
+    def undecided(self) -> list[str]:
         """The arrangements that the answers do not tell from the truth."""
-        return [says for says, share in self.shares().items() if RIGHT < share <= WRONG]
+        return [description for description, share in self.shares().items() if RIGHT < share <= WRONG]

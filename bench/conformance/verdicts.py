@@ -10,10 +10,10 @@ from typing import Any
 
 from bench.codec import Codec, Progress, SharedNetwork, followed, silent
 from bench.codecs.registry import load_codec
-from bench.conformance import stability
-from bench.conformance.check import STAGES, Bench, Check, CheckError, raised
-from bench.conformance.stability.case import short
-from bench.conformance.stability.reference import met_by_others
+from bench.conformance import stress
+from bench.conformance.check import STAGES, Check, CheckError, CodecUnderTest, raised
+from bench.conformance.stress.case import short
+from bench.conformance.stress.reference import met_by_others
 from bench.material import parameters
 from bench.records import Record
 
@@ -32,15 +32,15 @@ def check(codec: Codec, network: SharedNetwork | None = None, show: Progress = s
     """Run the checks against a codec, yielding each result; what a codec itself raises is a failed check.
 
     They come in stages: it encodes and answers, the answers are the material's, a renderer's promises, and the quick
-    extremes of `bench.conformance.stability`. The first stage in which one fails is the last that is tried: what comes
+    extremes of `bench.conformance.stress`. The first stage in which one fails is the last that is tried: what comes
     after would fail for the same reason. A codec that shares a network over materials is tried with a small one of its
     own, or that of `network`.
     """
     if network is None and codec.network is not None:
         network = codec.network().brief()
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(codec, Path(folder), network, show)
-        stages = [*(partial(_stage, bench, stage) for stage in STAGES), partial(_extremes, bench)]
+        tested = CodecUnderTest(codec, Path(folder), network, show)
+        stages = [*(partial(_stage, tested, stage) for stage in STAGES), partial(_extremes, tested)]
         for number, stage in enumerate(stages):
             show("stages of the check", number, len(stages))
             failed = False
@@ -53,52 +53,52 @@ def check(codec: Codec, network: SharedNetwork | None = None, show: Progress = s
 
 
 def planned() -> int:
-    """How many results a check yields that no stage of ends early."""
-    return sum(map(len, STAGES)) + sum(case.cheap for case in stability.CASES)
+    """The number of results of a check whose every stage is tried."""
+    return sum(map(len, STAGES)) + sum(case.cheap for case in stress.CASES)
 
 
-def of(name: str, settings: dict[str, Any]) -> Codec:
+def codec_to_check(name: str, settings: dict[str, Any]) -> Codec:
     """The codec of a name as it is checked: with these settings, and fits that are short where they do not say."""
     kind = load_codec(name)
     return kind(**short(kind) | settings)
 
 
-def _stage(bench: Bench, checks: tuple[Check, ...]) -> Iterator[Result]:
+def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result]:
     for one in checks:
         name = one.__doc__ or one.__name__
         try:
-            yield Result(name, note=one(bench) or "")
+            yield Result(name, note=one(tested) or "")
         except CheckError as error:
             yield Result(name, str(error))
         except Exception as error:  # whatever a foreign codec raises is its failure
-            yield Result(name, raised(error, bench.codec))
+            yield Result(name, raised(error, tested.codec))
 
 
-def _extremes(bench: Bench) -> Iterator[Result]:
-    subject = stability.Subject(bench)
-    cases = [case for case in stability.CASES if case.cheap]
-    said = set[str]()
-    for case in followed(bench.show, cases, "extremes", len(cases)):
-        found = stability.judge(case, subject)
-        what = found.detail if found.detail not in said else "the same again"
-        said.add(found.detail)
-        failure = what + met_by_others(case.name) if found.verdict == "fail" else ""
-        yield Result(f"{case.name}: {case.holds}", failure, found.detail if found.verdict == "n/a" else "")
+def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
+    subject = stress.Subject(tested)
+    cases = [case for case in stress.CASES if case.cheap]
+    details = set[str]()
+    for case in followed(tested.show, cases, "extremes", len(cases)):
+        verdict = stress.judge(case, subject)
+        what = verdict.detail if verdict.detail not in details else "the same again"
+        details.add(verdict.detail)
+        failure = what + met_by_others(case.name) if verdict.verdict == "fail" else ""
+        yield Result(f"{case.name}: {case.holds}", failure, verdict.detail if verdict.verdict == "n/a" else "")
 
 
 def count(name: str) -> Record:
-    """What a codec's decoder holds, counted in a file of the small material: `label`, `parameters`, `cost` of a record.
+    """Count a codec's decoder in a file of the small material: `label`, `parameters`, `cost` of a record.
 
     A codec with recipes is counted as published. One that is fitted in `steps` takes one, which changes no count.
     """
-    found = load_codec(name)
-    fitted = "steps" in {field.name for field in dataclasses.fields(found.Settings)}
+    codec_class = load_codec(name)
+    fitted = "steps" in {field.name for field in dataclasses.fields(codec_class.Settings)}
     settings: dict[str, Any] = {"steps": 1} if fitted else {}
-    if "paper" in found.recipes:
+    if "paper" in codec_class.recipes:
         settings["recipe"] = "paper"
-    codec = found(**settings)
+    codec = codec_class(**settings)
     with tempfile.TemporaryDirectory() as folder:
-        material = Bench(codec, Path(folder), codec.network().brief() if codec.network else None).material
+        material = CodecUnderTest(codec, Path(folder), codec.network().brief() if codec.network else None).material
     return {
         "codec": name,
         "label": name,

@@ -16,7 +16,6 @@ from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
 from bench.data.thinning import thinned
 from bench.errors import InputError, writable
-from bench.material import Material
 
 Array = np.ndarray
 
@@ -55,23 +54,6 @@ class _Watched(Source):
         self.read += 1
         self.show("writing", self.read, self.total)
         return self.source.slice(pair)
-
-
-class DecodedSource(Source):
-    """A decoded material as the source of a BTF at the pairs wo, wi (N, 3), so that what writes BTFs writes it.
-
-    `identity` names the file it was decoded from.
-    """
-
-    def __init__(self, material: Material, wo: Array, wi: Array, identity: str):
-        self.material, self.wo, self.wi, self.identity = material, wo, wi, identity
-        self.shape, self.count = material.size, len(wo)
-
-    def slice(self, pair: int) -> Array:
-        return self.material.slice(self.wo[pair].tolist(), self.wi[pair].tolist()).numpy()
-
-    def fingerprint(self) -> str:
-        return self.identity
 
 
 def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:

@@ -20,7 +20,7 @@ CLEAR = (0.5, 2.0)  # a mirrored side explains at least this share, and so many 
 
 
 @dataclass(frozen=True)
-class Lobe:
+class MeanLobe:
     """The shares of the mean lobe at θ_o = θ_i that φ_i − φ_o and φ_i + φ_o explain, and the former's largest place."""
 
     theta_deg: float
@@ -34,7 +34,7 @@ class Lobe:
         return self.theta_deg >= STEEP and self.mirrored >= max(share, times * self.given)
 
 
-def mean_lobe(btf: BTF) -> Lobe | None:
+def mean_lobe(btf: BTF) -> MeanLobe | None:
     """The lobe of slices' means at the outermost ring of directions that views and lights share; None without one.
 
     Each is divided by cos θ_i, and by the mean of its view and of its light; what is left is fitted with two harmonics
@@ -55,11 +55,11 @@ def mean_lobe(btf: BTF) -> Lobe | None:
     if not (total := float((rest**2).sum())) > 1e-9 * rest.size:
         return None
     phi_o, phi_i = (np.radians(to_degrees(side)[1]) for side in (layout.views[views], layout.lights[lights]))
-    given, found = _explained(rest, phi_i - phi_o[:, None])
-    mirrored, _ = _explained(rest, phi_i + phi_o[:, None])
+    share, coefficients = _explained(rest, phi_i - phi_o[:, None])
+    mirrored_share, _ = _explained(rest, phi_i + phi_o[:, None])
     around = np.arange(360.0)
-    peak = around[np.argmax(_waves(np.radians(around)) @ found)]
-    return Lobe(theta, given / total, mirrored / total, float(peak))
+    peak = around[np.argmax(_waves(np.radians(around)) @ coefficients)]
+    return MeanLobe(theta, share / total, mirrored_share / total, float(peak))
 
 
 def _ring(layout: Layout) -> tuple[float, Array, Array] | None:
@@ -92,6 +92,6 @@ def _explained(rest: Array, angle: Array) -> tuple[float, Array]:
     waves = _waves(angle)
     waves = waves - waves.mean(0) - waves.mean(1, keepdims=True) + waves.mean((0, 1))
     flat = waves.reshape(rest.size, -1)
-    found = np.linalg.lstsq(flat, rest.reshape(-1), rcond=None)[0]
-    left = rest.reshape(-1) - flat @ found
-    return float((rest**2).sum() - (left**2).sum()), found
+    coefficients = np.linalg.lstsq(flat, rest.reshape(-1), rcond=None)[0]
+    left = rest.reshape(-1) - flat @ coefficients
+    return float((rest**2).sum() - (left**2).sum()), coefficients

@@ -23,7 +23,7 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
         from bench.data.materials.store import load_or_render
 
         return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
-    path = spec.found()
+    path = spec.existing()
     if path is None:
         under = f" or under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
         where = f"{spec.where}" if spec.where else "check the path"
@@ -54,7 +54,7 @@ def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
     """The draw of test pairs for a repetition; 0 where all repetitions share one."""
     from bench.data.bake.naming import looks_like_maps
 
-    path = spec.found() if spec.path else None
+    path = spec.existing() if spec.path else None
     rendered = not spec.path or (path is not None and looks_like_maps(path))
     return repetition if rendered and data.split == "test" else 0
 

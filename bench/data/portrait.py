@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.btf import BTF, Layout, box_filter
 from bench.data import periodic
-from bench.data.frame import Lobe, mean_lobe
+from bench.data.frame import MeanLobe, mean_lobe
 from bench.errors import writable
 from bench.hemisphere import thin, to_degrees
 from bench.metrics.display import exposure_of, to_display
@@ -44,7 +44,7 @@ class Look:
     values: Array
     power: float | None
     seams: list[tuple[float, float]]
-    lobe: Lobe | None
+    lobe: MeanLobe | None
 
     @cached_property
     def layout(self) -> Layout:
@@ -66,30 +66,30 @@ class Look:
 
     def warnings(self) -> list[str]:
         """One sentence for each likely fault, with its probable cause."""
-        found = []
+        warnings = []
         if self.power is not None and self.power < FLAT:
-            found.append(
+            warnings.append(
                 f"brightness falls as cos(theta_i) to the power of {self.power:.2f}: "
                 "the light's cosine seems to be missing"
             )
         if self.clipped >= CLIPPED:
-            found.append(
+            warnings.append(
                 f"{self.clipped:.2%} of the values lie exactly at the maximum, {self.values.max():.4g}: "
                 "highlights are clipped"
             )
         if self.missing:
             whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
-            found.append(f"{self.missing:,} pairs are missing of the product of {whole}")
+            warnings.append(f"{self.missing:,} pairs are missing of the product of {whole}")
         if self.lobe and self.lobe.looks_mirrored:
-            found.append(
+            warnings.append(
                 f"the mean lobe follows phi_i + phi_o ({self.lobe.mirrored:.0%}), not phi_i - phi_o "
                 f"({self.lobe.given:.0%}): the azimuths of the views or of the lights seem to be mirrored"
             )
         for (mean, largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
             if mean >= SEAM and largest >= 1:
                 what = "though it is said to repeat" if self.btf.periodic else "repeated, it shows"
-                found.append(f"a seam at the {border} border, {mean:.1f} times the gradient inside: {what}")
-        return found
+                warnings.append(f"a seam at the {border} border, {mean:.1f} times the gradient inside: {what}")
+        return warnings
 
 
 def look(btf: BTF) -> Look:

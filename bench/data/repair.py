@@ -59,6 +59,6 @@ def repaired(btf: BTF, show: Progress = silent) -> BTF:
     if not masked:
         return btf
     listed = ", ".join(map(str, list(masked)[:10])) + (", …" if len(masked) > 10 else "")
-    said = f"{sum(masked.values())} values that were not finite, masked by the mean of their pair: pairs {listed}"
-    log.warning("%s: %s", btf.name, said)
-    return btf.over(source, repaired=said)
+    note = f"{sum(masked.values())} values that were not finite, masked by the mean of their pair: pairs {listed}"
+    log.warning("%s: %s", btf.name, note)
+    return btf.over(source, repaired=note)

@@ -94,7 +94,7 @@ class MaterialSpec:
     path: str = ""
     where: str = ""  # where to get the data
 
-    def found(self) -> Path | None:
+    def existing(self) -> Path | None:
         """The path of measured data on this machine, or None."""
         places = [Path(self.path)]
         if data := os.environ.get("NEUBTF_DATA"):
@@ -105,7 +105,7 @@ class MaterialSpec:
 def named(material: str) -> MaterialSpec:
     """The material of a bare string: a path where it looks like one or exists, else a built-in name."""
     spec = MaterialSpec(Path(material).name or material, material)
-    is_path = os.sep in material or bool(Path(material).suffix) or spec.found()
+    is_path = os.sep in material or bool(Path(material).suffix) or spec.existing()
     return spec if is_path else MaterialSpec(material)
 
 

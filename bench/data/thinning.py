@@ -22,8 +22,8 @@ def thinned(btf: BTF, pairs: int) -> BTF:
         return btf.subset(_even(btf, pairs))
     train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
     share = max(1, round(pairs * len(heldout) / len(btf)))
-    kept = train[_even(btf.subset(train), max(1, pairs - share))]
-    return btf.subset(np.concatenate([kept, heldout[_drawn(len(heldout), share)]]))
+    chosen = train[_even(btf.subset(train), max(1, pairs - share))]
+    return btf.subset(np.concatenate([chosen, heldout[_drawn(len(heldout), share)]]))
 
 
 class _Shrunk(Source):

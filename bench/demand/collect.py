@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.codec import Progress, followed, silent
 from bench.demand.demand import CELLS, MOST, Demand
-from bench.demand.points import Light, Points, asked
+from bench.demand.points import Light, Points, queries_of
 from bench.errors import InputError
 
 PREVIEW = 96  # cells along the longer side of the picture, for a first look at how much of it shows the material
@@ -53,7 +53,7 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
     for frame in followed(show, range(scene.frames), "casting rays", scene.frames):
         points = scene.cast(frame, *_places(scene.picture, size, rng))
         if len(points):
-            queries = asked(points, scene.lights(points, rng))
+            queries = queries_of(points, scene.lights(points, rng))
             queries["pixel"] += frame * cells
             parts.append(queries)
     if not parts:
@@ -61,8 +61,8 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     if not len(columns["pixel"]):
         raise InputError(f"{scene.name}: the camera sees the material, but no light reaches it on that side")
-    says = {"scene": scene.name, "picture": list(scene.picture), "limit": limit, "seed": seed}
-    demand = Demand(**columns, frames=(scene.frames, *size), provenance=says)
+    provenance = {"scene": scene.name, "picture": list(scene.picture), "limit": limit, "seed": seed}
+    demand = Demand(**columns, frames=(scene.frames, *size), provenance=provenance)
     return demand if len(demand) <= limit else demand.thinned(limit, rng)
 
 

@@ -78,8 +78,8 @@ class Demand:
 
     def thinned(self, count: int, rng: np.random.Generator) -> "Demand":
         """A random subset of the queries, with weights scaled to keep the sum."""
-        kept = np.sort(rng.permutation(len(self))[:count])
-        columns = {name: getattr(self, name)[kept] for name in ("place", "footprint", "wo", "wi", "weight", "pixel")}
+        chosen = np.sort(rng.permutation(len(self))[:count])
+        columns = {name: getattr(self, name)[chosen] for name in ("place", "footprint", "wo", "wi", "weight", "pixel")}
         columns["weight"] = columns["weight"] * np.float32(len(self) / count)
         return Demand(**columns, frames=self.frames, provenance=self.provenance)
 
@@ -104,32 +104,32 @@ def load(path: Path) -> Demand:
     if not path.is_file():
         raise InputError(f"{path}: cannot be read (no such file)")
     try:
-        found = read_arrays(path, MOST_BYTES)
-        frames, provenance = _about(found.pop("about", None))
-        _check(found, frames)
+        arrays = read_arrays(path, MOST_BYTES)
+        frames, provenance = _about(arrays.pop("about", None))
+        _check(arrays, frames)
     except InputError as error:
         reason = str(error).removeprefix(f"{path}: ")
         raise InputError(f"{path}: not a demand: {reason}: make one with `neubtf-bench demand`") from error
-    fingerprint = _digest(list(frames), found)
+    fingerprint = _digest(list(frames), arrays)
     for name in ("wo", "wi"):
-        found[name] = unit(found[name].astype(np.float32))
-    return Demand(**found, frames=frames, provenance=provenance, fingerprint=fingerprint)
+        arrays[name] = unit(arrays[name].astype(np.float32))
+    return Demand(**arrays, frames=frames, provenance=provenance, fingerprint=fingerprint)
 
 
 def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, Any]]:
     """Frames and provenance of a file. `InputError` where they are not what `save` writes."""
     with readable("about", "the file is damaged"):
-        says = json.loads(np.asarray(stored, np.uint8).tobytes())
-    if not isinstance(says, dict) or not isinstance(says.get("format"), int):
+        about = json.loads(np.asarray(stored, np.uint8).tobytes())
+    if not isinstance(about, dict) or not isinstance(about.get("format"), int):
         raise InputError("about says no format")
-    if says["format"] > FORMAT:
-        raise InputError(f"format {shown(says['format'])} is newer than this version reads ({FORMAT}): upgrade")
-    if says["format"] < FORMAT:
-        raise InputError(f"format {shown(says['format'])} is older than this version reads ({FORMAT})")
-    frames = converted("frames", tuple[Count, Count, Count], says.get("frames"))
+    if about["format"] > FORMAT:
+        raise InputError(f"format {shown(about['format'])} is newer than this version reads ({FORMAT}): upgrade")
+    if about["format"] < FORMAT:
+        raise InputError(f"format {shown(about['format'])} is older than this version reads ({FORMAT})")
+    frames = converted("frames", tuple[Count, Count, Count], about.get("frames"))
     if math.prod(frames) > CELLS:
         raise InputError(f"frames of {shown(frames)} cells are more than {CELLS:,}")
-    provenance = says.get("provenance")
+    provenance = about.get("provenance")
     if not isinstance(provenance, dict):
         raise InputError(f"provenance must be a table, not {shown(provenance)}")
     return frames, provenance | {"scene": converted("provenance: scene", str, provenance.get("scene", "scene"))}

@@ -22,10 +22,10 @@ from bench.codecs.container import Header
 from bench.codecs.scene_material import unreported
 from bench.codecs.window import Window
 from bench.demand import UNIFORM
-from bench.demand.corners import corners, share_of
 from bench.demand.demand import Demand
-from bench.demand.judge import FLIP, PSNR, Judge
-from bench.demand.need import Need
+from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer
+from bench.demand.needed_part import NeededPart
+from bench.demand.pair_weights import pair_weights, shares_from_weights
 from bench.density import Density
 from bench.material import Material
 from bench.metrics.display import to_display
@@ -40,28 +40,28 @@ OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
 class Problem:
     """The input of a fit to a scene: the needed part of the BTF, the demand's density, and facts for the file."""
 
-    need: Need
+    needed: NeededPart
     btf: BTF
     density: Density
-    says: dict[str, Any]
+    facts: dict[str, Any]
 
     @classmethod
-    def of(cls, codec: Codec, btf: BTF, demand: Demand, uniform: float = UNIFORM) -> "Problem":
+    def for_codec(cls, codec: Codec, btf: BTF, demand: Demand, uniform: float = UNIFORM) -> "Problem":
         """The problem of one codec; it does not depend on the codec's sizes."""
-        need = Need.of(btf, demand, every_pair=not codec.interpolates)
-        cut = need.cut(btf)
-        density = density_of(demand, cut.layout, need.window, uniform)
-        return cls(need, cut, density, need.says(demand) | {"uniform": uniform})
+        needed = NeededPart.for_demand(btf, demand, every_pair=not codec.interpolates)
+        cut = needed.cut(btf)
+        density = density_of(demand, cut.layout, needed.window, uniform)
+        return cls(needed, cut, density, needed.facts(demand) | {"uniform": uniform})
 
     def encode(self, codec: Codec, fit: Fit) -> Parts:
         """Fit the codec; returns the encoded parts."""
         parts = codec.encode(self.btf, dataclasses.replace(fit, density=self.density))
-        return dataclasses.replace(parts, scene=self.says)
+        return dataclasses.replace(parts, scene=self.facts)
 
 
 def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -> Density:
     """The density of a demand over the pairs of a BTF cut to a window."""
-    found, importance = corners(layout, demand), demand.importance
+    weights, importance = pair_weights(layout, demand), demand.importance
     cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as `PairInterpolator` takes it
     wi = torch.from_numpy(demand.wi)
     return Density(
@@ -70,9 +70,9 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
         torch.from_numpy(demand.wo),
         wi,
         torch.from_numpy(importance).cumsum(0),
-        found.sample,
-        found.weight * wi[:, 2:] / cos_i[found.sample.long()],
-        torch.from_numpy(share_of(found, importance, len(layout.view))),
+        weights.sample,
+        weights.weight * wi[:, 2:] / cos_i[weights.sample.long()],
+        torch.from_numpy(shares_from_weights(weights, importance, len(layout.view))),
         uniform,
     )
 
@@ -86,7 +86,7 @@ def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand | None = None, unifo
         shared.refuse(fit.network, btf)
     with torch_threads(fit.threads):
         if codec.scene and demand:
-            return Problem.of(codec, btf, demand, uniform).encode(codec, fit)
+            return Problem.for_codec(codec, btf, demand, uniform).encode(codec, fit)
         return codec.encode(btf, fit)
 
 
@@ -116,7 +116,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """The result of a search: the full model, the scene model or None, and the time of the search."""
 
     full: Model
@@ -138,7 +138,7 @@ class Search:
 
     codec: Codec
     btf: BTF  # training pairs
-    judge: Judge
+    scorer: FrameScorer
     fit: Callable[[], Fit]  # a fresh one for each fit
     folder: Path  # for the files of the search
     uniform: float = UNIFORM
@@ -146,9 +146,9 @@ class Search:
     @cached_property
     def problem(self) -> Problem:
         """The input of every fit to the scene."""
-        return Problem.of(self.codec, self.btf, self.judge.demand, self.uniform)
+        return Problem.for_codec(self.codec, self.btf, self.scorer.demand, self.uniform)
 
-    def run(self, goal: Goal | None = None) -> Found:
+    def run(self, goal: Goal | None = None) -> SearchResult:
         """Run the search. The default goal is the PSNR of the full model, less `EQUAL_DB`."""
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
         if goal is None:
@@ -160,10 +160,10 @@ class Search:
         if best is None:
             finest = max(tried, key=lambda model: np.inf if model.psnr is None else model.psnr)
             better = None if goal.met(full) or not _beats(finest, full) else finest
-            return Found(full, better, "no model of the scene does as well", goal.met(full), len(tried), seconds)
+            return SearchResult(full, better, "no model of the scene does as well", goal.met(full), len(tried), seconds)
         if best.header.file_bytes >= full.header.file_bytes and goal.met(full):
-            return Found(full, None, "the scene needs everything", True, len(tried), seconds)
-        return Found(full, best, left_out(self.problem.need, self.btf), True, len(tried), seconds)
+            return SearchResult(full, None, "the scene needs everything", True, len(tried), seconds)
+        return SearchResult(full, best, left_out(self.problem.needed, self.btf), True, len(tried), seconds)
 
     def ladder(self, goal: Goal, scene: bool) -> Iterator[Model]:
         """Fit models of the scene or of the whole BTF, bisecting their size, because quality rises with size."""
@@ -188,7 +188,7 @@ class Search:
         seconds = time.perf_counter() - start
         header = container.save(self.folder / f"{name}{container.SUFFIX}", codec, parts)
         material = unreported(loading.load(header.path, fit.device)[1])
-        score = self.judge.score(material, (PSNR, FLIP))
+        score = self.scorer.score(material, (PSNR, FLIP))
         steps = int(fit.history[-1]["step"]) if fit.history else 0
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
 
@@ -203,7 +203,7 @@ def _beats(one: Model, other: Model) -> bool:
 
 
 def steps_of(codec: Codec) -> int:
-    """How many sizes a codec can be given: the value of the setting that leads."""
+    """The number of sizes that a codec can have: the value of its leading setting."""
     return int(getattr(codec.settings, codec.sizes[0])) if codec.sizes else 1
 
 
@@ -214,41 +214,41 @@ def sized(codec: Codec, step: int, scene: bool = True) -> Codec:
     return type(codec)(**(settings_dict(codec) | sizes | {SCENE: scene}))
 
 
-def left_out(need: Need, btf: BTF) -> str:
+def left_out(needed: NeededPart, btf: BTF) -> str:
     """Describe the parts of a BTF that a demand does not need."""
     words = []
-    window = need.window
+    window = needed.window
     if not window.full:
         words.append(f"{window.height} × {window.width} of {btf.shape[0]} × {btf.shape[1]} texels are seen")
     if window.factor > 1:
         words.append(f"nothing finer than boxes of {window.factor} × {window.factor} texels is")
-    if len(need.pairs) < len(btf):
-        words.append(f"{len(need.pairs):,} of {len(btf):,} pairs lie around its directions")
+    if len(needed.pairs) < len(btf):
+        words.append(f"{len(needed.pairs):,} of {len(btf):,} pairs lie around its directions")
     return "; ".join(words) or "only its size"
 
 
-def outside(judge: Judge, material: Material) -> float | None:
+def outside(scorer: FrameScorer, material: Material) -> float | None:
     """Display PSNR in dB of slices at pairs that the scene does not touch, against the BTF; None where there are none.
 
     It is of `OUTSIDE_PAIRS` pairs evenly among them.
     """
     from bench.metrics.display import exposure
 
-    untouched = np.flatnonzero(judge.shares == 0)
+    untouched = np.flatnonzero(scorer.shares == 0)
     if not len(untouched):
         return None
     some = untouched[np.linspace(0, len(untouched) - 1, min(OUTSIDE_PAIRS, len(untouched))).astype(int)]
-    btf, scale, errors = judge.btf, exposure(judge.btf), []
+    btf, scale, errors = scorer.btf, exposure(scorer.btf), []
     for pair in some:
         decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
         errors.append(np.square(to_display(btf[int(pair)], scale) - to_display(decoded, scale)).mean())
     return float(psnr(np.mean(errors), peak=1.0))
 
 
-def rows(found: Found, judge: Judge, threads: int) -> list[dict[str, Any]]:
+def rows(result: SearchResult, scorer: FrameScorer, threads: int) -> list[dict[str, Any]]:
     """The costs and scores of the full model and the scene model, each as named numbers."""
-    models = {"full": found.full} | ({"scene": found.scene} if found.scene else {})
-    timed = _timed(models, judge.demand, threads)
+    models = {"full": result.full} | ({"scene": result.scene} if result.scene else {})
+    timed = _timed(models, scorer.demand, threads)
     return [
         {
             "model": name,
@@ -259,7 +259,7 @@ def rows(found: Found, judge: Judge, threads: int) -> list[dict[str, Any]]:
             "seconds": model.seconds,
             "psnr": model.psnr,
             "flip": model.flip,
-            "outside": outside(judge, model.material),
+            "outside": outside(scorer, model.material),
             "settings": model.header.settings,
         }
         for name, model in models.items()
@@ -272,7 +272,7 @@ def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, 
     first = next(iter(models.values())).material
     device, size = first.device, first.size
     columns = (demand.uv(size), demand.wo, demand.wi, demand.footprint)
-    asked = [torch.from_numpy(column[order]).to(device) for column in columns]
-    calls = {name: partial(model.material.query, *asked) for name, model in models.items()}
-    found = timing.in_turns(calls, len(order), size, threads, device)
-    return {name: found[name].summary() for name in models}
+    queries = [torch.from_numpy(column[order]).to(device) for column in columns]
+    calls = {name: partial(model.material.query, *queries) for name, model in models.items()}
+    timings = timing.in_turns(calls, len(order), size, threads, device)
+    return {name: timings[name].summary() for name in models}

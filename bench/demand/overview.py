@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from bench.atomic import replacing
 from bench.demand.demand import Demand
@@ -114,16 +115,10 @@ def _polar(axes, directions: Array, share: Array, title: str) -> None:  # type: 
     density[radius > 90] = np.nan
     axes.imshow(np.sqrt(density), extent=(-90, 90, -90, 90), origin="lower", cmap="magma")
     for ring in (30, 60, 90):
-        axes.add_patch(_circle(ring))
+        axes.add_patch(Circle((0, 0), ring, fill=False, color="grey", linewidth=0.5))
         axes.text(0, ring, f"{ring}°", color="grey", fontsize=7, ha="center")
     axes.set_title(f"{title} (root of density)")
     axes.axis("off")
-
-
-def _circle(radius: float):  # type: ignore[no-untyped-def]
-    from matplotlib.patches import Circle
-
-    return Circle((0, 0), radius, fill=False, color="grey", linewidth=0.5)
 
 
 def _footprints(axes, demand: Demand) -> None:  # type: ignore[no-untyped-def]

@@ -52,7 +52,7 @@ class Points:
         return np.minimum(np.maximum(*sides), FARTHEST)
 
     def _moved(self, ahead: Array) -> Array:
-        """How far the plane that touches the surface is from each point along the ray of a neighbouring pixel."""
+        """The step (n, 3) from each point to where the ray of a neighbouring pixel meets its tangent plane."""
         along = _dot(ahead, self.normal)
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = self.eye + ahead * (_dot(self.position - self.eye, self.normal) / along) - self.position
@@ -78,7 +78,7 @@ class Light:
     irradiance: Array  # (n, 3)
 
 
-def asked(points: Points, lights: list[Light]) -> dict[str, Array]:
+def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
     """The queries of some points under some lights, as the columns of `Demand`.
 
     Leaves out queries at or below a horizon, and unlit ones.

@@ -143,7 +143,7 @@ def _check_toward(toward: Vector) -> None:
 
 @dataclass(frozen=True)
 class Scene:
-    """See the module."""
+    """A scene as its TOML file describes it; see the module."""
 
     name: str
     cameras: tuple[Camera, ...]
@@ -162,8 +162,8 @@ class Scene:
 
 def shipped() -> dict[str, str]:
     """The text of each scene that ships with the suite, by name."""
-    found = (file for file in files("bench.demand.scenes").iterdir() if file.name.endswith(".toml"))
-    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(found, key=str)}
+    scenes = (file for file in files("bench.demand.scenes").iterdir() if file.name.endswith(".toml"))
+    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(scenes, key=str)}
 
 
 def named_scene(name: str) -> Scene:
@@ -187,12 +187,12 @@ def read_scene(path: Path) -> Scene:
 
 def parse_scene(name: str, text: str) -> Scene:
     """The scene of a TOML text."""
-    says = parse_toml("scene", text)
+    content = parse_toml("scene", text)
     for key in ("camera", "lights"):
-        if not says.get(key):
+        if not content.get(key):
             raise InputError(f"{key} is missing")
-    cameras = tuple(table("camera", Camera, frame) for frame in _frames(says.pop("camera")))
-    return Scene(name, cameras, **fields("scene", Scene, says, without=("name", "cameras")))
+    cameras = tuple(table("camera", Camera, frame) for frame in _frames(content.pop("camera")))
+    return Scene(name, cameras, **fields("scene", Scene, content, without=("name", "cameras")))
 
 
 def _frames(camera: Any) -> list[Any]:

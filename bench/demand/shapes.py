@@ -12,7 +12,7 @@ DRAPE_LOW, DRAPE_HIGH = -0.35, 0.6  # all heights lie between
 
 
 def distance(surface: Surface, eye: Array, ahead: Array) -> Array:
-    """How far along unit directions (n, 3) from an eye (3,) a surface is first met: (n,), infinite where it is not."""
+    """The distance (n,) from an eye (3,) to a surface along unit directions (n, 3), infinite where they miss it."""
     match surface.shape:
         case "plane":
             return _plane_distance(surface, eye, ahead)
@@ -52,8 +52,8 @@ def _axes(surface: Surface) -> tuple[Array, Array, Array]:
 def _plane_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     normal = _axes(surface)[2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = (np.asarray(surface.centre) - eye) @ normal / (ahead @ normal)
-    return np.where(found > 0, found, np.inf)
+        along = (np.asarray(surface.centre) - eye) @ normal / (ahead @ normal)
+    return np.where(along > 0, along, np.inf)
 
 
 def _sphere_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
@@ -61,8 +61,8 @@ def _sphere_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     offset = eye - np.asarray(surface.centre)
     half = ahead @ offset
     with np.errstate(invalid="ignore"):
-        found = -half - np.sqrt(half**2 - (offset @ offset - surface.radius**2))
-    return np.where(found > 0, found, np.inf)
+        nearer = -half - np.sqrt(half**2 - (offset @ offset - surface.radius**2))
+    return np.where(nearer > 0, nearer, np.inf)
 
 
 def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Array, Array, Array, Array, Array]:
@@ -99,7 +99,7 @@ def _unit_of(surface: Surface) -> Array:
 
 
 def _slopes(surface: Surface, place: Array) -> Array:
-    """How the cloth rises (n, 2) along u and v at places (n, 2) of the plane."""
+    """The slopes (n, 2) of the cloth along u and v at places (n, 2) of the plane."""
     scale, step = _unit_of(surface), 1e-5
     place = place / scale[:2]
     rise = [_height(place + move) - _height(place - move) for move in step * np.eye(2)]
@@ -114,7 +114,7 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = np.stack([(low - start) / way, (high - start) / way])
     enter, leave = np.maximum(np.nanmax(sides.min(0), 1), 0), np.nanmin(sides.max(0), 1)
-    found = np.full(len(way), np.inf)
+    distances = np.full(len(way), np.inf)
     some = np.flatnonzero(enter < leave)
     enter, leave, way = enter[some], leave[some], way[some]
 
@@ -133,5 +133,5 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
         middle = (near + far) / 2
         before = above(middle) == first
         near, far = np.where(before, middle, near), np.where(before, far, middle)
-    found[some[hit]] = far[hit]
-    return found
+    distances[some[hit]] = far[hit]
+    return distances

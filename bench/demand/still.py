@@ -12,7 +12,7 @@ from bench.atomic import replacing
 from bench.btf import BTF
 from bench.codec import Progress, silent
 from bench.demand.demand import Demand
-from bench.demand.points import Array, asked
+from bench.demand.points import Array, queries_of
 from bench.demand.scene import LightSource, Scene, Vector
 from bench.demand.text_scene import TextScene
 from bench.demand.truth import truth
@@ -52,8 +52,8 @@ def changed(scene: Scene, lights: str | None, tiling: float, width: int | None) 
         cameras = tuple(
             dataclasses.replace(c, width=width, height=max(1, round(c.height * width / c.width))) for c in cameras
         )
-    found = lamps(lights) if lights else scene.lights
-    return dataclasses.replace(scene, cameras=cameras, surface=surface, lights=found)
+    sources = lamps(lights) if lights else scene.lights
+    return dataclasses.replace(scene, cameras=cameras, surface=surface, lights=sources)
 
 
 def of_material(material: Material) -> Answers:
@@ -61,8 +61,8 @@ def of_material(material: Material) -> Answers:
 
     def answers(demand: Demand) -> Array:
         columns = (demand.uv(material.size), demand.wo, demand.wi, demand.footprint)
-        found = material.query(*(torch.from_numpy(column).to(material.device) for column in columns))
-        return found.cpu().numpy()
+        radiance = material.query(*(torch.from_numpy(column).to(material.device) for column in columns))
+        return radiance.cpu().numpy()
 
     return answers
 
@@ -82,7 +82,7 @@ def render(
     """
     caster, (height, width) = TextScene(scene), (scene.cameras[frame].height, scene.cameras[frame].width)
     rng = np.random.default_rng(seed)
-    found = np.zeros((len(sides), height * width, 4))
+    pictures = np.zeros((len(sides), height * width, 4))
     band = max(1, RAYS // (width * rays * rays))
     offsets = (np.arange(rays) + 0.5) / rays
     for top in range(0, height, band):
@@ -93,17 +93,17 @@ def render(
         if not len(points):
             continue
         pixel = (row * width + col).ravel()
-        found[..., 3] += np.bincount(pixel[points.pixel], minlength=height * width) / rays**2
-        queries: dict[str, Any] = asked(points, caster.lights(points, rng))
+        pictures[..., 3] += np.bincount(pixel[points.pixel], minlength=height * width) / rays**2
+        queries: dict[str, Any] = queries_of(points, caster.lights(points, rng))
         queries["pixel"] = pixel[queries["pixel"]].astype(np.int32)
         demand = Demand(**queries, frames=(1, height, width))
         for side, answers in enumerate(sides):
             if len(demand):
-                found[side, :, :3] += demand.pictures(answers(demand)).reshape(-1, 3) / rays**2
+                pictures[side, :, :3] += demand.pictures(answers(demand)).reshape(-1, 3) / rays**2
     show("rendering", height, height)
-    if not found[..., 3].any():
+    if not pictures[..., 3].any():
         raise InputError(f"{scene.name}: no ray of the camera meets the surface: move the camera or the surface")
-    return found.reshape(len(sides), height, width, 4)
+    return pictures.reshape(len(sides), height, width, 4)
 
 
 def exposure_for(picture: Array) -> float:

@@ -27,8 +27,7 @@ class TextScene:
         position = eye + ahead[hit] * far[hit, None]
         uv, normal, dp_du, dp_dv, inside = texture(self.scene.surface, position)
         hit = hit[inside]
-        kept = (value[inside] for value in (uv, position, normal, dp_du, dp_dv))
-        uv, position, normal, dp_du, dp_dv = kept
+        uv, position, normal, dp_du, dp_dv = (value[inside] for value in (uv, position, normal, dp_du, dp_dv))
         neighbours = camera.ahead(col[hit] + 1, row[hit]), camera.ahead(col[hit], row[hit] + 1)
         return Points(hit, uv, position, normal, dp_du, dp_dv, np.broadcast_to(eye, position.shape), *neighbours)
 

@@ -9,8 +9,8 @@ import torch
 
 from bench.btf import BTF, box_filter
 from bench.codec import Progress, silent
-from bench.demand.corners import corners
 from bench.demand.demand import Demand
+from bench.demand.pair_weights import pair_weights
 from bench.material import sample_texture
 
 Array = np.ndarray
@@ -18,18 +18,18 @@ Array = np.ndarray
 
 def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     """Linear radiance (n, 3) float32, not negative, of the queries of a demand. Each slice is read once at most."""
-    found = corners(btf.layout, demand, radiance=True)
-    pair, weight = found.sample.numpy().ravel(), found.weight.numpy().ravel()
-    asked = np.flatnonzero(weight > 0)
-    asked = asked[np.argsort(pair[asked], kind="stable")]
-    places = np.searchsorted(pair[asked], np.arange(len(btf) + 1))
+    weights = pair_weights(btf.layout, demand, radiance=True)
+    pair, weight = weights.sample.numpy().ravel(), weights.weight.numpy().ravel()
+    used = np.flatnonzero(weight > 0)
+    used = used[np.argsort(pair[used], kind="stable")]
+    places = np.searchsorted(pair[used], np.arange(len(btf) + 1))
     uv, level = torch.from_numpy(demand.uv(btf.shape)), torch.from_numpy(_levels(demand, btf.shape))
     answers = np.zeros((len(demand), 3), np.float32)
     for index in range(len(btf)):
         show(f"reference of {demand.name}", index + 1, len(btf))
-        rows = asked[places[index] : places[index + 1]]
+        rows = used[places[index] : places[index + 1]]
         if len(rows):
-            query = rows // found.sample.shape[1]
+            query = rows // weights.sample.shape[1]
             values = _filtered(btf[index], uv[query], level[query])
             np.add.at(answers, query, values.numpy() * weight[rows, None])
     return np.maximum(answers, 0)

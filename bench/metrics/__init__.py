@@ -98,17 +98,17 @@ def get(name: str) -> Metric:
 
     Raises `InputError`, with the nearest names, where there is none.
     """
-    metric = _found(name)
+    metric = _registered_metric(name)
     match = re.fullmatch(_pattern(metric), name)
     return _variant(metric, name, **(match.groupdict() if match else {}))
 
 
-def _found(name: str) -> Metric:
+def _registered_metric(name: str) -> Metric:
     """Find the registered metric of a name."""
     for metric in _REGISTERED:
         if re.fullmatch(_pattern(metric), name):
             return metric
-    raise InputError(f"no metric is named {name!r}{did_you_mean(name, _examples())}")
+    raise InputError(f"no metric is named {name!r}{did_you_mean(name, examples())}")
 
 
 def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
@@ -117,7 +117,7 @@ def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
     `psnr_display`, the main metric, comes first, named or not. `InputError` for an unknown name.
     """
     plain = [_REGISTERED[0].name, *(name.removesuffix(PERIODIC) for name in names)]
-    ending = {name: PERIODIC if _found(name).periodic and periodic else "" for name in plain}
+    ending = {name: PERIODIC if _registered_metric(name).periodic and periodic else "" for name in plain}
     return tuple(f"{name}{end}" for name, end in ending.items())
 
 
@@ -130,7 +130,7 @@ def label_of(name: str) -> str:
     """The name of a metric in tables; an unknown name, as in an older record, is returned unchanged."""
     try:
         ppd = get(name).options.get("ppd")
-        label = _found(name).label
+        label = _registered_metric(name).label
     except InputError:
         return name.replace("_", " ")
     return (label or name.replace("_", " ")) + (f" {ppd:g}ppd" if ppd else "")
@@ -150,6 +150,7 @@ def _variant(metric: Metric, name: str, ppd: str | None = None, ending: str | No
     return replace(metric, name=name, periodic=bool(ending), options=options)
 
 
-def _examples() -> list[str]:
+def examples() -> list[str]:
+    """Every metric of the registry at its usual distance, then the periodic variants."""
     plain = [metric.name.replace("{ppd}", "67") for metric in _REGISTERED]
     return plain + [name + PERIODIC for name, metric in zip(plain, _REGISTERED, strict=True) if metric.periodic]

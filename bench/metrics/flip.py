@@ -44,7 +44,7 @@ _COLOUR_POWER, _KNEE, _KNEE_VALUE = 0.7, 0.4, 0.95  # q_c, p_c, p_t
 _FEATURE_POWER = 0.5  # q_f
 
 
-class Seen(NamedTuple):
+class Perceived(NamedTuple):
     """The perceived features of one picture: CIELab after contrast sensitivity and the Hunt effect; edges; points."""
 
     lab: Array  # (3, ..., H, W)
@@ -62,11 +62,11 @@ class LDR(SliceMetric):
     def __init__(self, ppd: float = PPD, periodic: bool = False):
         self.ppd, self.periodic = check_ppd(ppd), periodic
 
-    def reference_side(self, reference: Picture) -> Seen:
-        return see(reference.exposed, self.ppd, self.periodic)
+    def reference_side(self, reference: Picture) -> Perceived:
+        return perceive(reference.exposed, self.ppd, self.periodic)
 
-    def compare(self, side: Seen, test: Picture) -> Array:
-        return difference(side, see(test.exposed, self.ppd, self.periodic))
+    def compare(self, side: Perceived, test: Picture) -> Array:
+        return difference(side, perceive(test.exposed, self.ppd, self.periodic))
 
 
 def check_ppd(ppd: float) -> float:
@@ -76,7 +76,7 @@ def check_ppd(ppd: float) -> float:
     return float(ppd)
 
 
-def see(planes: Array, ppd: float, periodic: bool) -> Seen:
+def perceive(planes: Array, ppd: float, periodic: bool) -> Perceived:
     """One picture's part of FLIP. `planes` is linear RGB in [0, 1], (3, ..., H, W) float64."""
     mode = "wrap" if periodic else "nearest"
     opponents = _mix(_OPPONENT, planes)
@@ -84,10 +84,10 @@ def see(planes: Array, ppd: float, periodic: bool) -> Seen:
     filtered = [
         _weighted_sum(plane, terms, mode) for plane, terms in zip(opponents, _sensitivity_filters(ppd), strict=True)
     ]
-    return Seen(_hunt_lab(np.clip(_mix(_RGB_OF_OPPONENT, filtered), 0, 1)), edge, point)
+    return Perceived(_hunt_lab(np.clip(_mix(_RGB_OF_OPPONENT, filtered), 0, 1)), edge, point)
 
 
-def difference(one: Seen, other: Seen) -> Array:
+def difference(one: Perceived, other: Perceived) -> Array:
     """The FLIP map (..., H, W) in [0, 1] of two pictures; symmetric."""
     colour = _redistribute(_hyab(one.lab, other.lab))
     edge, point = np.abs(one.edge - other.edge), np.abs(one.point - other.point)

@@ -16,7 +16,7 @@ import numpy as np
 from bench.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LUMA
-from bench.metrics.flip import PPD, Seen, check_ppd, difference, see
+from bench.metrics.flip import PPD, Perceived, check_ppd, difference, perceive
 from bench.metrics.picture import Picture
 
 Array = np.ndarray
@@ -76,15 +76,15 @@ class HDR(SliceMetric):
         white = self._radiance_of(_BRIGHT)
         return Range(math.log2(white / luminance.max()), math.log2(white / middle))
 
-    def reference_side(self, reference: Picture) -> tuple[Array, tuple[Seen, ...]]:
+    def reference_side(self, reference: Picture) -> tuple[Array, tuple[Perceived, ...]]:
         steps = (self.range or self._range_of_one(reference)).steps()
-        return steps, tuple(self._see(reference, step) for step in steps)
+        return steps, tuple(self._perceive(reference, step) for step in steps)
 
-    def compare(self, side: tuple[Array, tuple[Seen, ...]], test: Picture) -> Array:
+    def compare(self, side: tuple[Array, tuple[Perceived, ...]], test: Picture) -> Array:
         steps, seen = side
-        worst = difference(seen[0], self._see(test, steps[0]))
+        worst = difference(seen[0], self._perceive(test, steps[0]))
         for step, one in zip(steps[1:], seen[1:], strict=True):
-            np.maximum(worst, difference(one, self._see(test, step)), out=worst)
+            np.maximum(worst, difference(one, self._perceive(test, step)), out=worst)
         return worst
 
     def tone_map(self, planes: Array) -> Array:
@@ -109,9 +109,9 @@ class HDR(SliceMetric):
             raise InputError("reference is a stack, each with exposures of its own: give start and stop")
         return self.range_of(np.tensordot(LUMA, reference.linear, 1))
 
-    def _see(self, picture: Picture, step: float) -> Seen:
+    def _perceive(self, picture: Picture, step: float) -> Perceived:
         mapped = self.tone_map(picture.linear * 2.0**step)
-        return see(np.clip(mapped, 0, 1), self.ppd, self.periodic)
+        return perceive(np.clip(mapped, 0, 1), self.ppd, self.periodic)
 
 
 class Hable(HDR):

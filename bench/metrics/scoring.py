@@ -91,8 +91,8 @@ class Scorer:
             self.exposure = exposure_of(values) if exposure is None else exposure
             self.metrics = {name: metric.for_material(values) for name, metric in self.metrics.items()}
         self._apply = {name: m for name, m in self.metrics.items() if min(btf.shape) >= m.smallest}
-        self._kept: dict[tuple[int, ...], _Reference] = {}
-        self._kept_bytes = 0
+        self._cached: dict[tuple[int, ...], _Reference] = {}
+        self._cached_bytes = 0
 
     def score(self, pairs: Sequence[int] | Array, decode_slice: Decode) -> Scores:
         """Score the slices of some pairs. `decode_slice(i)` gives that of pair i, (H, W, 3) linear radiance.
@@ -124,7 +124,7 @@ class Scorer:
                 for start in range(0, len(pairs), step):
                     block = tuple(pairs[start : start + step].tolist())
                     test = np.stack([self._decoded(i, decode_slice) for i in block])
-                    truth = None if block in self._kept else np.stack([self.btf[i] for i in block])
+                    truth = None if block in self._cached else np.stack([self.btf[i] for i in block])
                     waiting.append(pool.submit(self._compare, block, truth, test))
                     if len(waiting) > self.threads:
                         yield self._finish(waiting.popleft())
@@ -144,7 +144,7 @@ class Scorer:
     def _compare(self, block: tuple[int, ...], truth: Array | None, test: Array) -> tuple[Any, ...]:
         """In a worker: compute the raw numbers of a stack, and the reference where it is not cached."""
         name = f"reference slices of pairs {block[0]} to {block[-1]}"
-        reference = self._kept[block] if truth is None else self._prepare(Picture(truth, self.exposure, name))
+        reference = self._cached[block] if truth is None else self._prepare(Picture(truth, self.exposure, name))
         picture = Picture(test, self.exposure, "test")
         means = {name: m.compare(reference.sides[name], picture).mean((-2, -1)) for name, m in self._apply.items()}
         abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)
@@ -156,9 +156,9 @@ class Scorer:
 
     def _finish(self, future: Future) -> tuple[dict[str, Array], Array, Array]:
         block, reference, result = future.result()
-        if block not in self._kept and self._kept_bytes + reference.bytes <= self.cache_bytes:
-            self._kept[block] = reference
-            self._kept_bytes += reference.bytes
+        if block not in self._cached and self._cached_bytes + reference.bytes <= self.cache_bytes:
+            self._cached[block] = reference
+            self._cached_bytes += reference.bytes
         return result
 
 
@@ -246,13 +246,13 @@ def footprint_errors(
     errors: dict[int, list[float]] = {factor: [] for factor in factors if factor <= min(btf.shape)}
     for pair in np.asarray(pairs).tolist():
         truth = btf[pair]
-        for factor, found in errors.items():
+        for factor, squared in errors.items():
             wanted, name = box_filter(truth, factor), f"decoded slice of pair {pair} at footprint {factor}"
             test = check_radiance(decode(pair, factor), name)
             if test.shape != wanted.shape:
                 raise InputError(f"{name} is {test.shape}, not {wanted.shape}")
-            found.append(float(np.square(to_display(wanted, exposure) - to_display(test, exposure)).mean()))
-    return {factor: np.array(found) for factor, found in errors.items()}
+            squared.append(float(np.square(to_display(wanted, exposure) - to_display(test, exposure)).mean()))
+    return {factor: np.array(squared) for factor, squared in errors.items()}
 
 
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
@@ -261,11 +261,11 @@ def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float 
     {"1": {"psnr_display": pooled over pairs, "mean": over slices, "exact": …, "slices": …}, …}. None stands for no
     error at all.
     """
-    found: dict[str, dict[str, float | int | None]] = {}
+    summary: dict[str, dict[str, float | int | None]] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)
-        found[str(factor)] = {"psnr_display": stats["pooled"]} | {k: stats[k] for k in ("mean", "exact", "slices")}
-    return found
+        summary[str(factor)] = {"psnr_display": stats["pooled"]} | {k: stats[k] for k in ("mean", "exact", "slices")}
+    return summary
 
 
 def _masks(pairs: Array, wo: Array, wi: Array, groups: dict[str, Array]) -> dict[str, Array]:

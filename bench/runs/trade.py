@@ -19,7 +19,7 @@ from bench.archive import MAX_FILE, read_arrays
 from bench.codec import Progress, silent
 from bench.codecs.loading import load
 from bench.data.spec import MaterialSpec
-from bench.demand.lobes import fitted
+from bench.demand.mitsuba.lobes import fitted
 from bench.errors import InputError
 from bench.material import Material
 from bench.metrics.angular import as_number
@@ -273,11 +273,11 @@ def _figures(metrics: dict[str, Any], squared: np.ndarray) -> dict[str, float | 
 def _path_tracer() -> ModuleType:
     """The module that measures noise. `InputError` where Mitsuba is not installed, or cannot run here."""
     try:
-        from bench.demand import mitsuba_scene, noise
+        from bench.demand.mitsuba import noise, scene
     except ImportError as error:
         remedy = "install it, pip install neubtf-bench[mitsuba], or leave out --noise"
         raise InputError(f"--noise path-traces with Mitsuba 3: {remedy} ({error})") from error
-    mitsuba_scene.set_variant()
+    scene.set_variant()
     return noise
 
 

@@ -13,10 +13,10 @@ import torch
 from bench.btf import BTF, Split
 from bench.codec import Progress
 from bench.data.open import draw_of, open_material
-from bench.demand.corners import pair_shares
 from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
-from bench.demand.judge import Judge, table_of
+from bench.demand.frame_scorer import FrameScorer, table_of
+from bench.demand.pair_weights import pair_shares
 from bench.directions import PairInterpolator
 from bench.errors import InputError
 from bench.hemisphere import to_degrees
@@ -57,9 +57,9 @@ class Workbench:
         return Scorer(self.btf, names, threads=self.scorers, sampled=self.training)
 
     @cached_property
-    def judge(self) -> Judge | None:
+    def judge(self) -> FrameScorer | None:
         """The judge of the scene; None without a demand."""
-        return Judge(table_of(self.btf), self.demand) if self.demand else None
+        return FrameScorer(table_of(self.btf), self.demand) if self.demand else None
 
     @cached_property
     def scene_shares(self) -> np.ndarray | None:

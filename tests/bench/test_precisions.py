@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from bench.codecs.registry import codec_entries, load_codec
-from bench.conformance.check import Bench, batches, counted, slices, wraps
+from bench.conformance.check import CodecUnderTest, batches, counted, slices, wraps
 
 BRIEF = {"steps": 3, "texels": 4, "pairs": 4, "batch": 64, "kept": 8, "components": 4}
 
@@ -47,11 +47,11 @@ def test_every_precision_keeps_the_promises_and_answers_nearly_as_the_finest(nam
         network = settings(codec.network, weights=weights) if codec.network else None
         folder = tmp_path / f"{precision} {weights}"
         folder.mkdir()
-        bench = Bench(codec, folder, network)
+        tested = CodecUnderTest(codec, folder, network)
         for promise in (batches, slices, wraps, counted):
-            promise(bench)
-        answers.append((bench.header.file_bytes, bench.answers.log1p()))
-    table = not bench.material.modules()  # its weights are data, and are rounded as a texture is
+            promise(tested)
+        answers.append((tested.header.file_bytes, tested.answers.log1p()))
+    table = not tested.material.modules()  # its weights are data, and are rounded as a texture is
     for (precision, weights), (size, answer) in zip(precisions, answers, strict=True):
         coarse = precision == "int8" or (table and weights == "int8")
         difference, scale = (answer - answers[0][1]).square().mean().sqrt(), answers[0][1].square().mean().sqrt()

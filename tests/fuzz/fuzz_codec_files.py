@@ -23,7 +23,7 @@ from bench.codec import Fit
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.check import tiny_btf
-from bench.conformance.stability.case import short
+from bench.conformance.stress.case import short
 
 VALUES = (-1, 0, 1, 255, 256, 10**9, 2**62, -(2**63), 10**30, 1.5, 1e308, True, None, "", "x", "é" * 99, [], {}, [[]])
 TYPES = tuple(container.ITEM_BYTES)

@@ -7,8 +7,12 @@ examples:
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bench.errors import FINE
+from bench.errors import FINE, InputError
+
+if TYPE_CHECKING:
+    from bench.data.bake import PathTracer
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,11 +40,23 @@ def run(options: argparse.Namespace) -> int:
     from bench.data.bake import bake, read_surface, recognise, table
     from bench.data.spec import Preparation
 
+    path_tracer = _mitsuba() if options.renderer == "mitsuba" else None
     data = Preparation(options.size, options.directions, options.views, options.lights, options.heldout)
     with Console() as console:
         surface = read_surface(recognise(options.folder), data.size, options.depth)
         console.say(f"{options.folder}:\n{table(surface)}")
-        bake(surface, data, options.out, console.show, options.seed, options.renderer)
+        bake(surface, data, options.out, console.show, options.seed, path_tracer)
     pairs = data.views * data.lights + data.heldout
     console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}")
     return FINE
+
+
+def _mitsuba() -> "PathTracer":
+    try:
+        from bench.demand.mitsuba import path_tracer
+    except ImportError as error:
+        raise InputError(
+            f"the renderer mitsuba needs Mitsuba 3, which cannot be imported ({error}): "
+            'pip install "neubtf-bench[mitsuba]"'
+        ) from error
+    return path_tracer

@@ -18,11 +18,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.cli.console import Console
-    from bench.conformance.verdicts import check, of, planned
+    from bench.conformance.verdicts import check, codec_to_check, planned
 
     failed = tried = 0
     with Console() as console:
-        codec = of(options.codec, assignments(options.set))
+        codec = codec_to_check(options.codec, assignments(options.set))
         for result in check(codec, show=console.show):
             failed, tried = failed + bool(result.failure), tried + 1
             word = "FAIL" if result.failure else "n/a " if result.reason else "pass"

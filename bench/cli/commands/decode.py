@@ -26,13 +26,13 @@ def run(options: argparse.Namespace) -> int:
 
     from bench.btf import BTF
     from bench.cli.console import Console
-    from bench.codecs import loading
-    from bench.data.convert import DecodedSource, write_btf
+    from bench.codecs.loading import DecodedSource, load
+    from bench.data.convert import write_btf
     from bench.data.open import open_named
     from bench.errors import did_you_mean
     from bench.hemisphere import DIRECTION_SETS, thin
 
-    header, material, _ = loading.load(options.file, usable_device(options.device))
+    header, material, _ = load(options.file, usable_device(options.device))
     with Console() as console:
         if options.like:
             like = open_named(options.like, {}, console.show)

@@ -58,5 +58,5 @@ def _mitsuba_scene(path: Path, bsdf: str | None) -> "Caster":
     if not bsdf:
         raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
     with installed(f"{path}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]', or describe the scene in TOML"):
-        from bench.demand.mitsuba_scene import MitsubaScene
+        from bench.demand.mitsuba.scene import MitsubaScene
     return MitsubaScene(path, bsdf)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bench.cli.console import Console
     from bench.codec import Codec, TrainedNetwork
     from bench.demand.demand import Demand
-    from bench.demand.fitting import Found
+    from bench.demand.fitting import SearchResult
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -93,7 +93,7 @@ def _to_scene(
     from bench.codec import Fit
     from bench.codecs import shared
     from bench.demand import UNIFORM, fitting
-    from bench.demand.judge import Judge, table_of
+    from bench.demand.frame_scorer import FrameScorer, table_of
     from bench.threads import torch_threads
     from reports.scene_models import scene_models_text
 
@@ -102,19 +102,19 @@ def _to_scene(
 
     if network:
         shared.refuse(network, btf)
-    judge = Judge(table_of(btf), asked, console.show)
+    scorer = FrameScorer(table_of(btf), asked, console.show)
     uniform = UNIFORM if options.uniform is None else options.uniform
     wanted = fitting.Goal(options.target_psnr, options.target_flip)
     with tempfile.TemporaryDirectory() as folder, torch_threads(options.threads):
-        search = fitting.Search(codec, btf.subset(btf.split().train), judge, fit, Path(folder), uniform)
+        search = fitting.Search(codec, btf.subset(btf.split().train), scorer, fit, Path(folder), uniform)
         found = search.run(None if wanted == fitting.Goal() else wanted)
-        console.say(scene_models_text(fitting.rows(found, judge, options.threads)))
+        console.say(scene_models_text(fitting.rows(found, scorer, options.threads)))
         atomic.write(options.out, found.chosen.header.path.read_bytes())
     console.say(_verdict(found))
     return FINE if found.met else NO
 
 
-def _verdict(found: "Found") -> str:
+def _verdict(found: "SearchResult") -> str:
     words = f"{found.fits} fits to the scene took {found.seconds:.1f} s."
     if not found.met:
         return f"The target is not reached; this is the {'scene' if found.scene else 'full'} model. {words}"

@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.codecs.loading import load
     from bench.data.open import open_named
     from bench.demand import still
-    from bench.demand.judge import table_of
+    from bench.demand.frame_scorer import table_of
 
     still.check_ending(options.out)
     _check_limits(options)
@@ -94,7 +94,7 @@ def _path_traced(options: argparse.Namespace) -> int:
         if getattr(options, name[2:]):
             raise InputError(f"{name}: not with a Mitsuba scene: {reason}")
     with installed(f"--scene {options.scene}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]'"):
-        from bench.demand.path_traced import path_traced
+        from bench.demand.mitsuba.picture import path_traced
     scene = Path(options.scene)
     pictures = [path_traced(scene, options.bsdf, file, options.tiling, options.samples) for file in options.files]
     exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure

@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.cli.console import Console
     from bench.codecs import container, loading
     from bench.codecs.registry import make_codec
-    from bench.demand.lobes import NAME, fitted, noise
+    from bench.demand.mitsuba.lobes import NAME, fitted, noise
 
     if not 1 <= options.cells <= 64:
         raise InputError(f"--cells {options.cells}: must be from 1 to 64")

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         return _again(options)
     from bench import records
     from bench.cli.console import Console
-    from bench.conformance.stability import run as stress
+    from bench.conformance.stress import run as stress
     from bench.runs.provenance import provenance
     from reports import stress_text
 
@@ -77,7 +77,7 @@ def _workers(jobs: int, codecs: int) -> "AbstractContextManager[Workers]":
 
 
 def _list() -> int:
-    from bench.conformance.stability import CASES, metrics
+    from bench.conformance.stress import CASES, metrics
 
     width = max(len(case.name) for case in CASES)
     for case in CASES:
@@ -93,9 +93,9 @@ def _again(options: argparse.Namespace) -> int:
 
     from bench.codecs.registry import load_codec
     from bench.conformance.check import CheckError
-    from bench.conformance.stability.case import subject_of
-    from bench.conformance.stability.properties import data_hold, query_holds
-    from bench.conformance.stability.run import chosen
+    from bench.conformance.stress.case import subject_of
+    from bench.conformance.stress.properties import data_hold, query_holds
+    from bench.conformance.stress.run import chosen
 
     queries = _numbers("--query", options.query, float)
     data = _numbers("--data", options.data, int)

@@ -1,5 +1,5 @@
 """Bakes a folder of PBR maps to a BTF: recognises them by name, orients them, renders them by
-`bench.data.materials.renderer`, or path-traced with inter-reflections by Mitsuba 3.
+`bench.data.materials.renderer`, or with inter-reflections by a path tracer that is given.
 
 `neubtf-bench bake` writes it where it is told; a suite or `run --material FOLDER` bakes into the cache.
 """
@@ -7,10 +7,10 @@
 import hashlib
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -23,17 +23,28 @@ from bench.data.bake.partial import Partial
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
 from bench.data.joined import with_heldout
-from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
+from bench.data.materials.maps import Maps
+from bench.data.materials.renderer import DESCRIPTION, RENDERER_VERSION, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
 from bench.data.spec import Preparation
-from bench.errors import InputError, installed
 
-__all__ = ["RENDERERS", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
-RENDERERS = ("builtin", "mitsuba")
+__all__ = ["PathTracer", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
 BAKE_VERSION = 2  # increment when maps are read differently; part of the key of every cached bake
 log = logging.getLogger(__name__)
 Array = np.ndarray
+
+
+class PathTracer(Protocol):
+    """A renderer with inter-reflections; `bench.demand.mitsuba.path_tracer` is one."""
+
+    def described(self) -> dict[str, Any]:
+        """Describe the renderer for a BTF's provenance."""
+
+    def launches(
+        self, maps: Maps, wo: Array, wi: Array, size: tuple[int, int], sub_points: int, seed: int, *, start: int
+    ) -> Iterator[Array]:
+        """Yield slices (n, H, W, 3) of the pairs wo, wi (N, 3) in order, from pair `start` on."""
 
 
 @dataclass(frozen=True)
@@ -51,20 +62,19 @@ def bake(
     out: Path,
     show: Progress,
     seed: int = 0,
-    renderer: str = "builtin",
+    path_tracer: PathTracer | None = None,
 ) -> None:
     """Render a surface at the pairs that `data` asks for and write it: `.npz`, or a folder of EXR pictures.
 
     Pairs are those of the built-in materials (`bench.data.spec`): a product, then held-out pairs, drawn by `seed`.
     Values are linear Rec. 709 f_r · cos θ_i. The result appears under its name when it is complete.
-    `renderer` is one of `RENDERERS`; what "mitsuba" had finished when it was killed is kept beside `out`, and taken up
-    by the same call.
-    Raises `InputError` where `out` cannot be written, counts are out of range or Mitsuba is not installed.
+    What a path tracer had finished when it was killed is kept beside `out`, and taken up by the same call.
+    Raises `InputError` where `out` cannot be written or counts are out of range.
     """
     wo, wi = data.everything(surface.name, seed)
     heldout = np.arange(len(wo)) >= data.views * data.lights if data.heldout else None
     described = _described(surface, seed) | _sampled(data) | {"heldout": data.described()}
-    _bake(surface, Pairs(wo, wi, heldout), described, out, show, seed, renderer)
+    _bake(surface, Pairs(wo, wi, heldout), described, out, show, seed, path_tracer)
 
 
 def _bake(
@@ -74,51 +84,30 @@ def _bake(
     out: Path,
     show: Progress,
     seed: int = 0,
-    renderer: str = "builtin",
+    path_tracer: PathTracer | None = None,
 ) -> None:
     """Render a surface at some pairs into a file or folder; see `bake`."""
     check_place(out)
-    wo, wi = pairs.wo, pairs.wi
+    wo, wi, label = pairs.wo, pairs.wi, f"baking {surface.name}"
 
     def write(values: Array, notes: dict[str, Any]) -> None:
         source = ArraySource(values)
         write_btf(BTF(surface.name, wo, wi, source, heldout=pairs.heldout, periodic=True, provenance=notes), out)
 
-    if renderer == "mitsuba":
-        _path_traced(surface, wo, wi, seed, described, out, show, write)
+    if path_tracer:
+        described = described | path_tracer.described()
+        partial = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
+        show(label, partial.done, len(wo))
+        for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=partial.done):
+            partial.add(slices)
+            show(label, partial.done, len(wo))
+        write(partial.values, described)
+        partial.remove()
         return
-    if renderer != "builtin":
-        raise InputError(f"no renderer {renderer!r}: there are {' and '.join(RENDERERS)}")
     with atomic.beside(out) as scratch:
         values = atomic.mapped(scratch, np.float32, (len(wo), *surface.shape, 3))
-        render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, show, f"baking {surface.name}")
+        render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, show, label)
         write(values, described)
-
-
-def _path_traced(
-    surface: Surface,
-    wo: Array,
-    wi: Array,
-    seed: int,
-    described: dict[str, Any],
-    out: Path,
-    show: Progress,
-    write: Callable[[Array, dict[str, Any]], None],
-) -> None:
-    """The bake by Mitsuba: launch after launch into a partial folder, then written as one."""
-    with installed("the renderer mitsuba needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]'"):
-        from bench.data.bake import path_tracer
-    described = described | path_tracer.described()
-    partial = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
-    label = f"baking {surface.name}"
-    show(label, partial.done, len(wo))
-
-    traced = path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=partial.done)
-    for slices in traced:
-        partial.add(slices)
-        show(label, partial.done, len(wo))
-    write(partial.values, described)
-    partial.remove()
 
 
 def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -> str:
@@ -146,10 +135,10 @@ def open_svbrdf(folder: Path, data: Preparation, show: Progress, draw: int = 0) 
 
 def _cached(folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], show: Progress) -> BTF:
     """A folder of maps at some pairs, which `sampled` describes: from the cache, or baked into it."""
-    found, name = recognise(folder), folder.resolve().name
-    path = cache_dir() / "materials" / f"{name}-{size}-{_key(found, size, sampled)[:24]}.npz"
+    maps, name = recognise(folder), folder.resolve().name
+    path = cache_dir() / "materials" / f"{name}-{size}-{_key(maps, size, sampled)[:24]}.npz"
     if not path.exists():
-        surface = read_surface(found, size)
+        surface = read_surface(maps, size)
         path.parent.mkdir(parents=True, exist_ok=True)
         log.warning("baking %s\n%s", folder, table(surface))
         _bake(surface, pairs, _described(surface, 0) | sampled, path, show)
@@ -164,9 +153,9 @@ def table(surface: Surface) -> str:
     return "\n".join(f"  {role:<{width}}  {text}" for role, text in surface.notes.items())
 
 
-def _key(found: MapFiles, size: int, sampled: dict[str, Any]) -> str:
+def _key(maps: MapFiles, size: int, sampled: dict[str, Any]) -> str:
     """A hash of everything that determines the values of a bake with default options."""
-    content = [FolderFiles(found.folder).digest(found.files.values()), sorted(found.files.items())]
+    content = [FolderFiles(maps.folder).digest(maps.files.values()), sorted(maps.files.items())]
     described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, size, sampled, content])
     return hashlib.sha256(described.encode()).hexdigest()
 
@@ -184,6 +173,5 @@ def _described(surface: Surface, seed: int) -> dict[str, Any]:
         "renderer_version": RENDERER_VERSION,
         "sub_points": SUB_POINTS,
         "seed": seed,
-        "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
-        **DESCRIBED,
+        **DESCRIPTION,
     }

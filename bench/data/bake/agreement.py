@@ -36,7 +36,7 @@ class Agreement:
             return y < 0, named_down
         return named_depth, named_down
 
-    def told(self, normal_role: str) -> str:
+    def evidence(self, normal_role: str) -> str:
         """The evidence for the verdict, in words."""
         if min(abs(self.x), abs(self.y)) >= CLEAR:
             return f"told by the displacement (r = {self.x:+.2f}, {self.y:+.2f})"

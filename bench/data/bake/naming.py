@@ -90,7 +90,7 @@ def _roles(names: list[str]) -> dict[str, str]:
     words = {name: _words(Path(name).stem) for name in pictures}
     columns = takewhile(lambda column: len(set(column)) == 1, zip(*words.values(), strict=False))
     shared = len(list(columns)) if len(words) > 1 else 0
-    return {name: _role(found[shared:]) for name, found in words.items()}
+    return {name: _role(name_words[shared:]) for name, name_words in words.items()}
 
 
 def _words(stem: str) -> list[str]:

@@ -33,15 +33,15 @@ class Surface:
     notes: dict[str, str] = field(default_factory=dict)
 
 
-def read_surface(found: MapFiles, size: int, depth: float | None = None) -> Surface:
+def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> Surface:
     """The surface of a folder's maps for a bake whose longer side has `size` texels; square map texels stay square.
 
     `depth` is the height of code 1 (white) over code 0 (black) of the displacement, in units of the picture's width. By
     default it is the one whose slopes fit those of the normal map best, else 0.02.
     Raises `InputError` that names the file for pictures that cannot be read or differ in proportion.
     """
-    reader = _Reader(found, size)
-    notes = {role: name for role, name in found.files.items() if role != "packed"}
+    reader = _Reader(map_files, size)
+    notes = {role: name for role, name in map_files.files.items() if role != "packed"}
     roughness = reader.channel("roughness", 1, notes, DEFAULT_ROUGHNESS)
     metalness = reader.channel("metalness", 2, notes, 0.0)
     normal, height = _relief(reader, notes, depth)
@@ -58,17 +58,17 @@ def read_surface(found: MapFiles, size: int, depth: float | None = None) -> Surf
         angle=angle,
         normal=normal,
     )
-    notes |= {name: f"not used: {why}" for name, why in found.unused.items()}
-    return Surface(found.folder.resolve().name, reader.shape, maps, notes)
+    notes |= {name: f"not used: {why}" for name, why in map_files.unused.items()}
+    return Surface(map_files.folder.resolve().name, reader.shape, maps, notes)
 
 
 class _Reader:
     """Reads the maps of one folder, all to the size of the working grid."""
 
-    def __init__(self, found: MapFiles, size: int):
+    def __init__(self, map_files: MapFiles, size: int):
         if size < 1:
             raise InputError(f"size must be at least 1, not {size}")
-        self.files, self.roles = FolderFiles(found.folder), found.files
+        self.files, self.roles = FolderFiles(map_files.folder), map_files.files
         self.albedo = self._albedo()
         self.full = self.albedo.shape[:2]
         self.shape = _fitted(self.full, size)
@@ -131,19 +131,19 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
     normal = None if codes is None else _vectors(codes, reader.files.label(reader.roles[normal_role]))
     picture = reader.codes(height_role)
     height = None if picture is None else picture[..., 0]
-    found = Agreement()
+    agreed = Agreement()
     if normal is not None and height is not None:
         judged = reader.limited(JUDGED)
-        found = agreement(resize(normal, judged), resize(height, judged))
-    inverted, downward = found.verdict(height_role == "depth", normal_role)
+        agreed = agreement(resize(normal, judged), resize(height, judged))
+    inverted, downward = agreed.verdict(height_role == "depth", normal_role)
     if normal is not None:
-        notes[normal_role] += f": green {'down (DX)' if downward else 'up (GL)'}, {found.told(normal_role)}"
+        notes[normal_role] += f": green {'down (DX)' if downward else 'up (GL)'}, {agreed.evidence(normal_role)}"
         if downward:
             normal[..., 1] *= -1
         normal = reader.shrunk(normal)
     if height is not None:
-        fitted = depth is None and found.depth is not None
-        depth = depth if depth is not None else found.depth if found.depth is not None else DEFAULT_DEPTH
+        fitted = depth is None and agreed.depth is not None
+        depth = depth if depth is not None else agreed.depth if agreed.depth is not None else DEFAULT_DEPTH
         if not 0 <= depth <= 1:
             raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
         notes[height_role] += f": {'dark' if inverted else 'bright'} is high, depth {depth:.4f} of the width"

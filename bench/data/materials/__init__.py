@@ -50,8 +50,8 @@ def recipe(name: str) -> "Recipe":
     if name not in _REGISTRY:
         raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
     module, _, attribute = _REGISTRY[name][0].partition(":")
-    made: Recipe = getattr(importlib.import_module(module), attribute)()
-    return made
+    loaded: Recipe = getattr(importlib.import_module(module), attribute)()
+    return loaded
 
 
 def load(

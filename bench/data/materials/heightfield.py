@@ -51,11 +51,11 @@ class HeightField:
         for k in range(1, steps + 1):
             z = self.top - k * step
             above = self._along(per_height, z, stride) - np.float32(z)
-            found = np.flatnonzero((above >= 0) & alive)
-            if len(found):
-                a, b = above.flat[found], before.flat[found]
-                hit.flat[found] = z + step * a / np.maximum(a - b, 1e-20)
-                alive.flat[found] = False
+            crossed = np.flatnonzero((above >= 0) & alive)
+            if len(crossed):
+                a, b = above.flat[crossed], before.flat[crossed]
+                hit.flat[crossed] = z + step * a / np.maximum(a - b, 1e-20)
+                alive.flat[crossed] = False
                 if not alive.any():
                     break
             before = above
@@ -81,7 +81,7 @@ class HeightField:
         return low
 
     def visibility(self, wi: Array) -> Array:
-        """What share (H, W) of the light from `wi` reaches each grid point, uint8 with 255 for all of it.
+        """The share (H, W) of the light from `wi` that reaches each grid point, uint8 with 255 for all of it.
 
         The horizon, the maximum over j ≥ 1 of h(p + jδ) − jc with c the rise of the light's ray over a step δ of one
         cell, is built by doubling: M₂ₙ(p) = max(Mₙ(p), Mₙ(p + nδ) − nc). A shadow's edge is a ramp of half a step.

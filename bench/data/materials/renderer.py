@@ -23,12 +23,13 @@ if TYPE_CHECKING:
     from bench.codec import Progress
 
 Array = np.ndarray
-DESCRIBED = {
+RENDERER_VERSION = 3  # increment when a value changes; part of the key of every cached rendering
+DESCRIPTION = {  # of what is rendered, for a provenance
+    "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
     "reference_plane": "mean height",
     "transport": "direct light, self-shadowing; no inter-reflection",
     "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
 }
-RENDERER_VERSION = 3  # increment when a value changes; part of the key of every cached rendering
 SUB_POINTS = 2  # along each side of a texel; see docs/materials.md for what it costs and what 3 would change
 
 
@@ -73,12 +74,12 @@ class Renderer:
         """Trace the rays toward `wo` (3,) and look up the surface where they meet it."""
         place = self._places(wo)
         row, col = (self._by_sub_point(p) for p in place)
-        found = _bilinear(self._table, self.field.shape, row, col)
-        normal, base = found[:3], found[3:6]
+        sampled = _bilinear(self._table, self.field.shape, row, col)
+        normal, base = sampled[:3], sampled[3:6]
         normal = normal / np.sqrt((normal * normal).sum(0))
-        frame = _frame(normal, 0.5 * np.arctan2(found[11], found[10]))
+        frame = _frame(normal, 0.5 * np.arctan2(sampled[11], sampled[10]))
         names = ("roughness", "metalness", "specular", "anisotropy")
-        surface = dict(zip(names, found[6:10], strict=True), base=base)
+        surface = dict(zip(names, sampled[6:10], strict=True), base=base)
         H, W = self.field.shape
         cell = np.floor(row + 0.5).astype(np.intp) % H * W + np.floor(col + 0.5).astype(np.intp) % W
         return View(wo, brdf.points(_project(frame, wo), surface), frame, cell)

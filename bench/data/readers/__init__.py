@@ -1,14 +1,14 @@
 """Readers of measured BTFs. `open_btf` chooses one by what a file or folder holds, never by its extension.
 
 To add a reader, write one file with a function `opened(seen)` and add one line below. It is given a
-`bench.data.readers.seen.Seen` and returns the BTF, or None where the file or folder is not of its format.
+`bench.data.readers.candidate.Candidate` and returns the BTF, or None where the file or folder is not of its format.
 """
 
 import importlib
 from pathlib import Path
 
 from bench.btf import BTF
-from bench.data.readers.seen import Seen
+from bench.data.readers.candidate import Candidate
 from bench.errors import InputError
 
 # A module of this package, or any other by its full name, and what it opens. They are asked in this order.
@@ -34,7 +34,7 @@ def open_btf(path: str | Path) -> BTF:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder: give {supported}")
     try:
-        seen = Seen.of(path)
+        seen = Candidate.read(path)
         for name in READERS:
             reader = importlib.import_module(name if "." in name else f"{__name__}.{name}")
             btf: BTF | None = reader.opened(seen)

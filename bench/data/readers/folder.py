@@ -16,10 +16,10 @@ import numpy as np
 
 from bench.archive import inside
 from bench.btf import BTF
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import angles_in_range, no_duplicates, view_major
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
-from bench.data.readers.seen import Seen
 from bench.errors import NO_PLACE, InputError, readable
 from bench.hemisphere import from_degrees, to_degrees
 
@@ -30,7 +30,7 @@ COLUMNS = ("file", *ANGLES)
 MAX_LIST = 256 << 20
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of a folder with `pairs.csv`, or of that list, or None."""
     if seen.is_folder:
         return open_folder(seen.path) if (seen.path / LIST).is_file() else None

@@ -23,10 +23,10 @@ import numpy as np
 from bench.archive import LEAST, MAX_FILE, RATIO
 from bench.btf import BTF, Source, finite
 from bench.data.joined import with_heldout
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
 from bench.data.readers.pictures import MAX_PIXELS
-from bench.data.readers.seen import Seen
 from bench.errors import InputError, readable
 
 Array = np.ndarray
@@ -37,7 +37,7 @@ MAX_PAIRS = 1 << 20
 AT_ONCE = 64 << 20  # bytes of pictures that share chunks and are read together
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of an HDF5 file, or None."""
     return open_hdf5(seen.path) if seen.head.startswith(SIGNATURE) else None
 
@@ -49,17 +49,19 @@ def open_hdf5(path: Path) -> BTF:
     `InputError` naming the file, the data set and the row.
     """
     btf = _open(path)
-    beside = path.with_name(TRAINING.sub(HELDOUT, path.name))
-    if beside == path or not beside.is_file():
+    heldout = path.with_name(TRAINING.sub(HELDOUT, path.name))
+    if heldout == path or not heldout.is_file():
         return btf
-    other = _open(beside)
+    other = _open(heldout)
     if other.shape != btf.shape:
         (height, width), (rows, cols) = other.shape, btf.shape
-        raise InputError(f"{beside}: pictures of {width} x {height}, but {path.name} has {cols} x {rows}: move it away")
-    whole = with_heldout(btf, other, heldout=f"the {len(other)} pairs of {beside.name}")
+        raise InputError(
+            f"{heldout}: pictures of {width} x {height}, but {path.name} has {cols} x {rows}: move it away"
+        )
+    whole = with_heldout(btf, other, heldout=f"the {len(other)} pairs of {heldout.name}")
 
     def label(pair: int) -> str:
-        return f"{path}: pair {pair}" if pair < len(btf) else f"{beside}: pair {pair - len(btf)}"
+        return f"{path}: pair {pair}" if pair < len(btf) else f"{heldout}: pair {pair - len(btf)}"
 
     no_duplicates(whole.wo, whole.wi, label)
     return whole
@@ -73,7 +75,7 @@ def _open(path: Path) -> BTF:
         count, height, width = colour.shape[:3]
         if count > MAX_PAIRS or height * width > MAX_PIXELS:
             raise InputError(f"{path}: {COLOUR} of {colour.shape} is absurd: {MAX_PAIRS} pairs are the limit")
-        wo, wi = (_directions(path, key, found, count) for key, found in ((VIEW, view), (LIGHT, light)))
+        wo, wi = (_directions(path, key, data, count) for key, data in ((VIEW, view), (LIGHT, light)))
         source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), (colour.chunks or (1,))[0])
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
     return BTF(
@@ -110,27 +112,27 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     if not isinstance(link, h5py.HardLink) or not isinstance(file[key], h5py.Dataset):
         held = ", ".join(sorted(file)[:5])[:200] or "nothing"
         raise InputError(f"{path}: no data set {key} (it holds {held}): it needs {COLOUR}, {VIEW}, {LIGHT}")
-    found = file[key]
-    if found.is_virtual or found.external:
+    data = file[key]
+    if data.is_virtual or data.external:
         raise InputError(f"{path}: {key} lies in other files: copy it into this one")
-    if found.dtype.kind != "f" or found.shape is None:
-        raise InputError(f"{path}: {key} is {found.shape} {found.dtype}: it must hold floats")
-    claimed, chunk = (math.prod(shape) * found.dtype.itemsize for shape in (found.shape, found.chunks or ()))
-    if claimed > max(LEAST, RATIO * found.id.get_storage_size()) or chunk > MAX_FILE:
-        raise InputError(f"{path}: {key} of {found.shape} in chunks of {found.chunks} is more than its bytes can hold")
-    return found
+    if data.dtype.kind != "f" or data.shape is None:
+        raise InputError(f"{path}: {key} is {data.shape} {data.dtype}: it must hold floats")
+    claimed, chunk = (math.prod(shape) * data.dtype.itemsize for shape in (data.shape, data.chunks or ()))
+    if claimed > max(LEAST, RATIO * data.id.get_storage_size()) or chunk > MAX_FILE:
+        raise InputError(f"{path}: {key} of {data.shape} in chunks of {data.chunks} is more than its bytes can hold")
+    return data
 
 
-def _directions(path: Path, key: str, found: Any, count: int) -> Array:
+def _directions(path: Path, key: str, data: Any, count: int) -> Array:
     """Unit vectors (N, 3) float32 of a data set of x and y."""
-    if found.ndim == 4:
+    if data.ndim == 4:
         raise InputError(
-            f"{path}: {key} is {found.shape}, a direction for each pixel, as NeuMIP's own files have: a BTF needs one "
+            f"{path}: {key} is {data.shape}, a direction for each pixel, as NeuMIP's own files have: a BTF needs one "
             f"for each picture, ({count}, 2)"
         )
-    if found.shape != (count, 2):
-        raise InputError(f"{path}: {key} is {found.shape}: it must be ({count}, 2), x and y of a direction a picture")
-    plane = np.asarray(found[()], np.float64)
+    if data.shape != (count, 2):
+        raise InputError(f"{path}: {key} is {data.shape}: it must be ({count}, 2), x and y of a direction a picture")
+    plane = np.asarray(data[()], np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
         z = np.sqrt(np.maximum(1 - (plane**2).sum(1), 0))
     return unit_directions(np.column_stack([plane, z]), lambda row: f"{path}: {key}[{row}]")
@@ -153,12 +155,12 @@ class HDF5Source(Source):
         first, last = int(pairs.min()), int(pairs.max()) + 1
         close = last - first <= 2 * self.at_once
         runs = [(first, last)] if close else [(int(pair), int(pair) + 1) for pair in pairs]
-        found: dict[int, Array] = {}
+        slices: dict[int, Array] = {}
         with _file(self.path) as file, np.errstate(over="ignore"):
             for start, end in runs:
                 values = file[COLOUR][start:end, bottom : bottom + height, left : left + width]
-                found |= dict(enumerate(np.asarray(values, np.float32)[:, ::-1], start))
-        return [finite(found[int(pair)], f"{self.path}: {COLOUR}[{pair}]") for pair in pairs]
+                slices |= dict(enumerate(np.asarray(values, np.float32)[:, ::-1], start))
+        return [finite(slices[int(pair)], f"{self.path}: {COLOUR}[{pair}]") for pair in pairs]
 
     def window(self, top: int, left: int, height: int, width: int) -> Source:
         if min(top, left) < 0 or top + height > self.shape[0] or left + width > self.shape[1]:

@@ -6,16 +6,16 @@ import numpy as np
 
 from bench.archive import ZipFiles, stored
 from bench.btf import BTF, finite
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.npz import NpzSource
-from bench.data.readers.seen import Seen
 from bench.errors import InputError
 from bench.hemisphere import from_angles
 
 KEY = "rgb_geomean"
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of an archive with the geometric mean of an ABRDF, or None."""
     return open_mean_abrdf(seen.path) if seen.is_zip and f"{KEY}.npy" in seen.names else None
 

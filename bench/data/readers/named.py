@@ -56,8 +56,8 @@ def open_pictures(path: Path, pattern: re.Pattern[str], provenance: dict[str, An
     names = matching(everything, pattern)
     if not names:
         raise InputError(f"{path}: holds no picture named like tl000 pl000 tv000 pv000: give the folder that does")
-    found = [pattern.search(name) for name in names]
-    degrees = np.array([[int(group) for group in match.groups()] for match in found if match], np.float64)
+    matches = [pattern.search(name) for name in names]
+    degrees = np.array([[int(group) for group in match.groups()] for match in matches if match], np.float64)
 
     def label(index: int) -> str:
         return files.label(names[index])

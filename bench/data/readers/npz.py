@@ -9,9 +9,9 @@ import numpy as np
 
 from bench.archive import ZipFiles, stored
 from bench.btf import BTF, ArraySource, finite
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
-from bench.data.readers.seen import Seen
 from bench.errors import InputError, readable
 
 Array = np.ndarray
@@ -48,7 +48,7 @@ class NpzSource(ArraySource):
         return self._digest
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of an archive with `radiance.npy`, or None."""
     return open_npz(seen.path) if seen.is_zip and "radiance.npy" in seen.names else None
 
@@ -93,8 +93,8 @@ def _directions(files: ZipFiles, key: str, count: int) -> Array:
 def _heldout(files: ZipFiles, count: int) -> Array | None:
     if not files.has("heldout.npy"):
         return None
-    found = stored(files, "heldout")
-    mask = found.values() if found.shape == (count,) and found.dtype.kind == "b" else np.ones(1, bool)
+    array = stored(files, "heldout")
+    mask = array.values() if array.shape == (count,) and array.dtype.kind == "b" else np.ones(1, bool)
     if mask.all():
         raise InputError(f"{files.path}: heldout must be a mask ({count},) of booleans that leaves pairs to train on")
     return np.array(mask) if mask.any() else None
@@ -103,21 +103,21 @@ def _heldout(files: ZipFiles, count: int) -> Array | None:
 def _periodic(files: ZipFiles) -> bool:
     if not files.has("periodic.npy"):
         return False
-    found = stored(files, "periodic")
-    if found.shape != () or found.dtype.kind != "b":
-        raise InputError(f"{files.path}: periodic is {found.shape} {found.dtype}: it must be one boolean")
-    return bool(found.values())
+    array = stored(files, "periodic")
+    if array.shape != () or array.dtype.kind != "b":
+        raise InputError(f"{files.path}: periodic is {array.shape} {array.dtype}: it must be one boolean")
+    return bool(array.values())
 
 
 def _provenance(files: ZipFiles) -> dict[str, Any]:
     if not files.has("provenance.npy"):
         return {}
     label = files.label("provenance.npy")
-    found = stored(files, "provenance")
-    if found.shape != () or found.dtype.kind != "U" or found.dtype.itemsize > NOTES:
-        raise InputError(f"{label}: {found.shape} {found.dtype} is no text of {NOTES >> 22} M: leave the array out")
+    array = stored(files, "provenance")
+    if array.shape != () or array.dtype.kind != "U" or array.dtype.itemsize > NOTES:
+        raise InputError(f"{label}: {array.shape} {array.dtype} is no text of {NOTES >> 22} M: leave the array out")
     with readable(label, "leave the array out"):
-        notes = json.loads(str(found.values()))
+        notes = json.loads(str(array.values()))
         if not isinstance(notes, dict):
             raise InputError(f"{label}: must hold an object: leave the array out")
         return notes

@@ -35,10 +35,10 @@ def orientation(data: bytes, kind: str | None) -> int:
         warnings.simplefilter("ignore")
         try:
             notes.load(payload)
-            found = notes.get(TAG)
+            noted = notes.get(TAG)
         except Exception:  # damaged notes raise many types; the picture is then as it is stored
             return 1
-    return found if isinstance(found, int) and found in _TURNS else 1
+    return noted if isinstance(noted, int) and noted in _TURNS else 1
 
 
 def upright(picture: Array, noted: int) -> Array:

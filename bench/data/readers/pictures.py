@@ -53,10 +53,10 @@ def kind_of(head: bytes) -> str | None:
 
 def picture_size(files: Files, name: str) -> tuple[int, int]:
     """(H, W) of a picture, upright, from its header; raises `InputError` for what `read_picture` would not read."""
-    return _seen(files, name)[0]
+    return _size_and_orientation(files, name)[0]
 
 
-def _seen(files: Files, name: str) -> tuple[tuple[int, int], int]:
+def _size_and_orientation(files: Files, name: str) -> tuple[tuple[int, int], int]:
     """(H, W) of a picture, upright, and the orientation in which it is stored, from its header."""
     label, total = files.label(name), files.size(name)
     data = files.head(name, 4096)
@@ -84,7 +84,7 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False) -> Array:
     as CIE XYZ under D65. A JPEG or PNG is turned as its EXIF notes say. Raises `InputError` for unreadable, CMYK or
     incomplete pictures and values not finite.
     """
-    (height, width), noted = _seen(files, name)
+    (height, width), noted = _size_and_orientation(files, name)
     label = files.label(name)
     with readable(label, "the picture is damaged; get it again"):
         kind = kind_of(files.head(name, 8))
@@ -112,7 +112,7 @@ class PictureSource(Source):
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
-            size, noted = _seen(files, name)
+            size, noted = _size_and_orientation(files, name)
             self.turned |= {name: noted} if noted > 1 else {}
             if index == 0:
                 self.shape = size
@@ -212,13 +212,13 @@ def _exr_attributes(data: bytes, label: str) -> dict[str, bytes] | None:
 
 def _exr_channels(attributes: dict[str, bytes]) -> dict[str, tuple[int, int, int]]:
     """Pixel type (0 uint, 1 half, 2 float) and samplings of each channel of an EXR header."""
-    found, data, at = {}, attributes["channels"], 0
+    channels, data, at = {}, attributes["channels"], 0
     while at < len(data) and data[at]:
         end = data.index(b"\0", at)
         kind, x_step, y_step = struct.unpack_from("<i4xii", data, end + 1)
-        found[data[at:end].decode("latin-1")] = (kind, x_step, y_step)
+        channels[data[at:end].decode("latin-1")] = (kind, x_step, y_step)
         at = end + 17
-    return found
+    return channels
 
 
 def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
@@ -318,7 +318,7 @@ def _check_primaries(attributes: dict[str, bytes], label: str) -> None:
 
 
 class _HdrHeader:
-    """What a Radiance header says: size, axis order and signs, the total exposure, and where the pixels begin."""
+    """The header of a Radiance picture: size, axis order and signs, total exposure, and where the pixels begin."""
 
     def __init__(self, start: int, axes: list[str], counts: list[int], exposure: float):
         self.start, self.axes, self.counts, self.exposure = start, axes, counts, exposure

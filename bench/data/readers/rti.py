@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from bench.btf import BTF
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, unit_directions, view_major
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
-from bench.data.readers.seen import Seen
 from bench.errors import InputError, readable
 
 MAX_LIST = 16 << 20
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of a folder with an `.lp` list, or of the list itself, or None."""
     if seen.is_folder:
-        return open_rti(found) if (found := find_list(seen.path)) else None
+        return open_rti(listed) if (listed := find_list(seen.path)) else None
     return open_rti(seen.path) if seen.first_line.isdecimal() else None
 
 
@@ -37,7 +37,7 @@ def open_rti(path: Path) -> BTF:
     def label(index: int) -> str:
         return f"{path}, line {lines[index]}"
 
-    found = [_picture(files, name, label(i)) for i, name in enumerate(names)]
+    pictures = [_picture(files, name, label(i)) for i, name in enumerate(names)]
     wi = unit_directions(vectors, label, tolerance=0.05)
     wo = np.tile(np.array([0, 0, 1], np.float32), (len(wi), 1))
     no_duplicates(wo, wi, label)
@@ -46,7 +46,7 @@ def open_rti(path: Path) -> BTF:
         path.parent.resolve().name,
         wo[order],
         wi[order],
-        PictureSource(files, [found[i] for i in order], [label(i) for i in order]),
+        PictureSource(files, [pictures[i] for i in order], [label(i) for i in order]),
         provenance={
             "format": "RTI",
             "list": path.name,

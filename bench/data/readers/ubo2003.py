@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from bench.btf import BTF
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.named import BONN, matching, open_pictures
-from bench.data.readers.seen import Seen
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of a folder or zip whose files are named like `00008 tl000 pl000 tv000 pv000.jpg`, or None."""
     return open_ubo2003(seen.path) if matching(seen.names, BONN) else None
 

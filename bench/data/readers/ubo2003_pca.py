@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Source
+from bench.data.readers.candidate import HEAD, Candidate
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.orientation import PNG_START
 from bench.data.readers.pictures import picture_size
-from bench.data.readers.seen import HEAD, Seen
 from bench.errors import InputError, readable
 from bench.hemisphere import ubo2003
 from bench.metrics.display import decode_srgb
@@ -40,7 +40,7 @@ MAX_NOTES, MAX_SIZE = 1 << 16, 1024
 SPLIT = re.compile(r"\d{1,3}_\d{1,3}")  # a clone has NAME/3_8, after block size and components
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of a folder with such a `meta.json`, of one around it (`3_8`), or of that `meta.json`, or None."""
     folder = seen.path if seen.is_folder else seen.path.parent
     if not seen.is_folder:

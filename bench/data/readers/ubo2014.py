@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Source, finite
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.files import file_digest
-from bench.data.readers.seen import Seen
 from bench.errors import InputError
 from bench.hemisphere import from_angles
 
@@ -106,8 +106,8 @@ class Matrix:
 
 
 @dataclass
-class Material:
-    """What a file holds besides its header: directions in radians, size, and three channels of factors."""
+class Factorisation:
+    """The content of a file below its header: directions in radians, size, and three channels of factors."""
 
     views: Array  # (V, 2) θ, φ
     lights: Array  # (L, 2)
@@ -117,7 +117,7 @@ class Material:
     model: int = 0
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of a file that begins as those of UBO2014 do, or None."""
     return open_ubo2014(seen.path) if seen.head[:1] == b"!" else None
 
@@ -142,7 +142,7 @@ def open_ubo2014(path: Path) -> BTF:
     return _assemble(path, signature.decode(), material, notes)
 
 
-def _assemble(path: Path, signature: str, material: Material, notes: dict[str, Any]) -> BTF:
+def _assemble(path: Path, signature: str, material: Factorisation, notes: dict[str, Any]) -> BTF:
     wo, wi = from_angles(*material.views.T), from_angles(*material.lights.T)
     view, light = np.divmod(np.arange(len(wo) * len(wi)), len(wi))
     ranks = [matrix.stored.shape[1] for matrix in material.pairs]
@@ -163,7 +163,7 @@ def _assemble(path: Path, signature: str, material: Material, notes: dict[str, A
 
 
 def _header(cursor: Cursor) -> dict[str, Any]:
-    """What the file says about its measurement; its length must be the stated one."""
+    """Read the header about the measurement; its length must be the stated one."""
     start = cursor.at
     size, version = cursor.numbers("2I", "the header")
     if not 1 <= version <= 4:
@@ -186,7 +186,7 @@ def _header(cursor: Cursor) -> dict[str, Any]:
     return notes
 
 
-def _directions(cursor: Cursor) -> Material:
+def _directions(cursor: Cursor) -> Factorisation:
     """Views and lights; every view repeats the list of lights, which must be the same."""
     views = cursor.count("the number of views")
     start = cursor.at
@@ -198,7 +198,7 @@ def _directions(cursor: Cursor) -> Material:
     if (block[:, 8:] != block[0, 8:]).any():
         view = int(np.argmax((block[:, 8:] != block[0, 8:]).any(1)))
         raise cursor.fail(f"the lights of view {view} differ from those of view 0", "only a product grid is read")
-    return Material(_side(cursor.path, "view", block[:, :8]), _side(cursor.path, "light", block[0, 12:]))
+    return Factorisation(_side(cursor.path, "view", block[:, :8]), _side(cursor.path, "light", block[0, 12:]))
 
 
 def _side(path: Path, side: str, stored: Array) -> Array:
@@ -215,7 +215,7 @@ def _side(path: Path, side: str, stored: Array) -> Array:
     return angles
 
 
-def _size(cursor: Cursor, material: Material) -> dict[str, Any]:
+def _size(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     """Width, height and the rotations block, which decoding does not need."""
     width, height, rotations = cursor.numbers("3I", "the size")
     if not width or not height:
@@ -225,7 +225,7 @@ def _size(cursor: Cursor, material: Material) -> dict[str, Any]:
     return {"rotations": rotations}
 
 
-def _dfmf(cursor: Cursor, material: Material) -> dict[str, Any]:
+def _dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     """The body of a DFMF: a factorisation for each decorrelated channel."""
     _, model = cursor.numbers("Ii", "the colour model")
     if model not in COLOUR_MODELS:
@@ -246,7 +246,7 @@ def _dfmf(cursor: Cursor, material: Material) -> dict[str, Any]:
     }
 
 
-def _fmf(cursor: Cursor, material: Material) -> dict[str, Any]:
+def _fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     """The body of an FMF: one factorisation of all channels, whose rows go channel fastest."""
     (version,) = cursor.numbers("B", "the FMF version")
     if version > 2:
@@ -267,7 +267,7 @@ def _fmf(cursor: Cursor, material: Material) -> dict[str, Any]:
     return {"colour": f"FMF: {colour}", "dynamic_range_reduction": reduction, "height_map": [width, height]}
 
 
-def _factors(cursor: Cursor, material: Material, rows: int, what: str) -> tuple[Array, Array]:
+def _factors(cursor: Cursor, material: Factorisation, rows: int, what: str) -> tuple[Array, Array]:
     """U (rows, K) and S·V (texels, K) as views of the file; the singular values before them are part of S·V."""
     scalar, rank, stated_rows, stated_cols = cursor.numbers("B3I", what)
     cols = material.shape[0] * material.shape[1]
@@ -279,7 +279,7 @@ def _factors(cursor: Cursor, material: Material, rows: int, what: str) -> tuple[
     return cursor.floats((rows, rank), scalar, f"{what}: U"), cursor.floats((cols, rank), scalar, f"{what}: SV")
 
 
-def _limit_expansion(material: Material) -> None:
+def _limit_expansion(material: Factorisation) -> None:
     """Keep the float32 copies of all factors below `DENSE_BYTES` together; pairs go first, being small."""
     left = DENSE_BYTES
     for matrix in {id(m): m for m in [*material.pairs, *material.texels]}.values():
@@ -290,7 +290,7 @@ def _limit_expansion(material: Material) -> None:
 class FactorSource(Source):
     """A memory-mapped factorisation, multiplied on demand: cheap by slice, by ABRDF and scattered."""
 
-    def __init__(self, path: Path, material: Material):
+    def __init__(self, path: Path, material: Factorisation):
         self.path, self.material = path, material
         self.shape, self.count = material.shape, len(material.views) * len(material.lights)
         self.at_once = max(1, MULTIPLIED // (24 * self.shape[0] * self.shape[1]))

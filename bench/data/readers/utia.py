@@ -6,11 +6,11 @@ Format: http://btf.utia.cas.cz/?data_des
 from pathlib import Path
 
 from bench.btf import BTF
+from bench.data.readers.candidate import Candidate
 from bench.data.readers.named import PRAGUE, matching, open_pictures
-from bench.data.readers.seen import Seen
 
 
-def opened(seen: Seen) -> BTF | None:
+def opened(seen: Candidate) -> BTF | None:
     """The BTF of a folder or zip whose files are named like `tl000_pl000_tv000_pv000.png`, or None."""
     return open_utia(seen.path) if matching(seen.names, PRAGUE) else None
 

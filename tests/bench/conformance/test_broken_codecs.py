@@ -14,15 +14,15 @@ import torch
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.btf import NotFiniteError
 from bench.codec import Parts
-from bench.conformance import stability
-from bench.conformance.stability.case import subject_of
-from bench.conformance.stability.data import ordinary
-from bench.conformance.stability.queries import Queries
+from bench.conformance import stress
+from bench.conformance.stress.case import subject_of
+from bench.conformance.stress.data import ordinary
+from bench.conformance.stress.queries import Queries
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, to_radiance
 from bench.training.decoder import Architecture, Decoder, load_vector, to_vector
 from bench.training.quantise import Precision, pack, unpack
 
-CASES = {case.name: case for case in stability.CASES}
+CASES = {case.name: case for case in stress.CASES}
 
 
 class Sound(MeanColour):
@@ -70,7 +70,7 @@ class Tiny(Sound):
         return self.material(unpack("mean", parts.texture), parts.decoder["weights"].float())
 
 
-def of(material, codec=Sound):
+def with_material(material, codec=Sound):
     """The sound codec with another material."""
     return type("Broken", (codec,), {"material": material})
 
@@ -82,7 +82,7 @@ def answers(fault):
         def evaluate(self, *queries):
             return fault(super().evaluate(*queries), Queries(*queries))
 
-    return of(Faulty)
+    return with_material(Faulty)
 
 
 def at(place):
@@ -92,7 +92,7 @@ def at(place):
         def evaluate(self, uv, *queries):
             return super().evaluate(place(uv), *queries)
 
-    return of(Faulty)
+    return with_material(Faulty)
 
 
 def replies(fault):
@@ -102,7 +102,7 @@ def replies(fault):
         def query(self, uv, wo, wi, footprint=None):
             return fault(super().query(uv, wo, wi, footprint), Queries(uv, wo, wi, footprint))
 
-    return of(Faulty)
+    return with_material(Faulty)
 
 
 def stores(mean):
@@ -343,13 +343,13 @@ BROKEN = {
         answers(lambda rgb, q: rgb * of_itself((q.wo + q.wi)[:, :2].norm(dim=1)[:, None])),
         NAN,
     ),
-    "light opposite to the view": (of(NoHorizon), "at --query"),
+    "light opposite to the view": (with_material(NoHorizon), "at --query"),
     "view at the zenith": (answers(lambda rgb, q: rgb + 1e-3 / (1 - q.wo[:, 2:] + 1e-6)), "answers, the first"),
     "light at the zenith": (answers(lambda rgb, q: rgb * of_itself(q.wi[:, :2].norm(dim=1)[:, None])), NAN),
     "view and light at the zenith": (answers(lambda rgb, q: rgb * of_itself(2 - (q.wo + q.wi)[:, 2:])), NAN),
-    "z = 0 and below": (of(AnswersTheHorizon), "at --query"),
-    "direction not of unit length": (of(Unchecked), "length 2 was answered"),
-    "uv = ±1e6": (of(ClampsFar), DIFFER),
+    "z = 0 and below": (with_material(AnswersTheHorizon), "at --query"),
+    "direction not of unit length": (with_material(Unchecked), "length 2 was answered"),
+    "uv = ±1e6": (with_material(ClampsFar), DIFFER),
     "uv = −0.0": (replies(lambda rgb, q: rgb * ~q.uv.signbit().any(1, keepdim=True)), DIFFER),
     "uv = 1 − 2⁻²⁴": (NO_WRAP, DIFFER),
     "footprint 0": (answers(lambda rgb, q: rgb + 1e-6 / (q.footprint[:, None] + 1e-12)), "answers, the first"),
@@ -360,12 +360,12 @@ BROKEN = {
     "batch of 2²² + 1": (replies(lambda rgb, q: rgb * (torch.arange(len(rgb)) < 1 << 22)[:, None]), DIFFER),
     # networks
     "stored texture × 1e4": (answers(lambda rgb, q: rgb.exp().log()), INF),
-    "weights at half's maximum": (of(Softmax, Tiny), NAN),
-    "layer norm of a constant vector": (of(NoEpsilon, Tiny), NAN),
-    "expm1 overflow": (of(Endless, Tiny), INF),
-    "sine of 1e5": (of(type("Sines", (TinyMaterial,), {"kind": HalfSine}), Tiny), NAN),
+    "weights at half's maximum": (with_material(Softmax, Tiny), NAN),
+    "layer norm of a constant vector": (with_material(NoEpsilon, Tiny), NAN),
+    "expm1 overflow": (with_material(Endless, Tiny), INF),
+    "sine of 1e5": (with_material(type("Sines", (TinyMaterial,), {"kind": HalfSine}), Tiny), NAN),
     "gradients at exact zero": (answers(lambda rgb, q: rgb.sqrt().square()), "a gradient of shape"),
-    "fp16, all of the above": (of(HalfGain), INF),
+    "fp16, all of the above": (with_material(HalfGain), INF),
     "bf16, all of the above": (answers(small_beside_one), NAN),
     "int8 texture, all of the above": (LastCodeMissing, "nan"),
     "fitted with a firefly (reported)": (OF_THE_PEAK, "as mean colours"),
@@ -390,12 +390,12 @@ BROKEN = {
 def verdict(codec, name, folder, monkeypatch):
     """The verdict on a codec; its files, which say mean-colour, decode with it."""
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
-    return stability.judge(CASES[name], subject_of(codec, folder))
+    return stress.judge(CASES[name], subject_of(codec, folder))
 
 
 def test_the_layer_that_gives_the_radiance_is_found_by_when_it_runs(tmp_path, monkeypatch):
-    found = verdict(of(FrameLast, Tiny), "expm1 overflow", tmp_path, monkeypatch)
-    assert (found.verdict, "inf" in found.detail) == ("fail", True), found
+    outcome = verdict(with_material(FrameLast, Tiny), "expm1 overflow", tmp_path, monkeypatch)
+    assert (outcome.verdict, "inf" in outcome.detail) == ("fail", True), outcome
 
 
 def test_every_row_of_the_catalogue_has_a_broken_codec():
@@ -404,15 +404,15 @@ def test_every_row_of_the_catalogue_has_a_broken_codec():
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_broken_codec_fails(name, tmp_path, monkeypatch):
-    codec, says = BROKEN[name]
-    found = verdict(codec, name, tmp_path, monkeypatch)
-    assert (found.verdict, bool(re.search(says, found.detail))) == ("fail", True), found
-    assert found.figure
+    codec, reason = BROKEN[name]
+    outcome = verdict(codec, name, tmp_path, monkeypatch)
+    assert (outcome.verdict, bool(re.search(reason, outcome.detail))) == ("fail", True), outcome
+    assert outcome.figure
 
 
 @pytest.mark.parametrize("sound", [Sound, Tiny])
 def test_the_same_codec_without_the_fault_passes(sound, tmp_path, monkeypatch):
     names = [name for name, (codec, _) in BROKEN.items() if issubclass(codec, Tiny) == (sound is Tiny)]
-    found = {name: verdict(sound, name, tmp_path, monkeypatch) for name in names}
-    short = {name: found for name, found in found.items() if found.verdict != "pass"}
+    outcomes = {name: verdict(sound, name, tmp_path, monkeypatch) for name in names}
+    short = {name: outcome for name, outcome in outcomes.items() if outcome.verdict != "pass"}
     assert set(short) <= {"a fit that diverges"}, short  # nothing is fitted here

@@ -1,7 +1,7 @@
 """Every pair of extreme pictures fails a metric and a loss that break in that way.
 
 `METRICS` and `LOSSES` name for each pair one that breaks there. All but the first find equal pictures equal, so that
-nothing else is wrong with them; the real metrics and losses pass every pair (`test_stability.py`).
+nothing else is wrong with them; the real metrics and losses pass every pair (`test_stress.py`).
 """
 
 from functools import partial
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.conformance.stability import metrics
+from bench.conformance.stress import metrics
 from bench.metrics.base import SliceMetric
 from bench.metrics.psnr import squared_error
 
@@ -144,15 +144,15 @@ def test_every_pair_of_pictures_has_a_broken_metric_and_a_broken_loss():
 def test_what_breaks_there_fails(name, kind):
     test = partial(metrics.scored, METRICS[name]) if kind == "metric" else partial(metrics.weighed, LOSSES[name])
     with np.errstate(all="ignore"):
-        found = metrics.judge(test, CASES[name])
-        assert found.verdict == "fail", found
-        assert found.figure in {"nan", "inf", "not finite"} or float(found.figure) > 0  # no exception: a wrong number
+        result = metrics.judge(test, CASES[name])
+        assert result.verdict == "fail", result
+        assert result.figure in {"nan", "inf", "not finite"} or float(result.figure) > 0  # no exception: a wrong number
         if name != "equal":
             assert metrics.judge(test, CASES["equal"]).verdict == "pass"
 
 
 def test_a_loss_without_a_gradient_fails():
-    found = metrics.judge(
+    result = metrics.judge(
         partial(metrics.weighed, lambda ours, target: (ours - target).square().mean().sqrt()), CASES["both black"]
     )
-    assert (found.verdict, found.figure) == ("fail", "not finite")
+    assert (result.verdict, result.figure) == ("fail", "not finite")

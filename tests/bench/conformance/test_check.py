@@ -12,10 +12,10 @@ import torch
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench import cli
 from bench.codec import Codec, Parts
-from bench.conformance import stability
+from bench.conformance import stress
 from bench.conformance.check import STAGES, encodes, framed
-from bench.conformance.stability import reference
-from bench.conformance.verdicts import check, of
+from bench.conformance.stress import reference
+from bench.conformance.verdicts import check, codec_to_check
 from bench.material import DecoderCost, Material
 from bench.records import FILE, append
 from bench.training.quantise import unpack
@@ -42,9 +42,9 @@ def test_our_codecs_keep_every_promise(name, monkeypatch):
     # The extremes are tried on every codec by the stress test, where they have a table of their own.
     learned = name not in ("mean-colour", "table", "pca")
     if learned:
-        monkeypatch.setattr(stability, "CASES", ())
-    results = list(check(of(name, {})))
-    assert len(results) == sum(map(len, STAGES)) + (0 if learned else sum(case.cheap for case in stability.CASES))
+        monkeypatch.setattr(stress, "CASES", ())
+    results = list(check(codec_to_check(name, {})))
+    assert len(results) == sum(map(len, STAGES)) + (0 if learned else sum(case.cheap for case in stress.CASES))
     assert [result for result in results if result.failure] == []
     told_apart = [result.note for result in results if result.name == framed.__doc__]
     assert all(told_apart) == (name == "mean-colour")
@@ -168,9 +168,9 @@ def test_the_first_failing_stage_is_the_last_and_names_the_authors_line_once(mon
     results = list(check(Raises()))
     assert [result.name for result in results if result.failure] == [encodes.__doc__]
     line = inspect.getsourcelines(Raises.encode)[1] + 1
-    said = "\n".join(result.failure for result in results)
-    assert said.count(f"{__file__}:{line}") == 1
-    assert "no_such_thing" in said
+    messages = "\n".join(result.failure for result in results)
+    assert messages.count(f"{__file__}:{line}") == 1
+    assert "no_such_thing" in messages
     assert len(results) == 1
 
 
@@ -181,8 +181,8 @@ def test_what_is_asked_again_and_again_is_shown(monkeypatch):
 
 
 def test_fits_are_short_unless_the_author_says_otherwise():
-    assert of("neubtf-direct", {}).settings.steps == 200
-    assert of("neubtf-direct", {"steps": "3000"}).settings.steps == 3000
+    assert codec_to_check("neubtf-direct", {}).settings.steps == 200
+    assert codec_to_check("neubtf-direct", {"steps": "3000"}).settings.steps == 3000
 
 
 class Flat(MeanColourMaterial):
@@ -231,19 +231,19 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("codec", "method", "says"), MISTAKES, ids=lambda given: getattr(given, "__qualname__", None))
 def test_a_first_mistake_names_the_method_its_line_and_what_is_due(codec, method, says, monkeypatch):
-    (said,) = failures(codec, monkeypatch).values()
+    (message,) = failures(codec, monkeypatch).values()
     code = method.__code__
-    assert said.startswith(f"{method.__qualname__} ({__file__}:{code.co_firstlineno}) answered ")
-    assert re.search(says, said), said
-    assert "\n" not in said
+    assert message.startswith(f"{method.__qualname__} ({__file__}:{code.co_firstlineno}) answered ")
+    assert re.search(says, message), message
+    assert "\n" not in message
 
 
 def test_a_decoder_that_raises_names_its_own_line(monkeypatch):
     def decode(self, parts, device):
         return MeanColourMaterial(parts.texture["no such"])
 
-    (said,) = failures(with_method("decode", decode), monkeypatch).values()
-    assert said == f"KeyError: 'no such' ({__file__}:{decode.__code__.co_firstlineno + 1})"
+    (message,) = failures(with_method("decode", decode), monkeypatch).values()
+    assert message == f"KeyError: 'no such' ({__file__}:{decode.__code__.co_firstlineno + 1})"
 
 
 class Gathers(MeanColour):

@@ -12,7 +12,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading, registry
 from bench.conformance import frame
-from bench.conformance.check import Bench, CheckError, framed
+from bench.conformance.check import CheckError, CodecUnderTest, framed
 from bench.metrics.display import to_display
 
 
@@ -27,7 +27,7 @@ def encoded(change):
     return Wrong
 
 
-def asked(change):
+def asked_otherwise(change):
     """The table whose material changes what it is asked: uv, ω_o, ω_i → the same."""
 
     class Wrong(Table):
@@ -60,7 +60,7 @@ def turned(view, light):
         wo, wi = (torch.stack([*turn(w[:, 0], w[:, 1]), w[:, 2]], 1) for turn, w in ((view, wo), (light, wi)))
         return uv, wo, wi
 
-    return asked(change)
+    return asked_otherwise(change)
 
 
 def both(turn):
@@ -76,7 +76,7 @@ def opposite(x, y):
 
 
 def moved(u, v):
-    return asked(lambda uv, wo, wi: (uv + torch.tensor([u, v]) / 16, wo, wi))
+    return asked_otherwise(lambda uv, wo, wi: (uv + torch.tensor([u, v]) / 16, wo, wi))
 
 
 def channels(*order):
@@ -87,7 +87,7 @@ PLANTED = {
     "upside down": encoded(lambda picture: picture[::-1]),
     "mirrored left to right": encoded(lambda picture: picture[:, ::-1]),
     "turned by 180°": encoded(lambda picture: picture[::-1, ::-1]),
-    "u and v exchanged": asked(lambda uv, wo, wi: (uv.flip(1), wo, wi)),
+    "u and v exchanged": asked_otherwise(lambda uv, wo, wi: (uv.flip(1), wo, wi)),
     "transposed": encoded(lambda picture: picture.transpose(1, 0, 2)),
     "by 90° to the left": encoded(lambda picture: np.rot90(picture, 1)),
     "by 90° to the right": encoded(lambda picture: np.rot90(picture, -1)),
@@ -100,7 +100,7 @@ PLANTED = {
     "order RBG": channels(0, 2, 1),
     "order GBR": channels(1, 2, 0),
     "order BRG": channels(2, 0, 1),
-    "ω_o and ω_i exchanged": asked(lambda uv, wo, wi: (uv, wi, wo)),
+    "ω_o and ω_i exchanged": asked_otherwise(lambda uv, wo, wi: (uv, wi, wo)),
     "φ + 180° for φ (ω": both(opposite),
     "−φ for φ": both(lambda x, y: (x, -y)),
     "180° − φ for φ": both(lambda x, y: (-x, y)),
@@ -122,13 +122,13 @@ PLANTED = {
 def test_a_wrong_arrangement_is_named(says, tmp_path, monkeypatch):
     monkeypatch.setattr(registry, "load_codec", lambda name, wanted_by="": PLANTED[says])
     with pytest.raises(CheckError, match="your answers fit better") as raised:
-        framed(Bench(PLANTED[says](), tmp_path))
+        framed(CodecUnderTest(PLANTED[says](), tmp_path))
     assert says in str(raised.value)
 
 
 def test_there_is_a_planted_codec_for_each_arrangement():
     for arrangement in frame.ARRANGEMENTS:
-        assert sum(says in arrangement.says for says in PLANTED) == 1, arrangement.says
+        assert sum(words in arrangement.description for words in PLANTED) == 1, arrangement.description
 
 
 def test_a_lossy_codec_is_found_out_as_well(tmp_path, monkeypatch):
@@ -138,14 +138,14 @@ def test_a_lossy_codec_is_found_out_as_well(tmp_path, monkeypatch):
 
     monkeypatch.setattr(registry, "load_codec", lambda name, wanted_by="": Wrong)
     with pytest.raises(CheckError, match="order BGR"):
-        framed(Bench(Wrong(components=1), tmp_path))
+        framed(CodecUnderTest(Wrong(components=1), tmp_path))
 
 
 def test_what_a_codec_does_not_tell_apart_is_said_and_no_failure(tmp_path):
-    note = framed(Bench(MeanColour(), tmp_path))
+    note = framed(CodecUnderTest(MeanColour(), tmp_path))
     assert "ω_o and ω_i exchanged" in note
     assert "upside down" not in note
-    assert framed(Bench(Table(), tmp_path / "table")) is None
+    assert framed(CodecUnderTest(Table(), tmp_path / "table")) is None
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -153,11 +153,11 @@ def test_no_seed_brings_a_codec_that_is_right_near_a_wrong_arrangement(seed, tmp
     """`vq` clusters at random: of the codecs here its answers come nearest."""
     btf = frame.material()
     header = container.save(tmp_path / f"a{container.SUFFIX}", VQ(), VQ().encode(btf, Fit(seed=seed)))
-    shares = frame.Found.of(loading.load(header.path)[1], btf).shares()
+    shares = frame.FrameAnswers.at_texel_centres(loading.load(header.path)[1], btf).shares()
     assert max(map(abs, shares.values())) < frame.RIGHT / 2
 
 
 def test_the_truth_is_told_apart_from_every_wrong_arrangement(tmp_path):
-    found = Bench(Table(), tmp_path).framed
-    assert max(map(abs, found.shares().values())) < 0.01
-    assert found.scale == pytest.approx(1, abs=1e-3)
+    answers = CodecUnderTest(Table(), tmp_path).frame_answers
+    assert max(map(abs, answers.shares().values())) < 0.01
+    assert answers.scale == pytest.approx(1, abs=1e-3)

@@ -94,9 +94,9 @@ def test_the_usual_names_are_recognised(tmp_path, name, role):
 def test_what_tells_the_same_is_left_out_and_said(tmp_path):
     for name in ("a_color", "a_NormalGL", "a_NormalDX", "a_rough", "a_metal", "a_arm", "a_ao", "a"):
         (tmp_path / f"{name}.jpg").touch()
-    found = recognise(tmp_path)
-    assert set(found.files) == {"albedo", "normal_gl", "roughness", "metalness"}
-    assert set(found.unused) == {"a_NormalDX.jpg", "a_arm.jpg", "a_ao.jpg", "a.jpg"}
+    maps = recognise(tmp_path)
+    assert set(maps.files) == {"albedo", "normal_gl", "roughness", "metalness"}
+    assert set(maps.unused) == {"a_NormalDX.jpg", "a_arm.jpg", "a_ao.jpg", "a.jpg"}
 
 
 def test_folders_that_cannot_be_baked_are_explained(tmp_path):

@@ -14,17 +14,17 @@ from bench.errors import InputError
 @pytest.fixture
 def btf():
     """12 × 12 texels, 6 views × 5 lights, the last pairs held out."""
-    made = tiny_btf(12, 6, 5)
-    return BTF(made.name, made.wo, made.wi, made.source, heldout=np.arange(30) >= 25, periodic=True)
+    tiny = tiny_btf(12, 6, 5)
+    return BTF(tiny.name, tiny.wo, tiny.wi, tiny.source, heldout=np.arange(30) >= 25, periodic=True)
 
 
 @pytest.mark.parametrize("name", ["a.npz", "folder"])
 def test_what_was_written_opens_and_is_the_same(tmp_path, btf, name):
-    told = []
-    write_btf(btf, tmp_path / name, lambda *says: told.append(says))
+    calls = []
+    write_btf(btf, tmp_path / name, lambda *says: calls.append(says))
     again = open_btf(tmp_path / name)
     assert again.periodic
-    assert told[-1] == ("writing", 30, 30)
+    assert calls[-1] == ("writing", 30, 30)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     far = np.abs(again.wo - btf.wo[:, None]).sum(2) + np.abs(again.wi - btf.wi[:, None]).sum(2)
     order = far.argmin(1)  # a folder sorts its pairs

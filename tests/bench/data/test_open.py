@@ -57,4 +57,4 @@ def test_what_the_data_declare_held_out_are_test_pairs(tmp_path):
 
 
 def test_a_name_too_long_for_a_file_is_no_path():
-    assert MaterialSpec("a", "x" * 4000).found() is None
+    assert MaterialSpec("a", "x" * 4000).existing() is None

@@ -81,9 +81,9 @@ def test_repair_from_the_command_line(tmp_path, capsys, caplog, monkeypatch):
     (tmp_path / "a.npz").write_bytes(content)
     command = ["encode", str(tmp_path / "a.npz"), "--codec", "mean-colour", "-o", str(tmp_path / "a.nbtf")]
     assert main(command) == 2
-    said = capsys.readouterr().err
-    assert f"radiance[{pair}]: 1 of 48 values are not finite" in said
-    assert "--repair" in said
+    message = capsys.readouterr().err
+    assert f"radiance[{pair}]: 1 of 48 values are not finite" in message
+    assert "--repair" in message
     assert not (tmp_path / "a.nbtf").exists()
     assert main([*command, "--repair"]) == 0
     assert (tmp_path / "a.nbtf").exists()

@@ -30,12 +30,12 @@ SKY = '[[lights]]\nkind = "environment"\nradiance = [1, 1, 1]\nsamples = 4\n'
 BALL = ABOVE[: ABOVE.index("[surface]")] + '[surface]\nshape = "sphere"\nradius = 0.5\nrepeat = [4, 2]\n'
 
 
-def of(text, limit=10**6):
+def demand_of(text, limit=10**6):
     return collect(TextScene(parse_scene("test", text)), limit)
 
 
 def test_a_plane_seen_from_above_has_the_picture_s_own_frame():
-    demand = of(ABOVE + SUN)
+    demand = demand_of(ABOVE + SUN)
     assert demand.frames == (1, 20, 40)
     assert len(demand) == 800
     pixel = 2 * np.tan(np.radians(20)) / 40 * 2  # scene units, at distance 2; the texture's period is 2
@@ -51,7 +51,7 @@ def test_a_plane_seen_from_above_has_the_picture_s_own_frame():
 
 
 def test_a_texture_keeps_its_shape_on_the_surface_and_a_footprint_is_in_its_longer_sides():
-    demand = of(ABOVE + SUN)
+    demand = demand_of(ABOVE + SUN)
     square, wide, high = (demand.uv(size) for size in ((8, 8), (4, 8), (8, 4)))
     np.testing.assert_allclose(wide, np.stack([square[:, 0], 2 * square[:, 1] % 1], 1), atol=1e-5)
     np.testing.assert_allclose(high, np.stack([2 * square[:, 0] % 1, square[:, 1]], 1), atol=1e-5)
@@ -75,18 +75,18 @@ def test_frames_follow_the_surface_and_a_footprint_is_the_step_to_the_next_pixel
     uv = uv.reshape(600, 1200, 2)
     steps = [np.linalg.norm(uv[1:, :-1] - uv[:-1, :-1], axis=-1), np.linalg.norm(uv[:-1, 1:] - uv[:-1, :-1], axis=-1)]
     expected = np.maximum(*steps).ravel()
-    found = np.full((600, 1200), np.nan)
-    found.ravel()[points.pixel] = points.footprint
-    found = found[:-1, :-1].ravel()
+    footprints = np.full((600, 1200), np.nan)
+    footprints.ravel()[points.pixel] = points.footprint
+    footprints = footprints[:-1, :-1].ravel()
     # Where the surface curves away, or wraps, the next pixel is not on the plane that touches it here.
-    straight = np.isfinite(expected) & np.isfinite(found) & (found < 0.02)
+    straight = np.isfinite(expected) & np.isfinite(footprints) & (footprints < 0.02)
     assert straight.sum() > 10_000
-    assert np.median(np.abs(found[straight] / expected[straight] - 1)) < 0.01
+    assert np.median(np.abs(footprints[straight] / expected[straight] - 1)) < 0.01
 
 
 @pytest.mark.parametrize("light", [SUN, LAMP])
 def test_the_sum_over_the_demand_is_the_picture_of_a_diffuser(light):
-    demand = of(ABOVE + light)
+    demand = demand_of(ABOVE + light)
     picture = demand.pictures(np.repeat(demand.wi[:, 2:] / np.pi, 3, 1))[0]
     pixel = 2 * np.tan(np.radians(20)) / 40 * 2
     x = (np.arange(40) - 19.5) * pixel
@@ -99,7 +99,7 @@ def test_the_sum_over_the_demand_is_the_picture_of_a_diffuser(light):
 
 
 def test_an_environment_lights_a_diffuser_evenly():
-    demand = of(ABOVE + SKY.replace("samples = 4", "samples = 64"))
+    demand = demand_of(ABOVE + SKY.replace("samples = 4", "samples = 64"))
     picture = demand.pictures(np.repeat(demand.wi[:, 2:] / np.pi, 3, 1))
     # A white diffuser under radiance 1 from all around sends back 1.
     assert picture.mean() == pytest.approx(1, abs=0.02)
@@ -107,7 +107,7 @@ def test_an_environment_lights_a_diffuser_evenly():
 
 def test_a_lamp_of_an_environment_sends_what_its_disc_does():
     lamp = "lamps = [{toward = [0, 0, 1], cone_deg = 5, radiance = [50, 50, 50]}]\n"
-    demand = of(ABOVE + SKY.replace("radiance = [1, 1, 1]\n", lamp))
+    demand = demand_of(ABOVE + SKY.replace("radiance = [1, 1, 1]\n", lamp))
     irradiance = 50 * np.pi * np.sin(np.radians(5)) ** 2
     picture = demand.pictures(np.repeat(demand.wi[:, 2:] / np.pi, 3, 1))
     assert picture.mean() * np.pi == pytest.approx(irradiance, rel=1e-2)
@@ -115,21 +115,21 @@ def test_a_lamp_of_an_environment_sends_what_its_disc_does():
 
 
 def test_a_limit_of_queries_casts_fewer_rays_with_the_picture_s_footprints():
-    whole, part = of(ABOVE + SUN), of(ABOVE + SUN, limit=200)
+    whole, part = demand_of(ABOVE + SUN), demand_of(ABOVE + SUN, limit=200)
     assert len(part) <= 200
     assert part.frames[1] < 20
     assert np.median(part.footprint) == pytest.approx(np.median(whole.footprint), rel=1e-3)
 
 
 def test_thinning_keeps_the_sum_of_the_weights():
-    demand = of(ABOVE + SUN)
+    demand = demand_of(ABOVE + SUN)
     thin = demand.thinned(300, np.random.default_rng(0))
     assert len(thin) == 300
     assert thin.weight.sum() == pytest.approx(demand.weight.sum(), rel=1e-5)
 
 
 def test_a_demand_is_read_as_it_was_written(tmp_path):
-    demand = of(ABOVE + LAMP + SUN)
+    demand = demand_of(ABOVE + LAMP + SUN)
     demand.save(tmp_path / "a.npz")
     read = demands.load(tmp_path / "a.npz")
     for name in ("place", "footprint", "weight", "pixel"):
@@ -145,8 +145,8 @@ def test_a_demand_is_read_as_it_was_written(tmp_path):
 
 
 def about(**changes):
-    says = {"format": 2, "frames": [1, 20, 40], "provenance": {"scene": "test"}} | changes
-    return np.frombuffer(json.dumps(says).encode(), np.uint8)
+    content = {"format": 2, "frames": [1, 20, 40], "provenance": {"scene": "test"}} | changes
+    return np.frombuffer(json.dumps(content).encode(), np.uint8)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def about(**changes):
     ],
 )
 def test_a_demand_of_wrong_types_or_absurd_sizes_is_refused_by_name(tmp_path, changes, message):
-    of(ABOVE + SUN).save(tmp_path / "a.npz")
+    demand_of(ABOVE + SUN).save(tmp_path / "a.npz")
     arrays = dict(np.load(tmp_path / "a.npz")) | changes
     np.savez(tmp_path / "a.npz", **{name: values for name, values in arrays.items() if values is not None})
     with pytest.raises(InputError, match=rf"a\.npz: not a demand: .*{message}"):
@@ -184,7 +184,7 @@ def test_a_demand_of_wrong_types_or_absurd_sizes_is_refused_by_name(tmp_path, ch
 
 
 def test_a_demand_without_queries_and_one_that_inflates_to_gigabytes_are_refused(tmp_path):
-    of(ABOVE + SUN).save(tmp_path / "a.npz")
+    demand_of(ABOVE + SUN).save(tmp_path / "a.npz")
     arrays = dict(np.load(tmp_path / "a.npz"))
     np.savez(tmp_path / "b.npz", **{name: v if name == "about" else v[:0] for name, v in arrays.items()})
     with pytest.raises(InputError, match=r"b\.npz: not a demand: 0 queries"):
@@ -218,15 +218,15 @@ def test_a_material_that_all_of_the_few_rays_miss_is_said_to_be_too_small():
 def test_a_huge_picture_asks_for_frames_that_fit_in_memory(monkeypatch):
     monkeypatch.setattr("bench.demand.collect.FRAME", 1 << 14)
     text = ABOVE.replace("width = 40", "width = 65_536").replace("height = 20", "height = 65_536")
-    demand = of(text.replace("position = [0, 0, 2]", "position = [0, 0, 100]") + SUN, limit=1000)
+    demand = demand_of(text.replace("position = [0, 0, 2]", "position = [0, 0, 100]") + SUN, limit=1000)
     assert demand.frames == (1, 128, 128)
 
 
 def test_a_newer_demand_is_refused(tmp_path):
-    of(ABOVE + SUN).save(tmp_path / "a.npz")
+    demand_of(ABOVE + SUN).save(tmp_path / "a.npz")
     arrays = dict(np.load(tmp_path / "a.npz"))
-    says = json.loads(arrays["about"].tobytes()) | {"format": 99}
-    np.savez(tmp_path / "a.npz", **arrays | {"about": np.frombuffer(json.dumps(says).encode(), np.uint8)})
+    content = json.loads(arrays["about"].tobytes()) | {"format": 99}
+    np.savez(tmp_path / "a.npz", **arrays | {"about": np.frombuffer(json.dumps(content).encode(), np.uint8)})
     with pytest.raises(InputError, match="format 99 is newer"):
         demands.load(tmp_path / "a.npz")
 
@@ -281,7 +281,7 @@ def test_a_newer_demand_is_refused(tmp_path):
 )
 def test_a_scene_that_will_not_do_says_why(text, message):
     with pytest.raises(InputError, match=message):
-        of(text)
+        demand_of(text)
 
 
 @pytest.mark.parametrize("name", sorted(shipped()))

@@ -22,8 +22,8 @@ from bench.conformance.check import tiny_btf
 from bench.demand.collect import collect
 from bench.demand.demand import Demand
 from bench.demand.fitting import Goal, Search, density_of, encode, sized, steps_of
-from bench.demand.judge import Judge
-from bench.demand.need import Need, needed_pairs
+from bench.demand.frame_scorer import FrameScorer
+from bench.demand.needed_part import NeededPart, needed_pairs
 from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
 from bench.errors import InputError
@@ -68,32 +68,32 @@ def loaded(codec, parts, folder):
 
 
 def test_a_near_scene_needs_a_window_of_the_texture_and_few_pairs():
-    need = Need.of(tiny_btf(64, 9, 9), demand(NEAR))
-    assert need.window.factor == 1
-    assert need.window.height < 40
-    assert need.window.width < 40
-    assert 9 <= len(need.pairs) <= 27
-    assert not need.whole
+    part = NeededPart.for_demand(tiny_btf(64, 9, 9), demand(NEAR))
+    assert part.window.factor == 1
+    assert part.window.height < 40
+    assert part.window.width < 40
+    assert 9 <= len(part.pairs) <= 27
+    assert not part.whole
 
 
 def test_a_far_scene_needs_nothing_fine():
-    asked = demand(FAR)
-    need = Need.of(tiny_btf(64, 9, 9), asked)
-    assert need.window.full
-    assert need.window.factor == int(np.percentile(asked.footprint, 1) * 64) > 2
+    queries = demand(FAR)
+    part = NeededPart.for_demand(tiny_btf(64, 9, 9), queries)
+    assert part.window.full
+    assert part.window.factor == int(np.percentile(queries.footprint, 1) * 64) > 2
 
 
 def test_a_demand_from_everywhere_needs_everything():
-    need = Need.of(tiny_btf(16, 6, 6), random_demand())
-    assert need.whole
-    assert need.views.sum() > 100
+    part = NeededPart.for_demand(tiny_btf(16, 6, 6), random_demand())
+    assert part.whole
+    assert part.views.sum() > 100
 
 
 @pytest.mark.parametrize("start", [0.0, 0.7])
 def test_a_window_maps_its_texels_onto_its_own_around_the_border_too(start):
-    btf, asked = tiny_btf(32, 4, 4), random_demand(200)
-    asked = replace(asked, place=((start + 0.4 * asked.place) % 1).astype(np.float32))
-    window = Need.of(btf, asked).window
+    btf, queries = tiny_btf(32, 4, 4), random_demand(200)
+    queries = replace(queries, place=((start + 0.4 * queries.place) % 1).astype(np.float32))
+    window = NeededPart.for_demand(btf, queries).window
     assert 12 <= window.height <= 17
     uv = texel_centres(32, 32)
     inside = window.holds(uv)
@@ -110,16 +110,16 @@ def test_a_window_maps_its_texels_onto_its_own_around_the_border_too(start):
 
 def test_a_texture_that_is_not_square_has_windows_and_samples_of_square_texels():
     """A scene sees as much of it along u as along v, in texels, and a footprint covers as many of them."""
-    btf, asked = tiny_btf(64, 4, 4).crop(0, 0, 32, 64), demand(NEAR)
-    whole, window = (Need.of(each, asked).window for each in (tiny_btf(64, 4, 4), btf))
+    btf, queries = tiny_btf(64, 4, 4).crop(0, 0, 32, 64), demand(NEAR)
+    whole, window = (NeededPart.for_demand(each, queries).window for each in (tiny_btf(64, 4, 4), btf))
     assert window.size == (32, 64)
     assert abs(window.height - whole.height) <= 1 or window.height == 32
     assert window.width == whole.width
     middle = replace(random_demand(1), place=np.float32([[0.5, 0.25]]), footprint=np.float32([8 / 64]))
     drawn = density_of(middle, btf.layout, Window.whole((32, 64)), 0.0)
-    found = drawn.draw(4000, (32, 64), torch.Generator().manual_seed(0)).texel
-    assert sorted({*(found // 64).tolist()}) == list(range(12, 20))
-    assert sorted({*(found % 64).tolist()}) == list(range(28, 36))
+    samples = drawn.draw(4000, (32, 64), torch.Generator().manual_seed(0)).texel
+    assert sorted({*(samples // 64).tolist()}) == list(range(12, 20))
+    assert sorted({*(samples % 64).tolist()}) == list(range(28, 36))
 
 
 def test_beyond_a_window_the_nearest_texel_of_it_answers():
@@ -130,12 +130,12 @@ def test_beyond_a_window_the_nearest_texel_of_it_answers():
 
 
 def test_queries_between_needed_directions_are_answered_as_the_whole_table_answers_them(tmp_path):
-    btf, asked = tiny_btf(16, 25, 25), demand(NEAR)
+    btf, queries = tiny_btf(16, 25, 25), demand(NEAR)
     full = Table().decode(Table().encode(btf, Fit()), torch.device("cpu"))
-    part = loaded(Table(), encode(Table(), btf, Fit(), asked), tmp_path)
-    columns = [torch.from_numpy(x) for x in (asked.uv(btf.shape), asked.wo, asked.wi, asked.footprint)]
+    part = loaded(Table(), encode(Table(), btf, Fit(), queries), tmp_path)
+    columns = [torch.from_numpy(x) for x in (queries.uv(btf.shape), queries.wo, queries.wi, queries.footprint)]
     difference = (full.query(*columns) - part.query(*columns)).abs().amax(1).numpy()
-    share = asked.importance
+    share = queries.importance
     # 0.1 % of the demand may lie outside what is kept; a half float is off by 5e-4 of a value.
     assert share[difference > 2e-3].sum() < 2e-3
     assert len(part.inner.values) < len(full.values) / 5
@@ -143,36 +143,36 @@ def test_queries_between_needed_directions_are_answered_as_the_whole_table_answe
 
 def test_one_direction_of_light_keeps_a_triangle_around_it():
     btf = tiny_btf(4, 4, 25)
-    asked = random_demand(100)
+    queries = random_demand(100)
     light = btf.layout.lights[7]
     lights = btf.layout.lights[
-        np.unique(btf.layout.light[needed_pairs(btf.layout, replace(asked, wi=np.repeat(light[None], 100, 0)))])
+        np.unique(btf.layout.light[needed_pairs(btf.layout, replace(queries, wi=np.repeat(light[None], 100, 0)))])
     ]
     assert 3 <= len(lights) <= 4
     assert np.abs(lights - light).sum(1).min() == 0
 
 
 def test_samples_follow_the_demand_and_a_share_is_uniform():
-    btf, asked = tiny_btf(32, 9, 9), demand(NEAR)
+    btf, queries = tiny_btf(32, 9, 9), demand(NEAR)
     window = Window.whole(btf.shape)
-    density = density_of(asked, btf.layout, window, 0.25)
+    density = density_of(queries, btf.layout, window, 0.25)
     samples = Samples(btf, 2.0, Fit(density=density))
     batch = samples.draw(20_000, torch.Generator().manual_seed(0))
     drawn = batch.pair >= len(btf)
     assert drawn.float().mean() == pytest.approx(0.75, abs=0.02)
-    seen = Need.of(btf, asked).window
+    seen = NeededPart.for_demand(btf, queries).window
     assert seen.holds(samples.centres(batch.texel[drawn])).float().mean() > 0.99
     assert seen.holds(samples.centres(batch.texel[~drawn])).float().mean() < 0.9
     wo = samples.wo[batch.pair[drawn]].mean(0).numpy()
-    np.testing.assert_allclose(wo, asked.importance @ asked.wo, atol=5e-3)
+    np.testing.assert_allclose(wo, queries.importance @ queries.wo, atol=5e-3)
     pair, texel = batch.pair[~drawn][:50], batch.texel[~drawn][:50]
     truth = np.stack([btf[int(p)].reshape(-1, 3)[int(t)] for p, t in zip(pair, texel, strict=True)])
     np.testing.assert_allclose(batch.target[~drawn][:50].expm1() / 2, truth, rtol=2e-3, atol=1e-4)
 
 
 def test_samples_between_pairs_are_what_the_table_interpolates():
-    btf, asked = tiny_btf(16, 9, 9), demand(NEAR)
-    samples = Samples(btf, 1.0, Fit(density=density_of(asked, btf.layout, Window.whole(btf.shape), 0.0)))
+    btf, queries = tiny_btf(16, 9, 9), demand(NEAR)
+    samples = Samples(btf, 1.0, Fit(density=density_of(queries, btf.layout, Window.whole(btf.shape), 0.0)))
     batch = samples.draw(500, torch.Generator().manual_seed(0))
     full = Table().decode(Table().encode(btf, Fit()), torch.device("cpu"))
     wo, wi = samples.wo[batch.pair], samples.wi[batch.pair]
@@ -196,25 +196,25 @@ def test_pairs_that_weigh_more_are_met_better():
 
 
 def test_queries_far_outside_are_counted_and_reported_once(tmp_path, caplog):
-    btf, asked = tiny_btf(32, 9, 9), demand(NEAR)
-    material = loaded(PCA(components=2), encode(PCA(components=2), btf, Fit(), asked), tmp_path)
+    btf, queries = tiny_btf(32, 9, 9), demand(NEAR)
+    material = loaded(PCA(components=2), encode(PCA(components=2), btf, Fit(), queries), tmp_path)
     assert isinstance(material, SceneMaterial)
-    inside = [torch.from_numpy(x) for x in (asked.uv(btf.shape), asked.wo, asked.wi, asked.footprint)]
+    inside = [torch.from_numpy(x) for x in (queries.uv(btf.shape), queries.wo, queries.wi, queries.footprint)]
     with caplog.at_level(logging.WARNING):
         material.query(*inside)
-        assert (material.asked, material.outside) == (len(asked), 0)
+        assert (material.asked, material.outside) == (len(queries), 0)
         for _ in range(2):
             material.query(inside[0] + 0.5, *inside[1:])
         material.query(inside[0], -inside[1] * torch.tensor([1.0, 1.0, -1.0]), *inside[2:])
-    assert material.outside == 3 * len(asked)
+    assert material.outside == 3 * len(queries)
     assert len(caplog.records) == 1
     assert "far outside the scene" in caplog.text
     assert "a.nbtf" in caplog.text
 
 
 def test_a_file_says_what_it_was_fitted_to_and_a_wrong_window_is_an_error(tmp_path):
-    btf, asked = tiny_btf(32, 9, 9), replace(demand(NEAR), fingerprint="ab" * 32)
-    parts = encode(PCA(components=2), btf, Fit(), asked, 0.2)
+    btf, queries = tiny_btf(32, 9, 9), replace(demand(NEAR), fingerprint="ab" * 32)
+    parts = encode(PCA(components=2), btf, Fit(), queries, 0.2)
     header = container.save(tmp_path / "a.nbtf", PCA(components=2), parts)
     assert header.scene["demand"] == "ab" * 32
     assert (header.scene["name"], header.scene["uniform"]) == ("test", 0.2)
@@ -241,26 +241,26 @@ def noisy_btf():
     return BTF("noisy", btf.wo, btf.wi, ArraySource(values), periodic=True)
 
 
-def search(tmp_path, asked, codec):
+def search(tmp_path, queries, codec):
     btf = noisy_btf()
-    return Search(codec, btf, Judge(btf, asked), Fit, tmp_path)
+    return Search(codec, btf, FrameScorer(btf, queries), Fit, tmp_path)
 
 
 def test_a_search_finds_the_smallest_that_does_as_well_as_the_full_model(tmp_path):
-    found = search(tmp_path, demand(NEAR), PCA(components=8)).run()
-    assert found.met
-    assert found.scene is not None
-    assert found.scene.psnr >= found.full.psnr - 0.2
-    assert found.scene.header.file_bytes < found.full.header.file_bytes / 2
-    assert "pairs lie around its directions" in found.why
+    result = search(tmp_path, demand(NEAR), PCA(components=8)).run()
+    assert result.met
+    assert result.scene is not None
+    assert result.scene.psnr >= result.full.psnr - 0.2
+    assert result.scene.header.file_bytes < result.full.header.file_bytes / 2
+    assert "pairs lie around its directions" in result.why
 
 
 def test_a_scene_that_needs_everything_gets_the_full_model(tmp_path):
-    found = search(tmp_path, random_demand(), Table()).run()
-    assert found.scene is None
-    assert found.chosen is found.full
-    assert found.met
-    assert found.why == "the scene needs everything"
+    result = search(tmp_path, random_demand(), Table()).run()
+    assert result.scene is None
+    assert result.chosen is result.full
+    assert result.met
+    assert result.why == "the scene needs everything"
 
 
 def test_a_target_is_met_or_the_best_is_given(tmp_path):
@@ -308,13 +308,12 @@ def test_levels_that_a_scene_never_touches_are_left_out_of_a_pyramid(tmp_path):
     btf, codec = tiny_btf(16, 6, 6), NeuMIP(steps=2, batch=64, offset=False)
     near, far = (random_demand(footprint=side / 16) for side in (1.0, 4.0))
     rows = {}
-    for name, asked in (("near", near), ("far", far)):
-        factor = Need.of(btf, asked, every_pair=True).window.factor
-        material = loaded(codec, encode(codec, btf, Fit(), asked), tmp_path)
+    for name, queries in (("near", near), ("far", far)):
+        factor = NeededPart.for_demand(btf, queries, every_pair=True).window.factor
+        material = loaded(codec, encode(codec, btf, Fit(), queries), tmp_path)
         rows[name] = (factor, material.inner.pyramid.levels)
-        assert (
-            material.query(*(torch.from_numpy(x) for x in (asked.uv(btf.shape), asked.wo, asked.wi))).isfinite().all()
-        )
+        columns = (torch.from_numpy(x) for x in (queries.uv(btf.shape), queries.wo, queries.wi))
+        assert material.query(*columns).isfinite().all()
     assert rows == {"near": (1, [(16, 16)]), "far": (4, [(4, 4)])}
     mixed = replace(near, footprint=np.where(np.arange(4000) % 2, 1 / 16, 3 / 16).astype(np.float32))
     material = loaded(codec, encode(codec, btf, Fit(), mixed), tmp_path)
@@ -329,11 +328,11 @@ def test_the_latents_of_a_scene_model_can_be_drawn(tmp_path, capsys):
 
 
 def test_every_codec_is_fitted_to_a_scene_without_a_change(tmp_path):
-    asked = demand(NEAR)
+    queries = demand(NEAR)
     codecs = [MeanColour(), VQ(codes=4), Rainer2019(steps=2, texels=4, pairs=4), NeuBTF(steps=2, batch=64)]
     for codec in codecs:
-        material = loaded(codec, encode(codec, tiny_btf(32, 6, 6), Fit(), asked), tmp_path)
-        columns = (torch.from_numpy(x) for x in (asked.uv((32, 32)), asked.wo, asked.wi, asked.footprint))
+        material = loaded(codec, encode(codec, tiny_btf(32, 6, 6), Fit(), queries), tmp_path)
+        columns = (torch.from_numpy(x) for x in (queries.uv((32, 32)), queries.wo, queries.wi, queries.footprint))
         assert material.query(*columns).isfinite().all()
         assert material.window.height < 20
         assert material.outside == 0

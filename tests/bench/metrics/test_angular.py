@@ -17,9 +17,9 @@ def mean(raw):
 
 def test_angles_come_back():
     theta, phi = np.array([0.5, 20, 60, 89]), np.array([0, 90, 200, 359])
-    found = direction(theta, phi)
-    np.testing.assert_allclose(theta_deg(found), theta, atol=1e-3)
-    np.testing.assert_allclose(phi_deg(found), phi, atol=1e-3)
+    directions = direction(theta, phi)
+    np.testing.assert_allclose(theta_deg(directions), theta, atol=1e-3)
+    np.testing.assert_allclose(phi_deg(directions), phi, atol=1e-3)
 
 
 def test_sixty_degrees_is_not_grazing_and_more_is():
@@ -46,16 +46,16 @@ def test_bins_leave_out_what_was_not_measured_and_what_is_not_finite():
 
 
 def test_a_polar_map_pools_each_cell():
-    found = polar_map(direction([50, 50, 50, 80], [0, 359, 91, 185]), np.array([1.0, 3, 5, 7]), mean)
-    assert found["theta_edges_deg"] == list(THETA_EDGES_DEG)
-    assert found["phi_centres_deg"][:4] == [0, 30, 60, 90]
-    assert found["value"][3][0] == 2
-    assert found["value"][3][3] == 5
-    assert found["value"][5][6] == 7
-    assert found["count"][3][0] == 2
-    assert np.sum(found["count"]) == 4
+    pooled = polar_map(direction([50, 50, 50, 80], [0, 359, 91, 185]), np.array([1.0, 3, 5, 7]), mean)
+    assert pooled["theta_edges_deg"] == list(THETA_EDGES_DEG)
+    assert pooled["phi_centres_deg"][:4] == [0, 30, 60, 90]
+    assert pooled["value"][3][0] == 2
+    assert pooled["value"][3][3] == 5
+    assert pooled["value"][5][6] == 7
+    assert pooled["count"][3][0] == 2
+    assert np.sum(pooled["count"]) == 4
 
 
 def test_the_pole_is_one_cell():
-    found = polar_map(direction([1, 5], [10, 200]), np.array([1.0, 2]), mean)
-    assert found["value"][0] == [pytest.approx(1.5)] * 12
+    pooled = polar_map(direction([1, 5], [10, 200]), np.array([1.0, 2]), mean)
+    assert pooled["value"][0] == [pytest.approx(1.5)] * 12

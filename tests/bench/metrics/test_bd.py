@@ -19,14 +19,14 @@ def raised(by):
 @st.composite
 def curves(draw):
     """Two rising curves with at least three quarters of each axis in common."""
-    found = []
+    both = []
     for _ in range(2):
         rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
         count = draw(st.integers(4, 8))
         rate = 10 ** (np.linspace(3, 5, count) + rng.uniform(-0.02, 0.02, count))
         quality = np.linspace(25, 45, count) + rng.uniform(-0.5, 0.5, count)
-        found.append(np.stack([rate, quality], 1))
-    return found
+        both.append(np.stack([rate, quality], 1))
+    return both
 
 
 @settings(derandomize=True, max_examples=60, deadline=None)
@@ -42,22 +42,22 @@ def test_deltas_are_those_of_the_oracle(both):
 
 def test_half_the_bytes_at_every_quality_is_minus_50_percent():
     halved = ANCHOR * [0.5, 1]
-    found = bd_rate(ANCHOR, halved)
-    assert found.value == pytest.approx(-50)
-    assert (found.low, found.high, found.overlap) == (30.0, 39.2, 1.0)
+    delta = bd_rate(ANCHOR, halved)
+    assert delta.value == pytest.approx(-50)
+    assert (delta.low, delta.high, delta.overlap) == (30.0, 39.2, 1.0)
     assert bd_rate(ANCHOR, ANCHOR).value == pytest.approx(0)
 
 
 def test_two_decibels_more_at_every_rate_are_two():
-    found = bd_psnr(ANCHOR, raised(2))
-    assert found.value == pytest.approx(2)
-    assert (found.low, found.high, found.overlap) == pytest.approx((1000, 16000, 1))
+    delta = bd_psnr(ANCHOR, raised(2))
+    assert delta.value == pytest.approx(2)
+    assert (delta.low, delta.high, delta.overlap) == pytest.approx((1000, 16000, 1))
 
 
 def test_the_overlap_says_what_the_delta_rests_on():
-    found = bd_rate(ANCHOR, raised(4.6))
-    assert (found.low, found.high) == (34.6, 39.2)
-    assert found.overlap == pytest.approx(4.6 / 13.8)
+    delta = bd_rate(ANCHOR, raised(4.6))
+    assert (delta.low, delta.high) == (34.6, 39.2)
+    assert delta.overlap == pytest.approx(4.6 / 13.8)
 
 
 def test_points_may_come_in_any_order():

@@ -43,6 +43,6 @@ def test_the_line_of_a_new_metric_is_all_that_scoring_it_takes(monkeypatch):
     btf = tiny_btf(16, 4, 4)
     scorer = Scorer(btf, metrics.chosen_names(["shadow"], btf.periodic))
     scores = scorer.score(range(3), lambda pair: btf[pair] * 0.9)
-    found = summarise(scores, btf.wo, btf.wi, {"all": np.arange(3)})["all"]["metrics"]
-    assert found["shadow"]["mean"] > 0
+    summary = summarise(scores, btf.wo, btf.wi, {"all": np.arange(3)})["all"]["metrics"]
+    assert summary["shadow"]["mean"] > 0
     assert metrics.label_of("shadow") == "shadow error"

@@ -39,7 +39,7 @@ def flip_map(reference, test, ppd=PPD, periodic=False):
 
 
 def oracle(reference, test, ppd=PPD):
-    found, _, _ = flip_evaluator.evaluate(
+    theirs, _, _ = flip_evaluator.evaluate(
         np.ascontiguousarray(reference, np.float32),
         np.ascontiguousarray(test, np.float32),
         "LDR",
@@ -47,7 +47,7 @@ def oracle(reference, test, ppd=PPD):
         computeMeanError=False,
         parameters={"ppd": ppd},
     )
-    return found[..., 0]
+    return theirs[..., 0]
 
 
 def textured(seed, height, width):
@@ -97,10 +97,10 @@ def test_flat_colours(one, other, mean):
 @given(seeds, sizes, sizes, st.booleans())
 def test_it_is_symmetric_bounded_and_zero_for_equal_pictures(seed, height, width, periodic):
     one, other = textured(seed, height, width)
-    found = flip_map(one, other, periodic=periodic)
-    assert (found == flip_map(other, one, periodic=periodic)).all()
-    assert (found >= 0).all()
-    assert (found <= 1).all()
+    flip = flip_map(one, other, periodic=periodic)
+    assert (flip == flip_map(other, one, periodic=periodic)).all()
+    assert (flip >= 0).all()
+    assert (flip <= 1).all()
     assert not flip_map(one, one, periodic=periodic).any()
 
 
@@ -119,16 +119,16 @@ def test_the_periodic_variant_is_flip_of_the_wrap_padded_picture(ppd, height, wi
 def test_the_periodic_variant_does_not_feel_a_periodic_shift(seed, height, width, down, right):
     reference, test = textured(seed, height, width)
     shifted = [np.roll(picture, (down, right), (0, 1)) for picture in (reference, test)]
-    found = np.roll(flip_map(reference, test, periodic=True), (down, right), (0, 1))
+    shifted_map = np.roll(flip_map(reference, test, periodic=True), (down, right), (0, 1))
     # Sums in another order, 1e-16, may pass through two square roots where nothing differs.
-    np.testing.assert_allclose(flip_map(*shifted, periodic=True), found, atol=1e-6)
+    np.testing.assert_allclose(flip_map(*shifted, periodic=True), shifted_map, atol=1e-6)
 
 
 def test_exposure_scales_before_the_clip():
     reference, test = (decode_srgb(picture) for picture in golden())
     metric = LDR()
-    found = metric.score(metric.prepare(reference * 4, 0.25), test * 4)
-    assert found == pytest.approx(0.2264356, abs=5e-8)
+    scaled = metric.score(metric.prepare(reference * 4, 0.25), test * 4)
+    assert scaled == pytest.approx(0.2264356, abs=5e-8)
 
 
 @pytest.mark.parametrize("ppd", [0.0, -3.0, np.nan, np.inf])

@@ -30,10 +30,10 @@ def textured(seed, height, width):
 
 
 def oracle(reference, test, **parameters):
-    found, _, used = flip_evaluator.evaluate(
+    theirs, _, used = flip_evaluator.evaluate(
         reference, test, "HDR", applyMagma=False, computeMeanError=False, parameters=parameters
     )
-    return found[..., 0], used
+    return theirs[..., 0], used
 
 
 def flip_map(metric, reference, test):
@@ -83,13 +83,13 @@ def test_golden_mean_and_range():
 
 @pytest.mark.parametrize(("curve", "root"), [("aces", 2.1188723), ("hable", 3.1277493), ("reinhard", 5.6666667)])
 def test_the_radiance_that_maps_to_0_85(curve, root):
-    found = CURVES[curve]().range_of(np.array([1.0, 1.0]))
-    assert 2**found.start == pytest.approx(root, abs=5e-8)
+    exposures = CURVES[curve]().range_of(np.array([1.0, 1.0]))
+    assert 2**exposures.start == pytest.approx(root, abs=5e-8)
 
 
 def test_the_range_uses_the_upper_median_and_the_maximum():
-    found = HDR().range_of(np.array([4.0, 1, 2, 8]))
-    assert found.stop - found.start == pytest.approx(1)  # log2(8 / 4)
+    exposures = HDR().range_of(np.array([4.0, 1, 2, 8]))
+    assert exposures.stop - exposures.start == pytest.approx(1)  # log2(8 / 4)
 
 
 @pytest.mark.parametrize(("width", "count"), [(0.0, 2), (1.5, 2), (2.0, 2), (2.01, 3), (6.5, 7)])
@@ -108,8 +108,8 @@ def test_a_reference_that_is_mostly_black_needs_a_range():
         with pytest.raises(InputError, match=r"reference is black.*start and stop"):
             HDR().prepare(black, 1.0)
         metric = HDR(start=-3.0, stop=0.0)
-        found = metric.score(metric.prepare(black, 1.0), test)
-        assert 0 < found <= 1
+        error = metric.score(metric.prepare(black, 1.0), test)
+        assert 0 < error <= 1
         assert metric.score(metric.prepare(black, 1.0), black) == 0
 
 

@@ -73,20 +73,20 @@ def test_the_byte_limit_changes_memory_and_no_number():
     roomy, tight = Scorer(btf), Scorer(btf, cache_bytes=0)
     expected = roomy.score(np.arange(40), lambda i: decoded[i])
     before = btf.source.read
-    found = tight.score(np.arange(40), lambda i: decoded[i])
-    found = tight.score(np.arange(40), lambda i: decoded[i])
+    scores = tight.score(np.arange(40), lambda i: decoded[i])
+    scores = tight.score(np.arange(40), lambda i: decoded[i])
     assert btf.source.read == before + 80
-    assert all((found.raw[name] == expected.raw[name]).all() for name in found.raw)
-    assert (found.abrdf == expected.abrdf).all()
+    assert all((scores.raw[name] == expected.raw[name]).all() for name in scores.raw)
+    assert (scores.abrdf == expected.abrdf).all()
 
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_numbers_do_not_depend_on_threads(threads):
     btf, decoded = make(40, (64, 64))
     expected = Scorer(btf, threads=2).score(np.arange(40), lambda i: decoded[i])
-    found = Scorer(btf, threads=threads).score(np.arange(40), lambda i: decoded[i])
-    assert all((found.raw[name] == expected.raw[name]).all() for name in found.raw)
-    assert (found.abrdf == expected.abrdf).all()
+    scores = Scorer(btf, threads=threads).score(np.arange(40), lambda i: decoded[i])
+    assert all((scores.raw[name] == expected.raw[name]).all() for name in scores.raw)
+    assert (scores.abrdf == expected.abrdf).all()
 
 
 def test_the_decoder_runs_in_the_calling_thread():
@@ -167,9 +167,9 @@ def test_hdr_flip_has_one_range_for_the_material():
     btf, decoded = make(6)
     scorer = Scorer(btf, ["flip_hdr_67ppd_periodic"])
     scores = scorer.score(np.arange(6), lambda i: decoded[i])
-    found = scores.raw["flip_hdr_67ppd_periodic"]
+    errors = scores.raw["flip_hdr_67ppd_periodic"]
     metric = scorer.metrics["flip_hdr_67ppd_periodic"]
-    assert found == pytest.approx([metric.score(metric.prepare(btf[i], 1.0), decoded[i]) for i in range(6)])
+    assert errors == pytest.approx([metric.score(metric.prepare(btf[i], 1.0), decoded[i]) for i in range(6)])
     assert scores.fixed == {"flip_hdr_67ppd_periodic": {"start": metric.range.start, "stop": metric.range.stop}}
 
 
@@ -236,9 +236,9 @@ def test_exact_slices_are_counted_and_left_out_of_the_mean():
     table = summarise(
         scores, btf.wo, btf.wi, {"all": np.arange(4), "equal": np.array([0, 1]), "none": np.array([], int)}
     )
-    found = table["all"]["metrics"]["psnr_display"]
-    assert (found["exact"], found["slices"]) == (2, 4)
-    assert found["mean"] == pytest.approx(-10 * np.log10(scores.raw["psnr_display"][2:]).mean())
+    psnr = table["all"]["metrics"]["psnr_display"]
+    assert (psnr["exact"], psnr["slices"]) == (2, 4)
+    assert psnr["mean"] == pytest.approx(-10 * np.log10(scores.raw["psnr_display"][2:]).mean())
     assert table["equal"]["metrics"]["psnr_display"]["pooled"] is None
     assert table["equal"]["metrics"]["psnr_display"]["largest"] is None
     assert all(stats["exact"] == 2 for stats in table["equal"]["metrics"].values())
@@ -256,12 +256,12 @@ def test_polar_maps_hold_every_scored_pair_once():
 
 def test_footprints_are_compared_with_box_filtered_truth():
     btf, decoded = make(shape=(16, 18))
-    found = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(btf[i], f), 0.5))
-    assert list(found) == ["1", "2", "4", "8"]
-    assert all(entry == {"psnr_display": None, "mean": None, "exact": 2, "slices": 2} for entry in found.values())
-    found = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(decoded[i], f), 0.5))
+    summary = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(btf[i], f), 0.5))
+    assert list(summary) == ["1", "2", "4", "8"]
+    assert all(entry == {"psnr_display": None, "mean": None, "exact": 2, "slices": 2} for entry in summary.values())
+    summary = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(decoded[i], f), 0.5))
     # Averaging removes independent noise, so the error falls with the footprint.
-    values = [entry["psnr_display"] for entry in found.values()]
+    values = [entry["psnr_display"] for entry in summary.values()]
     assert values == sorted(values)
     single = Scorer(btf, ["psnr_display"], exposure=0.5).score([1, 4], lambda i: decoded[i])
     assert values[0] == pytest.approx(-10 * np.log10(single.raw["psnr_display"].mean()), abs=1e-5)

@@ -67,7 +67,7 @@ def test_dr_jit_is_not_given_to_kernels_that_would_end_the_process(monkeypatch, 
     with pytest.raises(InputError, match="no usable LLVM"):
         llvm.drjit()
     if importlib.util.find_spec("mitsuba"):
-        from bench.data.bake import path_tracer
+        from bench.demand.mitsuba import path_tracer
 
         with caplog.at_level(logging.WARNING):
             assert path_tracer.fastest_variant() == "scalar_rgb"

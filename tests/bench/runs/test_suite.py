@@ -191,7 +191,7 @@ def test_a_path_is_looked_up_under_the_data_folder(tmp_path, monkeypatch):
     (tmp_path / "rti" / "icon").mkdir(parents=True)
     spec = named("rti/icon")
     assert (spec.name, spec.path) == ("icon", "rti/icon")
-    assert spec.found() == tmp_path / "rti" / "icon"
+    assert spec.existing() == tmp_path / "rti" / "icon"
     assert named("satin").path == ""
 
 

@@ -129,10 +129,10 @@ def test_the_description_on_disk_is_the_provenance(cache):
 
 def test_another_draw_renders_its_pairs_and_no_product(cache, monkeypatch):
     first = materials.load("satin", **SMALL, split="validation")
-    made = []
-    monkeypatch.setattr(store, "render", lambda maps, wo, *rest: made.append(len(wo)) or render(maps, wo, *rest))
+    rendered = []
+    monkeypatch.setattr(store, "render", lambda maps, wo, *rest: rendered.append(len(wo)) or render(maps, wo, *rest))
     tests = [materials.load("satin", **SMALL, split="test", draw=draw) for draw in (0, 1)]
-    assert made == [5, 5]
+    assert rendered == [5, 5]
     for btf in tests:
         np.testing.assert_array_equal(btf.wo[:12], first.wo[:12])
         assert btf.subset(btf.split().train).fingerprint == first.subset(first.split().train).fingerprint

@@ -171,9 +171,9 @@ def test_the_order_of_the_pairs_changes_nothing(rich):
 
 
 def test_progress_is_told_until_all_is_done(rich):
-    told = []
-    render(rich, *random_pairs(5), (4, 4), show=lambda label, done, total: told.append((done, total)))
-    assert told[-1] == (5, 5)
+    calls = []
+    render(rich, *random_pairs(5), (4, 4), show=lambda label, done, total: calls.append((done, total)))
+    assert calls[-1] == (5, 5)
 
 
 @pytest.mark.parametrize(

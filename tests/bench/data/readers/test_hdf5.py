@@ -32,32 +32,32 @@ def full(btf, pictures, samples, tmp_path):
 def test_a_file_of_one_direction_a_picture_is_read_from_the_bottom_row_up(full, btf, pictures):
     with h5py.File(full) as file:
         np.testing.assert_array_equal(file["ground_color"][:, 0], pictures[:, -1])
-    found = open_btf(full)
-    assert (found.name, found.shape, found.periodic) == (full.stem, btf.shape, False)
-    np.testing.assert_allclose(found.wo, btf.wo, atol=1e-6)
-    np.testing.assert_allclose(found.wi, btf.wi, atol=1e-6)
-    np.testing.assert_array_equal(np.stack(list(found)), pictures)
-    np.testing.assert_array_equal(found[3], pictures[3])
-    assert {"new view", "new light", "both new"} > set(found.split().heldout)
+    opened = open_btf(full)
+    assert (opened.name, opened.shape, opened.periodic) == (full.stem, btf.shape, False)
+    np.testing.assert_allclose(opened.wo, btf.wo, atol=1e-6)
+    np.testing.assert_allclose(opened.wi, btf.wi, atol=1e-6)
+    np.testing.assert_array_equal(np.stack(list(opened)), pictures)
+    np.testing.assert_array_equal(opened[3], pictures[3])
+    assert {"new view", "new light", "both new"} > set(opened.split().heldout)
 
 
 def test_the_file_of_random_directions_beside_it_is_the_test_split(full, btf, pictures, samples):
     rng = np.random.default_rng(0)
     wo, wi = uniform(rng, 3), uniform(rng, 3)
-    beside = full.with_name("real_felt_01_random_factor1.hdf5")
-    samples.write_hdf5(beside, wo, wi, pictures[4:7])
-    found = open_btf(full)
-    np.testing.assert_array_equal(np.flatnonzero(found.heldout), [12, 13, 14])
-    np.testing.assert_allclose(found.wo[12:], wo, atol=1e-6)
-    np.testing.assert_array_equal(found[13], pictures[5])
-    np.testing.assert_array_equal(found.crop(1, 2, 2, 3)[14], pictures[6, 1:3, 2:5])
-    assert found.provenance["heldout"] == f"the 3 pairs of {beside.name}"
-    assert found.fingerprint != open_btf(beside).fingerprint
-    assert len(open_btf(beside)) == 3
-    samples.write_hdf5(beside, wo, wi, pictures[4:7, :3])
+    heldout = full.with_name("real_felt_01_random_factor1.hdf5")
+    samples.write_hdf5(heldout, wo, wi, pictures[4:7])
+    opened = open_btf(full)
+    np.testing.assert_array_equal(np.flatnonzero(opened.heldout), [12, 13, 14])
+    np.testing.assert_allclose(opened.wo[12:], wo, atol=1e-6)
+    np.testing.assert_array_equal(opened[13], pictures[5])
+    np.testing.assert_array_equal(opened.crop(1, 2, 2, 3)[14], pictures[6, 1:3, 2:5])
+    assert opened.provenance["heldout"] == f"the 3 pairs of {heldout.name}"
+    assert opened.fingerprint != open_btf(heldout).fingerprint
+    assert len(open_btf(heldout)) == 3
+    samples.write_hdf5(heldout, wo, wi, pictures[4:7, :3])
     with pytest.raises(InputError, match=r"random_factor1\.hdf5: pictures of 6 x 3, but .*full.* has 6 x 5: move it"):
         open_btf(full)
-    samples.write_hdf5(beside, btf.wo[:1], btf.wi[:1], pictures[:1])
+    samples.write_hdf5(heldout, btf.wo[:1], btf.wi[:1], pictures[:1])
     with pytest.raises(InputError, match=r"random_factor1\.hdf5: pair 0: the same view and light as .*full.*: pair 0"):
         open_btf(full)
 
@@ -69,24 +69,24 @@ def test_all_floats_and_chunks_give_the_same_windows(full, btf, pictures, sample
     values = (pictures / 8).astype(dtype)
     packed = {} if chunks is None else {"chunks": chunks, "compression": "gzip", "shuffle": True}
     samples.write_hdf5(full, btf.wo, btf.wi, values, **packed)
-    found, expected = open_btf(full), values.astype(np.float32)
-    np.testing.assert_array_equal(np.stack(list(found)), expected)
-    np.testing.assert_array_equal(np.stack(list(found.subset([11, 2, 7, 0]))), expected[[11, 2, 7, 0]])
-    window = found.crop(1, 2, 3, 4)
+    opened, expected = open_btf(full), values.astype(np.float32)
+    np.testing.assert_array_equal(np.stack(list(opened)), expected)
+    np.testing.assert_array_equal(np.stack(list(opened.subset([11, 2, 7, 0]))), expected[[11, 2, 7, 0]])
+    window = opened.crop(1, 2, 3, 4)
     assert type(window.source) is hdf5.HDF5Source  # reads no more than the window
     np.testing.assert_array_equal(np.stack(list(window)), expected[:, 1:4, 2:6])
     np.testing.assert_array_equal(window.crop(1, 1, 2, 2)[5], expected[5, 2:4, 3:5])
-    around = found.crop(3, 4, 4, 4)
+    around = opened.crop(3, 4, 4, 4)
     np.testing.assert_array_equal(around[2], np.roll(expected[2], (-3, -4), (0, 1))[:4, :4])
-    assert len({found.fingerprint, window.fingerprint, around.fingerprint}) == 3
+    assert len({opened.fingerprint, window.fingerprint, around.fingerprint}) == 3
 
 
 def test_the_frame_is_right_where_the_file_was_written_as_it_is_read(samples, tmp_path):
     surface = tiny_btf(8, 25, 25)
     samples.write_hdf5(tmp_path / "a.hdf5", surface.wo, surface.wi, np.stack(list(surface)))
-    found = open_btf(tmp_path / "a.hdf5")
-    assert found.layout.grid is not None
-    lobe, known = mean_lobe(found), mean_lobe(surface)
+    btf = open_btf(tmp_path / "a.hdf5")
+    assert btf.layout.grid is not None
+    lobe, known = mean_lobe(btf), mean_lobe(surface)
     assert lobe.given == pytest.approx(known.given, abs=1e-5)
 
 
@@ -200,6 +200,6 @@ def test_without_h5py_the_message_names_the_extra(full, monkeypatch):
 
 def test_scattered_reads_agree_with_slices(full, pictures, tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    found = open_btf(full)
-    assert isinstance(found, BTF)
-    np.testing.assert_allclose(found.gather([3, 11], [0, 4], [5, 1]), pictures[[3, 11], [0, 4], [5, 1]], rtol=1e-3)
+    btf = open_btf(full)
+    assert isinstance(btf, BTF)
+    np.testing.assert_allclose(btf.gather([3, 11], [0, 4], [5, 1]), pictures[[3, 11], [0, 4], [5, 1]], rtol=1e-3)

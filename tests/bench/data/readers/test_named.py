@@ -36,9 +36,9 @@ def test_ubo2003_pictures_are_flat_codes_of_their_angles(request, tmp_path, made
     theta_i, phi_i = to_degrees(btf.wi)
     codes = np.round([2 * theta_i, np.round(phi_i) // 2, 2 * theta_o]).T
     for index, picture in enumerate(btf):
-        found = np.searchsorted(srgb_table(256), picture)
+        decoded = np.searchsorted(srgb_table(256), picture)
         # JPEG at quality 95 rounds in YCbCr: a few codes.
-        assert np.abs(found - codes[index]).max() <= 5
+        assert np.abs(decoded - codes[index]).max() <= 5
 
 
 def test_an_extracted_ubo2003_folder_reads_like_its_zip(tmp_path, samples):

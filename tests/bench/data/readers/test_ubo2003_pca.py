@@ -18,7 +18,7 @@ SIZE = 4
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def clone(tmp_path_factory):
     """A folder as a clone has it, and the sRGB codes (views, lights, row, column, colour) by the definition."""
     given = random_codes(SIZE)
     folder = write_ubo2003_pca(tmp_path_factory.mktemp("clone") / "felt" / "3_8", *given)
@@ -29,14 +29,14 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture
-def copy(made, tmp_path):
-    return shutil.copytree(made[0], tmp_path / "felt")
+def copy(clone, tmp_path):
+    return shutil.copytree(clone[0], tmp_path / "felt")
 
 
-def test_slices_and_scattered_reads_are_the_sums_of_the_codes(made, tmp_path, monkeypatch):
+def test_slices_and_scattered_reads_are_the_sums_of_the_codes(clone, tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
-    btf = open_btf(made[0])
-    codes = made[1].reshape(-1, SIZE, SIZE, 3)
+    btf = open_btf(clone[0])
+    codes = clone[1].reshape(-1, SIZE, SIZE, 3)
     assert codes.min() < 0 < 1 < codes.max()  # what is clipped is there
     expected = decode_srgb(np.clip(codes, 0, 1))
     rng = np.random.default_rng(0)
@@ -51,30 +51,30 @@ def test_slices_and_scattered_reads_are_the_sums_of_the_codes(made, tmp_path, mo
     assert not list(tmp_path.iterdir())  # nothing is unpacked
 
 
-def test_views_and_lights_are_those_of_ubo2003_in_its_order(made):
-    btf = open_btf(made[0])
+def test_views_and_lights_are_those_of_ubo2003_in_its_order(clone):
+    btf = open_btf(clone[0])
     assert (btf.shape, len(btf), btf.periodic) == ((SIZE, SIZE), 6561, False)
     np.testing.assert_array_equal(btf.wo.reshape(81, 81, 3)[:, 0], ubo2003())
     np.testing.assert_array_equal(btf.wi[:81], ubo2003())
     theta, phi = to_degrees(btf.wo[81 * 7])
     assert (round(float(theta)), round(float(phi))) == (30, 0)
     assert btf.provenance["source"] == "measured, re-coded by local PCA"
-    assert btf.provenance["native"]["bytes"] == sum(p.stat().st_size for p in made[0].glob("*.png"))
+    assert btf.provenance["native"]["bytes"] == sum(p.stat().st_size for p in clone[0].glob("*.png"))
     assert btf.provenance["native"]["rank"] == 8
 
 
-def test_opening_decodes_no_picture(made):
-    assert not {"components", "weights"} & set(vars(open_btf(made[0]).source))
+def test_opening_decodes_no_picture(clone):
+    assert not {"components", "weights"} & set(vars(open_btf(clone[0]).source))
 
 
-def test_a_material_has_one_name_and_fingerprint_wherever_it_lies(made, copy):
-    places = [made[0], made[0].parent, made[0] / "meta.json", copy, copy / "meta.json"]
-    found = [open_btf(place) for place in places]
-    assert {btf.name for btf in found} == {"felt"}
-    assert len({btf.fingerprint for btf in found}) == 1
+def test_a_material_has_one_name_and_fingerprint_wherever_it_lies(clone, copy):
+    places = [clone[0], clone[0].parent, clone[0] / "meta.json", copy, copy / "meta.json"]
+    btfs = [open_btf(place) for place in places]
+    assert {btf.name for btf in btfs} == {"felt"}
+    assert len({btf.fingerprint for btf in btfs}) == 1
     codes = random_codes(SIZE, seed=1)
     other = open_btf(write_ubo2003_pca(copy, *codes))
-    assert other.fingerprint != found[0].fingerprint
+    assert other.fingerprint != btfs[0].fingerprint
 
 
 @pytest.mark.parametrize("name", MEASURED)

@@ -1,0 +1,186 @@
+"""A case of the catalogue, the codec that it is tried on, and what came of it."""
+
+import dataclasses
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts, settings_dict
+from bench.codecs import container, loading, shared
+from bench.conformance.check import CheckError, CodecUnderTest, raised
+from bench.material import Material
+from bench.threads import torch_threads
+
+Array = np.ndarray
+
+# A fit of the catalogue is short: whichever of these knobs a codec has is turned down to this from its default. `check`
+# fits as it is told to.
+SHORT = {"steps": 200, "batch": 1024, "texels": 16}
+
+
+class NotApplicable(Exception):  # noqa: N818  (it is no error)
+    """The reason for which a case says nothing of a codec."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The result of a test that passed: a figure for the cell, the share of the bound that is used, and where."""
+
+    figure: str = ""
+    used: float | None = None
+    detail: str = ""
+
+
+Test = Callable[["Subject"], Measured | None]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row: what it is called, what must hold in one sentence, and the test.
+
+    The test raises `CheckError` with the figure that is wrong, or `NotApplicable` with a reason; else the case passed.
+    """
+
+    group: str
+    name: str
+    holds: str
+    test: Test
+    cheap: bool = False  # quick enough for `neubtf-bench check`
+
+
+@dataclass(frozen=True)
+class CaseVerdict:
+    """The verdict on a case: the figure in its cell, the detail or the reason; for `used` see `Measured`."""
+
+    verdict: Literal["pass", "fail", "n/a"]
+    figure: str = ""
+    detail: str = ""
+    used: float | None = None
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """A BTF that went through a codec file, and what was decoded from it."""
+
+    btf: BTF
+    material: Material
+
+    @cached_property
+    def truth(self) -> Array:
+        """The slices (N, H, W, 3), negative radiance counting as 0."""
+        return np.maximum(np.stack(list(self.btf)), 0)
+
+    @cached_property
+    def decoded(self) -> Array:
+        """The decoded slices (N, H, W, 3)."""
+        pairs = zip(self.btf.wo.tolist(), self.btf.wi.tolist(), strict=True)
+        return torch.stack([self.material.slice(wo, wi) for wo, wi in pairs]).numpy()
+
+
+@dataclass
+class Subject:
+    """A codec under stress: its conformance bench holds the ordinary small material, encoded once."""
+
+    tested: CodecUnderTest
+    stored: Parts | None = None  # tensors to look at in place of those of the ordinary material's file
+
+    @property
+    def fits(self) -> bool:
+        """Whether the codec is fitted in steps."""
+        return "steps" in vars(self.tested.codec.settings)
+
+    def codec(self, **changes: Any) -> Codec:
+        """The codec with some settings changed."""
+        return changed(self.tested.codec, **changes)
+
+    def answers(self, queries: Iterable[Tensor]) -> Tensor:
+        """The answers (n, 3) of the ordinary material to uv, ω_o, ω_i and footprints."""
+        return self.tested.material.query(*queries)
+
+    def fit(self) -> Fit:
+        """A new `Fit`, the same for each fit."""
+        return Fit(seed=1, network=self.tested.network)
+
+    def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
+        """Encode by the codec's fit, or one of `stretch` times its steps, write, read and decode."""
+        if stretch > 1 and self.fits:
+            changes = {"steps": stretch * self.tested.codec.settings.steps} | changes
+        codec, path = self.codec(**changes), self.tested.folder / f"stress{container.SUFFIX}"
+        container.save(path, codec, codec.encode(btf, self.fit()))
+        return Encoded(btf, loading.load(path, network=self.tested.network)[1])
+
+    @cached_property
+    def usual(self) -> Encoded:
+        """The ordinary material, encoded as the extremes are."""
+        return self.encode(self.tested.btf)
+
+    @cached_property
+    def brightest(self) -> float:
+        """The largest sample of the ordinary material."""
+        return float(max(picture.max() for picture in self.tested.btf))
+
+    @cached_property
+    def parts(self) -> Parts:
+        """The tensors of the ordinary material's file."""
+        if self.stored is not None:
+            return self.stored
+        return dataclasses.replace(container.read_parts(self.tested.header.path)[1], network=self.tested.network)
+
+    def decode(self, parts: Parts) -> Material:
+        """The material of some tensors, which need not be those of a file."""
+        return self.tested.codec.decode(parts, torch.device("cpu"))
+
+
+def subject_of(kind: type[Codec], folder: Path) -> Subject:
+    """A codec under stress with its default settings but for short fits; its files go into a folder.
+
+    One that shares a network over materials is tried with the one that is there, else with one trained in seconds.
+    """
+    network = None
+    if kind.network is not None and not shared.place(kind.name).exists():
+        network = kind.network().brief()
+    return Subject(CodecUnderTest(kind(**short(kind)), folder, network))
+
+
+def short(kind: type[Codec]) -> dict[str, Any]:
+    """The settings that make the fits of a codec short: `SHORT`, or its defaults where these are less."""
+    defaults = settings_dict(kind())
+    return {name: min(defaults[name], most) for name, most in SHORT.items() if name in defaults}
+
+
+def changed(codec: Codec, **changes: Any) -> Codec:
+    """The codec with some settings changed."""
+    return type(codec)(**settings_dict(codec) | changes)
+
+
+def judge(case: Case, subject: Subject) -> CaseVerdict:
+    """Try a case on a codec. Whatever a codec raises is its failure."""
+    try:
+        with torch_threads(1):
+            measured = case.test(subject) or Measured()
+        return CaseVerdict("pass", measured.figure, measured.detail, measured.used)
+    except NotApplicable as reason:
+        return CaseVerdict("n/a", "n/a", str(reason))
+    except CheckError as error:
+        return CaseVerdict("fail", error.figure or "failed", str(error))
+    except Exception as error:  # whatever a foreign codec raises is its failure, and the next case still runs
+        return CaseVerdict("fail", type(error).__name__, raised(error, subject.tested.codec))
+
+
+def applicable(condition: object, reason: str) -> None:
+    """`NotApplicable` for that reason unless the condition holds."""
+    if not condition:
+        raise NotApplicable(reason)
+
+
+def require(condition: object, figure: str, detail: str) -> None:
+    """`CheckError` with that figure unless the condition holds."""
+    if not condition:
+        raise CheckError(detail, figure)

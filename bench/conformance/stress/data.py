@@ -1,0 +1,313 @@
+"""Materials at the extremes: each is encoded, written, decoded and held against what it was.
+
+The bound is that of the catalogue: each texel's mean colour, which any codec can store, must not be better.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from bench.btf import BTF, ArraySource
+from bench.conformance.check import CheckError, tiny_btf
+from bench.conformance.stress.case import Case, Encoded, Measured, Subject, require
+from bench.data.repair import repaired
+from bench.errors import InputError
+from bench.hemisphere import from_degrees
+from bench.material import HALF_MAX
+from bench.metrics.display import LOG_SCALE, exposure_of, to_display, to_log1p
+from bench.metrics.psnr import psnr
+
+Array = np.ndarray
+
+CONSTANT = 0.1  # of a value; a codec that knows the mean alone is off by 1.5
+SAME_DB = 0.1  # two qualities within this are the same
+EXACT_DB = 70.0  # a codec this good is exact but for the rounding of its halves, 2⁻¹² of a value, which may differ
+
+
+@cache
+def ordinary() -> BTF:
+    """The conformance test's small material, 8 × 8 texels at 9 × 9 pairs."""
+    return tiny_btf()
+
+
+@cache
+def values() -> Array:
+    """The radiance (81, 8, 8, 3) of the ordinary material."""
+    stacked = np.stack(list(ordinary()))
+    stacked.setflags(write=False)
+    return stacked
+
+
+def material(radiance: Array, wo: Array | None = None, wi: Array | None = None) -> BTF:
+    """A BTF of radiance (N, H, W, 3), by default at the pairs of the ordinary material."""
+    wo, wi = ordinary().wo if wo is None else wo, ordinary().wi if wi is None else wi
+    return BTF("extreme", wo, wi, ArraySource(np.asarray(radiance, np.float32)), periodic=True)
+
+
+def one_pair() -> BTF:
+    """One picture of 5 × 5 texels, which a codebook of 32 entries can hold as well."""
+    return material(values()[40:41, :5, :5], ordinary().wo[40:41], ordinary().wi[40:41])
+
+
+def long_strip() -> BTF:
+    """3 × 1,001 texels at 3 × 3 pairs: no side is a power of two, none a multiple of the pattern."""
+    like = tiny_btf(views=3, lights=3)
+    return material(np.stack(list(like))[:, :3][:, :, np.arange(1001) % 8], like.wo, like.wi)
+
+
+def rank_one() -> BTF:
+    """One picture, brighter or darker by one number a pair."""
+    return material(values()[:1] * values()[:, 3:4, 4:5, 1:2])
+
+
+def scaled(factor: float) -> Callable[[], BTF]:
+    return lambda: material(values() * np.float32(factor))
+
+
+def half_maximum() -> BTF:
+    """A quarter of the texels at 65,504 in eight views of nine; all else is 0."""
+    radiance = np.zeros_like(values())
+    radiance[:-9, ::2, ::2] = HALF_MAX
+    return material(radiance)
+
+
+def random_highlights() -> BTF:
+    """Highlights of 65,504 on half of all samples, at random over texels and pairs."""
+    radiance = values().copy()
+    radiance[np.random.default_rng(0).random(radiance.shape[:3]) < 0.5] = HALF_MAX
+    return material(radiance)
+
+
+def beyond_half() -> BTF:
+    """1e6, which no half holds, in all views on 2 of 256 texels: so few that the rest sets the exposure."""
+    like = tiny_btf(16)
+    radiance = np.stack(list(like))
+    radiance[:, [3, 11], [5, 8]] = 1e6
+    return material(radiance)
+
+
+def two_constants() -> BTF:
+    """Two colours, left and right: what one bias cannot answer."""
+    radiance = np.full_like(values(), 0.5)
+    radiance[:, :, 4:] = 0.125
+    return material(radiance)
+
+
+def black_from_above() -> BTF:
+    """Black but for a quarter of the texels, and these but at grazing views: no picture from above tells them apart."""
+    radiance = np.zeros_like(values())
+    radiance[:, ::2, ::2] = values()[:, ::2, ::2]
+    radiance[ordinary().wo[:, 2] > 0.5] = 0
+    return material(radiance)
+
+
+def subnormal() -> BTF:
+    """Radiance below 2⁻¹⁴, in steps of 2⁻²⁴: halves without their leading bit."""
+    return material((values() * 2.0**-15).astype(np.float16))
+
+
+def firefly() -> BTF:
+    radiance = values().copy()
+    radiance[40, 3, 5] = HALF_MAX
+    return material(radiance)
+
+
+def negative_noise() -> BTF:
+    """Black texels among the others, with noise between −1e-3 and 0."""
+    radiance = values().copy()
+    radiance[:, ::2] = 0
+    return material(radiance - np.random.default_rng(0).uniform(0, 1e-3, radiance.shape))
+
+
+def pairs_twice() -> BTF:
+    like = ordinary()
+    return material(np.concatenate([values(), values()]), np.tile(like.wo, (2, 1)), np.tile(like.wi, (2, 1)))
+
+
+def zenith_views() -> BTF:
+    """One view, straight from above, and nine lights."""
+    like = ordinary()
+    chosen = np.flatnonzero(like.wo[:, 2] > 0.999)
+    return material(values()[chosen], like.wo[chosen], like.wi[chosen])
+
+
+def grazing_lights() -> BTF:
+    """Nine views, and nine lights at 89°, whose cosine is 0.017."""
+    low = from_degrees(np.full(9, 89.0), np.arange(9) * 40.0)
+    wi = np.tile(low, (9, 1))
+    return material(values() * (wi[:, 2] / ordinary().wi[:, 2])[:, None, None, None], None, wi)
+
+
+BROKEN = ((40, 3, 5, 0, np.nan), (40, 3, 6, 2, np.inf), (41, 0, 0, 1, -np.inf))  # pair, row, column, channel, value
+
+
+def not_finite() -> BTF:
+    radiance = values().copy()
+    for pair, row, column, channel, value in BROKEN:
+        radiance[pair, row, column, channel] = value
+    return material(radiance)
+
+
+def mean_squares(encoded: Encoded, ours: Array) -> dict[str, tuple[float, float]]:
+    """By space, the mean squared error of slices (N, H, W, 3) and the square of the peak."""
+    exposure = exposure_of(encoded.truth)
+    return {
+        "display": (float(np.square(to_display(ours, exposure) - to_display(encoded.truth, exposure)).mean()), 1.0),
+        "log": (
+            float(np.square(to_log1p(ours, exposure) - to_log1p(encoded.truth, exposure)).mean()),
+            math.log1p(LOG_SCALE) ** 2,
+        ),
+    }
+
+
+def quality(encoded: Encoded, ours: Array) -> dict[str, float]:
+    """By space, the PSNR in dB of slices (N, H, W, 3)."""
+    return {space: float(psnr(mse / peak, 1.0)) for space, (mse, peak) in mean_squares(encoded, ours).items()}
+
+
+def sound(encoded: Encoded) -> None:
+    """The decoded slices have the size of the material, and are finite and not negative."""
+    ours, wanted = (" × ".join(map(str, slices.shape[1:3])) for slices in (encoded.decoded, encoded.truth))
+    require(ours == wanted, ours, f"decoded slices are {ours} texels, those of the material {wanted}")
+    bad = ~(np.isfinite(encoded.decoded) & (encoded.decoded >= 0))
+    require(not bad.any(), f"{bad.sum()} bad", f"{bad.sum()} decoded values are negative or not finite")
+
+
+def bound(encoded: Encoded) -> dict[str, float]:
+    """By space, the mean squared error that is allowed: mean-colour's, or that of half a step of 8 bits."""
+    mean = np.broadcast_to(encoded.truth.mean(0, dtype=np.float64), encoded.truth.shape)
+    floor = mean_squares(encoded, mean)
+    return {space: max(mse * 10 ** (SAME_DB / 10), peak / 510**2) for space, (mse, peak) in floor.items()}
+
+
+def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
+    """Measure the error as a share of what each space allows; `CheckError` where it is larger."""
+    sound(encoded)
+    errors, used = mean_squares(encoded, encoded.decoded), 0.0
+    for space, (mse, peak) in errors.items():
+        ours, least = (float(psnr(x / peak, 1.0)) for x in (mse, allowed[space]))
+        require(mse <= allowed[space], f"{ours:.1f} dB", f"{space} PSNR {ours:.2f} dB, at least {least:.2f} dB is due")
+        used = max(used, mse / allowed[space])
+    return Measured(used=used)
+
+
+def no_worse(encoded: Encoded) -> Measured:
+    """no worse than mean-colour, or closer than half a step of 8 bits"""
+    return within(encoded, bound(encoded))
+
+
+def others_no_worse(encoded: Encoded) -> Measured:
+    """the other texels, by themselves, no worse than their mean colours"""
+    sound(encoded)
+    others = encoded.truth.max((0, 3)) < HALF_MAX
+    pairs, wo, wi = len(encoded.truth), encoded.btf.wo, encoded.btf.wi
+    apart = Encoded(material(encoded.truth[:, others].reshape(pairs, 1, -1, 3), wo, wi), encoded.material)
+    vars(apart)["decoded"] = encoded.decoded[:, others].reshape(pairs, 1, -1, 3)
+    return no_worse(apart)
+
+
+def constants_hold(encoded: Encoded) -> Measured:
+    """every value within 10 %"""
+    sound(encoded)
+    worst = float((np.abs(encoded.decoded - encoded.truth) / encoded.truth).max())
+    require(worst <= CONSTANT, f"{worst:.1%}", f"a value is off by {worst:.3%}")
+    return Measured(used=worst / CONSTANT)
+
+
+def clamped(encoded: Encoded) -> Measured:
+    """negative radiance is answered as 0; else no worse than mean-colour"""
+    return no_worse(encoded)
+
+
+def same_quality(factor: float) -> Callable[[Subject], None]:
+    def test(subject: Subject) -> None:
+        unscaled, scaled_one = subject.usual, subject.encode(scaled(factor)())
+        sound(scaled_one)
+        before, after = quality(unscaled, unscaled.decoded), quality(scaled_one, scaled_one.decoded)
+        for space, now in after.items():
+            lost = min(before[space], EXACT_DB) - min(now, EXACT_DB)
+            require(
+                abs(lost) <= SAME_DB,
+                f"{-lost:+.1f} dB",
+                f"{space} PSNR {now:.2f} dB, {before[space]:.2f} dB where the same data are not scaled",
+            )
+
+    return test
+
+
+def refused(subject: Subject) -> None:
+    try:
+        subject.encode(not_finite())
+    except InputError as error:
+        message = str(error)
+        count, place = (re.search(pattern, message) for pattern in (r"\d of [\d,]+ values", r"\(\d+, "))
+        require(count and place, "unclear", f"names no count and place: {message}")
+        return
+    raise CheckError("values that are not finite were encoded", "encoded")
+
+
+def stored_or_refused(subject: Subject) -> Measured:
+    """no worse than mean-colour, after five times the steps, or refused by an error that names them"""
+    try:
+        encoded = subject.encode(beyond_half(), stretch=5)
+    except InputError as error:
+        named = re.search(r"1e\+?0?6|1,?000,?000|65,?504", str(error))
+        require(named, "unclear", f"names no value and no limit: {error}")
+        return Measured("refused", detail=str(error))
+    return no_worse(encoded)
+
+
+def mended(subject: Subject) -> Measured:
+    btf = repaired(not_finite())
+    require("3 values" in str(btf.provenance), "silent", f"does not say what was masked: {btf.provenance}")
+    return no_worse(subject.encode(btf))
+
+
+def one_pair_holds(subject: Subject) -> Measured:
+    """no worse than mean-colour, exact here, or than the codec on the ordinary material, after three times its steps"""
+    usual, encoded = subject.usual, subject.encode(one_pair(), stretch=3)
+    # What is ordinary for the codec counts as far as it is better than mean-colour there.
+    limits, errors = bound(usual), mean_squares(usual, usual.decoded)
+    lossy = {space: min(errors[space][0] * 10 ** (SAME_DB / 10), limits[space]) for space in limits}
+    return within(encoded, {space: max(allowed, lossy[space]) for space, allowed in bound(encoded).items()})
+
+
+def data(
+    name: str, make: Callable[[], BTF], holds: Callable[[Encoded], Measured] = no_worse, cheap: bool = False
+) -> Case:
+    """A case: what it is called, how it is made, what must hold of it once it is decoded."""
+    return Case("data", name, holds.__doc__ or "", lambda subject: holds(subject.encode(make())), cheap)
+
+
+def scale(name: str, factor: float) -> Case:
+    holds = f"the quality of the same data unscaled, within {SAME_DB} dB (above {EXACT_DB:.0f} dB all are equal)"
+    return Case("data", name, holds, same_quality(factor))
+
+
+CASES = (
+    data("all zero", lambda: material(np.zeros_like(values())), cheap=True),
+    data("two constants", two_constants, constants_hold, cheap=True),
+    data("one texel", lambda: material(values()[:, :1, :1]), cheap=True),
+    Case("data", "one pair", one_pair_holds.__doc__ or "", one_pair_holds),
+    data("one row", lambda: material(values()[:, :1])),
+    data("3 × 1,001 texels", long_strip),
+    data("rank one", rank_one),
+    scale("scaled by 1e-8", 1e-8),
+    scale("scaled by 1e-4", 1e-4),
+    scale("scaled by 1e4", 1e4),
+    data("65,504 beside zeros", half_maximum),
+    data("random highlights of 65,504", random_highlights),
+    Case("data", "highlights of 1e6", stored_or_refused.__doc__ or "", stored_or_refused),
+    data("subnormal halves", subnormal),
+    data("one firefly texel", firefly, others_no_worse, cheap=True),
+    data("negative noise below 1e-3", negative_noise, clamped),
+    data("identical pairs twice", pairs_twice),
+    data("black seen from above", black_from_above),
+    data("views only at the zenith", zenith_views),
+    data("lights only at grazing", grazing_lights),
+    Case("data", "NaN and infinite texels", "an error that says how many and where", refused, cheap=True),
+    Case("data", "NaN texels, repaired", "masked, said so; no worse than mean-colour", mended),
+)

@@ -1,0 +1,195 @@
+"""What must hold of every decoder wherever it is asked, and of every fit however it goes."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import get_type_hints
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from bench.codec import Configured, settings_dict
+from bench.codecs import container, shared
+from bench.conformance import check
+from bench.conformance.check import CheckError
+from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, require
+from bench.conformance.stress.data import ordinary
+from bench.conformance.stress.networks import SHORT_FLOATS, sound
+from bench.conformance.stress.physics import CONSERVES, RECIPROCAL, energy, reciprocity
+from bench.conformance.stress.properties import DATA_HOLDS, QUERIES_HOLD, drawn_data, drawn_queries
+from bench.conformance.stress.queries import Queries, described, spread
+
+MANY = 10_000
+LINES, HALVINGS = 2_000, 20  # 2⁻²⁰ is 1e-6
+STEP = 1e-6  # a query moves by this …
+SLOPE = 100.0  # … and its answer by no more than this times the brightest sample a unit
+SHORT_STEPS = 16  # roundings that |Δ| may take: three layers of linear, norm, ω, sine and sum, and the fetch
+HIGH_RATE = 1e30
+SAYS_CONTINUOUS = f"moved by {STEP:g}, answers move by at most {SLOPE:g} × {STEP:g} of the brightest sample"
+
+
+def finite(subject: Subject) -> None:
+    """finite and not negative up to 89.9°"""
+    sound(subject.tested.material, queries=spread(MANY, 89.9, seed=5))
+
+
+def tilted(directions: Tensor, angle: float, seed: int) -> Tensor:
+    """Unit directions (n, 3) turned by an angle any way."""
+    generator = torch.Generator().manual_seed(seed)
+    random = torch.randn(directions.shape, generator=generator, dtype=torch.float64)
+    along = functional.normalize(random - directions * (random * directions).sum(1, keepdim=True), dim=1)
+    return functional.normalize(directions + angle * along, dim=1).float()
+
+
+def across_wrap() -> tuple[Queries, Queries]:
+    """Places just left and right, or below and above, of the border of the picture."""
+    queries = spread(MANY, 80.0, seed=8)
+    border = (torch.arange(MANY) % 2 == 0)[:, None] ^ torch.tensor([False, True])
+    sides = ((queries.uv * ~border + border * x).float() for x in (-STEP / 2, STEP / 2))
+    return queries._replace(uv=next(sides)), queries._replace(uv=next(sides))
+
+
+def across_zenith() -> tuple[Queries, Queries]:
+    """Views, or lights, just to both sides of the zenith, all around."""
+    queries = spread(MANY, 80.0, seed=9)
+    azimuth = torch.linspace(0, 2 * torch.pi, MANY, dtype=torch.float64)
+    offset = torch.stack([azimuth.cos(), azimuth.sin(), torch.zeros_like(azimuth)], 1) * STEP / 2
+    up, view = torch.tensor([0.0, 0.0, 1.0]), (torch.arange(MANY) % 2 == 0)[:, None]
+    here, there = ((up + sign * offset).float() for sign in (1, -1))
+    return (
+        queries._replace(wo=here.where(view, queries.wo), wi=queries.wi.where(view, here)),
+        queries._replace(wo=there.where(view, queries.wo), wi=queries.wi.where(view, there)),
+    )
+
+
+def at_samples() -> tuple[Queries, Queries]:
+    """The pairs of the data themselves, where the triangles of an interpolator meet, and just beside them."""
+    queries, btf = spread(MANY, 80.0, seed=10), ordinary()
+    pair = torch.arange(MANY) % len(btf)
+    wo, wi = (torch.from_numpy(w)[pair] for w in (btf.wo, btf.wi))
+    return queries._replace(wo=wo, wi=wi), queries._replace(wo=tilted(wo, STEP, 3), wi=tilted(wi, STEP, 4))
+
+
+def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) -> None:
+    here, there = make()
+    _moves_little(subject, here, there, (subject.answers(here) - subject.answers(there)).abs().amax(1))
+
+
+def _moves_little(subject: Subject, here: Queries, there: Queries, apart: Tensor) -> None:
+    worst, allowed = int(apart.argmax()), SLOPE * STEP * subject.brightest
+    require(
+        apart[worst] <= allowed,
+        f"{apart[worst]:.1g}",
+        f"the answer moves by {apart[worst]:.3g}, allowed {allowed:.3g}, between {described(here, worst)} and "
+        f"{described(there, worst)}",
+    )
+
+
+def no_jump(subject: Subject) -> None:
+    """Along random lines, halved again and again towards where the answer moves most: a jump on the way is found."""
+    start, rng = spread(LINES, 80.0, seed=6), np.random.default_rng(7)
+    end = spread(LINES, 80.0, seed=13)
+    uv = start.uv.double() + torch.from_numpy(rng.uniform(-0.5, 0.5, (LINES, 2)))
+
+    def at(share: Tensor) -> Queries:
+        share = share[:, None]
+        # Half way to the other direction at most: about as far as uv goes.
+        wo, wi = (
+            functional.normalize(a + 0.5 * share * (b - a), dim=1) for a, b in ((start.wo, end.wo), (start.wi, end.wi))
+        )
+        return Queries((start.uv + share * (uv - start.uv)).float(), wo.float(), wi.float(), start.footprint)
+
+    low, high = torch.zeros(LINES, dtype=torch.float64), torch.ones(LINES, dtype=torch.float64)
+    below, above = subject.answers(at(low)), subject.answers(at(high))
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        between = subject.answers(at(middle))
+        lower = (between - below).abs().amax(1) > (above - between).abs().amax(1)
+        low, high = low.where(lower, middle), middle.where(lower, high)
+        below, above = below.where(lower[:, None], between), between.where(lower[:, None], above)
+    _moves_little(subject, at(low), at(high), (above - below).abs().amax(1))
+
+
+def near_double(name: str, subject: Subject) -> Measured:
+    """Answers of short floats against float64's: |Δ| ≤ r · (|x| + mean), r = 16 roundings of that float."""
+    queries = spread(MANY, 89.0, seed=11)
+    double, ours = (
+        subject.decode(subject.parts).to(dtype=dtype).query(*queries).double()
+        for dtype in (torch.float64, SHORT_FLOATS[name])
+    )
+    r = SHORT_STEPS * torch.finfo(SHORT_FLOATS[name]).eps
+    excess = ((ours - double).abs() / (double.abs() + double.mean()) / r).amax(1)
+    worst = int(excess.nan_to_num(torch.inf).argmax())
+    short, exact = ours[worst].tolist(), double[worst].tolist()
+    where = f"{short}, {exact} in float64: {excess[worst]:.2f} of what is allowed, at {described(queries, worst)}"
+    require(excess[worst] <= 1, f"{excess[worst] * r:.1%}", where)
+    return Measured(used=float(excess[worst]), detail=where)
+
+
+def diverges(subject: Subject) -> None:
+    """A fit at an absurd learning rate says that it diverged, and leaves no file; so does that of a shared network."""
+    path = subject.tested.folder / f"diverged{container.SUFFIX}"
+    try:
+        _fit_wildly(subject, path)
+    except NotApplicable:
+        raise
+    except Exception as error:  # of whatever kind a codec raises: it must say what happened
+        message = str(error)
+        require("diverged" in message or "not finite" in message, "unclear", f"{type(error).__name__}: {message}")
+        left = [file.name for file in subject.tested.folder.glob(f"{path.stem}*")]
+        require(not left, "left a file", f"left {left}")
+        return
+    raise CheckError(f"a fit at a rate of {HIGH_RATE:g} ended as if nothing were wrong", "silent")
+
+
+def _fit_wildly(subject: Subject, path: Path) -> None:
+    codec, network = subject.tested.codec, subject.tested.codec.network
+    if wild := wild_rates(type(codec)):
+        wild_codec = subject.codec(**wild)
+        container.save(path, wild_codec, wild_codec.encode(ordinary(), subject.fit()))
+    elif network is not None and (wild := wild_rates(network)):
+        wild_network = network(**settings_dict(network().brief()) | wild)
+        shared.make(wild_network, check.others(ordinary()), subject.fit(), path)
+    else:
+        raise NotApplicable("no learning rate")
+
+
+def wild_rates(kind: type[Configured]) -> dict[str, float]:
+    """The learning rates among the settings, each far too high."""
+    kinds = get_type_hints(kind.Settings)  # without the ranges that types of settings may say
+    return {name: HIGH_RATE for name in kinds if kinds[name] is float and (name == "rate" or name.endswith("_rate"))}
+
+
+def same(test: Callable[[check.CodecUnderTest], None]) -> Callable[[Subject], None]:
+    return lambda subject: test(subject.tested)
+
+
+def invariant(name: str, holds: str, test: Test, cheap: bool = True) -> Case:
+    return Case("invariants", name, holds, test, cheap)
+
+
+CASES = (
+    invariant("10,000 random queries", finite.__doc__ or "", finite),
+    invariant("continuous anywhere", SAYS_CONTINUOUS, no_jump),
+    invariant("continuous at the samples", SAYS_CONTINUOUS, partial(continuous, at_samples)),
+    invariant("continuous across the wrap", SAYS_CONTINUOUS, partial(continuous, across_wrap)),
+    invariant("continuous across the zenith", SAYS_CONTINUOUS, partial(continuous, across_zenith)),
+    # `neubtf-bench check` has these two already.
+    invariant("size of a batch", check.batches.__doc__ or "", same(check.batches), cheap=False),
+    invariant("order of a batch", check.order.__doc__ or "", same(check.order), cheap=False),
+    *(
+        invariant(
+            f"{name} against fp64",
+            f"|Δ| ≤ r · (|x| + mean), r = {SHORT_STEPS} × {torch.finfo(dtype).eps:.2g}",
+            partial(near_double, name),
+        )
+        for name, dtype in SHORT_FLOATS.items()
+    ),
+    invariant("Helmholtz reciprocity (reported)", RECIPROCAL, reciprocity, cheap=False),
+    invariant("a fit that diverges", "says so, and leaves no file", diverges, cheap=False),
+    invariant("drawn queries", QUERIES_HOLD, drawn_queries, cheap=False),
+    invariant("drawn data", DATA_HOLDS, drawn_data, cheap=False),
+    invariant("directional albedo (reported)", CONSERVES, energy, cheap=False),
+)

@@ -1,0 +1,121 @@
+"""Metrics and losses at the extremes: pictures that are equal, black, white, one texel, HDR or negative."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import get_args
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench import metrics
+from bench.conformance.check import CheckError
+from bench.conformance.stress.case import CaseVerdict, require
+from bench.errors import InputError
+from bench.metrics.base import SliceMetric
+from bench.metrics.display import LOG_SCALE
+from bench.training.fitting import Loss, distance
+
+Array = np.ndarray
+SIDE = 16
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Two pictures (H, W, 3) of linear radiance, seen at an exposure of 1."""
+
+    reference: Array
+    test: Array
+
+
+def picture(seed: int = 0, side: int = SIDE) -> Array:
+    return np.random.default_rng(seed).random((side, side, 3)).astype(np.float32)
+
+
+def flat(value: float, side: int = SIDE) -> Array:
+    return np.full((side, side, 3), value, np.float32)
+
+
+def hdr(seed: int) -> Array:
+    """Radiance from 1e-8 to 1e6."""
+    return 10 ** (np.random.default_rng(seed).random((SIDE, SIDE, 3)).astype(np.float32) * 14 - 8)
+
+
+@dataclass(frozen=True)
+class PictureCase:
+    """A column: what it is called, the two pictures, and whether they are to be found equal (None: no matter)."""
+
+    name: str
+    make: Callable[[], Pictures]
+    equal: bool | None
+
+    @property
+    def holds(self) -> str:
+        """What must hold, in one sentence."""
+        words = {True: "exactly no error", False: "a finite number, and some error", None: "a finite number"}
+        return f"{words[self.equal]}; of losses the gradient, too"
+
+
+CASES = (
+    PictureCase("equal", lambda: Pictures(picture(), picture()), True),
+    PictureCase("both black", lambda: Pictures(flat(0), flat(0)), True),
+    PictureCase("both white", lambda: Pictures(flat(1), flat(1)), True),
+    PictureCase("black, seen white", lambda: Pictures(flat(0), flat(1)), False),
+    PictureCase("white, seen black", lambda: Pictures(flat(1), flat(0)), False),
+    PictureCase("one texel", lambda: Pictures(picture(0, 1), picture(1, 1)), False),
+    PictureCase("HDR", lambda: Pictures(hdr(0), hdr(1)), False),
+    PictureCase("HDR, equal", lambda: Pictures(hdr(0), hdr(0)), True),
+    PictureCase("negative as black", lambda: Pictures(flat(0), -picture()), True),
+    PictureCase("negative reference", lambda: Pictures(-picture(), flat(0)), True),
+)
+
+
+def scored(metric: SliceMetric, case: PictureCase) -> None:
+    """Score the pictures of a case. `CheckError` says what does not hold."""
+    pictures = case.make()
+    metric = metric.for_material(pictures.reference.reshape(-1, 3))
+    raw = metric.score(metric.prepare(pictures.reference, 1.0), pictures.test)
+    require(np.isfinite(raw), f"{raw}", f"the raw number is {raw}")
+    value = float(metric.values(np.array([raw]))[0])
+    require(not np.isnan(value), "NaN", "the number in its unit is not a number")
+    perfect = abs(raw - metric.perfect) <= 1e-12
+    if case.equal is not None:
+        require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}, a perfect one {metric.perfect}")
+
+
+def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None:
+    """Compute a loss of log radiances, ours and the target, and its gradient. `CheckError` says what does not hold."""
+    pictures = case.make()
+    target, ours = (
+        torch.from_numpy(np.maximum(x, 0)).mul(LOG_SCALE).log1p() for x in (pictures.reference, pictures.test)
+    )
+    ours.requires_grad_()
+    value = loss(ours, target)
+    value.backward()
+    assert ours.grad is not None
+    require(value.isfinite() and ours.grad.isfinite().all(), "not finite", "the loss or its gradient is not finite")
+    none = value.item() == 0 and not ours.grad.any()
+    if case.equal is not None:
+        require(none == case.equal, f"{value.item():.3g}", f"the loss is {value.item()!r}")
+
+
+def subjects() -> dict[str, Callable[[PictureCase], None]]:
+    """Every metric and loss by name."""
+    tests: dict[str, Callable[[PictureCase], None]] = {
+        name: partial(scored, metrics.get(name).load()) for name in metrics.examples()
+    }
+    return tests | {f"loss {loss}": partial(weighed, partial(distance, loss=loss)) for loss in get_args(Loss)}
+
+
+def judge(test: Callable[[PictureCase], None], case: PictureCase) -> CaseVerdict:
+    """Try a metric or a loss on two pictures; a picture that is too small for it is refused by name."""
+    try:
+        test(case)
+    except InputError as error:
+        return CaseVerdict("n/a", "n/a", str(error))
+    except CheckError as error:
+        return CaseVerdict("fail", error.figure or "failed", str(error))
+    except Exception as error:  # whatever a metric raises is its failure, and the next case still runs
+        return CaseVerdict("fail", type(error).__name__, f"{type(error).__name__}: {error}".splitlines()[0])
+    return CaseVerdict("pass")

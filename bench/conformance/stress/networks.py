@@ -1,0 +1,216 @@
+"""Numbers inside a decoder at the extremes: in its file, in its layers, in its gradients, in short floats.
+
+What stands here is done to any decoder: to the tensors of its file, and to the linear, norm and sine layers that its
+material holds.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from bench.conformance.check import CheckError
+from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, applicable, require
+from bench.conformance.stress.data import SAME_DB, firefly, ordinary
+from bench.conformance.stress.queries import Queries, described, grazing, spread
+from bench.material import HALF_MAX, Material
+from bench.metrics.display import exposure_of, to_display
+from bench.metrics.psnr import psnr
+from bench.training.decoder import Decoder
+
+SHORT_FLOATS = {"fp16": torch.float16, "bf16": torch.bfloat16}
+ARGUMENT = 1e5
+FINITE = "finite and not negative"
+
+
+def scaled_texture(subject: Subject) -> Material:
+    """The stored texture times 1e4; of eight bits, its scale and its offset."""
+    stored = subject.parts.texture
+    floats = {name: values.float() * 1e4 for name, values in stored.items() if values.is_floating_point()}
+    applicable(floats, "stores no numbers a texel, only indices")
+    return subject.decode(dataclasses.replace(subject.parts, texture=stored | floats))
+
+
+def largest_weights(subject: Subject) -> Material:
+    """Every stored weight at half's maximum, its sign kept."""
+    if subject.parts.network:
+        material = subject.decode(subject.parts)
+        for p in (p for network in material.modules() for p in network.parameters()):
+            p.data = p.sign() * HALF_MAX
+        return material
+    stored = subject.parts.decoder
+    floats = {name: values.sign() * HALF_MAX for name, values in stored.items() if values.is_floating_point()}
+    applicable(floats, "stores no decoder")
+    return subject.decode(dataclasses.replace(subject.parts, decoder=stored | floats))
+
+
+def of_kind(material: Material, kind: type) -> list[nn.Module]:
+    """Every layer of a kind in the networks of a material."""
+    return [layer for network in material.modules() for layer in network.modules() if isinstance(layer, kind)]
+
+
+@torch.no_grad()
+def constant_vector(subject: Subject) -> Material:
+    """Linear layers that answer one number in every channel, so that layer norms divide by a deviation of 0."""
+    material = subject.decode(subject.parts)
+    applicable(of_kind(material, nn.LayerNorm), "has no layer norm")
+    for layer in of_kind(material, nn.Linear):
+        assert isinstance(layer, nn.Linear)
+        layer.weight.zero_()
+        layer.bias.fill_(0.7)
+    return material
+
+
+@torch.no_grad()
+def large_arguments(subject: Subject) -> Material:
+    """Sines of arguments up to ±1e5, through the gain of the layer norm or the bias before them."""
+    material = subject.decode(subject.parts)
+    sines = [d for d in of_kind(material, Decoder) if isinstance(d, Decoder) and d.architecture.activation == "sine"]
+    applicable(sines, "has no sine")
+    for network in sines:
+        for layer in network.layers[:-1] if network.norms is None else network.norms:
+            bias = layer.get_parameter("bias")
+            bias.copy_(torch.linspace(-1, 1, len(bias)) * ARGUMENT / network.architecture.omega)
+    return material
+
+
+@torch.no_grad()
+def overflowing_level(subject: Subject) -> Material:
+    """A last layer that answers a log radiance of 1,000, of which expm1 is no float."""
+    material = subject.decode(subject.parts)
+    applicable(material.modules(), "has no network")
+    last = _answering(material)
+    applicable(last.bias is not None, "its last layer has no bias")
+    last.bias.fill_(1e3)
+    return material
+
+
+def _answering(material: Material) -> nn.Linear:
+    """The linear layer that gives the radiance: the last one to run, wherever it stands in its network."""
+    ran: list[nn.Linear] = []
+    layers = of_kind(material, nn.Linear)
+    hooks = [layer.register_forward_hook(lambda layer, *_: ran.append(layer)) for layer in layers]
+    material.query(*spread(1))
+    for hook in hooks:
+        hook.remove()
+    applicable(ran, "runs no linear layer")
+    return ran[-1]
+
+
+SPOILED: dict[str, Callable[[Subject], Material]] = {
+    "stored texture × 1e4": scaled_texture,
+    "weights at half's maximum": largest_weights,
+    "layer norm of a constant vector": constant_vector,
+    "sine of 1e5": large_arguments,
+    "expm1 overflow": overflowing_level,
+}
+
+
+def random_and_grazing() -> Queries:
+    """Random queries and grazing ones."""
+    some, low = spread(), spread(seed=1)
+    low = low._replace(wo=grazing(), wi=grazing(89.0))
+    return Queries(*(torch.cat(both) for both in zip(some, low, strict=True)))
+
+
+def sound(material: Material, what: str = "", queries: Queries | None = None) -> None:
+    """`CheckError` where a material answers something negative or not finite; by default `random_and_grazing`."""
+    queries = queries or random_and_grazing()
+    answers = material.query(*queries)
+    bad = ~(answers.isfinite() & (answers >= 0)).all(1)
+    if bad.any():
+        row = int(bad.nonzero()[0])
+        raise CheckError(f"{what}{answers[row].tolist()} at {described(queries, row)}", f"{int(bad.sum())} bad")
+
+
+def spoiled(make: Callable[[Subject], Material], subject: Subject) -> None:
+    sound(make(subject))
+
+
+def exact_sine(subject: Subject) -> None:
+    """The answers, and the sine itself: float32's against float64's of the same arguments."""
+    sound(large_arguments(subject))
+    x = torch.linspace(-ARGUMENT, ARGUMENT, 100_001)
+    worst = float((x.sin().double() - x.double().sin()).abs().max())
+    require(worst <= 2**-23, f"{worst:.1g}", f"the sine of arguments up to {ARGUMENT:g} is off by {worst:.3g}")
+
+
+def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
+    """The ordinary material and all that was spoiled answer soundly, as floats of a type where one is given."""
+    for name, make in {"ordinary": lambda s: s.decode(s.parts), **SPOILED}.items():
+        try:
+            material = make(subject)
+        except NotApplicable:
+            continue
+        sound(material.to(dtype=dtype) if dtype else material, f"{name}: ")
+
+
+def eight_bits(subject: Subject) -> None:
+    """Try `all_sound` with the texture stored at eight bits, where the codec can."""
+    settings = {field.name: str(field.type) for field in dataclasses.fields(subject.tested.codec.Settings)}
+    applicable("precision" in settings, "stores no eight bits")
+    codec = subject.codec(precision="int8")
+    all_sound(Subject(dataclasses.replace(subject.tested, codec=codec), codec.encode(ordinary(), subject.fit())))
+
+
+def gradients_at_zero(subject: Subject) -> None:
+    """Gradients of the answers where every stored number and every weight is exactly 0, the view at the zenith."""
+    material = subject.decode(subject.parts)
+    leaves: list[Tensor] = [p for network in material.modules() for p in network.parameters()]
+    for name, value in vars(material).items():
+        if isinstance(value, Tensor) and value.is_floating_point():
+            setattr(material, name, torch.zeros_like(value.float()).requires_grad_())
+            leaves.append(getattr(material, name))
+    for leaf in leaves:
+        leaf.data.zero_()
+    queries = spread()._replace(wo=torch.tensor([0.0, 0.0, 1.0]).expand(64, 3).clone())
+    inputs = [column.clone().requires_grad_() for column in queries]
+    material.evaluate(*inputs).sum().backward()
+    for leaf in (*leaves, *inputs):
+        if leaf.grad is not None:
+            require(leaf.grad.isfinite().all(), "not finite", f"a gradient of shape {tuple(leaf.shape)} is not finite")
+
+
+def trained_with_firefly(subject: Subject) -> Measured:
+    """Measure what the other texels lose to one firefly, in dB; they stay no worse than mean-colour."""
+    others = np.ones(ordinary().shape, bool)
+    others[3, 5] = False
+
+    def apart(texels: np.ndarray, theirs: np.ndarray) -> float:
+        exposure = exposure_of(theirs)
+        return float(np.square(to_display(texels, exposure) - to_display(theirs, exposure)).mean())
+
+    encoded, plain = subject.encode(firefly()), subject.usual
+    truth = plain.truth[:, others]
+    floor = apart(np.broadcast_to(truth.mean(0), truth.shape), truth)
+    before, after = (apart(e.decoded[:, others], truth) for e in (plain, encoded))
+    db = float(psnr(after, 1.0)), float(psnr(floor, 1.0))
+    require(
+        after <= floor * 10 ** (SAME_DB / 10),
+        f"{db[0]:.1f} dB",
+        f"the other texels have a PSNR of {db[0]:.2f} dB, {db[1]:.2f} dB as mean colours",
+    )
+    gained = round(db[0] - float(psnr(before, 1.0)), 1)
+    return Measured(f"{gained + 0.0:+.1f} dB")  # no minus before a zero
+
+
+def network(name: str, test: Test, holds: str = FINITE, cheap: bool = True) -> Case:
+    return Case("networks", name, holds, test, cheap)
+
+
+CASES = (
+    *(network(name, partial(spoiled, make)) for name, make in SPOILED.items() if make is not large_arguments),
+    network("sine of 1e5", exact_sine, f"{FINITE}; the sine of a float within 2⁻²³"),
+    network("gradients at exact zero", gradients_at_zero, "finite"),
+    *(network(f"{name}, all of the above", partial(all_sound, dtype=dtype)) for name, dtype in SHORT_FLOATS.items()),
+    network("int8 texture, all of the above", eight_bits, cheap=False),
+    network(
+        "fitted with a firefly (reported)",
+        trained_with_firefly,
+        "the other texels no worse than mean-colour; what they lose is reported",
+        cheap=False,
+    ),
+)

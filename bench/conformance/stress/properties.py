@@ -1,0 +1,124 @@
+"""Queries and materials drawn by Hypothesis, seeded; what fails is shrunk to the smallest case, given as a command."""
+
+import importlib.util
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+
+from bench.btf import BTF, ArraySource
+from bench.conformance.check import ROUNDING, CheckError
+from bench.conformance.stress.case import Subject, applicable, require
+from bench.conformance.stress.queries import BOUND, Queries, spread
+from bench.hemisphere import from_degrees, thin, ubo2003
+
+NUMBERS = 9  # of a query: u v, ω_o, ω_i, footprint
+QUERIES_HOLD = "finite, not negative, bounded, 0 below the horizon, periodic, the same alone as among others"
+DATA_HOLDS = "finite, not negative, at most twice the brightest sample"
+FITTED, CLOSED = 12, 60  # drawn materials for a codec that fits in steps, and for one that does not
+DRAWN = 200  # drawn queries
+
+
+def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
+    """The answer to one query, nine numbers as `described` writes them; `CheckError` where it breaks a promise."""
+    if len(numbers) != NUMBERS:
+        raise ValueError(f"a query has {NUMBERS} numbers: u v, ω_o, ω_i, footprint; not {len(numbers)}")
+    row = torch.tensor(numbers, dtype=torch.float32)
+    query = Queries(row[None, :2], row[None, 2:5], row[None, 5:8], row[8:])
+    material = subject.tested.material
+    answer = material.query(*query)[0]
+    listed = f"{answer.tolist()}"
+    require(answer.isfinite().all() and (answer >= 0).all(), "bad", f"{listed} is negative or not finite")
+    require((answer <= BOUND * subject.brightest).all(), f"{answer.max():.3g}", f"{listed}: a firefly")
+    if min(query.wo[0, 2], query.wi[0, 2]) <= 0:
+        require(not answer.any(), f"{answer.max():.3g}", f"{listed} below the horizon")
+    allowed = ROUNDING * max(1.0, subject.brightest)
+    # Sixteenths are exact in float32, here and three periods away.
+    place = query._replace(uv=(query.uv * 16).round().remainder(16) / 16)
+    there = place._replace(uv=place.uv + torch.tensor([3.0, -2.0]))
+    apart = (material.query(*there) - material.query(*place)).abs().max().item()
+    require(apart <= allowed, f"{apart:.2g}", f"three periods away the answer differs by {apart:.3g}")
+    among = Queries(*(torch.cat([column.flip(0), one]) for column, one in zip(spread(), query, strict=True)))
+    apart = (material.query(*among)[-1] - answer).abs().max().item()
+    require(apart <= allowed, f"{apart:.2g}", f"among others the answer differs by {apart:.3g}")
+    return answer.tolist()
+
+
+def drawn(height: int, width: int, views: int, lights: int, exponent: int, seed: int) -> BTF:
+    """A material of noise of that size, up to 10 to the power of `exponent`."""
+    directions = ubo2003()
+    wo, wi = (directions[thin(directions, count)] for count in (views, lights))
+    noise = np.random.default_rng(seed).random((views * lights, height, width, 3)) * 10.0**exponent
+    source = ArraySource(noise.astype(np.float32))
+    return BTF("drawn", np.repeat(wo, lights, 0), np.tile(wi, (views, 1)), source, periodic=True)
+
+
+def data_hold(subject: Subject, numbers: Sequence[int]) -> float:
+    """The largest decoded value of a material that `drawn` makes of six numbers; `CheckError` where one is off."""
+    encoded = subject.encode(drawn(*numbers), **({"steps": 10} if subject.fits else {}))
+    decoded, brightest = encoded.decoded, encoded.truth.max()
+    require(np.isfinite(decoded).all() and (decoded >= 0).all(), "bad", "a value is negative or not finite")
+    require(decoded.max() <= BOUND * brightest, f"{decoded.max() / brightest:.2g} ×", f"{decoded.max():.3g}: a firefly")
+    return float(decoded.max())
+
+
+def drawn_queries(subject: Subject) -> None:
+    """`query_holds` of drawn queries: any place, views and lights up to and below the horizon, any footprint."""
+    st = _hypothesis().strategies
+    places, angles = st.floats(-1e6, 1e6, width=32), st.tuples(st.floats(0, 100), st.floats(0, 360))
+    footprints = st.one_of(st.just(0.0), st.floats(2**-30, 10, width=32))
+    strategy = st.builds(_numbers, places, places, angles, angles, footprints)
+    _search(subject, "query", strategy, DRAWN, query_holds)
+
+
+def drawn_data(subject: Subject) -> None:
+    """`data_hold` of drawn materials: up to 5 × 5 texels and 4 × 4 pairs, from 1e-8 to 1e6."""
+    st = _hypothesis().strategies
+    side, few = st.integers(1, 5), st.integers(1, 4)
+    strategy = st.tuples(side, side, few, few, st.integers(-8, 6), st.integers(0, 1000))
+    _search(subject, "data", strategy, FITTED if subject.fits else CLOSED, data_hold)
+
+
+def _hypothesis() -> Any:
+    applicable(importlib.util.find_spec("hypothesis"), "needs hypothesis: pip install 'neubtf-bench[test]'")
+    return importlib.import_module("hypothesis")
+
+
+def _numbers(
+    u: float, v: float, view: tuple[float, float], light: tuple[float, float], footprint: float
+) -> tuple[float, ...]:
+    """A query of nine numbers from places, angles in degrees and a footprint."""
+    directions = (float(x) for angles in (view, light) for x in from_degrees(*angles))
+    return (u, v, *directions, footprint)
+
+
+def _search(subject: Subject, word: str, strategy: Any, count: int, holds: Callable[[Subject, Any], object]) -> None:
+    """Try drawn numbers; the smallest that fail are named as a command that tries them again."""
+    hypothesis, failing = _hypothesis(), []
+
+    @hypothesis.settings(
+        max_examples=count,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        suppress_health_check=list(hypothesis.HealthCheck),
+        phases=(hypothesis.Phase.generate, hypothesis.Phase.shrink),
+    )
+    @hypothesis.given(strategy)
+    def attempt(numbers: tuple[float, ...]) -> None:
+        try:
+            holds(subject, numbers)
+        except Exception as error:
+            failing.append((numbers, error))
+            raise
+
+    try:
+        attempt()
+    except Exception as raised:  # of whatever kind a codec raises; Hypothesis tries the smallest case last
+        if not failing:
+            raise
+        numbers, error = failing[-1]
+        listed = " ".join(f"{x:.9g}" for x in numbers)
+        again = f'neubtf-bench stress --codec {subject.tested.codec.name} --{word} "{listed}"'
+        raise CheckError(f"{error}: {again}", getattr(error, "figure", "") or type(error).__name__) from raised

@@ -1,0 +1,213 @@
+"""Queries at the extremes, asked of the ordinary material after it went through its file."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.conformance.check import ROUNDING, CheckError
+from bench.conformance.stress.case import Case, Subject, require
+from bench.errors import InputError
+from bench.hemisphere import from_angles, from_degrees, uniform
+
+COUNT = 64
+UP = torch.tensor([0.0, 0.0, 1.0])
+BOUND = 2.0  # an answer beyond so many times the brightest sample is a firefly
+LARGE = (1 << 22) + 1
+
+
+class Queries(NamedTuple):
+    """uv (n, 2), ω_o and ω_i (n, 3), footprint (n,)."""
+
+    uv: Tensor
+    wo: Tensor
+    wi: Tensor
+    footprint: Tensor
+
+    def rows(self, index: Tensor | slice) -> "Queries":
+        """Some of the queries."""
+        return Queries(*(column[index] for column in self))
+
+
+def spread(count: int = COUNT, theta_max_deg: float = 75.0, seed: int = 0) -> Queries:
+    """Random queries: one period of uv, directions uniform in solid angle, footprints up to an eighth."""
+    rng = np.random.default_rng(seed)
+    uv = torch.from_numpy(rng.random((count, 2), np.float32))
+    wo, wi = (torch.from_numpy(uniform(rng, count, theta_max_deg)) for _ in range(2))
+    return Queries(uv, wo, wi, torch.from_numpy(rng.random(count, np.float32) / 8))
+
+
+def grazing(theta_deg: float = 89.99) -> Tensor:
+    """Directions (n, 3) all around at one θ."""
+    return torch.from_numpy(from_degrees(np.full(COUNT, theta_deg), np.arange(COUNT) * 360.0 / COUNT))
+
+
+def barely_above() -> Tensor:
+    """Horizontal directions (n, 3) whose z is positive, and as small as float32 allows."""
+    flat = from_angles(np.full(COUNT, math.pi / 2), np.arange(COUNT) * 0.1)
+    flat[:, 2] = np.finfo(np.float32).smallest_subnormal
+    return torch.from_numpy(flat)
+
+
+def at(wo: Tensor | None = None, wi: Tensor | None = None) -> Callable[[], Queries]:
+    """Random queries with the view, the light or both put elsewhere."""
+
+    def make() -> Queries:
+        queries = spread()
+        view, light = (w if w is None else w.expand(COUNT, 3).clone() for w in (wo, wi))
+        return queries._replace(
+            wo=queries.wo if view is None else view, wi=queries.wi if light is None else light.roll(7, 0)
+        )
+
+    return make
+
+
+def bounded(subject: Subject, queries: Queries) -> None:
+    """finite, not negative, at most twice the brightest sample"""
+    answers = subject.answers(queries)
+    bad = ~(answers.isfinite() & (answers >= 0) & (answers <= BOUND * subject.brightest)).all(1)
+    if bad.any():
+        row = int(bad.nonzero()[0])
+        first, query_text = answers[row].tolist(), described(queries, row)
+        raise CheckError(f"{int(bad.sum())} answers, the first {first} at {query_text}", f"{answers[bad].max():.3g}")
+
+
+def dark(subject: Subject, queries: Queries) -> None:
+    """exactly 0"""
+    answers = subject.answers(queries)
+    lit = (answers != 0).any(1)
+    if lit.any():
+        row = int(lit.nonzero()[0])
+        raise CheckError(f"{answers[row].tolist()} at {described(queries, row)}", f"{answers.max():.3g}")
+
+
+def refused(subject: Subject, queries: Queries) -> None:
+    """an error that names the row; within 1e-3 of unit length it is answered"""
+    bad = queries.wo.clone()
+    bad[41] *= 2
+    try:
+        subject.tested.material.query(queries.uv, bad, queries.wi, queries.footprint)
+    except InputError as error:
+        require("row 41" in str(error), "no row", f"the error names no row: {error}")
+    else:
+        raise CheckError("a direction of length 2 was answered", "answered")
+    bounded(subject, queries._replace(wo=queries.wo * (1 + 5e-4)))
+
+
+def agree(subject: Subject, ours: Queries, theirs: Queries, tolerance: float = ROUNDING) -> None:
+    """Two sets of queries are answered alike within a tolerance relative to the brightest sample."""
+    answers, wanted = (subject.answers(queries) for queries in (ours, theirs))
+    apart = (answers - wanted).abs().amax(1)
+    worst, allowed = int(apart.argmax()), tolerance * subject.brightest
+    require(
+        apart[worst] <= allowed,
+        f"{apart[worst]:.2g}",
+        f"answers differ by {apart[worst]:.3g}, allowed {allowed:.3g}, at {described(ours, worst)}",
+    )
+
+
+def far_uv(subject: Subject) -> None:
+    """the answer at the same place of the first period"""
+    queries = spread()
+    there = torch.tensor([1e6, -1e6])
+    # At 1e6 a float32 has steps of 1/16: these places are exact there.
+    place = (torch.arange(COUNT)[:, None] * torch.tensor([1, 3]) % 16) / 16
+    agree(subject, queries._replace(uv=there + place), queries._replace(uv=place))
+
+
+def edge_uv(value: float) -> Callable[[Subject], None]:
+    def test(subject: Subject) -> None:
+        queries = spread()
+        uv, zero = queries.uv.clone(), queries.uv.clone()
+        uv[: COUNT // 2, 0], uv[COUNT // 2 :, 1] = value, value
+        zero[: COUNT // 2, 0], zero[COUNT // 2 :, 1] = 0.0, 0.0
+        agree(subject, queries._replace(uv=uv), queries._replace(uv=zero))
+
+    return test
+
+
+def footprint(size: float) -> Callable[[], Queries]:
+    return lambda: spread()._replace(footprint=torch.full((COUNT,), size))
+
+
+def batch_of(count: int) -> Callable[[Subject], None]:
+    """One batch of so many queries: few different ones, in turns, which are asked again in a small batch."""
+
+    def test(subject: Subject) -> None:
+        few = spread(1021, seed=3)
+        turns = torch.arange(count) % len(few.uv)
+        answers, wanted = subject.answers(few.rows(turns)), subject.answers(few)
+        require(answers.shape == (count, 3), str(tuple(answers.shape)), f"the answer is {tuple(answers.shape)}")
+        apart, allowed = (answers - wanted[turns]).abs().max().item() if count else 0.0, ROUNDING * subject.brightest
+        require(
+            apart <= allowed, f"{apart:.2g}", f"in another batch answers differ by {apart:.3g}, allowed {allowed:.3g}"
+        )
+
+    return test
+
+
+def described(queries: Queries, row: int) -> str:
+    """A query as `stress --query` takes it."""
+    numbers = torch.cat([column[row].reshape(-1).double() for column in queries])
+    return '--query "' + " ".join(f"{x:.9g}" for x in numbers.tolist()) + '"'
+
+
+def query(
+    name: str, make: Callable[[], Queries], holds: Callable[[Subject, Queries], None] = bounded, cheap: bool = True
+) -> Case:
+    """A case: what it is called, how the queries are made, what must hold of the answers."""
+    return Case("queries", name, holds.__doc__ or "", lambda subject: holds(subject, make()), cheap)
+
+
+def mirrored() -> Queries:
+    queries = spread()
+    return queries._replace(wi=queries.wo * torch.tensor([-1.0, -1.0, 1.0]))
+
+
+def opposite() -> Queries:
+    queries = spread()
+    return queries._replace(wi=-queries.wo)
+
+
+def same_directions() -> Queries:
+    queries = spread()
+    return queries._replace(wi=queries.wo)
+
+
+def below() -> Queries:
+    """Views and lights at z = 0, −0 and below, by turns."""
+    queries = spread()
+    side = torch.arange(COUNT) % 2 == 0
+    flat = grazing(90.0)
+    flat[:, 2] = torch.tensor([0.0, -0.0, -1e-30, 0.0]).repeat(COUNT // 4)
+    under = flat.where(torch.arange(COUNT)[:, None] % 4 < 3, queries.wo * torch.tensor([1.0, 1.0, -1.0]))
+    return queries._replace(wo=under.where(side[:, None], queries.wo), wi=under.where(~side[:, None], queries.wi))
+
+
+SAME_PLACE = "the answer at 0, within rounding"
+CASES = (
+    query("view at 89.99°", at(wo=grazing())),
+    query("light at 89.99°", at(wi=grazing())),
+    query("view and light at 89.99°", at(grazing(), grazing())),
+    query("view and light barely above z = 0", at(barely_above(), barely_above())),
+    query("ω_o = ω_i", same_directions),
+    query("light mirrored to the view", mirrored),
+    query("light opposite to the view", opposite, dark),
+    query("view at the zenith", at(wo=UP)),
+    query("light at the zenith", at(wi=UP)),
+    query("view and light at the zenith", at(UP, UP)),
+    query("z = 0 and below", below, dark),
+    query("direction not of unit length", spread, refused),
+    Case("queries", "uv = ±1e6", far_uv.__doc__ or "", far_uv, cheap=True),
+    Case("queries", "uv = −0.0", SAME_PLACE, edge_uv(-0.0), cheap=True),
+    Case("queries", "uv = 1 − 2⁻²⁴", SAME_PLACE, edge_uv(1 - 2**-24), cheap=True),
+    query("footprint 0", footprint(0.0)),
+    query("footprint 1e-9", footprint(1e-9)),
+    query("footprint 10", footprint(10.0)),
+    Case("queries", "batch of 0", "no answer", batch_of(0), cheap=True),
+    Case("queries", "batch of 1", "the answer is that in a larger batch", batch_of(1), cheap=True),
+    Case("queries", "batch of 2²² + 1", "the answers are those in a smaller batch", batch_of(LARGE)),
+)

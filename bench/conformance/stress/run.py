@@ -1,0 +1,108 @@
+"""Tries the catalogue on codecs, and the pictures on metrics and losses, as records."""
+
+import logging
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, as_completed
+from contextlib import contextmanager
+from pathlib import Path
+
+from bench.codec import Progress, silent
+from bench.codecs.registry import codec_entries, load_codec
+from bench.conformance.stress import CASES, metrics
+from bench.conformance.stress.case import Case, CaseVerdict, judge, subject_of
+from bench.errors import InputError, did_you_mean
+from bench.records import Record
+from bench.runs.executors import Workers
+
+PICTURES = "pictures"  # the group of the metrics' and losses' cases
+
+
+def chosen(codecs: Sequence[str], names: Sequence[str]) -> tuple[list[str], list[Case]]:
+    """The codecs, by default all that are installed, and the cases, by default all. `InputError` for unknown ones."""
+    known = {case.name: case for case in CASES}
+    for name in names:
+        if name not in known:
+            raise InputError(f"--case {name}: no such case{did_you_mean(name, known)} (see stress --list)")
+    kinds = [load_codec(name) for name in (codecs or sorted(codec_entries()))]
+    return [kind.name for kind in kinds], [known[name] for name in names] or list(CASES)
+
+
+def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Progress = silent) -> Iterator[Record]:
+    """A record for each codec and case, as workers finish: a codec's material cases are one task, the rest another."""
+    names = {case.name for case in cases}
+    tasks = [
+        (codec, [case.name for case in CASES if case.name in names and (case.group == "data") == of_data])
+        for of_data in (True, False)  # the longer ones first
+        for codec in codecs
+    ]
+    tasks = [(codec, wanted) for codec, wanted in tasks if wanted]
+    waiting: set[Future[list[Record]]] = set()
+    for number, task in enumerate(tasks):
+        show("stress", number - len(waiting), len(tasks))
+        waiting.add(workers.executor.submit(attempt, *task))  # waits for a worker that is free
+        for future in [future for future in waiting if future.done()]:
+            waiting.remove(future)
+            yield from future.result()
+    for left, future in enumerate(as_completed(waiting)):
+        show("stress", len(tasks) - len(waiting) + left, len(tasks))
+        yield from future.result()
+    show("stress", len(tasks), len(tasks))
+
+
+def attempt(codec: str, names: Sequence[str]) -> list[Record]:
+    """The records of some cases of one codec, in a folder of their own; what is logged on the way is not shown."""
+    kind = load_codec(codec)
+    with tempfile.TemporaryDirectory() as folder, _quiet():
+        subject = subject_of(kind, Path(folder))
+        cases = [case for case in CASES if case.name in names]
+        return [
+            _record(codec, case, *_timed(lambda case=case: judge(case, subject)))  # type: ignore[misc]
+            | {"version": kind.version, "order": CASES.index(case)}
+            for case in cases
+        ]
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
+def picture_records() -> Iterator[Record]:
+    """A record for each metric or loss and each pair of pictures."""
+    for name, test in metrics.subjects().items():
+        for case in metrics.CASES:
+            verdict, seconds = _timed(lambda test=test, case=case: metrics.judge(test, case))  # type: ignore[misc]
+            row = Case(PICTURES, case.name, case.holds, lambda _: None)
+            yield _record(name, row, verdict, seconds) | {"order": len(CASES) + metrics.CASES.index(case)}
+
+
+def _timed(call: Callable[[], CaseVerdict]) -> tuple[CaseVerdict, float]:
+    start = time.perf_counter()
+    return call(), time.perf_counter() - start
+
+
+def _record(subject: str, case: Case, verdict: CaseVerdict, seconds: float) -> Record:
+    """A line of `records.jsonl`: `subject` is a codec, or of the group `pictures` a metric or a loss.
+
+    `used` is the share of the bound that a comparison with float64 uses, else None. Beside what stands here it says
+    `order`, the place in the catalogue, and of a codec `version`.
+    """
+    return {
+        "kind": "stress",
+        "subject": subject,
+        "group": case.group,
+        "extreme": case.name,
+        "holds": case.holds,
+        "verdict": verdict.verdict,
+        "figure": verdict.figure,
+        "detail": verdict.detail,
+        "used": verdict.used,
+        "seconds": seconds,
+    }

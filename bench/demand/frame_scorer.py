@@ -1,0 +1,117 @@
+"""Judges materials by a scene: compares frames of the decoded material with those of the reference table."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import torch
+
+from bench import metrics as registry
+from bench import records
+from bench.btf import BTF
+from bench.codec import Progress, silent
+from bench.demand.demand import Demand
+from bench.demand.pair_weights import pair_shares
+from bench.demand.truth import truth
+from bench.material import Material
+from bench.metrics.angular import as_number
+from bench.metrics.base import Prepared, SliceMetric
+from bench.metrics.display import exposure_of
+from bench.metrics.magma import magma
+
+Array = np.ndarray
+
+NAMES = registry.default_names(periodic=False)  # a frame has borders
+PSNR, FLIP = (records.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
+
+
+def table_of(btf: BTF) -> BTF:
+    """The reference table of a BTF: all of it where its pairs form a product, else its training pairs, which do.
+
+    Held-out pairs scattered between the others would make the table that is interpolated an uneven one.
+    """
+    return btf if btf.layout.grid is not None else btf.subset(btf.split().train)
+
+
+@dataclass
+class FrameScorer:
+    """A scene with the frames of the reference table; scores any number of decoded materials."""
+
+    btf: BTF  # the reference table
+    demand: Demand
+    show: Progress = silent
+    prepared: dict[str, list[Prepared]] = field(default_factory=dict)
+
+    @cached_property
+    def truth(self) -> Array:
+        """The frames (frames, H, W, 3) of the reference table, linear RGB."""
+        return self.demand.pictures(truth(self.btf, self.demand, self.show))
+
+    @cached_property
+    def seen(self) -> Array:
+        """Mask (frames, H, W) of the pixels that show the material."""
+        mask = np.zeros(int(np.prod(self.demand.frames)), bool)
+        mask[self.demand.pixel] = True
+        return mask.reshape(self.demand.frames)
+
+    @cached_property
+    def exposure(self) -> float:
+        """The exposure of the frames, from the pixels that show the material."""
+        return exposure_of(self.truth[self.seen])
+
+    @cached_property
+    def shares(self) -> Array:
+        """The share (N,) of the demand on each pair of the reference table."""
+        return pair_shares(self.btf.layout, self.demand)
+
+    def frames(self, material: Material) -> Array:
+        """The frames (frames, H, W, 3) that a decoded material makes."""
+        columns = (self.demand.uv(self.btf.shape), self.demand.wo, self.demand.wi, self.demand.footprint)
+        queries = (torch.from_numpy(column).to(material.device) for column in columns)
+        return self.demand.pictures(material.query(*queries).cpu().numpy())
+
+    def score(self, material: Material, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
+        """Each metric of the frames over the pixels that show the material, pooled over frames.
+
+        A metric whose window is larger than a frame is left out; None stands for no error at all.
+        """
+        return self.compare(self.frames(material), names)
+
+    def compare(self, frames: Array, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
+        """Each metric of given frames (frames, H, W, 3), linear RGB; see `score`."""
+        scores = {}
+        for name in names:
+            metric = registry.get(name).load()
+            if min(self.demand.frames[1:]) >= metric.smallest:
+                sides = self._sides(name, metric)
+                maps = np.stack([metric.error_map(side, frame) for side, frame in zip(sides, frames, strict=True)])
+                values = maps[_inner(self.seen, maps.shape[1:])]
+                scores[name] = as_number(float(metric.values(values.mean()))) if len(values) else None
+        return scores
+
+    def _sides(self, name: str, metric: SliceMetric) -> list[Prepared]:
+        if name not in self.prepared:
+            self.prepared[name] = [metric.prepare(picture, self.exposure) for picture in self.truth]
+        return self.prepared[name]
+
+    def record(self, material: Material) -> dict[str, Any]:
+        """The fields of a job's record about the scene."""
+        return {
+            "name": self.demand.name,
+            "queries": len(self.demand),
+            "frames": list(self.demand.frames),
+            "exposure": self.exposure,
+            "metrics": self.score(material),
+        }
+
+    def flip_map(self, frames: Array) -> Array:
+        """The FLIP of the first of some frames, as a picture (H, W, 3) of 8 bits in magma."""
+        state = self._sides(FLIP, registry.get(FLIP).load())[0]
+        return np.round(magma(registry.get(FLIP).load().error_map(state, frames[0])) * 255).astype(np.uint8)
+
+
+def _inner(mask: Array, size: tuple[int, ...]) -> Array:
+    """The middle (frames, *size) of a mask: a metric with a window may answer nothing at the border."""
+    top, left = ((whole - part) // 2 for whole, part in zip(mask.shape[1:], size, strict=True))
+    return mask[:, top : top + size[0], left : left + size[1]]

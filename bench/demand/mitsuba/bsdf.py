@@ -1,0 +1,210 @@
+"""A Mitsuba 3 BSDF, `neubtf`, that answers from a codec file: any codec whose `evaluate` can be recorded.
+
+    <bsdf type="neubtf" id="cloth">
+        <string name="filename" value="satin.nbtf"/>
+        <float name="repeat" value="4"/>
+    </bsdf>
+
+`repeat` is how often the longer side of the texture fits in a unit of the shape's uv, so that texels are square where
+uv keep the proportions of the surface; across it the texture repeats as often as its shape has it. `two_sided` mirrors
+the material to the back, which is black otherwise. The frame is the shape's: u along `dp_du`, v to the side of `dp_dv`,
+the normal its shading normal. Answers are averaged over what a pixel covers there: `pixel_angle`, in radians, at the
+distance that a ray went, or the derivatives of uv where an integrator gives them, which it does not in the
+differentiable variants. Directions are drawn by the cosine, or from the file's lobes where `neubtf-bench sampling` has
+fitted some.
+"""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.btf import periods
+from bench.codecs.container import read_parts
+from bench.codecs.loading import load
+from bench.demand.demand import FARTHEST
+from bench.demand.mitsuba.lobes import Lobe, checked
+from bench.errors import InputError
+from bench.program.kernel import Kernel
+from bench.program.llvm import unusable
+from bench.program.recording import program_of
+
+NAME = "neubtf"
+VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
+
+
+def register() -> type:
+    """Make the plug-in known to Mitsuba's present variant: its class. `InputError` where that cannot run it."""
+    variant = mi.variant() or ""
+    if variant not in VARIANTS:
+        raise InputError(f"Mitsuba's variant {variant or 'none'} cannot run a codec: set {' or '.join(VARIANTS)}")
+    if variant.startswith("llvm") and (reason := unusable(plugins=True)):
+        raise InputError(reason)
+    mi.register_bsdf(NAME, _plugin(variant))
+    return _plugin(variant)
+
+
+class _Lobes:
+    """The lobes of a file, drawn from by Mitsuba's own GGX; see `bench.demand.mitsuba.lobes`."""
+
+    def __init__(self, stored: np.ndarray, repeat: tuple[float, float]):
+        self.cells, self.repeat = len(stored), repeat
+        lobe = Lobe.from_stored(torch.from_numpy(stored).reshape(-1, stored.shape[2]))
+        columns = [lobe.share, lobe.along, lobe.across, *(axis for axes in lobe.axes for axis in axes.T)]
+        self.columns = [mi.Float(column.numpy()) for column in columns]
+
+    def _at(self, si: Any) -> tuple[Any, Any, Any, list[Any]]:
+        """Share, roughnesses and axes where the texture is looked up."""
+        uv = _wrapped(si, self.repeat)
+        column = dr.minimum(mi.UInt32(uv.x * self.cells), self.cells - 1)
+        row = dr.minimum(mi.UInt32((1 - uv.y) * self.cells), self.cells - 1)
+        share, along, across, *rest = (dr.gather(mi.Float, each, row * self.cells + column) for each in self.columns)
+        return share, along, across, [mi.Vector3f(*rest[k : k + 3]) for k in (0, 3, 6)]
+
+    def share(self, si: Any, view: Any) -> Any:
+        """The probability of the lobe: 0 for a view from behind its normal."""
+        share, _, _, axes = self._at(si)
+        return dr.select(dr.dot(view, axes[2]) > 1e-4, share, 0)
+
+    def drawn(self, si: Any, view: Any, sample: Any) -> Any:
+        """A direction toward the light; below the horizon where the lobe reaches there."""
+        _, along, across, axes = self._at(si)
+        inside = mi.Vector3f(*(dr.dot(view, axis) for axis in axes))
+        normal, _ = _ggx(along, across).sample(inside, sample)
+        light = 2 * dr.dot(inside, normal) * normal - inside
+        return light.x * axes[0] + light.y * axes[1] + light.z * axes[2]
+
+    def density(self, si: Any, view: Any, light: Any) -> Any:
+        """The density of the drawn direction over solid angle."""
+        _, along, across, axes = self._at(si)
+        inside, out = (mi.Vector3f(*(dr.dot(each, axis) for axis in axes)) for each in (view, light))
+        half = dr.normalize(inside + out)
+        met = dr.dot(inside, half)
+        density = _ggx(along, across).pdf(inside, half) / (4 * met)
+        return dr.select((inside.z > 1e-4) & (met > 1e-4) & (half.z > 0), density, 0)
+
+
+def _wrapped(si: Any, repeat: tuple[float, float]) -> Any:
+    """Where in one period of the texture a surface is looked up, of so many periods in a unit of its u and of its v."""
+    uv = mi.Point2f(si.uv.x * repeat[0], si.uv.y * repeat[1])
+    return uv - dr.floor(uv)
+
+
+def _uv_of(si: Any, step: Any) -> Any:
+    """The change of uv of a step in the surface's frame, by least squares; 0 where the surface has no uv."""
+    step = si.sh_frame.to_world(step)
+    uu, uv, vv = dr.squared_norm(si.dp_du), dr.dot(si.dp_du, si.dp_dv), dr.squared_norm(si.dp_dv)
+    u, v, area = dr.dot(step, si.dp_du), dr.dot(step, si.dp_dv), uu * vv - uv * uv
+    return dr.select(area > 0, mi.Point2f(u * vv - v * uv, v * uu - u * uv) / area, 0)
+
+
+def _ggx(along: Any, across: Any) -> Any:
+    return mi.MicrofacetDistribution(mi.MicrofacetType.GGX, along, across, True)
+
+
+class _Answers:
+    """The plug-in in any variant; `_plugin` adds Mitsuba's own class."""
+
+    m_flags: Any
+    m_components: Any
+
+    def __init__(self, props: Any):
+        mi.BSDF.__init__(self, props)
+        self.file = Path(str(props["filename"]))
+        self.repeat = float(props.get("repeat", 1.0))
+        self.two_sided = bool(props.get("two_sided", False))
+        self.pixel_angle = float(props.get("pixel_angle", 0.0))
+        side = mi.BSDFFlags.FrontSide | (mi.BSDFFlags.BackSide if self.two_sided else mi.BSDFFlags.Empty)
+        flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.SpatiallyVarying | side
+        self.m_components, self.m_flags = [flags], flags
+        file = load(self.file)
+        across, up = periods(file.material.size)
+        self.periods = self.repeat * across, self.repeat * up
+        self.answer = Kernel(program_of(file.material), _arrays(mi.variant()))
+        self.draw_from(checked(read_parts(self.file)[1].sampling))
+
+    def draw_from(self, lobes: Tensor | None) -> None:
+        """Draw directions from lobes (cells, cells, 5) instead of the file's own; from None by the cosine."""
+        self.lobes = None if lobes is None else _Lobes(lobes.float().numpy(), self.periods)
+
+    def sample(self, context: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+        view = self._turned(si, si.wi)
+        toward = mi.warp.square_to_cosine_hemisphere(sample2)
+        if self.lobes:
+            toward = dr.select(sample1 < self.lobes.share(si, view), self.lobes.drawn(si, view, sample2), toward)
+        drawn = mi.BSDFSample3f(self._turned(si, toward))
+        drawn.pdf = self.pdf(context, si, drawn.wo, active)
+        drawn.eta, drawn.sampled_component = 1.0, 0
+        drawn.sampled_type = mi.UInt32(+mi.BSDFFlags.GlossyReflection)
+        active = active & (drawn.pdf > 0)
+        return drawn, dr.select(active, self.eval(context, si, drawn.wo, active) / drawn.pdf, 0)
+
+    def _turned(self, si: Any, direction: Any) -> Any:
+        """A direction of the surface's frame in the texture's, or back."""
+        # As of Mitsuba's spheres, where v runs against the frame's y: the texture is mirrored, and its relief with it.
+        mirrored = dr.dot(dr.cross(si.dp_du, si.dp_dv), si.sh_frame.n) < 0
+        turned = mi.Vector3f(direction.x, dr.select(mirrored, -direction.y, direction.y), direction.z)
+        if self.two_sided:
+            turned.z = dr.mulsign(turned.z, si.wi.z)
+        return turned
+
+    def eval(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        # Mitsuba's wi is toward the camera and its wo toward the light.
+        view, light = self._turned(si, si.wi), self._turned(si, wo)
+        active = active & (view.z > 0) & (light.z > 0)
+        # What is not asked may be no number, of which an index is none either: a division by it ends the process.
+        up = mi.Vector3f(0, 0, 1)
+        view, light = dr.select(active, view, up), dr.select(active, light, up)
+        uv = dr.select(active, _wrapped(si, self.periods), 0)
+        side = dr.select(active, dr.minimum(self.repeat * self._footprint(si), FARTHEST), 0)
+        rgb = self.answer([uv.x, uv.y], [view.x, view.y, view.z], [light.x, light.y, light.z], side)
+        return dr.select(active, dr.maximum(mi.Color3f(*rgb), 0), 0)
+
+    def _footprint(self, si: Any) -> Any:
+        """The longer side in uv of what a ray sees: of its derivatives, or of a cone as wide as a pixel."""
+        side = dr.maximum(dr.norm(si.duv_dx), dr.norm(si.duv_dy))
+        if not self.pixel_angle:
+            return side
+        # A circle across the ray is an ellipse on the surface, longer away from the viewer by 1 over the cosine.
+        slant = dr.maximum(dr.hypot(si.wi.x, si.wi.y), 1e-6)
+        away, across = mi.Vector3f(si.wi.x, si.wi.y, 0) / slant, mi.Vector3f(-si.wi.y, si.wi.x, 0) / slant
+        away = dr.select(slant > 1e-6, away, mi.Vector3f(1, 0, 0)) / dr.maximum(abs(si.wi.z), 1e-6)
+        across = dr.select(slant > 1e-6, across, mi.Vector3f(0, 1, 0))
+        for step in (away, across):
+            side = dr.maximum(side, dr.norm(_uv_of(si, si.t * self.pixel_angle * step)))
+        return side
+
+    def pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        view, light = self._turned(si, si.wi), self._turned(si, wo)
+        density = light.z / dr.pi
+        if self.lobes:
+            share = self.lobes.share(si, view)
+            density = (1 - share) * density + share * self.lobes.density(si, view, light)
+        return dr.select(active & (view.z > 0) & (light.z > 0), density, 0)
+
+    def eval_pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        return self.eval(context, si, wo, active), self.pdf(context, si, wo, active)
+
+    def traverse(self, callback: Any) -> None:
+        """Nothing of a codec file can be changed in a scene."""
+
+    def to_string(self) -> str:
+        return f"{NAME}[{self.file.name}, repeat={self.repeat:g}, two_sided={self.two_sided}]"
+
+
+@cache
+def _plugin(variant: str) -> type:
+    """The class of the plug-in: Mitsuba's classes are those of a variant, and take no second base."""
+    return type("NeuBTF", (mi.BSDF,), {name: value for name, value in vars(_Answers).items() if callable(value)})
+
+
+def _arrays(variant: str) -> Any:
+    import drjit.cuda
+    import drjit.llvm
+
+    return drjit.cuda.ad if variant.startswith("cuda") else drjit.llvm.ad

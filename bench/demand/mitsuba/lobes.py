@@ -1,0 +1,145 @@
+"""Lobes to draw light directions from: a small model of where a material reflects, fitted to what it answers.
+
+The texture is divided into cells. Each has a mixture of the cosine and one GGX lobe, whose visible normals are drawn
+about a tilted normal with two roughnesses, along u and across (Heitz, "Sampling the GGX Distribution of Visible
+Normals", JCGT 2018). The fit minimises the cross entropy to f_r · cos θ_i: any decoded material will do. The lobes
+change no answer; they only lessen the noise of a renderer that draws from them.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.codec import Progress, silent
+from bench.errors import ContainerError
+from bench.hemisphere import uniform
+from bench.material import Material
+
+NAME = "lobes"  # of the tensor (cells, cells, 5) in the part `sampling`
+CELLS, STEPS, RATE = 8, 150, 0.05
+VIEWS, LIGHTS = 4, 64  # of each cell in a step
+CHECKED = 512  # lights of each view that say whether a cell's lobe is worth it
+OFF = -20.0  # a share of none
+LOWEST_VIEW, LOWEST_LIGHT = 84.0, 89.9  # degrees from the normal: of what is fitted, and of what is lit at all
+LEAST_COSINE = 0.05  # share of the cosine in the mixture: no light is left out
+LEAST_ROUGHNESS = 0.03
+START = (0.0, -1.0, -1.0, 0.0, 0.0)  # as many of both, roughness 0.29, no tilt
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """The lobe of each query: share of the lobe, roughness along and across, and the axes (n, 3) it stands in."""
+
+    share: Tensor
+    along: Tensor
+    across: Tensor
+    axes: tuple[Tensor, Tensor, Tensor]
+
+    @classmethod
+    def from_stored(cls, raw: Tensor) -> "Lobe":
+        """From the five stored numbers (n, 5): any number is valid."""
+        share = (1 - LEAST_COSINE) * raw[:, 0].sigmoid()
+        along, across = (LEAST_ROUGHNESS + (1 - LEAST_ROUGHNESS) * raw[:, 1:3].sigmoid()).unbind(1)
+        x, y = raw[:, 3:].tanh().unbind(1)
+        normal = _unit(torch.stack([x, y, torch.ones_like(x)], 1))
+        first = _unit(torch.stack([1 - normal[:, 0] ** 2, *(-normal[:, 0:1] * normal[:, 1:]).unbind(1)], 1))
+        return cls(share, along, across, (first, torch.linalg.cross(normal, first), normal))
+
+    def density(self, wo: Tensor, wi: Tensor) -> Tensor:
+        """The density (n,) of drawing wi (n, 3) for wo (n, 3), both above the horizon, over solid angle."""
+        view, light = (torch.stack([(w * axis).sum(1) for axis in self.axes], 1) for w in (wo, wi))
+        half = _unit(view + light)
+        stretched = (half[:, 0] / self.along) ** 2 + (half[:, 1] / self.across) ** 2 + half[:, 2] ** 2
+        normals = 1 / (math.pi * self.along * self.across * stretched**2)
+        height, met = view[:, 2].clamp_min(1e-4), (view * half).sum(1).clamp_min(1e-4)
+        slope = ((self.along * view[:, 0]) ** 2 + (self.across * view[:, 1]) ** 2) / height**2
+        unshadowed = 2 / (1 + (1 + slope).sqrt())
+        lobe = normals * unshadowed / (4 * height) * (half[:, 2] > 0)
+        share = torch.where(view[:, 2] > 1e-4, self.share, 0.0) * (met > 1e-4)
+        return (1 - share) * wi[:, 2] / math.pi + share * lobe
+
+
+def _unit(vectors: Tensor) -> Tensor:
+    return vectors / torch.linalg.vector_norm(vectors, dim=1, keepdim=True)
+
+
+def fitted(
+    material: Material, cells: int = CELLS, steps: int = STEPS, seed: int = 0, show: Progress = silent
+) -> Tensor:
+    """The lobes (cells, cells, 5) float16 of a material, rows from the top; the same seed gives the same."""
+    rng = np.random.default_rng(seed)
+    raw = torch.tensor(START).repeat(cells * cells, 1).requires_grad_()
+    optimiser = torch.optim.Adam([raw], RATE)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    for step in range(steps):
+        cell, wo, wi, values = drawn(material, cells, VIEWS, LIGHTS, rng)
+        weights = values / values.mean(1, keepdim=True).clamp_min(1e-9)
+        density = Lobe.from_stored(raw[cell]).density(wo, wi)
+        loss = -(weights.flatten() * density.clamp_min(1e-9).log()).mean()
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+        show("fitting lobes", step + 1, steps)
+    lobes = raw.detach()
+    cosine, mixed = (each.view(len(lobes), -1).sum(1) for each in _variances(material, lobes, CHECKED, rng)[:2])
+    lobes[mixed > cosine, 0] = OFF  # the entropy is not the variance: some cells are better off with the cosine
+    return lobes.reshape(cells, cells, -1).half()
+
+
+def drawn(
+    material: Material, cells: int, views: int, lights: int, rng: np.random.Generator
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Queries over all cells: for each its cell, wo, wi, uniform over the hemisphere; and the answers' means over RGB
+    (cells² · views, lights)."""
+    cell = torch.arange(cells * cells).repeat_interleave(views)
+    inside = torch.from_numpy(rng.random((len(cell), 2), np.float32))
+    uv = torch.stack([(cell % cells + inside[:, 0]) / cells, 1 - (cell // cells + inside[:, 1]) / cells], 1)
+    wo = torch.from_numpy(uniform(rng, len(cell), LOWEST_VIEW)).float()
+    wi = torch.from_numpy(uniform(rng, len(cell) * lights, LOWEST_LIGHT)).float()
+    cell, uv, wo = (each.repeat_interleave(lights, 0) for each in (cell, uv, wo))
+    return cell, wo, wi, material.query(uv, wo, wi).mean(1).view(-1, lights)
+
+
+def checked(sampling: dict[str, Tensor]) -> Tensor | None:
+    """The lobes of a file's part `sampling`, float32; None where it has none. `ContainerError` if they are none."""
+    if NAME not in sampling:
+        return None
+    lobes = sampling[NAME]
+    if lobes.ndim != 3 or lobes.shape[0] != lobes.shape[1] or lobes.shape[2] != len(START) or not lobes.numel():
+        raise ContainerError(f"its lobes are {tuple(lobes.shape)}, not (cells, cells, {len(START)})")
+    return lobes.float()
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Compares the noise of drawing from lobes with that of drawing by the cosine, under a uniform environment."""
+
+    total: float  # the variances over all views and places, summed, as a ratio
+    median: float  # of the ratios of the variances of each
+    largest_albedo: float  # the most that any view and place reflects of a uniform environment of radiance 1
+
+
+@torch.no_grad()
+def noise(material: Material, lobes: Tensor, seed: int = 1, lights: int = 1024) -> Noise:
+    """Measured by quadrature over directions that the fit did not see."""
+    cosine, mixed, albedo = _variances(material, lobes.reshape(-1, lobes.shape[2]), lights, np.random.default_rng(seed))
+    ratios = mixed / cosine.clamp_min(1e-12)
+    return Noise(float(mixed.sum() / cosine.sum()), float(ratios.median()), float(albedo.max()))
+
+
+@torch.no_grad()
+def _variances(material: Material, raw: Tensor, lights: int, rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor]:
+    """For some views of each cell: the variance of one sample drawn by the cosine, and by the lobes `raw` (cells², 5),
+    and the mean, which is the albedo; each (cells² · views,)."""
+    cell, wo, wi, values = drawn(material, math.isqrt(len(raw)), VIEWS, lights, rng)
+    whole = 2 * math.pi
+    albedo = values.mean(1) * whole
+
+    def variance(density: Tensor) -> Tensor:
+        return (values.square() / density.view(-1, lights)).mean(1) * whole - albedo**2
+
+    return variance(wi[:, 2] / math.pi), variance(Lobe.from_stored(raw[cell]).density(wo, wi)), albedo

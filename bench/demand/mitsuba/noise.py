@@ -1,0 +1,129 @@
+"""Measures the noise of a path tracer whose surface answers from a codec file, by each way to draw light directions.
+
+Noise is the standard deviation of a pixel about its own mean, root mean square over the picture, as a share of the
+picture's mean: what more samples lessen. How far the mean lies from the truth is the codec's error, which they do not.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from torch import Tensor
+
+from bench.demand.mitsuba.bsdf import NAME, register
+from bench.demand.mitsuba.scene import set_variant
+from bench.errors import InputError
+
+NOISE = 0.01  # of the mean of the picture
+REPEAT = 3.0  # of the texture
+BALL = {"type": "sphere", "radius": 0.5}
+PLANE = {"type": "rectangle"}
+
+
+def _low_sun() -> dict[str, Any]:
+    """A disc of 3° half angle, 12° above the plane."""
+    far, height = 40 * np.cos(np.radians(12)), 40 * np.sin(np.radians(12))
+    radius = 40 * np.sin(np.radians(3))
+    light = {"type": "area", "radiance": {"type": "rgb", "value": 400.0}}
+    return {"type": "sphere", "center": [float(far), 0.0, float(height)], "radius": float(radius), "light": light}
+
+
+def _lamps() -> dict[str, Any]:
+    """A dim sky with six lamps of about 6° each, three hundred times as bright."""
+    picture = np.full((32, 64, 3), 0.1, np.float32)
+    for k in range(6):
+        picture[6 + 2 * (k % 3), 5 + 10 * k] = 30.0
+    return {"type": "envmap", "bitmap": mi.Bitmap(picture)}
+
+
+EVEN = "ball, even sky"
+SCENES: dict[str, tuple[dict[str, Any], Callable[[], dict[str, Any]], int]] = {
+    EVEN: (BALL, lambda: {"type": "constant"}, 0),  # the last: samples of the light beside each one of the material
+    "plane, low sun": (PLANE, _low_sun, 1),
+    "ball, small lamps": (BALL, _lamps, 1),
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The settings of a measurement: the picture and its repetitions."""
+
+    side: int = 24  # pixels
+    samples: int = 64  # a pixel, of each repetition
+    repetitions: int = 16
+    timed: int = 1024  # samples a pixel, beside those, whose time is taken
+
+
+@dataclass(frozen=True)
+class Reached:
+    """The samples and the time that bring the noise of the scene's picture down to `NOISE`."""
+
+    samples: float  # a pixel
+    seconds: float  # of the processor, over all its cores and all pixels, without what a picture takes however small
+
+
+def reached(
+    file: Path,
+    drawn: Sequence[Tensor | None],
+    scene: str = EVEN,
+    picture: Picture = Picture(),
+) -> list[Reached]:
+    """The figures of a codec file that draws from each of some lobes (cells, cells, 5), of None by the cosine.
+
+    All take turns. `InputError` where Mitsuba cannot run here, or the file cannot be recorded.
+    """
+    set_variant()
+    properties = mi.Properties(NAME)
+    properties["filename"], properties["repeat"] = str(file), REPEAT
+    bsdf = register()(properties)
+    loaded = _loaded(bsdf, scene, picture.side)
+    pictures: list[list[np.ndarray]] = [[] for _ in drawn]
+    slopes: list[list[float]] = [[] for _ in drawn]
+
+    def render(number: int, samples: int, seed: int) -> tuple[np.ndarray, float]:
+        bsdf.draw_from(drawn[number])
+        start = time.process_time()
+        colours = np.asarray(mi.render(loaded, spp=samples, seed=seed))[..., :3]
+        return colours, time.process_time() - start
+
+    long = picture.samples + picture.timed
+    for number in range(len(drawn)):  # compiles, each number of samples for itself
+        render(number, picture.samples, 0)
+        render(number, long, 0)
+    for seed in range(1, picture.repetitions + 1):
+        for number in range(len(drawn)):
+            colours, short = render(number, picture.samples, seed)
+            pictures[number].append(colours)
+            if seed % 4 == 1:  # the time that a picture of no samples would take is no part of a sample's
+                slopes[number].append((render(number, long, seed)[1] - short) / picture.timed)
+    return [_figures(np.stack(p), float(np.median(s)), picture.samples) for p, s in zip(pictures, slopes, strict=True)]
+
+
+def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
+    """From pictures (n, H, W, 3) of so many samples a pixel, one of which takes some seconds for all pixels."""
+    if not pictures.mean() > 0:
+        raise InputError("the picture is black: it has no noise to measure")
+    variance = pictures.mean(3).var(0, ddof=1).mean() * samples
+    needed = float(variance / (NOISE * pictures.mean()) ** 2)
+    return Reached(needed, needed * max(seconds, 0.0))
+
+
+def _loaded(bsdf: Any, scene: str, side: int) -> Any:
+    shape, light, of_lights = SCENES[scene]
+    description = {
+        "type": "scene",
+        "integrator": {"type": "direct", "bsdf_samples": 1, "emitter_samples": of_lights, "hide_emitters": True},
+        "shape": shape | {"bsdf": bsdf},
+        "light": light(),
+        "camera": {
+            "type": "perspective",
+            "fov": 22.0,
+            "to_world": mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1]),
+            "film": {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}},
+        },
+    }
+    return mi.load_dict(description)

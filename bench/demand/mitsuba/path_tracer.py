@@ -1,0 +1,226 @@
+"""Path-traces a surface by Mitsuba 3: the values of `bench.data.materials.renderer`, plus inter-reflections.
+
+Heights become a triangle mesh, repeated around the reference tile as far as rays reach. A path starts where the view
+ray through a fixed sub-point of the reference plane meets the surface, as in the built-in renderer. Each of its points
+receives the distant light, and a direction drawn from the reflectance leads to the next. The random numbers depend on
+the seed and the sub-point, not on the pair, so the noise is fixed for each texel and a codec can store it.
+"""
+
+import logging
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from bench.data.materials.maps import Maps
+from bench.data.materials.renderer import Renderer
+from bench.demand.mitsuba.brdf import Shading, at_least, reflect, sample, shading
+from bench.errors import InputError
+from bench.program.llvm import unusable
+
+Array = np.ndarray
+Values = Any  # Dr.Jit arrays over paths, or numbers in a scalar variant
+PATH_VERSION = 1  # increment when a value changes
+MAX_DEPTH = 16  # edges of a path, the light's included, as Mitsuba counts: 2 is direct light alone
+WAVEFRONT = 1 << 21  # paths in one launch
+REACH = 20.0  # depths of relief that a path may go on beyond the shadows: (1 / REACH)² of what it gathers is lost
+MAX_CELLS = 30_000_000  # of the mesh; 3 GB with its search tree
+LIFT = 1e-5  # of rays that leave the surface, in widths of the picture
+NUDGE = (0.0017, 0.0031)  # shift of a sub-point, in sub-points: rays exactly along edges of triangles miss the mesh
+STEPS = (0.8191725134, 0.6710436067, 0.5497004779)  # Roberts' additive recurrence in three dimensions
+log = logging.getLogger(__name__)
+
+
+def fastest_variant() -> str:
+    """The fastest of Mitsuba's variants that works here: `llvm_ad_rgb`, else `scalar_rgb`."""
+    reason = unusable() if "llvm_ad_rgb" in mi.variants() else "this Mitsuba is built without llvm_ad_rgb"
+    if not reason:
+        return "llvm_ad_rgb"
+    log.warning(f"tracing with Mitsuba's scalar_rgb, some thousand times slower: {reason}")
+    return "scalar_rgb"
+
+
+def described() -> dict[str, Any]:
+    """The description of this renderer in a BTF's provenance."""
+    return {
+        "renderer": f"Mitsuba {mi.__version__}, {fastest_variant()}",
+        "path_version": PATH_VERSION,
+        "transport": f"path-traced with inter-reflections, up to {MAX_DEPTH} edges; one path a sub-point",
+        "values": "linear Rec. 709, f_r * cos(theta_i) and what the surface reflects onto itself, no clamp",
+    }
+
+
+@contextmanager
+def using(variant: str) -> Iterator[None]:
+    """Set a variant of Mitsuba, and restore the previous one at the end."""
+    before = mi.variant()
+    mi.set_variant(variant)
+    try:
+        yield
+    finally:
+        if before:
+            mi.set_variant(before)
+
+
+def launches(
+    maps: Maps,
+    wo: Array,
+    wi: Array,
+    size: tuple[int, int],
+    sub_points: int = 2,
+    seed: int = 0,
+    depth: int = MAX_DEPTH,
+    start: int = 0,
+) -> Iterator[Array]:
+    """Slices (n, H, W, 3) float32 of a surface at N pairs, one launch at a time, from pair `start` on.
+
+    They are linear Rec. 709 f_r · cos θ_i with inter-reflections. `wo` and `wi` are (N, 3) unit vectors with z > 0;
+    `size` is (H, W), rows at the top first; `depth` counts the edges of a path (2: direct light alone). The same seed
+    gives the same values, whatever is launched together. Raises `InputError` for directions below the horizon and
+    reliefs too deep to surround.
+    """
+    if wo.shape != wi.shape or not (np.minimum(wo[:, 2], wi[:, 2]) > 0).all():
+        raise InputError("wo and wi must be as many directions, all above the horizon (z > 0)")
+    with using(fastest_variant()):
+        tracer = PathTracer(maps, size, sub_points, float(wo[:, 2].min()), float(wi[:, 2].min()), seed)
+        for first in range(start, len(wo), tracer.pairs_a_launch):
+            chosen = slice(first, first + tracer.pairs_a_launch)
+            yield tracer.slices(wo[chosen], wi[chosen], depth)
+
+
+class PathTracer:
+    """A surface made ready under the variant that is set, for views and lights whose z is at least the two given."""
+
+    def __init__(
+        self, maps: Maps, size: tuple[int, int], sub_points: int, view_z: float, light_z: float, seed: int = 0
+    ):
+        self.size, self.sub_points, self.seed = size, sub_points, seed & 0xFFFFFFFF
+        built_in = Renderer(maps, size, sub_points)
+        self.field, self.aspect = built_in.field, built_in.aspect
+        # The lookup table of the built-in renderer, so that both render the same surface.
+        table = built_in._table.reshape(*self.field.shape, -1)
+        self.table = mi.Texture2f(mi.TensorXf(table), wrap_mode=dr.WrapMode.Repeat)
+        self.scene = mi.load_dict({"type": "scene", "surface": self._mesh(view_z, light_z)})
+
+    @property
+    def pairs_a_launch(self) -> int:
+        return max(1, WAVEFRONT // self._paths) if mi.variant() != "scalar_rgb" else 1
+
+    @property
+    def _paths(self) -> int:
+        return self.size[0] * self.size[1] * self.sub_points**2
+
+    def _mesh(self, view_z: float, light_z: float) -> Any:
+        """Two triangles a cell, with vertices at the centres of grid cells, around the tile as far as rays reach."""
+        relief = self.field.top - self.field.bottom
+        slopes = sum(math.sqrt(max(1 / z**2 - 1, 0)) for z in (view_z, light_z))
+        reach = relief * slopes + min(REACH * relief, 1)
+        (H, W), cell = self.field.shape, self.field.cell
+        border = [math.ceil(reach / side) + 1 for side in cell]
+        if (H + 2 * border[0]) * (W + 2 * border[1]) > MAX_CELLS:
+            raise InputError(
+                f"a relief of {relief:.2g} widths seen this flat reaches {reach:.2g} widths: too far to "
+                "surround it; take a smaller --depth or --size"
+            )
+        rows, cols = (np.arange(-b, n + b) for b, n in zip(border, (H, W), strict=True))
+        y, x = np.meshgrid((H - rows - 0.5) * cell[0], (cols + 0.5) * cell[1], indexing="ij")
+        vertices = np.stack([x, y, self.field.height[np.ix_(rows % H, cols % W)]], -1)
+        return _triangles(vertices.astype(np.float32))
+
+    def slices(self, wo: Array, wi: Array, depth: int) -> Array:
+        """Pictures (N, H, W, 3) float32 of the pairs `wo`, `wi` (N, 3), traced in one launch."""
+        if mi.variant() == "scalar_rgb":
+            pairs = [(mi.Vector3f(o), mi.Vector3f(i)) for o, i in zip(wo.tolist(), wi.tolist(), strict=True)]
+            values = np.array([self._radiance(k, o, i, depth) for o, i in pairs for k in range(self._paths)])
+        else:
+            path = dr.arange(mi.UInt32, len(wo) * self._paths)
+            pair = path // self._paths
+            o, i = (dr.gather(mi.Vector3f, mi.Float(np.ravel(side).astype(np.float32)), pair) for side in (wo, wi))
+            values = np.array(self._radiance(path - pair * self._paths, o, i, depth)).T
+        return values.reshape(len(wo), *self.size, -1, 3).mean(-2, dtype=np.float32).astype(np.float32)
+
+    def _radiance(self, point: Values, wo: Values, wi: Values, depth: int) -> Values:
+        """Radiance (mi.Color3f) toward `wo` of numbered sub-points, those of a texel side by side, lit from `wi`."""
+        (H, W), s = self.size, self.sub_points
+        texel = point // (s * s)
+        number = point - texel * (s * s)
+        row, col = texel // W * s + number // s, texel % W * s + number % s
+        y = self.aspect * (1 - (mi.Float(row) + (0.5 + NUDGE[0])) / (H * s))
+        x = (mi.Float(col) + (0.5 + NUDGE[1])) / (W * s)
+        ray = mi.Ray3f(mi.Point3f(x, y, 0) + (self.field.top + 1e-3) / wo.z * wo, -wo)
+        return _follow(self, ray, wi, _Numbers(self.seed, point, texel, number), mi.UInt32(depth))
+
+    def surface(self, p: Values, o: Values) -> tuple[Values, Shading]:
+        """Tangent frame (mi.Frame3f) and reflectance of the points `p` seen from `o`, both in space."""
+        t = self.table.eval(mi.Point2f(p.x, 1 - p.y / self.aspect))
+        n = dr.normalize(mi.Vector3f(t[0], t[1], t[2]))
+        # Half of the angle whose cosine and sin lie in the table.
+        cos = t[10] * dr.rsqrt(t[10] * t[10] + t[11] * t[11] + 1e-12)
+        side = dr.sqrt(at_least(0, 0.5 - 0.5 * cos))
+        stretch = mi.Vector3f(dr.sqrt(at_least(0, 0.5 + 0.5 * cos)), dr.select(t[11] < 0, -side, side), 0)
+        tangent = dr.normalize(stretch - n * dr.dot(stretch, n))
+        frame = mi.Frame3f(tangent, dr.cross(n, tangent), n)
+        return frame, shading(frame.to_local(o), mi.Color3f(t[3], t[4], t[5]), t[6], t[7], t[8], t[9])
+
+    def leave(self, p: Values, wi: Values) -> Values:
+        """Where a ray to the light starts: a cell on, as in the built-in renderer. Relief inside a cell is not in
+        the map, and its flat triangles would shade each other where the normals say that they are lit."""
+        rows, cols = dr.abs(wi.y) / self.field.cell[0], dr.abs(wi.x) / self.field.cell[1]
+        return p + wi / at_least(1e-3, dr.select(rows > cols, rows, cols))
+
+
+class _Numbers:
+    """Three random numbers for each bounce of a path. Those of the first spread evenly over a texel's sub-points."""
+
+    def __init__(self, seed: int, point: Values, texel: Values, number: Values):
+        shared = _generator(seed ^ 0x9E3779B9, texel)
+        self.generator = _generator(seed, point)
+        start = _three(shared) + mi.Vector3f(*STEPS) * mi.Float(number)
+        self.first = start - dr.floor(start)
+
+
+def _generator(seed: int, stream: Values) -> Values:
+    return mi.PCG32(1, *mi.sample_tea_32(stream, mi.UInt32(seed)))
+
+
+def _three(generator: Values) -> Values:
+    return mi.Vector3f(generator.next_float32(), generator.next_float32(), generator.next_float32())
+
+
+def _triangles(vertices: Array) -> Any:
+    """A mesh of a grid of vertices (rows, columns, 3), seen from above counter-clockwise."""
+    rows, cols = vertices.shape[:2]
+    corner = (np.arange(rows - 1)[:, None] * cols + np.arange(cols - 1)).reshape(-1)
+    right, below = corner + 1, corner + cols
+    faces = np.stack([corner, below, right, right, below, below + 1], -1).astype(np.uint32)
+    mesh = mi.Mesh("surface", rows * cols, 2 * len(corner))
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"], parameters["faces"] = vertices.reshape(-1), faces.reshape(-1)
+    parameters.update()
+    return mesh
+
+
+@dr.syntax
+def _follow(tracer: PathTracer, ray: Values, wi: Values, numbers: _Numbers, depth: Values) -> Values:
+    """The radiance (mi.Color3f) of paths that start with `ray`, under unit light from `wi`."""
+    value, weight = mi.Color3f(0), mi.Color3f(1)
+    edges, active = mi.UInt32(1), mi.Bool(True)
+    generator, first = numbers.generator, numbers.first
+    while active:
+        hit = tracer.scene.ray_intersect(ray, mi.RayFlags.Minimal, edges == 1, active=active)
+        active &= hit.is_valid() & (dr.dot(hit.n, ray.d) < 0)
+        frame, here = tracer.surface(hit.p, -ray.d)
+        blocked = tracer.scene.ray_test(mi.Ray3f(tracer.leave(hit.p, wi), wi), edges == 1, active=active)
+        value += dr.select(active & (active ^ blocked), weight * reflect(here, frame.to_local(wi)), 0)
+        edges += 1
+        random = dr.select(edges == 2, first, _three(generator))
+        inward, factor = sample(here, random.x, mi.Point2f(random.y, random.z))
+        onward = frame.to_world(inward)
+        weight *= factor
+        active &= (edges < depth) & (dr.dot(hit.n, onward) > 0) & (mi.luminance(weight) > 0)
+        ray = mi.Ray3f(hit.p + LIFT * hit.n, onward)
+    return value

@@ -1,0 +1,112 @@
+"""Casts the rays of a Mitsuba 3 scene, an XML file, at the surfaces of one BSDF: see `bench.demand.points`.
+
+Each sensor of the file is a frame, so that a camera's path is a list of sensors. Light that comes straight from an
+emitter counts, with its shadows; what other surfaces send on does not. A unit of a shape's uv is the longer side of the
+texture.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from bench.demand.points import Array, Light, Points
+from bench.errors import InputError, did_you_mean
+from bench.program.llvm import unusable
+
+SAMPLES = 8  # of an emitter that is no point and no direction, at each visible point
+
+Values = Any  # Dr.Jit arrays
+
+
+class MitsubaScene:
+    """A scene, ready to be asked what its sensors see of one BSDF, by its id, and what lights it."""
+
+    def __init__(self, path: Path, bsdf: str):
+        set_variant()
+        self.name = path.stem
+        try:
+            self.scene = mi.load_file(str(path))
+        except Exception as error:  # Mitsuba raises RuntimeError for whatever is wrong in a file
+            raise InputError(f"{path}: Mitsuba cannot load it: {' '.join(str(error).split())[:300]}") from error
+        self.sensors = self.scene.sensors()
+        if not self.sensors:
+            raise InputError(f"{path}: has no sensor: add a camera")
+        self.bsdf = _chosen(self.scene, path, bsdf)
+        width, height = self.sensors[0].film().crop_size()
+        self.frames, self.picture = len(self.sensors), (int(height), int(width))
+        point = mi.EmitterFlags.Delta  # a point or a direction
+        self.emitters = [(each, 1 if mi.has_flag(each.flags(), point) else SAMPLES) for each in self.scene.emitters()]
+        if not self.emitters:
+            raise InputError(f"{path}: has no emitter: nothing lights the material")
+        self.samples = sum(count for _, count in self.emitters)
+
+    def cast(self, frame: int, col: Array, row: Array) -> Points:
+        """What a sensor sees of the BSDF's surfaces, through points (n,) of the picture, in pixels."""
+        ahead: Callable[[int, int], Values] = lambda x, y: self._rays(frame, col + x, row + y)  # noqa: E731
+        rays = ahead(0, 0)
+        hit = self.scene.ray_intersect(rays)
+        wanted = hit.is_valid() & (hit.bsdf() == mi.BSDFPtr(self.bsdf))
+        some = np.flatnonzero(np.asarray(wanted))
+        position, normal = _rows(hit.p), _rows(hit.sh_frame.n)
+        eye = np.broadcast_to(np.asarray(self.sensors[frame].world_transform().translation()).ravel(), position.shape)
+        columns = (_rows(hit.uv), position, normal, _rows(hit.dp_du), _rows(hit.dp_dv), eye)
+        neighbours = _rows(ahead(1, 0).d), _rows(ahead(0, 1).d)
+        return Points(some, *(column[some] for column in (*columns, *neighbours)))
+
+    def _rays(self, frame: int, col: Array, row: Array) -> Values:
+        height, width = self.picture
+        place = mi.Point2f(mi.Float(col / width), mi.Float(row / height))
+        return self.sensors[frame].sample_ray(0.0, 0.5, place, mi.Point2f(0.5, 0.5))[0]
+
+    def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
+        """Every emitter that may reach the points, where nothing is between; of an extended one some samples."""
+        here = dr.zeros(mi.SurfaceInteraction3f, len(points))
+        here.p, here.n = _vector(mi.Point3f, points.position), _vector(mi.Normal3f, points.normal)
+        samples = []
+        for emitter, count in self.emitters:
+            for _ in range(count):
+                chance = mi.Point2f(*(mi.Float(rng.random(len(points))) for _ in range(2)))
+                toward, arriving = emitter.sample_direction(here, chance)
+                free = ~self.scene.ray_test(here.spawn_ray_to(toward.p))
+                irradiance = _rows(arriving) * np.asarray(free)[:, None] / count
+                samples.append(Light(_rows(toward.d), np.nan_to_num(irradiance)))
+        return samples
+
+
+def set_variant() -> None:
+    """The fastest variant that can cast many rays at once."""
+    if "cuda_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.CUDA):
+        mi.set_variant("cuda_ad_rgb")
+        return
+    reason = unusable(plugins=True)
+    if reason:
+        raise InputError(f"Mitsuba finds no CUDA device, and {reason}; or describe the scene in TOML")
+    mi.set_variant("llvm_ad_rgb")
+
+
+def _chosen(scene: Values, path: Path, bsdf: str) -> Values:
+    """The BSDF of that id. `InputError` where no shape has it, or one that has it lacks texture coordinates."""
+    shapes = [shape for shape in scene.shapes() if shape.bsdf() is not None]
+    ids = {shape.bsdf().id() for shape in shapes}
+    if bsdf not in ids:
+        names = ", ".join(sorted(ids)) or "none"
+        raise InputError(f"{path}: no shape has a BSDF with the id {bsdf!r}{did_you_mean(bsdf, ids)} (there: {names})")
+    wearing = [shape for shape in shapes if shape.bsdf().id() == bsdf]
+    for shape in wearing:
+        if shape.is_mesh() and not shape.has_vertex_texcoords():
+            raise InputError(f"{path}: shape {shape.id()!r} has no texture coordinates: give its mesh uv")
+    return wearing[0].bsdf()
+
+
+def _rows(values: Values) -> Array:
+    """Dr.Jit vectors as rows (n, k) float64."""
+    rows: Array = np.asarray(values, np.float64).T
+    return rows
+
+
+def _vector(kind: Values, rows: Array) -> Values:
+    return kind(*(mi.Float(column) for column in rows.T))

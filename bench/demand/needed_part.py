@@ -1,0 +1,143 @@
+"""Finds the part of a BTF that a demand needs: a window of texels, no finer than visible, and the pairs around it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from bench.btf import BTF, Layout, periods
+from bench.codecs.window import CELLS, Window, cell_of, to_hex
+from bench.demand.demand import Demand
+from bench.demand.pair_weights import pair_shares, pair_weights, shares_from_weights
+from bench.density import COVERED
+from bench.directions import Hemisphere
+
+FINEST = 0.01  # the share of the demand that may be finer than what is stored
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class NeededPart:
+    """The needed part of a BTF. `views` and `lights` are maps (CELLS, CELLS) of the demand's directions."""
+
+    window: Window
+    pairs: Array  # indices of the BTF's
+    finest: float  # footprint, in longer sides of the texture, that little of the demand is finer than
+    views: Array
+    lights: Array
+    whole: bool  # whether nothing of the BTF is left out
+
+    @classmethod
+    def for_demand(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "NeededPart":
+        """The part of a BTF that a demand needs; `every_pair` keeps all pairs."""
+        finest = _finest(demand)
+        factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
+        window = _window(btf.shape, demand, factor)
+        pairs = np.arange(len(btf)) if every_pair else needed_pairs(btf.layout, demand)
+        whole = window.all and len(pairs) == len(btf)
+        return cls(window, pairs, finest, _cells(demand.wo), _cells(demand.wi), whole)
+
+    def cut(self, btf: BTF) -> BTF:
+        """Cut the BTF to the needed part."""
+        return self.window.cut(btf if len(self.pairs) == len(btf) else btf.subset(self.pairs))
+
+    def facts(self, demand: Demand) -> dict[str, Any]:
+        """The facts that a codec file records."""
+        window = self.window
+        return {
+            "name": demand.name,
+            "demand": demand.fingerprint,
+            "size": list(window.size),
+            "window": [window.top, window.left, window.height, window.width],
+            "factor": window.factor,
+            "pairs": len(self.pairs),
+            "finest": self.finest,
+            "views": to_hex(self.views),
+            "lights": to_hex(self.lights),
+        }
+
+
+def needed_pairs(layout: Layout, demand: Demand) -> Array:
+    """Indices of the pairs that a demand lies between, in order; of a product those that form a smaller one."""
+    if layout.grid is None:
+        return np.sort(_heaviest(pair_shares(layout, demand)))
+    weights = pair_weights(layout, demand)
+    share = shares_from_weights(weights, demand.importance, len(layout.view))
+    views = _side(layout.views, np.bincount(layout.view, share, len(layout.views)))
+    lights = _side(layout.lights, np.bincount(layout.light, share, len(layout.lights)))
+    return np.sort(layout.grid[np.ix_(views, lights)].ravel())
+
+
+def _side(directions: Array, share: Array) -> Array:
+    """The fewest directions of one side that hold the demand, and so many more that they can be interpolated between.
+
+    A triangle between kept directions is a triangle of the whole set: what lies in it is answered as before.
+    """
+    middle = share @ directions
+    order = np.lexsort((-(directions @ middle), -share))
+    count = len(_heaviest(share))
+    while count < len(directions) and Hemisphere(directions[order[:count]]).flat:
+        count += 1
+    return np.sort(order[:count])
+
+
+def _heaviest(share: Array) -> Array:
+    """The fewest indices whose shares come to `COVERED` of all."""
+    order = np.argsort(-share, kind="stable")
+    running = np.cumsum(share[order])
+    return order[: int(np.searchsorted(running, COVERED * running[-1])) + 1]
+
+
+def _finest(demand: Demand) -> float:
+    order = np.argsort(demand.footprint, kind="stable")
+    place = np.searchsorted(np.cumsum(demand.importance[order]), FINEST)
+    return float(demand.footprint[order[min(int(place), len(order) - 1)]])
+
+
+def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
+    """The smallest window, in whole boxes, that holds what is seen of the texture and a box around it."""
+    height, width = size
+    whole = Window.whole(size, factor)
+    uv, (across, up) = demand.uv(size), periods(size)
+    top, tall = _span(1 - uv[:, 1], up * demand.footprint, height, factor, whole.height)
+    left, wide = _span(uv[:, 0], across * demand.footprint, width, factor, whole.width)
+    return Window(size, top, left, tall, wide, factor)
+
+
+def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) -> tuple[int, int]:
+    """Start and length in texels of the shortest stretch, around the end, that holds all places; or (0, `whole`)."""
+    reach = footprint / 2 + factor / side
+    if float(reach.max()) >= 0.5:
+        return 0, whole
+    first, last = np.floor((place - reach) * side).astype(int), np.ceil((place + reach) * side).astype(int)
+    edges = np.zeros(3 * side + 1, int)
+    np.add.at(edges, first + side, 1)
+    np.add.at(edges, last + side, -1)
+    seen = (np.cumsum(edges)[:-1].reshape(3, side) > 0).any(0)
+    if seen.all():
+        return 0, whole
+    gap = _longest_run(np.logical_not(seen))
+    length = -(-(side - gap[1]) // factor) * factor
+    return ((gap[0] + gap[1]) % side, length) if length < whole else (0, whole)
+
+
+def _longest_run(mask: Array) -> tuple[int, int]:
+    """Start and length of the longest run of a mask (n,) with a False, around the end."""
+    side, first = len(mask), int(np.flatnonzero(~mask)[0])
+    turned = np.concatenate([np.roll(mask, -first), [False]]).astype(int)
+    steps = np.diff(turned)
+    starts, ends = np.flatnonzero(steps == 1) + 1, np.flatnonzero(steps == -1) + 1
+    best = int(np.argmax(ends - starts))
+    return (int(starts[best]) + first) % side, int(ends[best] - starts[best])
+
+
+def _cells(directions: Array) -> Array:
+    """Map (CELLS, CELLS) of the cells that hold directions (n, 3), and of those around them."""
+    row, col = np.divmod(cell_of(torch.from_numpy(directions)).numpy(), CELLS)
+    near = np.zeros((CELLS + 2, CELLS + 2), bool)
+    for down in range(3):
+        for across in range(3):
+            near[row + down, col + across] = True
+    return near[1:-1, 1:-1]

@@ -1,0 +1,245 @@
+"""The catalogue of extremes must fail where a codec breaks: what its verdicts, figures and commands say.
+
+That each row fails a codec that breaks in its way is shown by `test_broken_codecs.py`.
+"""
+
+import re
+from dataclasses import dataclass
+
+import pytest
+
+from baselines.mean_colour import MeanColour, MeanColourMaterial
+from bench.cli import main
+from bench.codec import Parts
+from bench.codecs.registry import load_codec
+from bench.conformance import stress
+from bench.conformance.stress import metrics, properties
+from bench.conformance.stress.case import SHORT, subject_of
+from bench.conformance.stress.invariants import wild_rates
+from bench.errors import InputError
+from bench.material import Material
+from bench.records import load_run
+from bench.training.fitting import DivergedError
+from bench.training.quantise import unpack
+
+CASES = {case.name: case for case in stress.CASES}
+
+
+@pytest.mark.parametrize("name", ["mean-colour", "pca", "neubtf-direct"])
+def test_our_codecs_survive_the_cheap_part(name, tmp_path):
+    subject = subject_of(load_codec(name), tmp_path)
+    verdicts = {case.name: stress.judge(case, subject) for case in stress.CASES if case.cheap}
+    assert {name: verdict for name, verdict in verdicts.items() if verdict.verdict == "fail"} == {}
+    assert sum(verdict.verdict == "pass" for verdict in verdicts.values()) > 25
+
+
+def verdicts(codec, names, folder, monkeypatch):
+    """The verdicts on a codec named mean-colour, whose files decode with it."""
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
+    subject = subject_of(codec, folder)
+    return {name: stress.judge(CASES[name], subject) for name in names}
+
+
+class Broken(MeanColour):
+    """The mean-colour codec with one fault in its material."""
+
+    material: type[Material] = MeanColourMaterial
+
+    def decode(self, parts, device):
+        return self.material(unpack("mean", parts.texture))
+
+
+def broken(material):
+    return type("Faulty", (Broken,), {"material": material})
+
+
+class Dark(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) * 0
+
+
+def test_a_codec_that_answers_0_everywhere_fails(tmp_path, monkeypatch):
+    names = [case.name for case in stress.CASES if case.group == "data" and "scaled" not in case.name]
+    by_case = verdicts(broken(Dark), names, tmp_path, monkeypatch)
+    passed = {name for name, verdict in by_case.items() if verdict.verdict == "pass"}
+    assert passed == {"all zero", "NaN and infinite texels"}
+    assert by_case["two constants"].figure == "100.0%"
+    assert "dB is due" in by_case["one row"].detail
+
+
+class OneColour(MeanColourMaterial):
+    """One flat colour, the mean of all texels."""
+
+    def __init__(self, texture):
+        super().__init__(texture.mean((0, 1), keepdim=True).expand_as(texture).clone())
+
+
+def test_a_codec_that_answers_one_colour_fails_where_texels_differ(tmp_path, monkeypatch):
+    names = ["two constants", "one firefly texel", "highlights of 1e6", "65,504 beside zeros", "rank one"]
+    by_case = verdicts(broken(OneColour), names, tmp_path, monkeypatch)
+    assert {name: verdict.verdict for name, verdict in by_case.items()} == dict.fromkeys(names, "fail")
+
+
+class BlackensTheRest(MeanColourMaterial):
+    """Keeps the brightest texels and blackens all others."""
+
+    def __init__(self, texture):
+        super().__init__(texture * (texture > texture.max() / 10))
+
+
+def test_a_codec_that_keeps_highlights_and_blackens_the_rest_fails(tmp_path, monkeypatch):
+    outcome = verdicts(broken(BlackensTheRest), ["highlights of 1e6"], tmp_path, monkeypatch)["highlights of 1e6"]
+    assert outcome.verdict == "fail", outcome
+
+
+class Fitted(MeanColour):
+    """Has a learning rate; `fate` is what comes of a high one."""
+
+    fate = "says so"
+
+    @dataclass(frozen=True)
+    class Settings:
+        half: bool = True
+        rate: float = 1e-2
+
+    def encode(self, btf, fit):
+        parts = super().encode(btf, fit)
+        if self.settings.rate > 1 and self.fate == "says so":
+            raise DivergedError("the fit diverged")
+        return Parts(texture={"mean": parts.texture["mean"] * (float("nan") if self.fate == "not a number" else 1)})
+
+
+@pytest.mark.parametrize(("says", "verdict"), [("65,504 is the largest radiance it stores", "pass"), ("no", "fail")])
+def test_highlights_beyond_half_may_be_refused_by_name(says, verdict, tmp_path, monkeypatch):
+    class Refuses(MeanColour):
+        def encode(self, btf, fit):
+            raise InputError(says)
+
+    outcome = verdicts(Refuses, ["highlights of 1e6"], tmp_path, monkeypatch)["highlights of 1e6"]
+    assert (outcome.verdict, outcome.figure) == (verdict, "refused" if verdict == "pass" else "unclear")
+
+
+def test_the_worst_query_in_halves_is_named(tmp_path, monkeypatch):
+    outcome = verdicts(MeanColour, ["fp16 against fp64"], tmp_path, monkeypatch)["fp16 against fp64"]
+    assert outcome.verdict == "pass"
+    assert 0 < outcome.used < 1
+    assert f"{outcome.used:.2f} of what is allowed, at --query" in outcome.detail
+
+
+def test_fits_of_the_catalogue_are_short(tmp_path):
+    subject = subject_of(load_codec("neubtf-direct"), tmp_path)
+    assert subject.codec().settings.steps == SHORT["steps"]
+
+
+@pytest.mark.parametrize("fate", ["says so", "not a number"])
+def test_a_fit_that_says_that_it_diverged_passes(fate, tmp_path, monkeypatch):
+    codec = type("Says", (Fitted,), {"fate": fate})
+    assert verdicts(codec, ["a fit that diverges"], tmp_path, monkeypatch)["a fit that diverges"].verdict == "pass"
+
+
+@pytest.mark.parametrize(("name", "rates"), [("zeltner2024", 3), ("rainer2019", 3), ("triple-plane", 3), ("pca", 0)])
+def test_learning_rates_are_found_though_their_types_say_ranges(name, rates):
+    assert len(wild_rates(load_codec(name))) == rates
+
+
+def test_what_does_not_apply_has_a_reason(tmp_path, monkeypatch):
+    names = ["layer norm of a constant vector", "a fit that diverges", "weights at half's maximum"]
+    by_case = verdicts(MeanColour, names, tmp_path, monkeypatch)
+    assert [(v.verdict, v.detail) for v in by_case.values()] == [
+        ("n/a", "has no layer norm"),
+        ("n/a", "no learning rate"),
+        ("n/a", "stores no decoder"),
+    ]
+
+
+class BrightToTheRight(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) + (uv[:, :1] > 0.5) * 100
+
+
+def test_the_smallest_failing_query_is_printed_as_a_command_that_fails_again(tmp_path, monkeypatch):
+    outcome = verdicts(broken(BrightToTheRight), ["drawn queries"], tmp_path, monkeypatch)["drawn queries"]
+    assert outcome.verdict == "fail"
+    numbers = re.search(r'stress --codec mean-colour --query "([^"]+)"', outcome.detail)[1]
+    # Shrunk: both directions at the zenith, no footprint, v = 0.
+    assert [float(x) for x in numbers.split()][1:] == [0, 0, 0, 1, 0, 0, 1, 0]
+    with pytest.raises(properties.CheckError, match="a firefly"):
+        properties.query_holds(subject_of(broken(BrightToTheRight), tmp_path), [float(x) for x in numbers.split()])
+
+
+class LosesOneRow(Broken):
+    def encode(self, btf, fit):
+        mean = unpack("mean", super().encode(btf, fit).texture)
+        if btf.shape[0] >= 3:
+            mean[2] *= 100
+        return Parts(texture={"mean": mean})
+
+
+def test_the_smallest_failing_material_is_printed_as_a_command(tmp_path, monkeypatch):
+    outcome = verdicts(LosesOneRow, ["drawn data"], tmp_path, monkeypatch)["drawn data"]
+    height, width, views, lights, *_ = re.search(r'--data "([^"]+)"', outcome.detail)[1].split()
+    assert (height, width, views, lights) == ("3", "1", "1", "1")
+
+
+def test_metrics_and_losses_survive_extreme_pictures():
+    cells = {(n, case.name): metrics.judge(t, case) for n, t in metrics.subjects().items() for case in metrics.CASES}
+    assert {cell: verdict for cell, verdict in cells.items() if verdict.verdict == "fail"} == {}
+    refused = {cell for cell, verdict in cells.items() if verdict.verdict == "n/a"}
+    assert refused == {("ssim", "one texel")}, refused
+
+
+def test_the_command_records_prints_and_says_no(tmp_path, monkeypatch, capsys):
+    command = ["stress", "--codec", "mean-colour", "--case", "two constants", "--case", "sine of 1e5", "--jobs", "1"]
+    command += ["--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"^two constants +pass$", printed, re.M)
+    assert re.search(r"^sine of 1e5 +n/a a$", printed, re.M)
+    assert "a: has no sine" in printed
+    monkeypatch.setattr("bench.conformance.stress.run.load_codec", lambda name: broken(Dark))
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": broken(Dark))
+    assert main(command) == 1
+    printed = capsys.readouterr().out
+    assert re.search(r"^two constants +FAIL 100.0%$", printed, re.M)
+    assert "FAIL mean-colour, two constants: a value is off by 100.000%" in printed
+    run = load_run(tmp_path / "out")
+    recorded = {(r["subject"], r["extreme"], r["verdict"], r["version"]) for r in run.stress}
+    assert recorded == {("mean-colour", "two constants", "fail", 1), ("mean-colour", "sine of 1e5", "n/a", 1)}
+
+
+def test_its_folder_is_no_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["stress", "--codec", "mean-colour", "--case", "sine of 1e5", "--jobs", "1"]) == 0
+    assert "runs/stress" in capsys.readouterr().out
+    assert main(["table", "stress"]) == 0
+    assert "has no sine" in capsys.readouterr().out
+    assert main(["table"]) == 2
+    assert "there is no run under runs/" in capsys.readouterr().err
+
+
+def test_a_drawn_case_is_tried_again(monkeypatch, capsys):
+    assert main(["stress", "--codec", "mean-colour", "--query", "-0.5 0 0 0 1 0 0 1 0", "--data", "2 3 1 2 -8 5"]) == 0
+    assert re.search(r"^pass  mean-colour: \[.*\], .*e-0", capsys.readouterr().out)
+
+    def broken(*_):
+        raise KeyError("mean")
+
+    monkeypatch.setattr(MeanColour, "encode", broken)
+    assert main(["stress", "--codec", "mean-colour", "--data", "2 3 1 2 -8 5"]) == 1
+    assert "FAIL  mean-colour: KeyError: 'mean'" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--case", "constat"], "no such case"),
+        (["--codec", "pac"], "did you mean"),
+        (["--codec", "pca", "--query", "0 0 1"], "has 3 numbers: it takes 9"),
+        (["--codec", "pca", "--data", "a b"], "give numbers"),
+        (["--codec", "pca", "--data", "1 1 0 1 0 0"], "at least one texel and pair"),
+        (["--codec", "pca", "--query", "0 0 0 0 2 0 0 1 0"], "not of unit length"),
+    ],
+)
+def test_bad_usage_is_named(words, message, tmp_path, capsys):
+    assert main(["stress", "--out", str(tmp_path / "out"), *words]) == 2
+    assert message in capsys.readouterr().err

@@ -1,0 +1,238 @@
+import importlib.util
+
+import numpy as np
+import pytest
+
+from bench import cli
+from bench.demand.collect import collect
+from bench.demand.scene import parse_scene
+from bench.demand.text_scene import TextScene
+from bench.errors import InputError
+from bench.metrics import get
+from bench.program import llvm
+
+short = pytest.mark.short
+with_mitsuba = pytest.mark.skipif(
+    importlib.util.find_spec("mitsuba") is None,
+    reason='Mitsuba 3 is optional and not installed: pip install "neubtf-bench[mitsuba]"',
+)
+CAMERA = """
+<sensor type="perspective">
+  <float name="fov" value="40"/><string name="fov_axis" value="x"/>
+  <transform name="to_world"><lookat origin="0.3,-1.5,0.9" target="0,0,0" up="0,0,1"/></transform>
+  <film type="hdrfilm">
+    <integer name="width" value="40"/><integer name="height" value="20"/><rfilter type="box"/>
+  </film>
+  <sampler type="independent"><integer name="sample_count" value="64"/></sampler>
+</sensor>
+"""
+CLOTH = '<bsdf type="diffuse" id="cloth"><rgb name="reflectance" value="0.5,0.5,0.5"/></bsdf>'
+PLANE = """
+<shape type="rectangle">
+  <transform name="to_world"><scale x="2" y="2"/></transform><ref id="cloth"/>
+</shape>
+"""
+LAMP = '<emitter type="point"><point name="position" x="1" y="0" z="3"/><rgb name="intensity" value="9,8,7"/></emitter>'
+BLOCKER = """
+<shape type="rectangle">
+  <transform name="to_world"><scale x="0.05" y="0.05"/><translate x="0.8" y="0" z="2.4"/></transform>
+  <bsdf type="diffuse" id="board"/>
+</shape>
+"""
+TEXT = """
+[camera]
+width = 40
+height = 20
+fov_deg = 40
+position = [0.3, -1.5, 0.9]
+target = [0, 0, 0]
+[surface]
+size = [4, 4]
+[[lights]]
+kind = "point"
+position = [1, 0, 3]
+intensity = [9, 8, 7]
+"""
+
+
+def written(folder, *parts):
+    path = folder / "scene.xml"
+    text = "".join(['<scene version="3.0.0"><integrator type="direct"/>', *parts, "</scene>"])
+    path.write_text(text)
+    return path
+
+
+def demand_of(path, bsdf="cloth"):
+    from bench.demand.mitsuba.scene import MitsubaScene
+
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
+    return collect(MitsubaScene(path, bsdf), 10**6)
+
+
+@short
+@with_mitsuba
+def test_a_plane_a_camera_and_a_light_ask_the_same_as_in_toml(tmp_path):
+    demand = demand_of(written(tmp_path, CAMERA, CLOTH, PLANE, LAMP))
+    expected = collect(TextScene(parse_scene("scene", TEXT)), 10**6)
+    assert demand.frames == expected.frames
+    for name in ("place", "footprint", "wo", "wi", "weight", "pixel"):
+        # Mitsuba computes in float32.
+        np.testing.assert_allclose(getattr(demand, name), getattr(expected, name), atol=2e-6)
+
+
+@short
+@with_mitsuba
+@pytest.mark.parametrize("extra", ["", BLOCKER])
+def test_the_sum_over_the_demand_is_the_frame_of_the_direct_integrator(tmp_path, extra):
+    # At the rim of the shadow a pixel is lit in part; a ray through its middle sees all or nothing.
+    fine = CAMERA.replace('"40"/><integer', '"160"/><integer').replace('"height" value="20"', '"height" value="80"')
+    path = written(tmp_path, fine, CLOTH, PLANE, LAMP, extra)
+    demand = demand_of(path)
+    assert demand.frames == (1, 80, 160)
+    import mitsuba as mi
+
+    frame = np.asarray(mi.render(mi.load_file(str(path))), np.float64)[..., :3]
+    summed = demand.pictures(np.repeat(demand.wi[:, 2:] * 0.5 / np.pi, 3, 1))[0]
+    if extra:  # a board beneath the lamp, out of the picture
+        shadow = (demand.pictures(np.ones((len(demand), 3)))[0] == 0).all(-1)
+        assert 0.01 < shadow.mean() < 0.2
+    flip = get("flip_ldr_67ppd").load()
+    assert flip.score(flip.prepare(frame, 4.0), summed) <= 0.03
+
+
+SKY = '<emitter type="constant"><rgb name="radiance" value="0.4,0.5,0.6"/></emitter>'
+PICTURE = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
+PANEL = """
+<shape type="rectangle">
+  <transform name="to_world"><scale x="0.5" y="0.3"/><rotate x="1" angle="180"/><translate x="1" z="2"/></transform>
+  <emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter>
+</shape>
+"""
+GLOBE = """
+<shape type="sphere">
+  <point name="center" x="1" y="-1" z="2"/><float name="radius" value="0.3"/>
+  <emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter>
+</shape>
+"""
+BALL = '<shape type="sphere"><float name="radius" value="0.4"/><ref id="cloth"/></shape>'
+TUBE = """
+<shape type="cylinder">
+  <point name="p0" x="-0.6" y="0" z="0"/><point name="p1" x="0.6" y="0" z="0"/><float name="radius" value="0.3"/>
+  <ref id="cloth"/>
+</shape>
+"""
+
+
+def sky(folder):
+    """An environment with a bright patch, so that a wrong direction of it is seen."""
+    import mitsuba as mi
+
+    radiance = np.full((16, 32, 3), 0.2, np.float32)
+    radiance[3:6, 10:14] = 6.0
+    mi.set_variant("llvm_ad_rgb")
+    mi.Bitmap(radiance).write(str(folder / "sky.exr"))
+
+
+@with_mitsuba
+@pytest.mark.parametrize("light", [SKY, PICTURE, PANEL, GLOBE], ids=["constant", "envmap", "panel", "globe"])
+@pytest.mark.parametrize("shape", [PLANE, BALL, TUBE], ids=["plane", "ball", "tube"])
+def test_light_from_all_sides_and_curved_shapes(shape, light, tmp_path, monkeypatch):
+    """The demand's frames of a diffuser are those of the direct integrator, within the noise of 128 samples a pixel."""
+    if reason := llvm.unusable(plugins=True):
+        pytest.skip(reason)
+    sky(tmp_path)
+    from bench.demand.mitsuba import scene as mitsuba_scene
+
+    monkeypatch.setattr(mitsuba_scene, "SAMPLES", 128)
+    import mitsuba as mi
+
+    path = written(tmp_path, CAMERA, CLOTH, shape, light)
+    demand = demand_of(path)
+    frame = np.asarray(mi.render(mi.load_file(str(path)), spp=256), np.float64)[..., :3]
+    summed = demand.pictures(np.repeat(demand.wi[:, 2:] * 0.5 / np.pi, 3, 1))[0]
+    seen = inside(np.isin(np.arange(800), demand.pixel).reshape(20, 40))
+    assert seen.sum() > 50
+    ours, theirs = summed[seen], frame[seen]
+    np.testing.assert_allclose(ours.mean(0), theirs.mean(0), rtol=0.02)
+    assert np.sqrt(np.square(ours - theirs).mean()) < 0.15 * theirs.mean()
+    assert np.corrcoef(ours[:, 0], theirs[:, 0])[0, 1] > 0.9 or theirs[:, 0].std() < 0.1 * theirs[:, 0].mean()
+
+
+def inside(seen):
+    """Pixels all of whose neighbours show the material too: at a rim, a ray through the middle sees all or nothing."""
+    padded = np.pad(seen, 1, constant_values=True)
+    moved = [padded[1 + y : 21 + y, 1 + x : 41 + x] for y in (-1, 0, 1) for x in (-1, 0, 1)]
+    return np.logical_and.reduce(moved)
+
+
+@short
+@with_mitsuba
+def test_each_sensor_is_a_frame(tmp_path):
+    higher = CAMERA.replace("0.3,-1.5,0.9", "0.3,-1.5,1.9")
+    demand = demand_of(written(tmp_path, CAMERA, higher, CLOTH, PLANE, LAMP))
+    assert demand.frames == (2, 20, 40)
+    later = demand.pixel >= 800
+    assert demand.wo[later, 2].mean() > demand.wo[~later, 2].mean() + 0.1
+
+
+@short
+@with_mitsuba
+def test_what_will_not_do_says_why(tmp_path):
+    away = CAMERA.replace('target="0,0,0"', 'target="0.3,-3,0.9"')
+    for parts, bsdf, message in [
+        ((CAMERA, CLOTH, PLANE, LAMP), "clot", "no shape has a BSDF with the id 'clot'; did you mean 'cloth'"),
+        ((away, CLOTH, PLANE, LAMP), "cloth", "no ray of the camera finds the material: it is behind the camera"),
+        ((CLOTH, PLANE, LAMP), "cloth", "no sensor|no ray of the camera"),
+        ((CAMERA, CLOTH, PLANE), "cloth", "no emitter|no light reaches it"),
+        ((CAMERA, "<bsdf>"), "cloth", "Mitsuba cannot load it"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            demand_of(written(tmp_path, *parts), bsdf)
+
+
+@short
+@with_mitsuba
+def test_a_mesh_without_texture_coordinates_is_refused(tmp_path):
+    import mitsuba as mi
+
+    from bench.demand.mitsuba.path_tracer import using
+    from bench.demand.mitsuba.scene import _chosen
+
+    (tmp_path / "bare.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    bare = '<shape type="obj"><string name="filename" value="bare.obj"/><ref id="cloth"/></shape>'
+    path = written(tmp_path, CAMERA, CLOTH, bare, LAMP)
+    # Some versions of LLVM cannot load a mesh that has no uv; the check is the same in every variant.
+    with using("scalar_rgb"), pytest.raises(InputError, match="no texture coordinates: give its mesh uv"):
+        _chosen(mi.load_file(str(path)), path, "cloth")
+
+
+@short
+@with_mitsuba
+def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch):
+    import drjit as dr
+
+    if dr.has_backend(dr.JitBackend.CUDA):
+        pytest.skip("this machine has a CUDA device, which needs no LLVM")
+    monkeypatch.setattr(llvm, "_tried", lambda choice: ("LLVM 15.0.6", ("kernels",), "Cannot select: fmaximum"))
+    path = written(tmp_path, CAMERA, CLOTH, PLANE, LAMP)
+    assert cli.main(["demand", str(path), "--bsdf", "cloth", "-o", str(tmp_path / "a.npz")]) == 2
+    message = " ".join(capsys.readouterr().err.split())
+    assert "LLVM 15.0.6, which ended a trial process (Cannot select: fmaximum)" in message
+    assert "apt-get install libllvm19" in message
+    assert "DRJIT_LIBLLVM_PATH" in message
+
+
+@short
+def test_the_command_says_what_it_lacks(tmp_path, capsys, monkeypatch):
+    path, out = written(tmp_path), str(tmp_path / "a.npz")
+    assert cli.main(["demand", str(path), "-o", out]) == 2
+    assert "with --bsdf ID" in capsys.readouterr().err
+    assert cli.main(["demand", str(tmp_path / "no.xml"), "--bsdf", "a", "-o", out]) == 2
+    assert "not there" in capsys.readouterr().err
+    assert cli.main(["demand", "wall", "--bsdf", "a", "-o", out]) == 2
+    assert "is of a Mitsuba scene" in capsys.readouterr().err
+    monkeypatch.setitem(__import__("sys").modules, "mitsuba", None)
+    monkeypatch.delitem(__import__("sys").modules, "bench.demand.mitsuba.scene", raising=False)
+    assert cli.main(["demand", str(path), "--bsdf", "a", "-o", out]) == 2
+    assert "needs Mitsuba 3" in capsys.readouterr().err
