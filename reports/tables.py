@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 
-from bench.records import Run
+from bench.records import Record, Run
 from reports import KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
@@ -27,49 +27,14 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[
     `narrow` splits the main table in two, each of which fits a printed page.
     """
     found = materials(run)
-    makers = _OF_KIND | ({"main": _narrow} if narrow else {})
+    main: Maker = lambda run, found: [*_QUALITY(run, found), *_COST(run, found)]  # noqa: E731
+    makers = _OF_KIND | ({"main": main} if narrow else {})
     return [table for name in KINDS if kind in (None, name) for table in makers[name](run, found) if table]
 
 
 def main_table(material: Material, chosen: Sequence[Column] = ()) -> Table | None:
     """Cost, quality and time of each codec; None where nothing was measured."""
     return _table("main", material, "", chosen or columns.main(material), main_notes(material))
-
-
-def quality_table(material: Material) -> Table | None:
-    """The columns of the main table that say how good a codec is."""
-    return _table("main", material, "quality", columns.quality(material), quality_notes(material))
-
-
-def cost_table(material: Material) -> Table | None:
-    """The columns of the main table that say what a codec costs."""
-    return _table("main", material, "size and time", (*columns.SIZE, *columns.time()), cost_notes(material))
-
-
-def slices_table(material: Material) -> Table | None:
-    """Every metric as papers report it: mean ± std over slices."""
-    about = "as papers report it, mean ± std over slices"
-    return _table("slices", material, about, columns.papers(material), quality_notes(material))
-
-
-def angular_table(material: Material) -> Table | None:
-    """Display PSNR by where the held-out pairs lie."""
-    chosen = columns.bands(material.first) if material.first else []
-    return _table("angular", material, "display PSNR by direction", chosen, common_notes(material))
-
-
-def radiance_table(material: Material) -> Table | None:
-    """The error of linear radiance by where the held-out pairs lie, absolute and relative to the band's mean."""
-    chosen = columns.radiance_bands(material.first) if material.first else []
-    note = "(…): relative to the mean radiance of the same pairs, because dark slices flatter an absolute error."
-    return _table("radiance", material, "error of radiance by direction", chosen, [note, *common_notes(material)])
-
-
-def footprint_table(material: Material) -> Table | None:
-    """Display PSNR of answers averaged over several texels."""
-    chosen = columns.footprints(material.first) if material.first else []
-    note = "Answers over a square of so many texels a side, against box-filtered truth."
-    return _table("footprints", material, "display PSNR by footprint", chosen, [note, *common_notes(material)])
 
 
 def scene_table(material: Material) -> Table | None:
@@ -85,11 +50,6 @@ def scene_table(material: Material) -> Table | None:
     ]
     about = f"judged by the scene {says['name']}"
     return _table("scene", material, about, columns.scene(material.first), [*notes, *common_notes(material)])
-
-
-def rate_points(material: Material) -> Table | None:
-    """Size and quality of every codec of a material that has fronts to compare."""
-    return _table("rate", material, "rates", columns.RATES, common_notes(material)) if compared(material) else None
 
 
 def unfinished_table(run: Run) -> Table | None:
@@ -154,21 +114,43 @@ def _cells(codec: Codec, chosen: Sequence[Column]) -> list[str]:
     return [word] + [NONE] * (len(chosen) - 1)
 
 
-def _narrow(_: Run, found: list[Material]) -> Iterator[Table | None]:
-    yield from map(quality_table, found)
-    yield from map(cost_table, found)
+def _each(
+    kind: str,
+    about: str,
+    chosen: Callable[[Material], Sequence[Column]],
+    notes: Callable[[Material], list[str]] = common_notes,
+    note: str = "",
+) -> "Maker":
+    """Makes a table for each material that was measured; a `note` stands before its others."""
+
+    def tables(_: Run, found: list[Material]) -> Iterator[Table | None]:
+        for material in found:
+            if material.measured:
+                yield _table(kind, material, about, chosen(material), [*([note] if note else []), *notes(material)])
+
+    return tables
 
 
-Made = Iterable[Table | None]
-_OF_KIND: dict[str, Callable[[Run, list[Material]], Made]] = {
+def _of_first(chosen: Callable[[Record], list[Column]]) -> Callable[[Material], list[Column]]:
+    """The columns of a material that its first job has numbers for."""
+    return lambda material: chosen(material.first) if material.first else []
+
+
+Maker = Callable[[Run, list[Material]], Iterable[Table | None]]
+_QUALITY = _each("main", "quality", columns.quality, quality_notes)
+_COST = _each("main", "size and time", lambda _: (*columns.SIZE, *columns.time()), cost_notes)
+_RELATIVE = "(…): relative to the mean radiance of the same pairs, because dark slices flatter an absolute error."
+_BOXES = "Answers over a square of so many texels a side, against box-filtered truth."
+_POINTS = _each("rate", "rates", lambda material: columns.RATES if compared(material) else ())
+_OF_KIND: dict[str, Maker] = {
     "summary": lambda run, _: [summary_table(run)],
-    "main": lambda _, found: map(main_table, found),
-    "slices": lambda _, found: map(slices_table, found),
-    "angular": lambda _, found: map(angular_table, found),
-    "radiance": lambda _, found: map(radiance_table, found),
-    "footprints": lambda _, found: map(footprint_table, found),
+    "main": _each("main", "", columns.main, main_notes),
+    "slices": _each("slices", "as papers report it, mean ± std over slices", columns.papers, quality_notes),
+    "angular": _each("angular", "display PSNR by direction", _of_first(columns.bands)),
+    "radiance": _each("radiance", "error of radiance by direction", _of_first(columns.radiance_bands), note=_RELATIVE),
+    "footprints": _each("footprints", "display PSNR by footprint", _of_first(columns.footprints), note=_BOXES),
     "scene": lambda _, found: map(scene_table, found),
-    "rate": lambda _, found: [*map(rate_points, found), *chain.from_iterable(map(rate_tables, found))],
+    "rate": lambda run, found: chain(_POINTS(run, found), *map(rate_tables, found)),
     "fits": lambda run, _: fit_tables(run),
     "trade": lambda run, _: trade_tables(run.folder),
     "paper": lambda run, _: [paper_table(run)],
