@@ -256,9 +256,10 @@ def footprint_errors(
 
 
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
-    """The summary of `footprint_errors` for a record: by factor, the PSNR of all pairs pooled, and their mean.
+    """The summary of `footprint_errors` for a record: of each footprint the display PSNR.
 
-    None stands for no error at all.
+    {"1": {"psnr_display": pooled over pairs, "mean": over slices, "exact": …, "slices": …}, …}. None stands for no
+    error at all.
     """
     found: dict[str, dict[str, float | int | None]] = {}
     for factor, raw in errors.items():

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from bench.btf import BTF, ArraySource
-from bench.codec import Fit, Progress, followed, silent
+from bench.codec import Fit, Progress, silent
 from bench.codecs.program import program_of
 from bench.codecs.registry import load_codec
 from bench.hemisphere import thin, ubo2003, uniform
@@ -43,8 +43,12 @@ def baked(material: Material, name: str, show: Progress = silent) -> BTF:
     directions = ubo2003()
     side = directions[thin(directions, BAKED)]
     wo, wi = np.repeat(side, BAKED, 0), np.tile(side, (BAKED, 1))
-    pairs = followed(show, zip(wo.tolist(), wi.tolist(), strict=True), f"baking {name}", len(wo))
-    return BTF(name, wo, wi, ArraySource(np.stack([material.slice(*pair).numpy() for pair in pairs])))
+    slices = []
+    for number, pair in enumerate(zip(wo.tolist(), wi.tolist(), strict=True)):
+        show(f"baking {name}", number, len(wo))
+        slices.append(material.slice(*pair).numpy())
+    show(f"baking {name}", len(wo), len(wo))
+    return BTF(name, wo, wi, ArraySource(np.stack(slices)))
 
 
 def drawable_truth(btf: BTF, path: Path, show: Progress = silent) -> Drawable:

@@ -187,9 +187,7 @@ class _Session:
         done = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
         unsound = [task for task in order if task.codec.label in self.faults]
         results = itertools.chain(((task, failed(task, self.faults[task.codec.label])) for task in unsound), done)
-        # Jobs whose records agree with their files are expected to hold.
-        holds = {task.name for task in self.tasks if self._earlier(task.name) is not None}
-        outlook = Outlook(self.tasks, holds, self.options.folder.absolute(), workers.at_once)
+        outlook = self._outlook(workers)
         self.options.say(outlook.first)
         self.options.show("jobs", 0, len(self.tasks))
         for count, (task, result) in enumerate(results, 1):
@@ -200,6 +198,11 @@ class _Session:
             if outcome.record["status"] == "ok":
                 self.done[task.name] = outcome.record
             yield outcome
+
+    def _outlook(self, workers: Workers) -> Outlook:
+        """The jobs ahead; those whose records agree with their files are expected to hold."""
+        holds = {task.name for task in self.tasks if self._earlier(task.name) is not None}
+        return Outlook(self.tasks, holds, self.options.folder.absolute(), workers.at_once)
 
     def _told(self, task: Task) -> dict[str, Any]:
         """The fields of a task that a worker cannot look up."""
