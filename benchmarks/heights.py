@@ -27,7 +27,7 @@ from bench.data.materials import load, recipe
 from bench.data.materials.maps import resize
 from bench.data.materials.store import load_or_render
 from bench.data.spec import Preparation
-from bench.metrics.angular import theta_deg
+from bench.hemisphere import to_degrees
 from bench.metrics.display import exposure, to_display
 from bench.threads import torch_threads
 from bench.training import gain_of
@@ -83,7 +83,7 @@ def failing(name: str, steps: int) -> Figure:
     print(
         f"{name}, {steps:,} steps, the worst of {len(shown)}: {-10 * np.log10(np.square(truth - ours).mean()):.1f} dB"
     )
-    view, light = (float(theta_deg(each[None])[0]) for each in (btf.wo[worst], btf.wi[worst]))
+    view, light = (float(to_degrees(each)[0]) for each in (btf.wo[worst], btf.wi[worst]))
     figure = grid([[truth, ours, np.clip(abs(truth - ours), 0, 1)]], ["truth", "decoded", "difference"], [""])
     figure.suptitle(f"{name}: view {view:.0f}° and light {light:.0f}° from the normal", fontsize=9)
     return figure

@@ -27,10 +27,10 @@ from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.materials import load
 from bench.data.materials.maps import resize
-from bench.hemisphere import from_degrees
+from bench.hemisphere import from_degrees, to_degrees
 from bench.material import Material
 from bench.metrics import default_names
-from bench.metrics.angular import THETA_EDGES_DEG, theta_deg
+from bench.metrics.angular import THETA_EDGES_DEG
 from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
 from bench.metrics.scoring import Scorer
 from bench.records import SSIM, metric_of
@@ -259,7 +259,7 @@ def draw_failure(bench: Bench) -> None:
     ssim = metric_of(default_names(btf.periodic), SSIM)
     scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
     held = btf.split().heldout["heldout"]
-    ring = np.digitize(theta_deg(btf.wo[held]), THETA_EDGES_DEG[1:-1])
+    ring = np.digitize(to_degrees(btf.wo[held])[0], THETA_EDGES_DEG[1:-1])
     figure = Figure(figsize=(9, 7), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=[1, 1.5])
     panels: Any = top.subplots(1, 2)
@@ -295,7 +295,7 @@ def _draw_slices(place: Any, btf: BTF, codecs: Sequence[Codec], materials: Seque
     for row, pair in enumerate((_near(btf, (UP, (30.0, 45.0))), _near(btf, ((70.0, 270.0), (30.0, 45.0))))):
         at = (btf.wo[pair].tolist(), btf.wi[pair].tolist())
         pictures = [btf[pair], *(material.slice(*at).numpy() for material in materials)]
-        view = float(theta_deg(btf.wo[[pair]])[0])
+        view = float(to_degrees(btf.wo[pair])[0])
         for axes, picture, name in zip(every[row], pictures, ["truth", *(c.name for c in codecs)], strict=True):
             axes.imshow(to_display(picture, shown), interpolation="nearest")
             axes.set_axis_off()

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 
-from bench.records import Run
+from bench.records import Record, Run
 from reports import KINDS, columns
 from reports.best_cells import best_cells
 from reports.columns import Column
@@ -26,49 +26,15 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[
 
     `narrow` splits the main table in two, each of which fits a printed page.
     """
-    makers = _OF_KIND | (_NARROW if narrow else {})
-    return [table for name in KINDS if kind in (None, name) for table in makers[name](run, materials(run)) if table]
+    rows = materials(run)
+    main: Maker = lambda run, rows: [*_QUALITY(run, rows), *_COST(run, rows)]  # noqa: E731
+    makers = _OF_KIND | ({"main": main} if narrow else {})
+    return [table for name in KINDS if kind in (None, name) for table in makers[name](run, rows) if table]
 
 
 def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table | None:
     """Cost, quality and time of each codec; None where nothing was measured."""
     return _table("main", material, "", chosen or columns.main(material), main_notes(material))
-
-
-def quality_table(material: MaterialRows) -> Table | None:
-    """The columns of the main table that say how good a codec is."""
-    return _table("main", material, "quality", columns.quality(material), quality_notes(material))
-
-
-def cost_table(material: MaterialRows) -> Table | None:
-    """The columns of the main table that say what a codec costs."""
-    return _table("main", material, "size and time", (*columns.SIZE, *columns.time()), cost_notes(material))
-
-
-def slices_table(material: MaterialRows) -> Table | None:
-    """Every metric as papers report it: mean ± std over slices."""
-    about = "as papers report it, mean ± std over slices"
-    return _table("slices", material, about, columns.papers(material), quality_notes(material))
-
-
-def angular_table(material: MaterialRows) -> Table | None:
-    """Display PSNR by where the held-out pairs lie."""
-    chosen = columns.bands(material.first) if material.first else []
-    return _table("angular", material, "display PSNR by direction", chosen, common_notes(material))
-
-
-def radiance_table(material: MaterialRows) -> Table | None:
-    """The error of linear radiance by where the held-out pairs lie, absolute and relative to the band's mean."""
-    chosen = columns.radiance_bands(material.first) if material.first else []
-    note = "(…): relative to the mean radiance of the same pairs, because dark slices flatter an absolute error."
-    return _table("radiance", material, "error of radiance by direction", chosen, [note, *common_notes(material)])
-
-
-def footprint_table(material: MaterialRows) -> Table | None:
-    """Display PSNR of answers averaged over several texels."""
-    chosen = columns.footprints(material.first) if material.first else []
-    note = "Answers over a square of so many texels a side, against box-filtered truth."
-    return _table("footprints", material, "display PSNR by footprint", chosen, [note, *common_notes(material)])
 
 
 def scene_table(material: MaterialRows) -> Table | None:
@@ -84,11 +50,6 @@ def scene_table(material: MaterialRows) -> Table | None:
     ]
     about = f"judged by the scene {scene['name']}"
     return _table("scene", material, about, columns.scene(material.first), [*notes, *common_notes(material)])
-
-
-def rate_points(material: MaterialRows) -> Table | None:
-    """Size and quality of every codec of a material that has fronts to compare."""
-    return _table("rate", material, "rates", columns.RATES, common_notes(material)) if compared(material) else None
 
 
 def unfinished_table(run: Run) -> Table | None:
@@ -154,17 +115,43 @@ def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
     return [word] + [NONE] * (len(chosen) - 1)
 
 
-Makers = dict[str, Callable[[Run, list[MaterialRows]], Iterable[Table | None]]]
-_NARROW: Makers = {"main": lambda _, materials: [*map(quality_table, materials), *map(cost_table, materials)]}
-_OF_KIND: Makers = {
+def _each(
+    kind: str,
+    about: str,
+    chosen: Callable[[MaterialRows], Sequence[Column]],
+    notes: Callable[[MaterialRows], list[str]] = common_notes,
+    note: str = "",
+) -> "Maker":
+    """Makes a table for each material that was measured; a `note` stands before its others."""
+
+    def tables(_: Run, rows: list[MaterialRows]) -> Iterator[Table | None]:
+        for material in rows:
+            if material.measured:
+                yield _table(kind, material, about, chosen(material), [*([note] if note else []), *notes(material)])
+
+    return tables
+
+
+def _of_first(chosen: Callable[[Record], list[Column]]) -> Callable[[MaterialRows], list[Column]]:
+    """The columns of a material that its first job has numbers for."""
+    return lambda material: chosen(material.first) if material.first else []
+
+
+Maker = Callable[[Run, list[MaterialRows]], Iterable[Table | None]]
+_QUALITY = _each("main", "quality", columns.quality, quality_notes)
+_COST = _each("main", "size and time", lambda _: (*columns.SIZE, *columns.time()), cost_notes)
+_RELATIVE = "(…): relative to the mean radiance of the same pairs, because dark slices flatter an absolute error."
+_BOXES = "Answers over a square of so many texels a side, against box-filtered truth."
+_POINTS = _each("rate", "rates", lambda material: columns.RATES if compared(material) else ())
+_OF_KIND: dict[str, Maker] = {
     "summary": lambda run, _: [summary_table(run)],
-    "main": lambda _, materials: map(main_table, materials),
-    "slices": lambda _, materials: map(slices_table, materials),
-    "angular": lambda _, materials: map(angular_table, materials),
-    "radiance": lambda _, materials: map(radiance_table, materials),
-    "footprints": lambda _, materials: map(footprint_table, materials),
-    "scene": lambda _, materials: map(scene_table, materials),
-    "rate": lambda _, materials: [*map(rate_points, materials), *chain.from_iterable(map(rate_tables, materials))],
+    "main": _each("main", "", columns.main, main_notes),
+    "slices": _each("slices", "as papers report it, mean ± std over slices", columns.papers, quality_notes),
+    "angular": _each("angular", "display PSNR by direction", _of_first(columns.bands)),
+    "radiance": _each("radiance", "error of radiance by direction", _of_first(columns.radiance_bands), note=_RELATIVE),
+    "footprints": _each("footprints", "display PSNR by footprint", _of_first(columns.footprints), note=_BOXES),
+    "scene": lambda _, rows: map(scene_table, rows),
+    "rate": lambda run, rows: chain(_POINTS(run, rows), *map(rate_tables, rows)),
     "fits": lambda run, _: fit_tables(run),
     "trade": lambda run, _: trade_tables(run.folder),
     "paper": lambda run, _: [paper_table(run)],

@@ -78,14 +78,14 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
 
 
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand | None = None, uniform: float = UNIFORM) -> Parts:
-    """Fit a codec to the pairs of a BTF, or to a demand on it if its settings say so; returns the encoded parts.
+    """Fit a codec to the pairs of a BTF, or to a demand on it; returns the encoded parts.
 
     `InputError` where the network that it shares over materials was trained on this one.
     """
     if fit.network:
         shared.refuse(fit.network, btf)
     with torch_threads(fit.threads):
-        if codec.scene and demand:
+        if demand:
             return Problem.for_codec(codec, btf, demand, uniform).encode(codec, fit)
         return codec.encode(btf, fit)
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from bench.hemisphere import to_degrees
+
 Array = np.ndarray
 Pool = Callable[[Array], float]
 
@@ -16,20 +18,9 @@ THETA_EDGES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 SECTORS = 12
 
 
-def theta_deg(directions: Array) -> Array:
-    """Angle from the normal (N,) in degrees of unit vectors (N, 3)."""
-    return np.degrees(np.arccos(np.clip(np.asarray(directions, np.float64)[:, 2], -1, 1)))
-
-
-def phi_deg(directions: Array) -> Array:
-    """Angle from +x, counter-clockwise, in [0, 360) degrees (N,) of unit vectors (N, 3)."""
-    directions = np.asarray(directions, np.float64)
-    return np.degrees(np.arctan2(directions[:, 1], directions[:, 0])) % 360
-
-
 def grazing(directions: Array) -> Array:
     """Mask (N,) of the directions more than 60° from the normal."""
-    return theta_deg(directions) > GRAZING_DEG + 1e-4  # a float32 direction at 60° is not grazing
+    return to_degrees(directions)[0] > GRAZING_DEG + 1e-4  # a float32 direction at 60° is not grazing
 
 
 def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None]]:
@@ -50,7 +41,7 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     where empty) and `count`.
     """
     ring, width = _ring(directions), 360 / SECTORS
-    sector = np.floor((phi_deg(directions) + width / 2) / width).astype(int) % SECTORS
+    sector = np.floor((to_degrees(directions)[1] + width / 2) / width).astype(int) % SECTORS
     cells = [
         [(ring == i) & ((sector == j) | (i == 0)) for j in range(SECTORS)] for i in range(len(THETA_EDGES_DEG) - 1)
     ]
@@ -64,7 +55,7 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
 
 def _ring(directions: Array) -> Array:
     # Float32 directions of a grid at 15°, 30°, … may fall a hair below their edge.
-    return np.clip(np.searchsorted(THETA_EDGES_DEG, theta_deg(directions) + 1e-4, side="right") - 1, 0, 5)
+    return np.clip(np.searchsorted(THETA_EDGES_DEG, to_degrees(directions)[0] + 1e-4, side="right") - 1, 0, 5)
 
 
 def _pooled(raw: Array, pool: Pool) -> float | None:

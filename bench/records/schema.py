@@ -289,7 +289,7 @@ Digits = Annotated[str, kinds.DIGITS]
 
 
 class FileScene(TypedDict):
-    """The scene that a codec file was fitted to; see `bench.demand.need`."""
+    """The scene that a codec file was fitted to; see `bench.demand.requirement`."""
 
     name: Text
     demand: Text

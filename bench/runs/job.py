@@ -255,9 +255,10 @@ class Job:
         """Fit the codec; returns the facts of the fit (seconds and curve) and the encoded parts."""
         device, threads = torch.device(self.task.device), self.task.threads
         fit = Fit(device, threads, self.seed, self.show, self.checkpoint, network=self.network)
+        demand = self.bench.demand if self.codec.scene else None
         with undisturbed():
             start = time.perf_counter()
-            parts = fitting.encode(self.codec, self.bench.training, fit, self.bench.demand, self.task.uniform)
+            parts = fitting.encode(self.codec, self.bench.training, fit, demand, self.task.uniform)
             seconds = time.perf_counter() - start
         if fit.history:  # its clock continues when an interrupted fit is resumed
             seconds = max(seconds, fit.history[-1].get("seconds", 0.0))

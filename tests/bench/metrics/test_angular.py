@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.metrics.angular import THETA_EDGES_DEG, bins, grazing, phi_deg, polar_map, theta_deg
+from bench.metrics.angular import THETA_EDGES_DEG, bins, grazing, polar_map
 
 
 def direction(theta, phi=0.0):
@@ -13,13 +13,6 @@ def direction(theta, phi=0.0):
 
 def mean(raw):
     return float(np.mean(raw))
-
-
-def test_angles_come_back():
-    theta, phi = np.array([0.5, 20, 60, 89]), np.array([0, 90, 200, 359])
-    directions = direction(theta, phi)
-    np.testing.assert_allclose(theta_deg(directions), theta, atol=1e-3)
-    np.testing.assert_allclose(phi_deg(directions), phi, atol=1e-3)
 
 
 def test_sixty_degrees_is_not_grazing_and_more_is():
