@@ -148,14 +148,8 @@ def _features(luminance: Array, ppd: float, mode: str) -> tuple[Array, Array]:
     """Strength of edges and of points, each (..., H, W)."""
     gaussian, first, second = _feature_filters(ppd)
     smooth = correlate1d(luminance, gaussian, -2, mode=mode)
-    edge = np.hypot(
-        correlate1d(smooth, first, -1, mode=mode),
-        _separable(luminance, first, gaussian, mode),
-    )
-    point = np.hypot(
-        correlate1d(smooth, second, -1, mode=mode),
-        _separable(luminance, second, gaussian, mode),
-    )
+    edge = np.hypot(correlate1d(smooth, first, -1, mode=mode), _separable(luminance, first, gaussian, mode))
+    point = np.hypot(correlate1d(smooth, second, -1, mode=mode), _separable(luminance, second, gaussian, mode))
     return edge, point
 
 

@@ -24,7 +24,7 @@ from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
 from bench.data.joined import with_heldout
 from bench.data.materials.maps import Maps
-from bench.data.materials.renderer import DESCRIPTION, RENDERER_VERSION, render
+from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
 from bench.data.spec import Preparation
@@ -173,5 +173,6 @@ def _described(surface: Surface, seed: int) -> dict[str, Any]:
         "renderer_version": RENDERER_VERSION,
         "sub_points": SUB_POINTS,
         "seed": seed,
-        **DESCRIPTION,
+        "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
+        **DESCRIBED,
     }

@@ -23,13 +23,12 @@ if TYPE_CHECKING:
     from bench.codec import Progress
 
 Array = np.ndarray
-RENDERER_VERSION = 3  # increment when a value changes; part of the key of every cached rendering
-DESCRIPTION = {  # of what is rendered, for a provenance
-    "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
+DESCRIBED = {
     "reference_plane": "mean height",
     "transport": "direct light, self-shadowing; no inter-reflection",
     "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
 }
+RENDERER_VERSION = 3  # increment when a value changes; part of the key of every cached rendering
 SUB_POINTS = 2  # along each side of a texel; see docs/materials.md for what it costs and what 3 would change
 
 

@@ -18,7 +18,7 @@ from bench.atomic import cache_dir
 from bench.btf import BTF, RENDERED, ArraySource
 from bench.data.joined import with_heldout
 from bench.data.materials.maps import Recipe
-from bench.data.materials.renderer import DESCRIPTION, RENDERER_VERSION, SUB_POINTS, render
+from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
 from bench.data.spec import Preparation
 from bench.errors import InputError
 
@@ -104,7 +104,8 @@ def _describe(name: str, recipe: Recipe, size: int, seed: int) -> dict[str, Any]
         "seed": seed,
         "size": size,
         "sub_points": SUB_POINTS,
-        **DESCRIPTION,
+        "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
+        **DESCRIBED,
     }
 
 

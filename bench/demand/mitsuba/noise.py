@@ -67,10 +67,7 @@ class Reached:
 
 
 def reached(
-    file: Path,
-    drawn: Sequence[Tensor | None],
-    scene: str = EVEN,
-    picture: Picture = Picture(),
+    file: Path, drawn: Sequence[Tensor | None], scene: str = EVEN, picture: Picture = Picture()
 ) -> list[Reached]:
     """The figures of a codec file that draws from each of some lobes (cells, cells, 5), of None by the cosine.
 
