@@ -21,7 +21,7 @@ from bench.decoder import load_vector, to_vector
 from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
 from bench.quantise import Precision, WeightPrecision, pack, unpack
 from bench.settings import BatchSize, Count, Natural, NotNegative, Positive
-from bench.training import RANDOM_SPREAD, Batch, Loss, Objective, Samples, distance, gain_of, train
+from bench.training import RANDOM_SPREAD, Batch, Loss, Samples, TextureObjective, gain_of, train
 
 SIDE = 20  # texels of the plane over half vectors
 PAIRS = 400  # of each material that the decoder is trained on
@@ -117,12 +117,12 @@ class Pool(Samples):
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
 
 
-class BiplaneObjective(Objective):
+class BiplaneObjective(TextureObjective):
     """Planes, matrices and offsets of one material or of a pool, and the decoder, where it is free."""
 
     def __init__(self, samples: Samples, decoder: BiplaneDecoder, settings: Any, generator: torch.Generator):
-        super().__init__(samples)
-        self.decoder, self.settings = decoder, settings
+        super().__init__(samples, settings)
+        self.network = decoder
         material = samples.material if isinstance(samples, Pool) else torch.zeros(samples.texels, dtype=torch.long)
         count = int(material.max()) + 1
         self.texture = nn.Parameter(RANDOM_SPREAD * torch.randn(samples.texels, FEATURES, generator=generator))
@@ -145,7 +145,7 @@ class BiplaneObjective(Objective):
 
     def groups(self) -> list[dict[str, Any]]:
         planes = [{"params": [self.texture, self.free, self.colours], "lr": self.settings.plane_rate}]
-        shared = [p for p in self.decoder.parameters() if p.requires_grad]
+        shared = [p for p in self.network.parameters() if p.requires_grad]
         return [*planes, {"params": shared, "lr": self.settings.rate}] if shared else planes
 
     def planes(self) -> Tensor:
@@ -158,7 +158,7 @@ class BiplaneObjective(Objective):
         corner = self.corner[row] + (material * SIDE**2)[:, None]
         rows = self.planes().flatten(0, 2).index_select(0, corner.flatten()).unflatten(0, corner.shape)
         half = (rows * self.weight[row][..., None]).sum(1)
-        answer = self.decoder(torch.cat([self.d[row], half, self.texture.index_select(0, batch.texel)], 1))
+        answer = self.network(torch.cat([self.d[row], half, self.texture.index_select(0, batch.texel)], 1))
         return coloured(answer, self.colours.index_select(0, batch.texel))
 
     @torch.no_grad()
@@ -176,10 +176,6 @@ class BiplaneObjective(Objective):
             plain = torch.cat([torch.zeros_like(colours[texel, :MATRIX]), mean], 1)
             colours[texel] = torch.where((errors[0] < errors[1])[:, None], colours[texel], plain)
         return colours
-
-    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
 
 class BiplaneMaterial(Material):

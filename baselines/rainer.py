@@ -101,6 +101,7 @@ class Fitted(Objective):
     """A decoder and the source of its latents; each texel's statistics are taken from the data."""
 
     statistics: Tensor  # (texels, 2, 3): mean and deviation of each texel's log ABRDF
+    coordinates: Tensor  # (pairs, k): the decoder's inputs of each pair
 
     def __init__(self, samples: Samples, decoder: Decoder, settings: FitSettings, fit: Fit):
         super().__init__(samples)
@@ -111,7 +112,7 @@ class Fitted(Objective):
 
     def where(self, batch: Batch) -> Tensor:
         """The decoder's coordinates (n, k) of the pairs of a batch."""
-        raise NotImplementedError
+        return self.coordinates[batch.pair]
 
     def decode(self, latents: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of latents (n, D) at the texels and pairs of a batch."""

@@ -87,9 +87,6 @@ class Encoded(Autoencoder):
         super().__init__(samples, encoder, Decoder(settings.architecture, generator), settings, fit)
         self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
 
-    def where(self, batch: Batch) -> Tensor:
-        return self.coordinates[batch.pair]
-
 
 class Free(Fitted):
     """The decoder and free latents, without an encoder; the file holds no encoder in either case."""
@@ -101,9 +98,6 @@ class Free(Fitted):
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, "components", generator))
         self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
-
-    def where(self, batch: Batch) -> Tensor:
-        return self.coordinates[batch.pair]
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings

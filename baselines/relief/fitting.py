@@ -41,9 +41,8 @@ class Rectified(Samples):
         slices = []
         for i, flat in zip(pair.tolist(), super().slices(pair).unbind(1), strict=True):
             along = slope(self.wo[i : i + 1], self.shape)
-            slices.append(
-                sample_texture(flat.reshape(*self.shape, 3), wrapped(self.centres(texel) - self.height * along))
-            )
+            place = wrapped(self.centres(texel) - self.height * along)
+            slices.append(sample_texture(flat.reshape(*self.shape, 3), place))
         return torch.stack(slices, 1)
 
 
