@@ -85,7 +85,7 @@ def radiance(decoder: Decoder, latents: Tensor, stats: Tensor, where: Tensor) ->
 
 
 @dataclass(frozen=True)
-class FitSettings:
+class RainerSettings:
     """How networks of Rainer's are fitted."""
 
     steps: Natural = 10_000  # of the fit
@@ -103,7 +103,7 @@ class Fitted(Objective):
     statistics: Tensor  # (texels, 2, 3): mean and deviation of each texel's log ABRDF
     coordinates: Tensor  # (pairs, k): the decoder's inputs of each pair
 
-    def __init__(self, samples: Samples, decoder: Decoder, settings: FitSettings, fit: Fit):
+    def __init__(self, samples: Samples, decoder: Decoder, settings: RainerSettings, fit: Fit):
         super().__init__(samples)
         self.decoder, self.settings = decoder, settings
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
@@ -122,7 +122,7 @@ class Fitted(Objective):
 class Autoencoder(Fitted):
     """Encoder and decoder, fitted on a few texels and a few pairs of each a step."""
 
-    def __init__(self, samples: Samples, encoder: nn.Module, decoder: Decoder, settings: FitSettings, fit: Fit):
+    def __init__(self, samples: Samples, encoder: nn.Module, decoder: Decoder, settings: RainerSettings, fit: Fit):
         super().__init__(samples, decoder, settings, fit)
         self.encoder = encoder
 

@@ -17,9 +17,9 @@ from baselines.rainer import (
     Autoencoder,
     Directions,
     Encoder,
-    FitSettings,
     Fitted,
     RainerMaterial,
+    RainerSettings,
     architecture,
     coordinates,
 )
@@ -42,7 +42,7 @@ class Rainer2019(Codec):
     }
 
     @dataclass(frozen=True)
-    class Settings(FitSettings):
+    class Settings(RainerSettings):
         steps: Natural = 2_500  # of the fit
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, Adam alone
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
