@@ -23,9 +23,9 @@ from bench.training import (
     RANDOM_SPREAD,
     Batch,
     Loss,
-    Objective,
     Precision,
     Samples,
+    TextureObjective,
     WeightPrecision,
     gain_of,
     load_vector,
@@ -129,12 +129,12 @@ class Pool(Samples):
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
 
 
-class BiplaneObjective(Objective):
+class BiplaneObjective(TextureObjective):
     """Planes, matrices and offsets of one material or of a pool, and the decoder, where it is free."""
 
     def __init__(self, samples: Samples, decoder: BiplaneDecoder, settings: Any, generator: torch.Generator):
-        super().__init__(samples)
-        self.decoder, self.settings = decoder, settings
+        super().__init__(samples, settings)
+        self.network = decoder
         material = samples.material if isinstance(samples, Pool) else torch.zeros(samples.texels, dtype=torch.long)
         count = int(material.max()) + 1
         self.texture = nn.Parameter(RANDOM_SPREAD * torch.randn(samples.texels, FEATURES, generator=generator))
@@ -157,7 +157,7 @@ class BiplaneObjective(Objective):
 
     def groups(self) -> list[dict[str, Any]]:
         planes = [{"params": [self.texture, self.free, self.colours], "lr": self.settings.plane_rate}]
-        shared = [p for p in self.decoder.parameters() if p.requires_grad]
+        shared = [p for p in self.network.parameters() if p.requires_grad]
         return [*planes, {"params": shared, "lr": self.settings.rate}] if shared else planes
 
     def planes(self) -> Tensor:
@@ -170,7 +170,7 @@ class BiplaneObjective(Objective):
         corner = self.corner[row] + (material * SIDE**2)[:, None]
         rows = self.planes().flatten(0, 2).index_select(0, corner.flatten()).unflatten(0, corner.shape)
         half = (rows * self.weight[row][..., None]).sum(1)
-        answer = self.decoder(torch.cat([self.d[row], half, self.texture.index_select(0, batch.texel)], 1))
+        answer = self.network(torch.cat([self.d[row], half, self.texture.index_select(0, batch.texel)], 1))
         return coloured(answer, self.colours.index_select(0, batch.texel))
 
     @torch.no_grad()

@@ -96,7 +96,7 @@ def radiance(decoder: Decoder, latents: Tensor, stats: Tensor, where: Tensor) ->
 
 
 @dataclass(frozen=True)
-class FitSettings:
+class RainerSettings:
     """How networks of Rainer's are fitted."""
 
     steps: Natural = 10_000  # of the fit
@@ -112,8 +112,9 @@ class Fitted(Objective):
     """A decoder and the source of its latents; each texel's statistics are taken from the data."""
 
     statistics: Tensor  # (texels, 2, 3): mean and deviation of each texel's log ABRDF
+    coordinates: Tensor  # (pairs, k): the decoder's inputs of each pair
 
-    def __init__(self, samples: Samples, decoder: Decoder, settings: FitSettings, fit: Fit):
+    def __init__(self, samples: Samples, decoder: Decoder, settings: RainerSettings, fit: Fit):
         super().__init__(samples)
         self.decoder, self.settings = decoder, settings
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
@@ -122,7 +123,7 @@ class Fitted(Objective):
 
     def where(self, batch: Batch) -> Tensor:
         """The decoder's coordinates (n, k) of the pairs of a batch."""
-        raise NotImplementedError
+        return self.coordinates[batch.pair]
 
     def decode(self, latents: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of latents (n, D) at the texels and pairs of a batch."""
@@ -132,7 +133,7 @@ class Fitted(Objective):
 class Autoencoder(Fitted):
     """Encoder and decoder, fitted on a few texels and a few pairs of each a step."""
 
-    def __init__(self, samples: Samples, encoder: nn.Module, decoder: Decoder, settings: FitSettings, fit: Fit):
+    def __init__(self, samples: Samples, encoder: nn.Module, decoder: Decoder, settings: RainerSettings, fit: Fit):
         super().__init__(samples, decoder, settings, fit)
         self.encoder = encoder
 

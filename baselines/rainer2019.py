@@ -17,9 +17,9 @@ from baselines.rainer import (
     Autoencoder,
     Directions,
     Encoder,
-    FitSettings,
     Fitted,
     RainerMaterial,
+    RainerSettings,
     architecture,
     coordinates,
 )
@@ -56,7 +56,7 @@ class Rainer2019(Codec):
     }
 
     @dataclass(frozen=True)
-    class Settings(FitSettings):
+    class Settings(RainerSettings):
         steps: Natural = 2_500  # of the fit
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, Adam alone
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
@@ -101,9 +101,6 @@ class Encoded(Autoencoder):
         super().__init__(samples, encoder, Decoder(settings.architecture, generator), settings, fit)
         self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
 
-    def where(self, batch: Batch) -> Tensor:
-        return self.coordinates[batch.pair]
-
 
 class Free(Fitted):
     """The decoder and free latents, without an encoder; the file holds no encoder in either case."""
@@ -115,9 +112,6 @@ class Free(Fitted):
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, "components", generator))
         self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
-
-    def where(self, batch: Batch) -> Tensor:
-        return self.coordinates[batch.pair]
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings

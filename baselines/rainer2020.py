@@ -18,8 +18,8 @@ from baselines.rainer import (
     Activation,
     Autoencoder,
     Encoder,
-    FitSettings,
     RainerMaterial,
+    RainerSettings,
     architecture,
     coordinates,
     encoded,
@@ -59,7 +59,7 @@ class Rainer2020Network(SharedNetwork):
     name, version = "rainer2020", 1
 
     @dataclass(frozen=True)
-    class Settings(FitSettings):
+    class Settings(RainerSettings):
         steps: Natural = 40_000  # of the training
         optimiser: Optimiser = "adam"  # of all; with "muon" the decoder's hidden matrices are stepped by Muon
         kept: Count = 512  # ABRDFs of each material that are trained on

@@ -104,9 +104,8 @@ class TriplePlaneObjective(TextureObjective):
         first = RANDOM_SPREAD * torch.randn(2, side, side, channels, generator=generator)
         if settings.start == "components":
             at = torch.linspace(-1, 1, side)
-            first[..., : min(2, channels)] = torch.stack([at.expand(side, side), -at[:, None].expand(side, side)], 2)[
-                ..., :channels
-            ]
+            place = torch.stack([at.expand(side, side), -at[:, None].expand(side, side)], 2)
+            first[..., : min(2, channels)] = place[..., :channels]
         self.free = nn.Parameter(first)
         self.kernel: Tensor
         self.register_buffer("kernel", blurring(side, settings.blur), persistent=False)

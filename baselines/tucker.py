@@ -81,9 +81,8 @@ class Tucker(Codec):
         if core.shape != wanted or any(int(i.max()) >= len(f) for i, f in zip(index, (view, light), strict=True)):
             raise ValueError(f"a core of {tuple(core.shape)} for factors that want {wanted}")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
-        return TuckerMaterial(texture, core, (view[index[0]], light[index[1]]), PairInterpolator(layout), gain).to(
-            device
-        )
+        modes = view[index[0]], light[index[1]]
+        return TuckerMaterial(texture, core, modes, PairInterpolator(layout), gain).to(device)
 
 
 def _modes(layout: Layout) -> tuple[Tensor, Tensor]:

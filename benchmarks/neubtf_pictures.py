@@ -38,7 +38,7 @@ from bench.threads import torch_threads
 from neubtf import latents
 from neubtf.codec import NeuBTF
 from neubtf.guidance import RADIANCE, Treatment
-from neubtf.propagation import Source
+from neubtf.propagation import FittedMaterial
 from neubtf.renderer import NeuBTFMaterial
 from neubtf.tileable import seam_of
 
@@ -63,10 +63,10 @@ class Bench:
     def btf(self, name: str) -> BTF:
         return load(name, size=SIZE, split="validation")
 
-    def half(self, name: str, kind: str = "0", settings: dict[str, Any] = BRIEF) -> Source:
+    def half(self, name: str, kind: str = "0", settings: dict[str, Any] = BRIEF) -> FittedMaterial:
         """NeuBTF, fitted to the left half of a material."""
         path = self.keep / f"{name}-{SIZE}-left-{kind}.nbtf"
-        return Source.read(fitted(left_half(self.btf(name)), NeuBTF(keep_encoder=True, **settings), path))
+        return FittedMaterial.read(fitted(left_half(self.btf(name)), NeuBTF(keep_encoder=True, **settings), path))
 
     def whole(self, name: str, codec: Codec) -> tuple[Material, list[dict[str, float]]]:
         """A codec, fitted to the whole of a material at 64², and the curve of its fit."""
@@ -223,7 +223,7 @@ def draw_levels(bench: Bench) -> None:
         print(f"| {scale:g} | " + " | ".join(f"{x:.2f}" if x < 100 else "same" for x in psnr) + " |")
 
 
-def levels(source: Source, btf: BTF) -> list[list[float]]:
+def levels(source: FittedMaterial, btf: BTF) -> list[list[float]]:
     """PSNR at each scale, pooled over a third of the held-out pairs: see the heads of `draw_levels`."""
     half, shown = btf.shape[1] // 2, exposure(btf)
     own = decode_srgb(source.guidance.numpy() / 255).astype(np.float32)

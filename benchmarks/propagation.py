@@ -75,7 +75,7 @@ def fitted(btf: BTF, codec: NeuBTF, path: Path, seed: int = 0) -> Path:
     return path
 
 
-def guided(source: propagation.Source, picture: Array, treatment: Treatment) -> NeuBTFMaterial:
+def guided(source: propagation.FittedMaterial, picture: Array, treatment: Treatment) -> NeuBTFMaterial:
     """The material of a fit with the texture that a linear picture (H, W, 3) gives."""
     image, _ = guidance_of(picture, treatment, source.guidance, source.exposure)
     codec, parts = source.guided(propagation.textured(source.encoder, image))
@@ -117,7 +117,9 @@ def row(name: str, size: int, settings: dict[str, Any], folder: Path, seed: int)
     """The line of a material in the table, and its margin."""
     btf, codec = load(name, size=size, split="validation"), NeuBTF(keep_encoder=True, **BRIEF | settings)
     start = time.process_time()
-    source = propagation.Source.read(fitted(left_half(btf), codec, folder / f"{name}-{size}-left-{seed}.nbtf", seed))
+    source = propagation.FittedMaterial.read(
+        fitted(left_half(btf), codec, folder / f"{name}-{size}-left-{seed}.nbtf", seed)
+    )
     seconds = time.process_time() - start
     errors = compared(btf, guided(source, frontal(btf), Treatment(exposure=RADIANCE)))
     seen, other, mean = (-10 * np.log10(error) for error in (errors.seen, errors.other, errors.mean_abrdf))

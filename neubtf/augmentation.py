@@ -73,13 +73,8 @@ class Window:
 
     def taps(self, texel: Tensor) -> tuple[Tensor, Tensor]:
         """The source texels (n, k) and weights (n, k) whose weighted mean gives some texels (n,) of the window."""
-        axes = [
-            _taps(side, cut, place)
-            for side, cut, place in zip(
-                self.source, self.size, (texel // self.size[1], texel % self.size[1]), strict=True
-            )
-        ]
-        (row, high), (col, wide) = axes
+        places = (texel // self.size[1], texel % self.size[1])
+        (row, high), (col, wide) = (_taps(*axis) for axis in zip(self.source, self.size, places, strict=True))
         index = row[:, :, None] * self.source[1] + col[:, None, :]
         return index.flatten(1), (high[:, :, None] * wide[:, None, :]).flatten(1)
 
@@ -89,11 +84,9 @@ class Window:
 
     def rescaled(self, pictures: Tensor) -> Tensor:
         """The source's pictures (B, C, *source) at the window's size: a texel is a weighted mean of those it covers."""
-        return (
-            pictures
-            if self.keeps_scale
-            else functional.interpolate(pictures, self.size, mode="bilinear", antialias=True)
-        )
+        if self.keeps_scale:
+            return pictures
+        return functional.interpolate(pictures, self.size, mode="bilinear", antialias=True)
 
 
 class _Side(NamedTuple):

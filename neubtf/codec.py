@@ -20,7 +20,7 @@ from bench.training import Samples, gain_of, train
 from neubtf.autoencoder import FAINT, STRIDE, Autoencoder
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
 from neubtf.renderer import load, store
-from neubtf.training import PAPER, FitSettings, Staged, slice_of
+from neubtf.training import PAPER, Staged, StagedSettings, slice_of
 
 TELLING = 0.1  # least contrast of the guidance, as a share of the best slice's
 TRIED = 64  # slices to search for the best
@@ -36,8 +36,8 @@ class NeuBTF(Codec):
     recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
-    class Settings(FitSettings):
-        """See `FitSettings`."""
+    class Settings(StagedSettings):
+        """See `StagedSettings`."""
 
         recipe: Literal["ours", "paper"] = "ours"  # "paper": everything as published, end to end; see docs/neubtf.md
 

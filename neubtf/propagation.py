@@ -26,7 +26,7 @@ TILE = 384  # texels a side, without the halo; a multiple of the stride
 
 
 @dataclass(frozen=True)
-class Source:
+class FittedMaterial:
     """A fitted material that can be guided: its file, its encoder, and its own guidance, bytes (H, W, 3)."""
 
     header: Header
@@ -35,7 +35,7 @@ class Source:
     guidance: Tensor
 
     @classmethod
-    def read(cls, path: Path) -> "Source":
+    def read(cls, path: Path) -> "FittedMaterial":
         """`InputError` for a file without autoencoder, `ContainerError` where it is damaged or of another version."""
         encoder, guidance = read_encoder(path)
         header = loading.load(path).header  # refuse a file that does not decode
@@ -63,7 +63,7 @@ def propagate(
     """
     if out.exists() and out.samefile(path):
         raise InputError(f"{out}: would replace the file that it is made from: give another name")
-    source = Source.read(path)
+    source = FittedMaterial.read(path)
     guidance = read_guidance(picture, treatment, source.guidance, source.exposure)
     texture = textured(source.encoder.to(device), guidance.image.to(device), show)
     codec, parts = source.guided(texture)

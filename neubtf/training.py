@@ -31,7 +31,7 @@ DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as
 
 
 @dataclass(frozen=True)
-class FitSettings(RendererSettings):
+class StagedSettings(RendererSettings):
     """The settings of a NeuBTF file and of its fit."""
 
     steps: Natural = 2_500  # of the fit, in three stages
@@ -105,7 +105,7 @@ class Staged(Objective):
     """An encoder and a renderer; `guidance` (1, 3, H, W) is that of the file's own texture."""
 
     def __init__(
-        self, samples: Samples, settings: FitSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
+        self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
         super().__init__(samples)
         self.settings, self.encoder, self.style = settings, encoder, Style()

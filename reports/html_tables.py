@@ -42,9 +42,8 @@ def _word(column: int, table: Table) -> str:
 
 
 def _cell(table: Table, row: int, column: int, cell: str, place: Place) -> str:
-    text = {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>"}.get(table.marks.get((row, column), ""), "{}").format(
-        escape(cell)
-    )
+    mark = {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>"}.get(table.marks.get((row, column), ""), "{}")
+    text = mark.format(escape(cell))
     if column == 0 and (target := place(table.material, cell)):
         text = f'<a href="#{target}">{text}</a>'
     return f"<td{_word(column, table)}>{text}</td>"

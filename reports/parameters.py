@@ -22,22 +22,15 @@ class Published:
     made_of: str
 
 
+_PYRAMID = "7 latents of the finest level of the pyramid, coarser ones not counted, and 7 of the offset"
+_STATISTICS = "and the mean and the deviation of each colour of a texel's ABRDF (6)"
 _NEUBTF = Published("NeuBTF", 3_011, 14, "14 latents")
 PUBLISHED = {
     "neubtf": _NEUBTF,
     "neubtf-direct": _NEUBTF,
-    "neumip": Published(
-        "NeuMIP",
-        3_332,
-        14,
-        "7 latents of the finest level of the pyramid, coarser ones not counted, and 7 of the offset",
-    ),
-    "rainer2019": Published(
-        "Rainer 2019", 35_725, 14, "8 latents, and the mean and the deviation of each colour of a texel's ABRDF (6)"
-    ),
-    "rainer2020": Published(
-        "Rainer 2020", 38_269, 38, "32 latents, and the mean and the deviation of each colour of a texel's ABRDF (6)"
-    ),
+    "neumip": Published("NeuMIP", 3_332, 14, _PYRAMID),
+    "rainer2019": Published("Rainer 2019", 35_725, 14, f"8 latents, {_STATISTICS}"),
+    "rainer2020": Published("Rainer 2020", 38_269, 38, f"32 latents, {_STATISTICS}"),
     "zeltner2024": Published("Zeltner 2024", 1_923, 8, "8 latents"),
     "triple-plane": Published("Triple plane", 3_011, 8, "8 latents of the plane over the texels"),
     "biplane": Published(

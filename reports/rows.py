@@ -196,8 +196,8 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
         label = shown_label(job)
         name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
         timing = timings.get(job["job"])
-        wanted = newest.get(job.get("seed"), {}).get("score_key", {})
-        obstacle = _difference(job["score_key"], wanted) if job["status"] == "ok" else ""
+        newest_key = newest.get(job.get("seed"), {}).get("score_key", {})
+        obstacle = _difference(job["score_key"], newest_key) if job["status"] == "ok" else ""
         timing_obstacle = _timing_obstacle(timing, latest) if timing else ""
         yield Row(job, label, name, timing, fused.get(job["job"]), obstacle, timing_obstacle)
 
@@ -206,15 +206,15 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
 def _fused(run: Run) -> dict[str, Record]:
     """The time of each job as one fused kernel in float32, as `neubtf-bench trade` measured it."""
     choices = (load_trade(run.folder) or {"choices": []})["choices"]
-    wanted = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
-    return {row["job"]: row for row in wanted if "job" in row and "ratio_to_floor" in row}
+    fused = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
+    return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
 
 
-def _difference(key: Record, wanted: Record) -> str:
+def _difference(key: Record, newest: Record) -> str:
     """The conditions, in words, in which two scores differ although they must agree."""
-    reasons = scored_unlike(key, wanted)
-    reasons += ["another demand of a scene"] if key.get("demand") != wanted.get("demand") else []
-    mine, theirs = key.get("metrics", {}), wanted.get("metrics", {})
+    reasons = scored_unlike(key, newest)
+    reasons += ["another demand of a scene"] if key.get("demand") != newest.get("demand") else []
+    mine, theirs = key.get("metrics", {}), newest.get("metrics", {})
     for name in sorted(mine.keys() & theirs.keys()):  # a metric that only one has is a gap, no obstacle
         if mine[name] != theirs[name]:
             reasons.append(f"{name} version {mine[name]} instead of version {theirs[name]}")

@@ -55,15 +55,10 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[Any]) -> Ite
     ]
     yield _plot(material, "fits", "Quality over seconds", seconds, {"label": f"{QUALITY} (training samples)"}, series)
     yield _footprints(material, y)
-    samples = [
-        {"label": codec.label, "samples": _slices(run, codec.measured[0])}
-        for codec in material.codecs
-        if codec.measured
-    ]
-    shown = [each for each in samples if each["samples"]]
-    yield _plot(
-        material, "slices", "Slices by their error", {"label": f"{QUALITY} a slice"}, {"label": "slices"}, shown
-    )
+    samples = [{"label": row.label, "samples": _slices(run, row)} for row in material.shown]
+    series = [each for each in samples if each["samples"]]
+    slice_axis = {"label": f"{QUALITY} a slice"}
+    yield _plot(material, "slices", "Slices by their error", slice_axis, {"label": "slices"}, series)
 
 
 def _plot(

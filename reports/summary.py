@@ -39,15 +39,14 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         written = [NONE if mean is None else column.write(mean) for column, mean in zip(chosen, means, strict=True)]
         rows.append([*_standing(each, len(measured)), *written])
         scores.append([None, None, *_scores(each, chosen, means)])
-    notes = _NOTES
+    notes = list(_NOTES)
     if intervals:
         against = against_the_best(run)
         headers.append(("against the best", "dB a slice"))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
-        notes = [*_NOTES, _paired(against)] if against.over else _NOTES
+        notes += [_paired(against)] if against.over else []
     timed = (row for material in measured for row in material.measured if not row.timing_obstacle)
-    notes = [*notes, *resting_over(measured), *unrest_notes(timed)]
-    notes = [*notes, *left_out_notes(run), *filter(None, [missing_note(run)])]
+    notes += [*resting_over(measured), *unrest_notes(timed), *left_out_notes(run), *filter(None, [missing_note(run)])]
     names = ", ".join(material.name for material in measured)
     title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {names}"
     return Table("summary", title, headers, rows, notes, marks=best_cells(rows, scores))

@@ -64,7 +64,8 @@ def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) 
     notes = [*answers, _conditions(rows)]
     notes += [f"{_name(row)}: {row['error']}." for row in rows if "error" in row]
     notes += _noise_notes(rows) if noisy else []
-    notes += list(dict.fromkeys(_unrest(row) for row in rows if _unrest(row)))
+    unrest = dict.fromkeys(row["unrest"] for row in rows if row.get("unrest"))
+    notes += [f"The machine was not quiet: {reason}." for reason in unrest]
     return Table(
         "trade", f"{material}: what each setting gives up, and gains", headers, cells, notes, material=material
     )
@@ -118,10 +119,6 @@ def _conditions(rows: Sequence[dict[str, Any]]) -> str:
         f"{timed['threads']}; eager, float32 where nothing else is said. Floor: one bilinear fetch of a colour. Limit: "
         "the arithmetic or the reads of a sample at this machine's measured rates."
     )
-
-
-def _unrest(row: dict[str, Any]) -> str:
-    return f"The machine was not quiet: {row['unrest']}." if row.get("unrest") else ""
 
 
 _CONDITION = ("part", "batch", "coherent", "footprint", "threads")

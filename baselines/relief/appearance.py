@@ -11,7 +11,7 @@ which the components then learn as well.
 import torch
 from torch import Tensor
 
-from baselines.relief.geometry import Relief, slope, wrapped
+from baselines.relief.geometry import Surface, slope, wrapped
 from baselines.relief.planes import HEIGHTS, REACH, blurred, refined, shifted
 from bench.material import sample_texture, texel_centres
 
@@ -58,7 +58,7 @@ def _components(height: Tensor, slices: Tensor, views: Tensor) -> tuple[Tensor, 
 
 def hidden(height: Tensor, views: Tensor) -> float:
     """The share of surface points, over all views (V, 3), that another point hides by more than a texel."""
-    surface, flat, shape = Relief(height), height.reshape(-1, 1), (height.shape[0], height.shape[1])
+    surface, flat, shape = Surface(height), height.reshape(-1, 1), (height.shape[0], height.shape[1])
     count = 0
     for view in views.float():
         along = slope(view[None], shape)

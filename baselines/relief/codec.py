@@ -14,7 +14,7 @@ from torch import Tensor
 from baselines.relief import latents as coding
 from baselines.relief import sweep
 from baselines.relief.fitting import HIGHEST, ReliefObjective
-from baselines.relief.geometry import Relief as Surface
+from baselines.relief.geometry import Surface
 from baselines.relief.height import restored, stepped
 from baselines.relief.material import ReliefMaterial
 from baselines.relief.network import Network

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from baselines.relief import latents as coding
-from baselines.relief.geometry import Relief, slope, wrapped
+from baselines.relief.geometry import Surface, slope, wrapped
 from baselines.relief.height import smoothed, stepped
 from baselines.relief.material import answer
 from baselines.relief.network import Network
@@ -41,9 +41,8 @@ class Rectified(Samples):
         slices = []
         for i, flat in zip(pair.tolist(), super().slices(pair).unbind(1), strict=True):
             along = slope(self.wo[i : i + 1], self.shape)
-            slices.append(
-                sample_texture(flat.reshape(*self.shape, 3), wrapped(self.centres(texel) - self.height * along))
-            )
+            place = wrapped(self.centres(texel) - self.height * along)
+            slices.append(sample_texture(flat.reshape(*self.shape, 3), place))
         return torch.stack(slices, 1)
 
 
@@ -60,7 +59,7 @@ class ReliefObjective(Objective):
         self.first_height = height
         # How far the height that was found moves, in texels, before it is smoothed.
         self.offset = nn.Parameter(torch.zeros_like(height)) if height is not None and settings.refine else None
-        self.relief = None if height is None else Relief(stepped(height)[2])
+        self.relief = None if height is None else Surface(stepped(height)[2])
         self.moved = False  # the surface that is marched is not the one that was found
         source = self.samples if height is None else Rectified(self.samples, height)
         self.latents = nn.Parameter(first_latents(source, settings.latents, settings.start, generator))
@@ -92,7 +91,7 @@ class ReliefObjective(Objective):
         """March the height as it is now, in the steps that the file will hold."""
         height = self.height
         if height is not None and height.isfinite().all():  # else the fit diverges, which its loop mends
-            self.relief = Relief(stepped(height)[2]).to(self.latents.device)
+            self.relief = Surface(stepped(height)[2]).to(self.latents.device)
 
     def table(self, progress: float) -> Tensor:
         """The pyramid as it is looked up at some progress of the fit."""

@@ -29,7 +29,7 @@ def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
     return across if shape[0] == shape[1] else across * across.new_tensor([1, shape[1] / shape[0]])
 
 
-class Relief(nn.Module):
+class Surface(nn.Module):
     """A height (H, W), made ready to be searched.
 
     The search reads the nearest sample of a finer copy, padded so that no ray leaves it, or wraps around; the last

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from baselines.relief.geometry import LIGHT_STEPS, SECANTS, VIEW_STEPS, Relief
+from baselines.relief.geometry import LIGHT_STEPS, SECANTS, VIEW_STEPS, Surface
 from baselines.relief.network import Network
 from baselines.relief.pyramid import Pyramid
 from bench.material import DecoderCost, Material, to_radiance
@@ -14,7 +14,7 @@ Queries = tuple[Tensor, Tensor, Tensor, Tensor]  # uv (n, 2) in [0, 1], wo and w
 def answer(
     network: Network,
     pyramid: Pyramid,
-    relief: Relief | None,
+    relief: Surface | None,
     table: Tensor,
     queries: Queries,
     height: Tensor | None = None,
@@ -39,7 +39,7 @@ def answer(
 class ReliefMaterial(Material):
     """Latents (H · W, D) of the finest level, a height or none, and the network."""
 
-    def __init__(self, network: Network, size: tuple[int, int], latents: Tensor, relief: Relief | None, gain: float):
+    def __init__(self, network: Network, size: tuple[int, int], latents: Tensor, relief: Surface | None, gain: float):
         taps = 0 if relief is None else VIEW_STEPS + 1 + 4 * SECANTS + (LIGHT_STEPS if network.shadow else 0)
         pyramid = Pyramid(size)
         table = pyramid.table(latents)

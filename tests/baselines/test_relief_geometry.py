@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.relief.geometry import Relief, slope
+from baselines.relief.geometry import Surface, slope
 from baselines.relief.planes import shifted
 from bench.data.materials.heightfield import HeightField
 from bench.hemisphere import from_degrees, uniform
@@ -17,7 +17,7 @@ def waves(size: tuple[int, int], amplitude: float = 0.05) -> torch.Tensor:
 
 
 def test_a_plane_is_met_at_its_height() -> None:
-    relief = Relief(torch.full((8, 8), 0.05))
+    relief = Surface(torch.full((8, 8), 0.05))
     wo = torch.from_numpy(from_degrees([0, 45, 60], [0, 0, 90])).float()
     uv, z = relief.meet(torch.full((3, 2), 0.5), wo)
     torch.testing.assert_close(z, torch.full((3, 1), 0.05))
@@ -27,12 +27,12 @@ def test_a_plane_is_met_at_its_height() -> None:
 
 
 def test_a_strip_is_searched_without_a_copy_that_fills_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert Relief(waves((3, 1001))).padded.numel() < 1_000_000
+    assert Surface(waves((3, 1001))).padded.numel() < 1_000_000
     rng = np.random.default_rng(0)
     uv, wo = torch.from_numpy(rng.random((500, 2))).float(), torch.from_numpy(uniform(rng, 500, 75))
-    padded = Relief(waves((32, 64))).meet(uv, wo)
+    padded = Surface(waves((32, 64))).meet(uv, wo)
     monkeypatch.setattr("baselines.relief.geometry.MOST_PADDED", 0)
-    torch.testing.assert_close(Relief(waves((32, 64))).meet(uv, wo), padded)
+    torch.testing.assert_close(Surface(waves((32, 64))).meet(uv, wo), padded)
 
 
 @pytest.mark.parametrize("size", [(64, 64), (32, 64)])
@@ -41,7 +41,7 @@ def test_rays_meet_the_surface_and_nothing_before(size: tuple[int, int]) -> None
     rng = np.random.default_rng(0)
     uv = torch.from_numpy(rng.random((400, 2)).astype(np.float32))
     wo = torch.from_numpy(uniform(rng, 400, 70))
-    relief = Relief(waves(size))
+    relief = Surface(waves(size))
     _, found = relief.meet(uv, wo)
     z = torch.linspace(0.05, -0.05, 2001)
     place = uv[:, None] + z[:, None] * slope(wo, size)[:, None]
@@ -60,15 +60,15 @@ def test_where_a_ray_hits_follows_the_height(size: tuple[int, int]) -> None:
     uv, wo = torch.from_numpy(rng.random((400, 2))).float(), torch.from_numpy(uniform(rng, 400, 60))
     height = waves(size, 0.02).requires_grad_()
     change = 5e-4 * waves(size, 1.0).roll(size[0] // 4, 0)
-    hits = Relief(height.detach()).meet(uv, wo)[0]
-    followed = Relief(height.detach()).follow(height, hits, wo)
+    hits = Surface(height.detach()).meet(uv, wo)[0]
+    followed = Surface(height.detach()).follow(height, hits, wo)
     torch.testing.assert_close(followed, hits)
 
     def along(weight: torch.Tensor) -> torch.Tensor:  # the change of each hit, from the gradient of their weighted sum
         (gradient,) = torch.autograd.grad((followed * weight).sum(), height, retain_graph=True)
         return (gradient * change).sum()
 
-    moved = Relief(height.detach() + change).meet(uv, wo)[0] - hits
+    moved = Surface(height.detach() + change).meet(uv, wo)[0] - hits
     moved = moved - moved.round()  # across the edge of the picture
     expected, found = [], []
     for row in range(0, 400, 8):
@@ -86,7 +86,7 @@ def test_the_march_agrees_with_the_renderers() -> None:
     height = waves((64, 64))
     wo = from_degrees([60], [30])
     truth = HeightField(height.numpy(), 1.0).trace(wo[0], (1, 1))
-    _, found = Relief(height).meet(texel_centres(64, 64), torch.from_numpy(wo).float().expand(4096, 3))
+    _, found = Surface(height).meet(texel_centres(64, 64), torch.from_numpy(wo).float().expand(4096, 3))
     apart = np.abs(found.reshape(64, 64).numpy() - truth)
     assert np.median(apart) < 5e-4
     assert (apart < 3e-3).mean() > 0.97
@@ -95,7 +95,7 @@ def test_the_march_agrees_with_the_renderers() -> None:
 def test_a_wall_stands_in_the_way_of_a_low_light_from_its_side_alone() -> None:
     height = torch.zeros(64, 64)
     height[:, 40:44] = 0.1
-    relief = Relief(height)
+    relief = Surface(height)
     uv, z = torch.tensor([[0.5, 0.5]]), torch.zeros(1, 1)
     low_east, low_west, high_east = (torch.from_numpy(from_degrees([t], [p])).float() for t, p in
                                      ((70, 0), (70, 180), (20, 0)))  # fmt: skip

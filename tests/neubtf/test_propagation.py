@@ -20,7 +20,7 @@ from neubtf.autoencoder import FAINT, Autoencoder
 from neubtf.codec import NeuBTF
 from neubtf.direct import NeuBTFDirect
 from neubtf.encoder import Encoder, as_guidance
-from neubtf.propagation import Source, textured
+from neubtf.propagation import FittedMaterial, textured
 
 ROUNDING = 1e-5  # float32 sums in another order
 SIZE = 12
@@ -39,7 +39,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def own(file: Path, tmp_path: Path) -> Path:
     """The material's own guidance as a PNG."""
     path = tmp_path / "own.png"
-    Image.fromarray(Source.read(file).guidance.numpy()).save(path)
+    Image.fromarray(FittedMaterial.read(file).guidance.numpy()).save(path)
     return path
 
 
@@ -187,7 +187,7 @@ def test_settings_without_sense_are_refused(file: Path, own: Path, tmp_path: Pat
 
 def test_a_repeated_guidance_repeats_the_texture(file: Path, tmp_path: Path) -> None:
     """Twice the period, the same latents: what is tileable in is tileable out."""
-    source = Source.read(file)
+    source = FittedMaterial.read(file)
     twice = as_guidance(source.guidance.repeat(2, 3, 1))
     once = textured(source.encoder, as_guidance(source.guidance))
     torch.testing.assert_close(textured(source.encoder, twice), once.repeat(2, 3, 1), rtol=0, atol=ROUNDING)
