@@ -68,7 +68,7 @@ def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], 
 CHILD = """
 import json, sys
 sys.path[:], name, settings = json.loads(sys.argv[1])
-from bench.codecs.trial import answer
+from bench.codecs.outside_codecs import answer
 from {module} import {make} as make
 answer(make, name, settings, int(sys.argv[2]))
 """
