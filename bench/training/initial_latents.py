@@ -45,7 +45,5 @@ def components(samples: "Samples", count: int, generator: torch.Generator) -> Te
         for block in pairs.split(max(1, BLOCK_BYTES // (12 * samples.texels))):
             yield samples.slices(block).permute(1, 2, 0).flatten(0, 1).contiguous()
 
-    scores = truncated_svd(
-        read, (rows, samples.texels), count, PASSES, generator, samples.device, weight
-    ).coefficients.T
+    scores = truncated_svd(read, shape, count, PASSES, generator, samples.device, weight).coefficients.T
     return scores / scores.square().mean(0).sqrt()
