@@ -19,12 +19,12 @@ _OF_COMMANDS = EntryPoint(COMMAND, "bench.codecs.command:Programs", GROUP)
 
 def codec_entries() -> dict[str, EntryPoint]:
     """Every installed codec's entry point by name. Two packages that claim one name are an error."""
-    found: dict[str, EntryPoint] = {}
+    entries: dict[str, EntryPoint] = {}
     for entry in entry_points(group=GROUP):
-        other = found.setdefault(entry.name, entry)
+        other = entries.setdefault(entry.name, entry)
         if other.value != entry.value:
             raise InputError(f"two codecs are named {entry.name!r}: {other.value} and {entry.value}: uninstall one")
-    return found
+    return entries
 
 
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
