@@ -79,24 +79,24 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
 
     `InputError` where there is no such command.
     """
-    made = argparse.ArgumentParser(
+    top = argparse.ArgumentParser(
         prog="neubtf-bench",
         description="Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample.",
         epilog=EVERYDAY,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    made.add_argument("--version", action="version", version=f"neubtf-bench {bench.__version__}")
+    top.add_argument("--version", action="version", version=f"neubtf-bench {bench.__version__}")
     known = commands.modules()
     if wanted and not wanted[0].startswith("-") and wanted[0] not in known:
         raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
-    listing = made.add_subparsers(required=True, metavar="COMMAND")
+    listing = top.add_subparsers(required=True, metavar="COMMAND")
     for name in known:
         module = known[name]
         if name in wanted:
             _add(listing, name, module)
         else:
             listing.add_parser(name, help="" if wanted and wanted[0] in known else first_line(module))
-    return made
+    return top
 
 
 def _add(listing: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, module: str) -> None:

@@ -56,11 +56,11 @@ class Programs(Codec):
     @property
     def digest(self) -> str:
         """A hash of the programs and of every file that their command lines name: their files depend on these."""
-        found = hashlib.sha256()
+        digest = hashlib.sha256()
         for word in shlex.split(f"{self.settings.encode} {self.settings.decode}"):
             place = Path(shutil.which(word) or word)
-            found.update(word.encode() + b"\0" + (place.read_bytes() if place.is_file() else b""))
-        return found.hexdigest()
+            digest.update(word.encode() + b"\0" + (place.read_bytes() if place.is_file() else b""))
+        return digest.hexdigest()
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Run the program that encodes. `CodecError` says how it failed."""
@@ -86,8 +86,8 @@ class Programs(Codec):
         try:
             subprocess.run(words, check=True, capture_output=True, timeout=self.settings.seconds)
         except subprocess.CalledProcessError as error:
-            says = error.stderr.decode(errors="replace").strip()[-TOLD:]
-            raise CodecError(f"{words[0]}: ended with code {error.returncode}: {says or 'no word'}") from error
+            message = error.stderr.decode(errors="replace").strip()[-TOLD:]
+            raise CodecError(f"{words[0]}: ended with code {error.returncode}: {message or 'no word'}") from error
         except subprocess.TimeoutExpired as error:
             raise CodecError(f"{words[0]}: took longer than seconds = {self.settings.seconds:g}") from error
         except OSError as error:
@@ -144,7 +144,7 @@ class ProgramMaterial(Material):
 
     def __init__(self, size: tuple[int, int], contents: dict[str, bytes], command: str, seconds: float):
         super().__init__(size, DecoderCost())
-        self.chunk, self.command, self.seconds, self.asked = BATCH, command, seconds, 0
+        self.chunk, self.command, self.seconds, self.batches = BATCH, command, seconds, 0
         self.queries, self.waited = 0, 0.0  # answered so far, and seconds from each question to its answer
         scratch = tempfile.TemporaryDirectory(prefix="neubtf-command-")
         self.folder = Path(scratch.name)
@@ -164,8 +164,8 @@ class ProgramMaterial(Material):
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Write the queries, ask for the answers, read them."""
-        self.asked += 1
-        queries, answers = (self.folder / f"{what}-{self.asked}.npy" for what in ("queries", "answers"))
+        self.batches += 1
+        queries, answers = (self.folder / f"{what}-{self.batches}.npy" for what in ("queries", "answers"))
         rows = torch.cat([uv, wo, wi, footprint[:, None]], 1).float().cpu().numpy()
         np.save(queries, rows)
         start = time.perf_counter()
@@ -173,14 +173,14 @@ class ProgramMaterial(Material):
         self.waited += time.perf_counter() - start
         self.queries += len(rows)
         try:
-            found = np.load(answers, allow_pickle=False)
+            values = np.load(answers, allow_pickle=False)
         except (OSError, ValueError, EOFError) as error:
             raise CodecError(f"{self.command}: its answers cannot be read ({error})") from error
-        if found.shape != (len(rows), 3) or not np.isfinite(found).all():
-            raise CodecError(f"{self.command}: answered {found.shape} instead of ({len(rows)}, 3) finite numbers")
+        if values.shape != (len(rows), 3) or not np.isfinite(values).all():
+            raise CodecError(f"{self.command}: answered {values.shape} instead of ({len(rows)}, 3) finite numbers")
         queries.unlink()
         answers.unlink()
-        return torch.from_numpy(found.astype(np.float32)).to(uv.device)
+        return torch.from_numpy(values.astype(np.float32)).to(uv.device)
 
     def _ask(self, queries: Path, answers: Path) -> None:
         """Send one line, and wait for one."""
@@ -192,8 +192,8 @@ class ProgramMaterial(Material):
                 raise CodecError(f"{self.command}: no answer within seconds = {self.seconds:g}")
             line = self.answers.readline()
         if not line:
-            says = (self.folder / "log").read_text(errors="replace").strip()[-TOLD:]
-            raise CodecError(f"{self.command}: ended without an answer: {says or 'no word'}")
+            message = (self.folder / "log").read_text(errors="replace").strip()[-TOLD:]
+            raise CodecError(f"{self.command}: ended without an answer: {message or 'no word'}")
 
 
 def _end(process: "subprocess.Popen[bytes]", scratch: "tempfile.TemporaryDirectory[str]") -> None:

@@ -84,25 +84,25 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
 
     _check_parts(codec, parts)
     by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
-    for part, found in by_part.items():
-        for name, tensor in found.items():
+    for part, named in by_part.items():
+        for name, tensor in named.items():
             if tensor.is_floating_point() and not tensor.isfinite().all():
                 raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {part}/{name}")
     if codec.zstd:
-        by_part = {part: {ZSTD: compressed(serialise(found))} for part, found in by_part.items() if found}
-    tensors = {f"{part}/{name}": tensor for part, found in by_part.items() for name, tensor in found.items()}
-    says = {
+        by_part = {part: {ZSTD: compressed(serialise(named))} for part, named in by_part.items() if named}
+    tensors = {f"{part}/{name}": tensor for part, named in by_part.items() for name, tensor in named.items()}
+    metadata = {
         "format": FORMAT,
         "codec": codec.name,
         "version": codec.version,
         "settings": settings_dict(codec),
         "sha256": ZEROS.decode(),
     }
-    says |= {"provenance": provenance} if provenance else {}
-    says |= {"kind": SHARED} if isinstance(codec, SharedNetwork) else {}
-    says |= {"shared": parts.network.sha256} if parts.network else {}
-    says |= {"scene": parts.scene} if parts.scene else {}
-    data = serialise(tensors, {KEY: json.dumps(says, sort_keys=True, separators=(",", ":"))})
+    metadata |= {"provenance": provenance} if provenance else {}
+    metadata |= {"kind": SHARED} if isinstance(codec, SharedNetwork) else {}
+    metadata |= {"shared": parts.network.sha256} if parts.network else {}
+    metadata |= {"scene": parts.scene} if parts.scene else {}
+    data = serialise(tensors, {KEY: json.dumps(metadata, sort_keys=True, separators=(",", ":"))})
     return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
 
 
@@ -112,17 +112,17 @@ def _check_parts(codec: "Codec | SharedNetwork", parts: object) -> None:
 
     from bench.codec import Parts, SharedNetwork
 
-    made = codec.train if isinstance(codec, SharedNetwork) else codec.encode
+    encode = codec.train if isinstance(codec, SharedNetwork) else codec.encode
     if not isinstance(parts, Parts):
-        raise answered(made, parts, "Parts of tensors, as Parts(texture={...}),")
-    for part, found in ((part, getattr(parts, part)) for part in PARTS):
-        if not isinstance(found, dict):
-            what = f"Parts whose {part} is of type {type(found).__name__}"
-            raise answered(made, what, "a dictionary of tensors by name")
-        for name, value in found.items():
+        raise answered(encode, parts, "Parts of tensors, as Parts(texture={...}),")
+    for part, named in ((part, getattr(parts, part)) for part in PARTS):
+        if not isinstance(named, dict):
+            what = f"Parts whose {part} is of type {type(named).__name__}"
+            raise answered(encode, what, "a dictionary of tensors by name")
+        for name, value in named.items():
             if not isinstance(value, Tensor):
                 due = "a tensor (torch.from_numpy makes one of an array)"
-                raise answered(made, f"Parts whose {part}/{name} is of type {type(value).__name__}", due)
+                raise answered(encode, f"Parts whose {part}/{name} is of type {type(value).__name__}", due)
 
 
 def read_header(path: Path) -> Header:
@@ -146,10 +146,10 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
         raise ContainerError(f"{path}: its safetensors header is not sound ({error})") from error
     for full, tensor in stored.items():
         part, name = full.split("/", 1)
-        found = expanded(tensor, Path(path), left) if header.settings.get(ZSTD) else {name: tensor}
-        left -= sum(values.nbytes for values in found.values())
-        _check_numbers(path, part, found)
-        getattr(parts, part).update(found)
+        tensors = expanded(tensor, Path(path), left) if header.settings.get(ZSTD) else {name: tensor}
+        left -= sum(values.nbytes for values in tensors.values())
+        _check_numbers(path, part, tensors)
+        getattr(parts, part).update(tensors)
     return header, parts
 
 
@@ -170,22 +170,22 @@ def _read(path: Path) -> bytes:
 
 def _parse(path: Path, data: bytes) -> Header:
     header = _json_header(path, data)
-    says = _metadata(path, header)
-    digits = str(says["sha256"]).encode()
+    metadata = _metadata(path, header)
+    digits = str(metadata["sha256"]).encode()
     if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
         raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
     return Header(
         path,
-        says["codec"],
-        says["version"],
-        says["settings"],
-        says["sha256"],
+        metadata["codec"],
+        metadata["version"],
+        metadata["settings"],
+        metadata["sha256"],
         {name: _tensor(path, name, entry) for name, entry in header.items()},
         len(data),
-        says.get("kind", MATERIAL),
-        says.get("scene", {}),
-        says.get("shared", ""),
-        says.get("provenance", {}),
+        metadata.get("kind", MATERIAL),
+        metadata.get("scene", {}),
+        metadata.get("shared", ""),
+        metadata.get("provenance", {}),
     )
 
 
@@ -214,19 +214,19 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
 
 def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
     try:
-        says = json.loads(header.pop("__metadata__")[KEY])
-        newer = isinstance(says["format"], int) and says["format"] > FORMAT
+        fields = json.loads(header.pop("__metadata__")[KEY])
+        newer = isinstance(fields["format"], int) and fields["format"] > FORMAT
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:
-        raise ContainerError(f"{path}: format {says['format']} is newer than this version reads ({FORMAT}): upgrade")
-    if wrong := next((name for name, sound in _FIELDS.items() if name in says and not sound(says[name])), ""):
-        raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {wrong} is {says[wrong]!r:.60}")
-    if fault := fault_of_scene(says["scene"]) if says.get("scene") else "":
+        raise ContainerError(f"{path}: format {fields['format']} is newer than this version reads ({FORMAT}): upgrade")
+    if wrong := next((name for name, sound in _FIELDS.items() if name in fields and not sound(fields[name])), ""):
+        raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {wrong} is {fields[wrong]!r:.60}")
+    if fault := fault_of_scene(fields["scene"]) if fields.get("scene") else "":
         raise ContainerError(f"{path}: the scene that it was fitted to is not sound: {fault}: encode it again")
-    if missing := {"format", "codec", "version", "settings", "sha256"} - says.keys():
+    if missing := {"format", "codec", "version", "settings", "sha256"} - fields.keys():
         raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete: no {', '.join(sorted(missing))}")
-    return says
+    return fields
 
 
 def _whole(value: object) -> bool:
@@ -237,8 +237,8 @@ def _settings(value: object) -> bool:
     """Plain values by name, every number finite."""
     if not isinstance(value, dict):
         return False
-    plain = all(isinstance(found, str | int | float) for found in value.values())
-    return plain and all(math.isfinite(found) for found in value.values() if isinstance(found, float))
+    plain = all(isinstance(setting, str | int | float) for setting in value.values())
+    return plain and all(math.isfinite(setting) for setting in value.values() if isinstance(setting, float))
 
 
 def _hash(value: object) -> bool:

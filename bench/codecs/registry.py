@@ -6,7 +6,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.codecs import trial
+from bench.codecs import outside_codecs
 from bench.errors import CodecError, InputError, did_you_mean
 
 if TYPE_CHECKING:
@@ -19,25 +19,25 @@ _OF_COMMANDS = EntryPoint(COMMAND, "bench.codecs.command:Programs", GROUP)
 
 def codec_entries() -> dict[str, EntryPoint]:
     """Every installed codec's entry point by name. Two packages that claim one name are an error."""
-    found: dict[str, EntryPoint] = {}
+    entries: dict[str, EntryPoint] = {}
     for entry in entry_points(group=GROUP):
-        other = found.setdefault(entry.name, entry)
+        other = entries.setdefault(entry.name, entry)
         if other.value != entry.value:
             raise InputError(f"two codecs are named {entry.name!r}: {other.value} and {entry.value}: uninstall one")
-    return found
+    return entries
 
 
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
     """Import the class of a codec. `InputError` where no codec has the name, or its class has another one."""
     entry = _entry(name, wanted_by)
-    trial.check(entry, called(entry), _tried)
+    outside_codecs.check(entry, called(entry), _made_in_child)
     return _loaded(entry, wanted_by)
 
 
 def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
     """Make a codec with some settings. `InputError` where they are invalid, `CodecError` where the codec fails."""
     entry = _entry(name)
-    trial.check(entry, called(entry), _tried, settings)
+    outside_codecs.check(entry, called(entry), _made_in_child, settings)
     try:
         return _loaded(entry)(**settings)
     except (Exception, SystemExit) as error:
@@ -46,8 +46,8 @@ def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
         raise CodecError(f"{called(entry)} fails with the settings {settings}: {_kind(error)}") from error
 
 
-def _tried(name: str, settings: dict[str, Any] | None) -> object:
-    """The trial of an external codec, which runs in its own process."""
+def _made_in_child(name: str, settings: dict[str, Any] | None) -> object:
+    """What the process of an external codec runs to try it."""
     return load_codec(name) if settings is None else make_codec(name, settings)
 
 
@@ -80,7 +80,7 @@ def _kind(error: BaseException) -> str:
 def from_outside(name: str) -> bool:
     """Whether a codec comes from a distribution other than this suite."""
     entry = codec_entries().get(name)
-    return entry is not None and trial.is_outside(entry)
+    return entry is not None and outside_codecs.is_outside(entry)
 
 
 def called(entry: EntryPoint) -> str:

@@ -21,18 +21,18 @@ class SceneMaterial(Material):
     position or footprint was left out. Such queries get the nearest stored answer, are counted, and reported once.
     """
 
-    def __init__(self, inner: Material, says: dict[str, Any], name: str):
-        height, width = map(int, says["size"])
-        top, left, tall, wide = map(int, says["window"])
-        window = Window((height, width), top, left, tall, wide, int(says["factor"]))
+    def __init__(self, inner: Material, scene: dict[str, Any], name: str):
+        height, width = map(int, scene["size"])
+        top, left, tall, wide = map(int, scene["window"])
+        window = Window((height, width), top, left, tall, wide, int(scene["factor"]))
         if inner.size != tuple(side // window.factor for side in window.sides):
             raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
         super().__init__((height // window.factor, width // window.factor), inner.cost)
         self.inner, self.window, self.name = inner, window, name
-        self.finest = float(says["finest"]) / FINER
-        self.views, self.lights = (torch.from_numpy(from_hex(says[side])).flatten() for side in ("views", "lights"))
+        self.finest = float(scene["finest"]) / FINER
+        self.views, self.lights = (torch.from_numpy(from_hex(scene[side])).flatten() for side in ("views", "lights"))
         self.device, self.dtype, self.chunk = inner.device, inner.dtype, inner.chunk
-        self.asked = self.outside = 0
+        self.queried = self.outside = 0
         self.reports = True
 
     def modules(self) -> list[nn.Module]:
@@ -48,14 +48,14 @@ class SceneMaterial(Material):
         return self.inner.evaluate(self.window.within(uv), wo, wi, footprint * self.window.stretch)
 
     def _count(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
-        """Add to `asked` and `outside`; warn at the first query outside."""
+        """Add to `queried` and `outside`; warn at the first query outside."""
         inside = self.views.index_select(0, cell_of(wo)) & self.lights.index_select(0, cell_of(wi))
         if not self.window.full:
             inside &= self.window.holds(uv)
         if self.window.factor > 1:
             inside &= footprint >= self.finest
         count = len(uv) - int(inside.count_nonzero())
-        self.asked, self.outside = self.asked + len(uv), self.outside + count
+        self.queried, self.outside = self.queried + len(uv), self.outside + count
         if count and self.reports:
             self.reports = False
             log.warning(

@@ -58,10 +58,10 @@ def find(codec: str, path: Path | None = None) -> TrainedNetwork:
     path = path or place(codec)
     if not path.exists():
         raise missing(codec, path)
-    found = read(path)
-    if found.codec != codec:
-        raise ContainerError(f"{path}: the network of codec {found.codec}, not of {codec}")
-    return found
+    network = read(path)
+    if network.codec != codec:
+        raise ContainerError(f"{path}: the network of codec {network.codec}, not of {codec}")
+    return network
 
 
 def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
@@ -82,8 +82,8 @@ def named_by(header: container.Header) -> TrainedNetwork:
     any of the codec's. `ContainerError` says where to put it."""
     names = (hashed_name(header.codec, header.network), f"{header.codec}{container.SUFFIX}")
     for path in (place / name for place in (header.path.parent, folder()) for name in names):
-        if path.is_file() and (found := container.read_parts(path))[0].sha256 == header.network:
-            return _trained(*found)
+        if path.is_file() and (contents := container.read_parts(path))[0].sha256 == header.network:
+            return _trained(*contents)
     raise ContainerError(
         f"{header.path}: needs the network that codec {header.codec} shares over materials, sha256 {header.network}: "
         f"put its file beside it, or into {folder()}, as {names[0]}; {place(header.codec)} is "
@@ -126,11 +126,11 @@ def origin(btf: BTF) -> str:
     A rendered material is hashed by recipe, parameters and seed; baked maps by the names of folder and files; measured
     data by the whole source.
     """
-    says = btf.provenance
-    if says.get("source") == RENDERED:
-        known: list[Any] = [says["recipe"], says["parameters"], says["seed"]]
-    elif says.get("source") == BAKED:
-        known = [btf.name, {role: text.partition(":")[0] for role, text in says["maps"].items()}]
+    provenance = btf.provenance
+    if provenance.get("source") == RENDERED:
+        known: list[Any] = [provenance["recipe"], provenance["parameters"], provenance["seed"]]
+    elif provenance.get("source") == BAKED:
+        known = [btf.name, {role: text.partition(":")[0] for role, text in provenance["maps"].items()}]
     else:
         known = [btf.source.fingerprint()]
     return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()

@@ -24,8 +24,8 @@ from bench.errors import InputError
 from bench.records import FILE, NAMES, Record, Run, kept
 from bench.runs import claims
 from bench.runs.evaluation import evaluate, score_key
-from bench.runs.job import machine, made
-from bench.runs.place import Place
+from bench.runs.job import machine, stamp
+from bench.runs.job_folder import JobFolder
 from bench.runs.provenance import provenance
 from bench.runs.suite import CodecSpec
 from bench.runs.task import Task
@@ -147,8 +147,8 @@ def _verified(
     records.require(job, "verification", folder)
     if job["codec"] not in (*codec_entries(), COMMAND):
         libraries = ", ".join(f"{each} {version}" for each, version in job["fit_key"].get("libraries", {}).items())
-        says = f"codec {job['codec']} version {job['fit_key']['version']}, code {str(job['fit_key']['code'])[:12]}"
-        return Verdict(name, NOT_VERIFIED, f"{says} is not installed here ({libraries})")
+        codec = f"codec {job['codec']} version {job['fit_key']['version']}, code {str(job['fit_key']['code'])[:12]}"
+        return Verdict(name, NOT_VERIFIED, f"{codec} is not installed here ({libraries})")
     if not claims.compared(job):
         return Verdict(name, NOT_VERIFIED, "its record has no scores to compare")
     spec = _material(job, start, places)
@@ -199,13 +199,13 @@ def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progre
         return Verdict(job["job"], DIFFERS, f"the file is of codec {header.codec}")
     if names := list(claims.misnamed(job, header)):
         return Verdict(job["job"], DIFFERS, "; ".join(names))
-    place = Place(out, of_run=True)
-    found = evaluate(bench, loaded, 1, place.keep, show)
-    found |= {"score_key": score_key(bench, header), "scored": made(), "machine": machine(), "status": "ok"}
+    job_folder = JobFolder(out, of_run=True)
+    measured = evaluate(bench, loaded, 1, job_folder.keep, show)
+    measured |= {"score_key": score_key(bench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
     fit = {"codec": header.codec, "version": header.version, "settings": header.settings}
     fit |= {"training": bench.training.fingerprint} | ({"shared": header.network} if header.network else {})
-    record = kept(job, NAMES) | {"split": split, "fit_key": fit} | found
-    record["file"] = f"files/{place.put(f'files/{file.name}', file.read_bytes()).name}"
+    record = kept(job, NAMES) | {"split": split, "fit_key": fit} | measured
+    record["file"] = f"files/{job_folder.put(f'files/{file.name}', file.read_bytes()).name}"
     reasons = list(claims.differences(job, record))
     records.append(out, record)
     more = f" and {len(reasons) - SHOWN} more" if len(reasons) > SHOWN else ""

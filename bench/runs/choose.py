@@ -30,14 +30,14 @@ class Wishes:
 
     def misses(self, row: Choice) -> dict[str, float]:
         """By how much a choice misses each wish, as a share of it (of PSNR: dB / 10); ≤ 0 where it is met."""
-        found = {}
+        misses = {}
         if self.min_psnr is not None:
-            found["psnr"] = (self.min_psnr - psnr(row)) / 10
+            misses["psnr"] = (self.min_psnr - psnr(row)) / 10
         if self.max_bytes is not None:
-            found["bytes"] = row["bytes"] / self.max_bytes - 1
+            misses["bytes"] = row["bytes"] / self.max_bytes - 1
         if self.max_ns is not None:
-            found["ns"] = row["ns_per_sample"] / self.max_ns - 1
-        return found
+            misses["ns"] = row["ns_per_sample"] / self.max_ns - 1
+        return misses
 
 
 def psnr(row: Choice) -> float:
@@ -67,10 +67,10 @@ def nearest(rows: list[Choice], wishes: Wishes) -> Choice:
 
 def parse_bytes(text: str) -> int:
     """A size: `300k`, `1.5M`, `20000`."""
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)(?:B)?", text)
-    if not found or float(found[1]) <= 0:
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)(?:B)?", text)
+    if not match or float(match[1]) <= 0:
         raise InputError(f"--max-bytes {text}: write a number, or one with k or M, as 300k")
-    return round(float(found[1]) * _SUFFIXES[found[2]])
+    return round(float(match[1]) * _SUFFIXES[match[2]])
 
 
 def answers(material: str, choices: list[Choice]) -> Iterator[str]:

@@ -26,21 +26,21 @@ def differences(claimed: Record, here: Record) -> Iterator[str]:
         yield from _unlike(name, value, here[name])
 
 
-def _unlike(place: str, said: Any, mine: Any) -> Iterator[str]:
-    if isinstance(said, dict) and isinstance(mine, dict):
-        for name, value in said.items():
+def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
+    if isinstance(claimed, dict) and isinstance(measured, dict):
+        for name, value in claimed.items():
             if place in ("scores", "pairs") and name in ("scene", OUTSIDE):
                 continue  # of a scene's demand, which no archive holds; not published
-            yield from _unlike(f"{place}/{name}", value, mine.get(name))
-    elif not _close(place, said, mine):
-        yield f"{place} is {mine}, not {said}"
+            yield from _unlike(f"{place}/{name}", value, measured.get(name))
+    elif not _close(place, claimed, measured):
+        yield f"{place} is {measured}, not {claimed}"
 
 
-def _close(place: str, said: Any, mine: Any) -> bool:
-    if not (isinstance(said, float) or isinstance(mine, float)) or None in (said, mine):
-        return bool(said == mine)
+def _close(place: str, claimed: Any, measured: Any) -> bool:
+    if not (isinstance(claimed, float) or isinstance(measured, float)) or None in (claimed, measured):
+        return bool(claimed == measured)
     decibels = "/psnr" in place or place.startswith("footprints/")
-    return math.isclose(said, mine, rel_tol=0, abs_tol=DECIBELS if decibels else RELATIVE * abs(mine))
+    return math.isclose(claimed, measured, rel_tol=0, abs_tol=DECIBELS if decibels else RELATIVE * abs(measured))
 
 
 def misnamed(claimed: Record, header: Header) -> Iterator[str]:
@@ -52,11 +52,11 @@ def misnamed(claimed: Record, header: Header) -> Iterator[str]:
     words = label.removeprefix(called).split()
     try:
         settings = dict(word.split("=", 1) for word in words)
-        told = settings_dict(make_codec(header.codec, own | settings))
+        named = settings_dict(make_codec(header.codec, own | settings))
         whole = settings_dict(make_codec(header.codec, header.settings))
     except (InputError, ValueError):
-        told, whole = {}, {"": None}
-    if not label.startswith(called) or told != whole:
+        named, whole = {}, {"": None}
+    if not label.startswith(called) or named != whole:
         yield f"label is {label!r}, which is not what the file's codec and settings are called"
     if not curve.startswith(called) or not {*curve.removeprefix(called).split()} <= {*words}:
         yield f"curve is {curve!r}, which is not of the label"

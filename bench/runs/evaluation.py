@@ -151,8 +151,8 @@ class Slices:
 
 def _bytes(file: Loaded) -> dict[str, int]:
     """Bytes of the file, by part and in total, and of the shared network's file if it needs one."""
-    found = file.header.part_bytes() | {"total": file.header.file_bytes}
-    return found | ({"shared": file.network.file_bytes} if file.network else {})
+    sizes = file.header.part_bytes() | {"total": file.header.file_bytes}
+    return sizes | ({"shared": file.network.file_bytes} if file.network else {})
 
 
 def _described(name: str) -> dict[str, Any]:
@@ -171,10 +171,10 @@ def _slices(bench: Workbench, scores: Scores) -> dict[str, np.ndarray]:
 def _footprints(bench: Workbench, errors: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
     """The errors of slices by pair at larger footprints (`footprint_2`, …); NaN where none was measured."""
     decides = np.isin(bench.scored, bench.groups[gate(bench.groups)])
-    found = {f"footprint_{factor}": np.full(len(decides), np.nan) for factor in errors}
+    arrays = {f"footprint_{factor}": np.full(len(decides), np.nan) for factor in errors}
     for factor, raw in errors.items():
-        found[f"footprint_{factor}"][decides] = raw
-    return found
+        arrays[f"footprint_{factor}"][decides] = raw
+    return arrays
 
 
 def _pictures(bench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
-from bench.codecs.trial import EXPENDABLE
+from bench.codecs.outside_codecs import EXPENDABLE
 from bench.errors import InputError
 
 T = TypeVar("T")
@@ -102,8 +102,8 @@ def _threads_of(client: Any) -> int:
 
 def _have_package(client: Any) -> None:
     """`InputError` names the workers without this package: the first job would end them without a word, and wait."""
-    found = client.get_versions(packages=["neubtf-bench"])["workers"]
-    lacking = [name for name, says in found.items() if not says["packages"].get("neubtf-bench")]
+    versions = client.get_versions(packages=["neubtf-bench"])["workers"]
+    lacking = [name for name, worker in versions.items() if not worker["packages"].get("neubtf-bench")]
     if lacking:
         raise InputError(
             f"--scheduler: neubtf-bench is not installed on {', '.join(lacking[:5])}: install it, with the "
@@ -187,8 +187,8 @@ class Processes(Executor):
         self.free.put(seat)
 
     def _end(self, seat: int, wait: bool) -> None:
-        if kept := self.pools.pop(seat, None):
-            pool, leash = kept
+        if entry := self.pools.pop(seat, None):
+            pool, leash = entry
             leash.close()
             pool.shutdown(wait, cancel_futures=True)
 

@@ -40,9 +40,9 @@ def identity(codec: Codec, *more: str) -> dict[str, object]:
 def _identity(roots: frozenset[str]) -> dict[str, object]:
     own = {root.partition(".")[0] for root in roots} | {"bench"}
     sources, libraries = _reached(roots, own)
-    told = "\n".join(f"{name} {digest}" for name, digest in sorted(sources.items()))
-    found = {name: found for name in sorted(libraries) if (found := _version(name))}
-    return {"code": hashlib.sha256(told.encode()).hexdigest(), "libraries": found}
+    lines = "\n".join(f"{name} {digest}" for name, digest in sorted(sources.items()))
+    versions = {name: number for name in sorted(libraries) if (number := _version(name))}
+    return {"code": hashlib.sha256(lines.encode()).hexdigest(), "libraries": versions}
 
 
 def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[str]]:
@@ -114,14 +114,14 @@ def _file(module: str) -> Path | None:
 def _place(top: str) -> Path | None:
     """The file of a top-level module or package."""
     try:
-        found = importlib.util.find_spec(top)
+        spec = importlib.util.find_spec(top)
     except (ImportError, ValueError):
         return None
-    if found is None:
+    if spec is None:
         return None
-    if found.origin and found.has_location:
-        return Path(found.origin)
-    folders = list(found.submodule_search_locations or ())  # of a package without __init__.py
+    if spec.origin and spec.has_location:
+        return Path(spec.origin)
+    folders = list(spec.submodule_search_locations or ())  # of a package without __init__.py
     return Path(folders[0]) / "__init__.py" if folders else None
 
 
@@ -181,4 +181,4 @@ def _version(top: str) -> str | None:
 
 @cache
 def _distributions() -> dict[str, list[str]]:
-    return {name: sorted(set(found)) for name, found in packages_distributions().items()}
+    return {name: sorted(set(distributions)) for name, distributions in packages_distributions().items()}

@@ -36,10 +36,10 @@ from bench.records import Record
 from bench.records.fields import fault_of_facts
 from bench.runs.evaluation import drawing, evaluate, score_key
 from bench.runs.identity import identity
-from bench.runs.place import Place
+from bench.runs.job_folder import JobFolder
+from bench.runs.process_state import restored_process_state
 from bench.runs.provenance import processor, revision
 from bench.runs.task import Task
-from bench.runs.undisturbed import undisturbed
 from bench.runs.workbench import Workbench, workbench
 
 log = logging.getLogger(__name__)
@@ -76,7 +76,7 @@ def seed_of(*parts: object) -> int:
 def work(task: Task, show: Progress = silent) -> Answer:
     """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`."""
     try:
-        with workbench(task, show) as bench, undisturbed():
+        with workbench(task, show) as bench, restored_process_state():
             return Job(task, bench, lambda label, done, total: show(f"{task.name}: {label}", done, total)).run()
     except MissingDataError as error:
         return Result(task.base | {"status": "unavailable", "error": str(error)})
@@ -90,7 +90,7 @@ def failed(task: Task, error: str, more: Record | None = None) -> Result:
     return Result(task.base | {"status": "failed", "error": error} | (more or {}))
 
 
-def blamed(task: Task, error: str) -> str:
+def attributed(task: Task, error: str) -> str:
     """An error, prefixed with codec and distribution if the codec comes from another distribution."""
     name = task.codec.codec
     return f"{called(codec_entries()[name])}: {error}" if from_outside(name) else error
@@ -124,7 +124,7 @@ class Job:
         if self.task.network is None:
             raise shared.missing(self.codec.name)
         name, content = self.task.network
-        return shared.find(self.codec.name, self.place.put(f"files/{name}", content))
+        return shared.find(self.codec.name, self.folder.put(f"files/{name}", content))
 
     @cached_property
     def fit_key(self) -> dict[str, Any]:
@@ -152,12 +152,12 @@ class Job:
         return f"files/{re.sub('[^A-Za-z0-9.=_-]+', '-', self.task.name)}-{digest[:12]}{container.SUFFIX}"
 
     @cached_property
-    def place(self) -> Place:
-        return Place.of(self.task.folder, self.task.run, self.task.fresh)
+    def folder(self) -> JobFolder:
+        return JobFolder.reachable(self.task.folder, self.task.run, self.task.fresh)
 
     @property
     def checkpoint(self) -> Path:
-        return (self.place.folder / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
+        return (self.folder.path / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
 
     def run(self) -> Answer:
         """Encode, decode, score and record, or find that this is done. `MissingDataError` if data are missing."""
@@ -172,18 +172,20 @@ class Job:
         except BaseException as error:  # errors, even `sys.exit`, are recorded and shown, and decide the exit code
             _raise_where_no_job_can_help(error)
             result = self._failed(error)
-        files = self.place.parcel()
+        files = self.folder.parcel()
         return dataclasses.replace(result, files=files) if result else Stands()
 
     def _failed(self, error: BaseException) -> Result:
-        says = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
+        more = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
         try:
             self.checkpoint.unlink(missing_ok=True)  # by the next try, the code that wrote it may have been fixed
-            says |= {"fit_key": self.fit_key}
+            more |= {"fit_key": self.fit_key}
         except InputError:  # a codec that cannot be made has no key
             pass
-        text = str(error) if isinstance(error, CodecError) else blamed(self.task, f"{type(error).__name__}: {error}")
-        return failed(self.task, text, says)
+        text = (
+            str(error) if isinstance(error, CodecError) else attributed(self.task, f"{type(error).__name__}: {error}")
+        )
+        return failed(self.task, text, more)
 
     @property
     def base(self) -> Record:
@@ -197,35 +199,35 @@ class Job:
         key = score_key(self.bench, header)
         if earlier.get("score_key") == key:
             return None
-        record = self.base | fit | {"status": "ok", "score_key": key, "file": self.file, "scored": made()}
+        record = self.base | fit | {"status": "ok", "score_key": key, "file": self.file, "scored": stamp()}
         record |= self._scored(header)
         return Result(record, "file" if fit["fit_cached"] else "")
 
     def _scored(self, header: container.Header) -> Record:
         file = loading.load(header.path, self.task.device, self.network)
-        found = evaluate(self.bench, file, self.task.threads, self.place.keep, self.show)
+        scores = evaluate(self.bench, file, self.task.threads, self.folder.keep, self.show)
         if self.task.repetition:  # pictures are of the first seed
-            return found
+            return scores
         if self.task.device != "cpu":
             file = loading.load(header.path, "cpu", self.network)
-        return found | drawing(file, self.place.keep)
+        return scores | drawing(file, self.folder.keep)
 
     def _file(self) -> tuple[container.Header, Record]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""
-        path = self.place.folder / self.file
+        path = self.folder.path / self.file
         if not self.task.fresh:
             self._fetch(path)
-            if path.exists() and (found := self._found(path)):
-                return found
+            if path.exists() and (stored := self._stored(path)):
+                return stored
         facts, parts = self._encode()
         header = container.save(path, self.codec, parts)
-        self.place.made.append(self.file)
-        facts |= {"fit_key": self.fit_key, "sha256": header.sha256, "fitted": made()}
-        self.place.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # a file without its facts is never reused
+        self.folder.written.append(self.file)
+        facts |= {"fit_key": self.fit_key, "sha256": header.sha256, "fitted": stamp()}
+        self.folder.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # a file without its facts is never reused
         self.checkpoint.unlink(missing_ok=True)
-        return header, _told(facts) | {"fit_cached": False}
+        return header, _facts_of_record(facts) | {"fit_cached": False}
 
-    def _found(self, path: Path) -> tuple[container.Header, Record] | None:
+    def _stored(self, path: Path) -> tuple[container.Header, Record] | None:
         """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
         try:
             header, facts = container.read_header(path), json.loads(path.with_suffix(FACTS).read_text("utf-8"))
@@ -235,28 +237,28 @@ class Job:
         except (ContainerError, OSError, ValueError, RecursionError) as error:
             log.warning("%s is fitted again: %s", self.task.name, error)
             return None
-        says = (header.codec, header.version, header.settings, header.sha256)
-        if same and says == (self.codec.name, self.codec.version, settings_dict(self.codec), facts.get("sha256")):
-            return header, _told(facts) | {"fit_cached": True}
+        stored = (header.codec, header.version, header.settings, header.sha256)
+        if same and stored == (self.codec.name, self.codec.version, settings_dict(self.codec), facts.get("sha256")):
+            return header, _facts_of_record(facts) | {"fit_cached": True}
         log.warning("%s is fitted again: %s is not the file that was fitted for it", self.task.name, path)
         return None
 
     def _fetch(self, path: Path) -> None:
         """Store the sent files of the earlier record here, if it has this fit key and the run's folder is remote."""
         same = self.task.earlier and self.task.earlier.get("fit_key") == self.fit_key
-        if self.place.of_run or path.exists() or not same:
+        if self.folder.of_run or path.exists() or not same:
             return
         if not self.task.sent:
             raise _WantedError
         for name, content in self.task.sent.items():
-            self.place.put(name, content)
+            self.folder.put(name, content)
 
     def _encode(self) -> tuple[Record, Parts]:
         """Fit the codec; returns the facts of the fit (seconds and curve) and the encoded parts."""
         device, threads = torch.device(self.task.device), self.task.threads
         fit = Fit(device, threads, self.seed, self.show, self.checkpoint, network=self.network)
         demand = self.bench.demand if self.codec.scene else None
-        with undisturbed():
+        with restored_process_state():
             start = time.perf_counter()
             parts = fitting.encode(self.codec, self.bench.training, fit, demand, self.task.uniform)
             seconds = time.perf_counter() - start
@@ -265,12 +267,12 @@ class Job:
         return {"fit_seconds": seconds, "history": fit.history}, parts
 
 
-def _told(facts: Record) -> Record:
+def _facts_of_record(facts: Record) -> Record:
     """The facts of a fit that the record holds. They are not in the file, so that its bytes do not change."""
     return {name: facts[name] for name in ("fit_seconds", "history", "fitted") if name in facts}
 
 
-def made() -> Record:
+def stamp() -> Record:
     """The revision of the suite and the time at which something was made that later runs may reuse."""
     return {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
 

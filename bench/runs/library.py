@@ -52,10 +52,10 @@ def encode(
     """
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} has its settings already: give {min(settings)} where it is made")
-    made = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
-    require_demand(made, None)
-    fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(made))
-    return container.save(Path(out), made, fitting.encode(made, btf.subset(btf.split().train), fit))
+    maker = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
+    require_demand(maker, None)
+    fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(maker))
+    return container.save(Path(out), maker, fitting.encode(maker, btf.subset(btf.split().train), fit))
 
 
 def load(file: str | Path, device: str = "cpu") -> Material:
@@ -85,7 +85,7 @@ def score(
             f"{file}: decodes to {decoded} texels, and {btf.name} has {wanted}: open the BTF as it was encoded"
         )
     bench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
-    found = evaluate(bench, loaded, threads, lambda name, content: name, show)
+    figures = evaluate(bench, loaded, threads, lambda name, content: name, show)
     for name in named(ARTEFACT):  # a run keeps these files, `score` does not
-        found.pop(name, None)
-    return {"codec": loaded.header.codec, "score_key": score_key(bench, loaded.header)} | found
+        figures.pop(name, None)
+    return {"codec": loaded.header.codec, "score_key": score_key(bench, loaded.header)} | figures

@@ -107,16 +107,16 @@ def _check(folder: Path, kept_by_kernel: bool) -> None:
 def _holder(path: Path) -> dict[str, Any]:
     """The holder that the lock names; empty if nobody signed it."""
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
+        holder = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return said if isinstance(said, dict) and {"process", "host", "run"} <= said.keys() else {}
+    return holder if isinstance(holder, dict) and {"process", "host", "run"} <= holder.keys() else {}
 
 
 def _sign(file: int, run: str) -> None:
-    says = {"process": os.getpid(), "host": platform.node(), "since": f"{datetime.now(UTC):%F %T} UTC", "run": run}
+    holder = {"process": os.getpid(), "host": platform.node(), "since": f"{datetime.now(UTC):%F %T} UTC", "run": run}
     os.truncate(file, 0)
-    os.pwrite(file, json.dumps(says).encode(), 0)
+    os.pwrite(file, json.dumps(holder).encode(), 0)
     os.fsync(file)
 
 

@@ -28,10 +28,10 @@ from bench.data.spec import MaterialSpec
 from bench.demand import require_demand
 from bench.errors import CodecError, InputError
 from bench.records import Record, Run
+from bench.runs.estimate import Estimate
 from bench.runs.executors import Workers, in_process, one_process
-from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, WantsFiles, blamed, failed, work
+from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, WantsFiles, attributed, failed, work
 from bench.runs.lock import locked
-from bench.runs.outlook import Outlook
 from bench.runs.pretraining import ready
 from bench.runs.provenance import provenance
 from bench.runs.suite import Suite, canonical
@@ -69,7 +69,7 @@ class Outcome:
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     """Run every job of a suite; yields each outcome after its record is on the disk."""
     suite = canonical(suite)
-    codecs, faults = _made(suite)  # bad settings stop here
+    codecs, faults = _make_codecs(suite)  # bad settings stop here
     for codec in codecs:
         require_demand(codec, suite.demand)
     run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
@@ -87,7 +87,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         session.time()
 
 
-def _made(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
+def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
     """The codecs of a suite, and by label the errors of those that could not be made, whose jobs fail."""
     codecs, faults = [], {}
     for spec in suite.codecs:
@@ -115,15 +115,15 @@ def _networks(suite: Suite, codecs: list[Codec], options: Options) -> dict[str, 
     Trains missing networks that the suite lists under `pretrain`; other missing ones are left out. Writes the files
     into the run's folder, so that the folder can be decoded wherever it is copied.
     """
-    found: dict[str, tuple[str, bytes]] = {}
+    networks: dict[str, tuple[str, bytes]] = {}
     for name, network in {codec.name: codec.network for codec in codecs}.items():
         if network and name in suite.pretrain:
             ready(network(), Fit(torch.device(options.device), suite.threads, show=options.show))
         if network and shared.place(name).exists():
             trained = shared.find(name)
-            found[name] = (shared.hashed_name(name, trained.sha256), trained.path.read_bytes())
-            atomic.write(options.folder / "files" / found[name][0], found[name][1])
-    return found
+            networks[name] = (shared.hashed_name(name, trained.sha256), trained.path.read_bytes())
+            atomic.write(options.folder / "files" / networks[name][0], networks[name][1])
+    return networks
 
 
 def _tidy(folder: Path) -> None:
@@ -170,11 +170,11 @@ class _Session:
     def start(self) -> None:
         """Record the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
         suite = self.suite
-        says: Record = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
-        says |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
-        says |= {"data": dataclasses.asdict(suite.data)}
-        says |= {"materials": [dataclasses.asdict(material) for material in suite.materials]}
-        self.record(says | {"jobs": [task.name for task in self.tasks]} | provenance())
+        record: Record = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
+        record |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
+        record |= {"data": dataclasses.asdict(suite.data)}
+        record |= {"materials": [dataclasses.asdict(material) for material in suite.materials]}
+        self.record(record | {"jobs": [task.name for task in self.tasks]} | provenance())
 
     def jobs(self, workers: Workers) -> Iterator[Outcome]:
         """Run the jobs; records and yields the outcome of each as it ends."""
@@ -183,39 +183,40 @@ class _Session:
         names = [material.name for material in self.suite.materials]
         order = sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition))
         sound = [task for task in order if task.codec.label not in self.faults]
-        told = (dataclasses.replace(task, scorers=scorers, **self._told(task)) for task in sound)
-        done = _results(told, workers, partial(work, show=self.options.show) if workers.here else work)
+        call = partial(work, show=self.options.show) if workers.here else work
+        done = _results((self._complete(task, scorers) for task in sound), workers, call)
         unsound = [task for task in order if task.codec.label in self.faults]
         results = itertools.chain(((task, failed(task, self.faults[task.codec.label])) for task in unsound), done)
         # Jobs whose records agree with their files are expected to hold.
         holds = {task.name for task in self.tasks if self._earlier(task.name) is not None}
         seats = workers.seats or (lambda: workers.at_once)
-        outlook = Outlook(self.tasks, holds, self.options.folder.absolute(), seats)
-        self.options.say(outlook.first)
+        estimate = Estimate(self.tasks, holds, self.options.folder.absolute(), seats)
+        self.options.say(estimate.first)
         self.options.show("jobs", 0, len(self.tasks))
         for count, (task, result) in enumerate(results, 1):
             outcome = self._outcome(task, result)
-            outlook.ended(outcome.record, outcome.cached)
-            outcome = dataclasses.replace(outcome, progress=outlook.progress)
-            self.options.show(f"jobs{REMARK}{outlook.left}" if outlook.left else "jobs", count, len(self.tasks))
+            estimate.ended(outcome.record, outcome.cached)
+            outcome = dataclasses.replace(outcome, progress=estimate.progress)
+            self.options.show(f"jobs{REMARK}{estimate.left}" if estimate.left else "jobs", count, len(self.tasks))
             if outcome.record["status"] == "ok":
                 self.done[task.name] = outcome.record
             yield outcome
 
-    def _told(self, task: Task) -> dict[str, Any]:
-        """The fields of a task that a worker cannot look up."""
-        return {"earlier": self._earlier(task.name), "network": self.networks.get(task.codec.codec)}
+    def _complete(self, task: Task, scorers: int | None) -> Task:
+        """The task with what a worker cannot look up."""
+        earlier, network = self._earlier(task.name), self.networks.get(task.codec.codec)
+        return dataclasses.replace(task, scorers=scorers, earlier=earlier, network=network)
 
     def _earlier(self, name: str) -> Record | None:
         """The part of a job's latest record by which a worker sees whether it still holds; None if it does not."""
-        found = self.before.job(name)
-        if found is None or self.options.fresh:
+        record = self.before.job(name)
+        if record is None or self.options.fresh:
             return None
-        if found["status"] == "failed" and self.options.retry_failed:
+        if record["status"] == "failed" and self.options.retry_failed:
             return None
-        if found["status"] == "ok" and not (self.options.folder / found["file"]).exists():
+        if record["status"] == "ok" and not (self.options.folder / record["file"]).exists():
             return None
-        return {key: found[key] for key in ("status", "fit_key", "score_key", "file") if key in found}
+        return {key: record[key] for key in ("status", "fit_key", "score_key", "file") if key in record}
 
     def _outcome(self, task: Task, result: Result | Stands) -> Outcome:
         """Store the files that a worker sent, then record its result."""
@@ -290,13 +291,13 @@ def _answer(task: Task, future: Future[Answer]) -> Result | Stands | Task:
             log.warning("%s: its worker died; the job is started again", task.name)
             return dataclasses.replace(task, losses=task.losses + 1)
         why = f"{MOST_LOSSES} workers died while they ran it, one after the other: killed, or out of memory?"
-        return failed(task, blamed(task, why))
+        return failed(task, attributed(task, why))
     except InputError:
         raise
     except CancelledError:
         raise InputError("the scheduler is gone: start it again, then give the same command") from None
     except Exception as error:  # an error of the executor: those of codecs are in their records
-        return failed(task, blamed(task, f"{type(error).__name__}: {error}"))
+        return failed(task, attributed(task, f"{type(error).__name__}: {error}"))
     if isinstance(result, WantsFiles):
         assert task.earlier is not None, "a worker asks only for the files of an earlier record that it was sent"
         return dataclasses.replace(task, sent=_files_of(task.folder, task.earlier["file"]))
@@ -305,5 +306,5 @@ def _answer(task: Task, future: Future[Answer]) -> Result | Stands | Task:
 
 def _files_of(folder: Path, name: str) -> dict[str, bytes]:
     """A codec file and the facts of its fit, by name."""
-    beside = str(Path(name).with_suffix(FACTS))
-    return {each: (folder / each).read_bytes() for each in (beside, name) if (folder / each).exists()}
+    facts = str(Path(name).with_suffix(FACTS))
+    return {each: (folder / each).read_bytes() for each in (facts, name) if (folder / each).exists()}

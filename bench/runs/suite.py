@@ -108,8 +108,8 @@ class Suite:
 
 def builtin_suites() -> dict[str, str]:
     """The text of each built-in suite by name."""
-    found = (file for file in files("bench.runs.suites").iterdir() if file.name.endswith(".toml"))
-    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(found, key=str)}
+    suites = (file for file in files("bench.runs.suites").iterdir() if file.name.endswith(".toml"))
+    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(suites, key=str)}
 
 
 def load_suite(name: str) -> Suite:
@@ -126,14 +126,14 @@ def load_suite(name: str) -> Suite:
 def parse_suite(name: str, text: str, file: str = "") -> Suite:
     """Parse a suite from TOML text; errors name it `file`. All is checked before anything is opened."""
     file = file or f"suite {name}"
-    says = parse_toml(file, text)
-    materials, codecs = (_entries(f"{file}: {key}", says.pop(key, [])) for key in ("materials", "codecs"))
+    entries = parse_toml(file, text)
+    materials, codecs = (_entries(f"{file}: {key}", entries.pop(key, [])) for key in ("materials", "codecs"))
     suite = Suite(
         name,
         text,
         materials=tuple(_material(f"{file}: materials", entry) for entry in materials),
         codecs=tuple(_swept(f"{file}: codecs", codecs)),
-        **fields(file, Suite, says, without=("name", "text")),
+        **fields(file, Suite, entries, without=("name", "text")),
     )
     _check(file, suite)
     return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
@@ -204,17 +204,17 @@ def canonical(suite: Suite) -> Suite:
     """
     unique: dict[str, CodecSpec] = {}
     try:
-        told = [dataclasses.replace(spec, settings=_told(spec)) for spec in suite.codecs]
+        specs = [dataclasses.replace(spec, settings=_changed_settings(spec)) for spec in suite.codecs]
     except InputError as error:
         raise InputError(f"suite {suite.name}: {error}") from error
-    for spec in told:
+    for spec in specs:
         known = unique.setdefault(spec.label, spec)
         both = tuple(dict.fromkeys(known.materials + spec.materials)) if known.materials and spec.materials else ()
         unique[spec.label] = dataclasses.replace(known, materials=both)
     return dataclasses.replace(suite, codecs=tuple(unique.values()))
 
 
-def _told(spec: CodecSpec) -> dict[str, Any]:
+def _changed_settings(spec: CodecSpec) -> dict[str, Any]:
     """The settings of a codec that differ from its recipe's defaults, as the codec parses them."""
     from bench.codec import RECIPE, settings_dict
     from bench.codecs.registry import make_codec
@@ -274,8 +274,8 @@ def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
 def _material(where: str, entry: Any) -> MaterialSpec:
     if isinstance(entry, str):
         return named(converted(where, str, entry))
-    found: MaterialSpec = table(where, MaterialSpec, entry)
-    return found
+    spec: MaterialSpec = table(where, MaterialSpec, entry)
+    return spec
 
 
 def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:

@@ -31,16 +31,16 @@ def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: P
 
 def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
     """The timing of each job's decoder, measured in this process."""
-    found = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
-    decoded = {name: material for name, material in found.items() if not material.opaque}
+    materials = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
+    decoded = {name: material for name, material in materials.items() if not material.opaque}
     if not decoded:
         return []
     conditions = timing.conditions(threads, device)
     return [
         {"kind": "timing", "job": name}
         | conditions
-        | found.summary()
-        | {"samples_ns": found.samples.tolist(), "floor_ratios": found.ratios.tolist()}
-        for name, found in timing.compare(decoded, threads, show=show).items()
+        | times.summary()
+        | {"samples_ns": times.samples.tolist(), "floor_ratios": times.ratios.tolist()}
+        for name, times in timing.compare(decoded, threads, show=show).items()
         if name != timing.FLOOR
     ]

@@ -82,8 +82,8 @@ def run_and_measure(
     if "ok" in states:
         measured, given = load_run(options.folder), (options.device, full, options.show, emulated, noise)
         for spec in suite.materials:  # written as it goes
-            found = measure(replace(suite, materials=(spec,)), measured, *given)
-            write(options.folder, merged(load_trade(options.folder), found))
+            result = measure(replace(suite, materials=(spec,)), measured, *given)
+            write(options.folder, merged(load_trade(options.folder), result))
     return states
 
 
@@ -125,8 +125,8 @@ def measure(
                 choices = _choices(bench, jobs, suite, run, device, ceilings, show)
             result["choices"] += [row | _noise(run, row, show) for row in choices] if noise else choices
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
-            found = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, _batches(full))
-            result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in found]
+            records = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, _batches(full))
+            result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in records]
         result["choices"] += _failed(suite, spec, run, device)
     result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
     return result
@@ -135,8 +135,8 @@ def measure(
 def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, Any]:
     """A result, extended by the materials that only an earlier result holds."""
     here = {row["material"] for row in result["choices"]}
-    kept = {key: [row for row in (earlier or {}).get(key, ()) if row["material"] not in here] for key in _BY_MATERIAL}
-    together = {key: [*rows, *result[key]] for key, rows in kept.items()}
+    others = {key: [row for row in (earlier or {}).get(key, ()) if row["material"] not in here] for key in _BY_MATERIAL}
+    together = {key: [*rows, *result[key]] for key, rows in others.items()}
     names = dict.fromkeys(row["material"] for row in together["choices"])
     return result | together | {"answers": [text for name in names for text in answers(name, together["choices"])]}
 
@@ -163,8 +163,8 @@ def _batches(full: bool) -> tuple[int, ...]:
 
 def _jobs(suite: Suite, spec: MaterialSpec, run: Run) -> list[Record]:
     """The finished jobs of a material with the first seed, in the order of the suite."""
-    found = (run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs)
-    return [job for job in found if job and job["status"] == "ok"]
+    jobs = (run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs)
+    return [job for job in jobs if job and job["status"] == "ok"]
 
 
 def _failed(suite: Suite, spec: MaterialSpec, run: Run, device: str) -> list[dict[str, Any]]:
@@ -207,7 +207,7 @@ def _choices(
                 ready = prepared(material, variant)
                 row |= _quality(bench, job, run) if variant == Variant() else _score(bench, ready, suite.threads, show)
             except Exception as error:  # one variant costs no figures of the others
-                rows.append(row | {"error": _said(error)})
+                rows.append(row | {"error": _error_text(error)})
                 continue
             rows.append(row)
             timed[len(rows) - 1] = ready
@@ -222,7 +222,7 @@ def _choices(
     return [*rows, floor | conditions | measured[timing.FLOOR].summary()]
 
 
-def _said(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     """An error in a row: of one that nobody foresaw, its kind too."""
     kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
     return kind + " ".join(str(error).split())
@@ -232,8 +232,8 @@ def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
     """Those of the suite, for a material whose entry sweeps nothing; without a network only those of whole codecs."""
     if not _plain(suite, job):
         return []
-    found = [Variant.parse(text) for text in suite.variants]
-    return found if networks(material) else [variant for variant in found if is_whole(variant, material.device)]
+    variants = [Variant.parse(text) for text in suite.variants]
+    return variants if networks(material) else [variant for variant in variants if is_whole(variant, material.device)]
 
 
 def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
@@ -290,10 +290,10 @@ def _noise(run: Run, row: dict[str, Any], show: Progress) -> dict[str, Any]:
     file = run.folder / (run.job(row["job"]) or {})["file"]
     try:
         lobes = fitted(load(file).material, show=show)
-        found = path_tracer.reached(file, [None, lobes])
+        noises = path_tracer.reached(file, [None, lobes])
     except (InputError, RuntimeError) as error:  # the second is Mitsuba's: one file costs no figures of the others
         return {"noise_error": " ".join(str(error).split())}
-    both = {"samples": [each.samples for each in found], "seconds": [each.seconds for each in found]}
+    both = {"samples": [each.samples for each in noises], "seconds": [each.seconds for each in noises]}
     return {"noise": {"scene": path_tracer.EVEN, **both}}
 
 

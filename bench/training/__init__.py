@@ -14,6 +14,7 @@ from bench.training.fitting import (
     train,
 )
 from bench.training.frames import Frames
+from bench.training.initial_latents import RANDOM_SPREAD, Start, components, first_latents
 from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.optimiser import Optimiser, groups_of
 from bench.training.quantise import (
@@ -27,7 +28,6 @@ from bench.training.quantise import (
     unpack_bits,
 )
 from bench.training.reading import blocks
-from bench.training.start import RANDOM_SPREAD, Start, components, first_latents
 from bench.training.svd import Factors, strongest, truncated_svd
 from bench.training.texture_fit import DirectedObjective, FitSettings, TextureObjective
 from bench.training.texture_material import TextureMaterial

@@ -91,9 +91,9 @@ class Samples:
         if self.density:  # the scene's directions follow those of the pairs
             self.wo = torch.cat([self.wo, self.density.wo.to(fit.device)])
             self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
-        self.kept: Tensor | None = None  # (texels, pairs, 3)
+        self.table: Tensor | None = None  # (texels, pairs, 3)
         if 6 * self.texels * self.pairs <= memory_limit:
-            self.kept = _filled({1: self}, fit.progress(btf, total=len(btf)))[0].to(fit.device)
+            self.table = _filled({1: self}, fit.progress(btf, total=len(btf)))[0].to(fit.device)
 
     @classmethod
     def levels(cls, btf: BTF, count: int, gain: float, fit: Fit) -> "list[Samples]":
@@ -102,16 +102,16 @@ class Samples:
         The levels that fit into memory are made in one reading. Where the finest does not fit, the others are of
         `COARSE_PAIRS` random pairs: reading a whole measurement takes minutes.
         """
-        found = {1: cls(btf, gain, fit, memory_limit=0)}
+        levels = {1: cls(btf, gain, fit, memory_limit=0)}
         if 6 * btf.shape[0] * btf.shape[1] * len(btf) > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
             btf = btf.subset(torch.randperm(len(btf), generator=fit.generator())[:COARSE_PAIRS].sort().values.numpy())
-        found |= {2**level: cls(btf.downsample(2**level), gain, fit, memory_limit=0) for level in range(1, count)}
-        small = {factor: each for factor, each in found.items() if 6 * each.texels * each.pairs <= MEMORY_LIMIT}
+        levels |= {2**level: cls(btf.downsample(2**level), gain, fit, memory_limit=0) for level in range(1, count)}
+        small = {factor: each for factor, each in levels.items() if 6 * each.texels * each.pairs <= MEMORY_LIMIT}
         if small:
             tables = _filled(small, fit.progress(btf, total=len(btf)))
             for each, table in zip(small.values(), tables, strict=True):
-                each.kept = table.to(fit.device)
-        return list(found.values())
+                each.table = table.to(fit.device)
+        return list(levels.values())
 
     def _log(self, radiance: np.ndarray) -> Tensor:
         return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: a source may be read-only
@@ -137,8 +137,8 @@ class Samples:
 
     def at(self, texel: Tensor, pair: Tensor) -> Batch:
         """The samples at some texels and pairs, both (n,)."""
-        if self.kept is not None:
-            return Batch(texel, pair, self.kept.view(-1, 3)[texel * self.pairs + pair].float())
+        if self.table is not None:
+            return Batch(texel, pair, self.table.view(-1, 3)[texel * self.pairs + pair].float())
         row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
         return Batch(texel, pair, self._log(self.btf.gather(pair.cpu().numpy(), row, col)).to(self.device))
 
@@ -149,14 +149,14 @@ class Samples:
 
     def abrdfs(self, texel: Tensor) -> Tensor:
         """The log ABRDFs (n, pairs, 3) of some texels (n,)."""
-        if self.kept is not None:
-            return self.kept[texel].float()
+        if self.table is not None:
+            return self.table[texel].float()
         return self._log(self.btf.texels(*np.divmod(texel.cpu().numpy(), self.shape[1]))).to(self.device)
 
     def slices(self, pair: Tensor) -> Tensor:
         """The log radiance (texels, n, 3) of some pairs (n,)."""
-        if self.kept is not None:
-            return self.kept[:, pair.to(self.device)].float()
+        if self.table is not None:
+            return self.table[:, pair.to(self.device)].float()
         chosen = self.btf.subset(pair.cpu().numpy())
         return torch.stack([self._log(picture).reshape(-1, 3) for picture in chosen], 1).to(self.device)
 

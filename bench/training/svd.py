@@ -55,8 +55,8 @@ def truncated_svd(
     """
     if weight is not None:
         root = weight.clamp_min(LEAST_WEIGHT).sqrt().to(device)
-        found = truncated_svd(partial(_scaled, read, root), shape, rank, passes, generator, device)
-        return Factors(found.mean / root, found.basis / root[:, None], found.coefficients)
+        scaled = truncated_svd(partial(_scaled, read, root), shape, rank, passes, generator, device)
+        return Factors(scaled.mean / root, scaled.basis / root[:, None], scaled.coefficients)
     features, texels = shape
     size = rank + OVERSAMPLE
     small = min(shape) <= EXACT_SIDE and 4 * features * texels <= EXACT_BYTES

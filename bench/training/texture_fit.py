@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from bench.settings import BatchSize, Natural, Positive
 from bench.training.decoder import Decoder
 from bench.training.fitting import Loss, Objective, Samples
+from bench.training.initial_latents import Start
 from bench.training.inputs import direction_inputs
 from bench.training.optimiser import Optimiser, groups_of
-from bench.training.start import Start
 
 
 @dataclass(frozen=True)

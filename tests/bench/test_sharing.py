@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 
 from bench import cli
-from bench.codecs import trial
+from bench.codecs import outside_codecs
 from tests.bench.outside import install
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +25,7 @@ def test_a_codec_of_one_s_own_stands_beside_the_published_records(tmp_path, monk
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
-    trial._tried.cache_clear()
+    outside_codecs._tried.cache_clear()
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(tmp_path)
     assert cli.main(run) == 0

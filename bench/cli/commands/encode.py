@@ -49,14 +49,14 @@ def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
     codec = load_codec(options.codec)(**settings)
-    asked = demand.load(options.demand) if options.demand else None
-    require_demand(codec, asked)
+    scene_demand = demand.load(options.demand) if options.demand else None
+    require_demand(codec, scene_demand)
     device = usable_device(options.device)
     network, code = shared.find_for(codec), FINE  # missing, it is said before anything is rendered
     with Console() as console:
         btf = open_named(options.btf, changes, console.show)
-        if asked:
-            code = _to_scene(options, codec, btf, asked, network, console)
+        if scene_demand:
+            code = _to_scene(options, codec, btf, scene_demand, network, console)
         else:
             seed, count = options.seed, options.threads
             encode(btf, codec, options.out, seed=seed, threads=count, device=device, show=console.show)
@@ -80,7 +80,7 @@ def _to_scene(
     options: argparse.Namespace,
     codec: "Codec",
     btf: "BTF",
-    asked: "Demand",
+    scene_demand: "Demand",
     network: "TrainedNetwork | None",
     console: "Console",
 ) -> int:
@@ -102,23 +102,23 @@ def _to_scene(
 
     if network:
         shared.refuse(network, btf)
-    scorer = FrameScorer(table_of(btf), asked, console.show)
+    scorer = FrameScorer(table_of(btf), scene_demand, console.show)
     uniform = UNIFORM if options.uniform is None else options.uniform
     wanted = fitting.Goal(options.target_psnr, options.target_flip)
     with tempfile.TemporaryDirectory() as folder, torch_threads(options.threads):
         search = fitting.Search(codec, btf.subset(btf.split().train), scorer, fit, Path(folder), uniform)
-        found = search.run(None if wanted == fitting.Goal() else wanted)
-        console.say(scene_models_text(fitting.rows(found, scorer, options.threads)))
-        atomic.write(options.out, found.chosen.header.path.read_bytes())
-    console.say(_verdict(found))
-    return FINE if found.met else NO
+        result = search.run(None if wanted == fitting.Goal() else wanted)
+        console.say(scene_models_text(fitting.rows(result, scorer, options.threads)))
+        atomic.write(options.out, result.chosen.header.path.read_bytes())
+    console.say(_verdict(result))
+    return FINE if result.met else NO
 
 
-def _verdict(found: "SearchResult") -> str:
-    words = f"{found.fits} fits to the scene took {found.seconds:.1f} s."
-    if not found.met:
-        return f"The target is not reached; this is the {'scene' if found.scene else 'full'} model. {words}"
-    if found.scene is None:
-        return f"This is the full model: {found.why}. {words}"
-    share = found.scene.header.file_bytes / found.full.header.file_bytes
-    return f"The scene model takes {share:.0%} of the bytes: {found.why}. {words}"
+def _verdict(result: "SearchResult") -> str:
+    words = f"{result.fits} fits to the scene took {result.seconds:.1f} s."
+    if not result.met:
+        return f"The target is not reached; this is the {'scene' if result.scene else 'full'} model. {words}"
+    if result.scene is None:
+        return f"This is the full model: {result.why}. {words}"
+    share = result.scene.header.file_bytes / result.full.header.file_bytes
+    return f"The scene model takes {share:.0%} of the bytes: {result.why}. {words}"

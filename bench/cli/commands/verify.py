@@ -43,10 +43,10 @@ def run(options: argparse.Namespace) -> int:
         try:
             submitted = unpack(options.archive, Path(scratch))
         except InputError as error:
-            raise InputError(_told(str(error), scratch, options.archive)) from error
+            raise InputError(_naming_archive(str(error), scratch, options.archive)) from error
         folder.mkdir(parents=True, exist_ok=True)
         verdicts = list(verify(submitted, folder, console.show, places))
-    rows = [(each.job, each.verdict, _told(each.why, scratch, options.archive)) for each in verdicts]
+    rows = [(each.job, each.verdict, _naming_archive(each.why, scratch, options.archive)) for each in verdicts]
     print(tabulate(rows, ["job", "verdict", ""], "simple"))
     counts = Counter(each.verdict for each in verdicts)
     print(f"\n{', '.join(f'{count} {word}' for word, count in counts.items())}; measured here: {folder}")
@@ -55,6 +55,6 @@ def run(options: argparse.Namespace) -> int:
     return FINE if AGREES in counts else NOTHING
 
 
-def _told(message: str, scratch: str, archive: Path) -> str:
+def _naming_archive(message: str, scratch: str, archive: Path) -> str:
     """A message that names the archive instead of the folder that it was unpacked to, which is gone by now."""
     return message.replace(f"{scratch}{os.sep}", f"{archive}: ").replace(scratch, str(archive))

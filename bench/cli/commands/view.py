@@ -61,10 +61,10 @@ def _page(options: argparse.Namespace) -> str:
             note = "truth: the training pairs, interpolated between directions"
             models, shown = [Model(f"{btf.name}, truth", truth.program, truth.exposure, note)], truth.exposure
         for file in map(load, options.files):
-            found, note = _drawn(file, console.show)
-            shown = shown or found.exposure  # one exposure for all, so that brightness can be compared
+            drawing, note = _drawn(file, console.show)
+            shown = shown or drawing.exposure  # one exposure for all, so that brightness can be compared
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
-            models.append(Model(label, found.program, shown, note))
+            models.append(Model(label, drawing.program, shown, note))
         return page(options.truth or options.files[0].stem, models)
 
 

@@ -202,7 +202,7 @@ def test_queries_far_outside_are_counted_and_reported_once(tmp_path, caplog):
     inside = [torch.from_numpy(x) for x in (queries.uv(btf.shape), queries.wo, queries.wi, queries.footprint)]
     with caplog.at_level(logging.WARNING):
         material.query(*inside)
-        assert (material.asked, material.outside) == (len(queries), 0)
+        assert (material.queried, material.outside) == (len(queries), 0)
         for _ in range(2):
             material.query(inside[0] + 0.5, *inside[1:])
         material.query(inside[0], -inside[1] * torch.tensor([1.0, 1.0, -1.0]), *inside[2:])

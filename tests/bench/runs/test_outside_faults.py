@@ -13,16 +13,16 @@ import pytest
 import torch
 
 from bench import cli
-from bench.codecs import trial
+from bench.codecs import outside_codecs
 from bench.codecs.registry import codec_entries, load_codec, make_codec
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
 from bench.errors import CodecError
 from bench.records import load_run
 from bench.runs import runner
+from bench.runs.process_state import restored_process_state
 from bench.runs.suite import load_suite, with_changes
 from bench.runs.timed import timings
-from bench.runs.undisturbed import undisturbed
 from tests.bench.outside import install
 
 pytestmark = pytest.mark.timeout(300)  # each process imports PyTorch
@@ -98,7 +98,7 @@ def hostile(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(runner, "MOST_LOSSES", 1)
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
-    trial._tried.cache_clear()
+    outside_codecs._tried.cache_clear()
     write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
     monkeypatch.chdir(tmp_path)
 
@@ -145,7 +145,7 @@ def test_one_command_for_such_a_codec_is_one_line_and_exit_code_2(capsys):
 
 
 def test_a_codec_that_hangs_when_it_is_imported_is_named(monkeypatch):
-    monkeypatch.setattr(trial, "PATIENCE", 1.0)
+    monkeypatch.setattr(outside_codecs, "PATIENCE", 1.0)
     with pytest.raises(CodecError, match=r"codec import-hang of hostile 1\.0 hangs when it is imported"):
         load_codec("import-hang")
 
@@ -194,7 +194,7 @@ def test_settings_of_the_process_are_put_back_whatever_ends_the_block(tmp_path):
     drawn = torch.get_rng_state(), np.random.get_state()[1].copy(), random.getstate()
 
     def disturb():
-        with undisturbed():
+        with restored_process_state():
             torch.set_default_dtype(torch.float64)
             torch.set_grad_enabled(False)
             torch.set_num_threads(threads + 1)
@@ -271,5 +271,7 @@ def test_a_setting_that_is_not_finite_names_the_codec_and_fits_nothing(value, ca
 
 
 def test_codecs_of_this_suite_are_loaded_here():
-    assert not any(trial.is_outside(entry) for name, entry in codec_entries().items() if name in ("pca", "neubtf"))
-    assert trial.is_outside(codec_entries()["quits"])
+    assert not any(
+        outside_codecs.is_outside(entry) for name, entry in codec_entries().items() if name in ("pca", "neubtf")
+    )
+    assert outside_codecs.is_outside(codec_entries()["quits"])

@@ -194,18 +194,18 @@ def test_the_levels_of_detail_are_made_in_one_reading_and_are_those_made_one_by_
     )
     assert len(labels) == 1
     for level, samples in enumerate(levels):
-        alone = Samples(btf.downsample(2**level), 2.5, Fit())
-        assert samples.kept is not None
-        torch.testing.assert_close(samples.kept, alone.kept, rtol=0, atol=0)
+        single = Samples(btf.downsample(2**level), 2.5, Fit())
+        assert samples.table is not None
+        torch.testing.assert_close(samples.table, single.table, rtol=0, atol=0)
 
 
 def test_coarser_levels_of_a_large_btf_are_kept_at_some_of_its_pairs(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "COARSE_PAIRS", 6)
     monkeypatch.setattr(training, "MEMORY_LIMIT", 6 * (btf.shape[0] // 2) * (btf.shape[1] // 2) * 6)
     finest, coarse, _ = Samples.levels(btf, 3, 2.5, Fit())
-    assert finest.kept is None
+    assert finest.table is None
     assert finest.pairs == len(btf)
-    assert coarse.kept is not None
+    assert coarse.table is not None
     assert coarse.pairs == 6
     batch = coarse.draw(50, torch.Generator().manual_seed(0))
     for texel, pair, target in zip(*batch, strict=True):

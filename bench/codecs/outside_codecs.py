@@ -44,9 +44,9 @@ def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], 
     import sys
 
     # A bare interpreter: the start of `multiprocessing` would run the script that asks again.
-    asked = json.dumps([sys.path, name, None if settings is None else dict(settings)], default=str)
+    request = json.dumps([sys.path, name, None if settings is None else dict(settings)], default=str)
     there, here = os.pipe()
-    command = [sys.executable, "-c", CHILD.format(module=make.__module__, make=make.__name__), asked, str(here)]
+    command = [sys.executable, "-c", CHILD.format(module=make.__module__, make=make.__name__), request, str(here)]
     child = subprocess.Popen(command, pass_fds=(here,), stdin=subprocess.DEVNULL, env=os.environ | {EXPENDABLE: "1"})
     os.close(here)
     doing = "is imported" if settings is None else f"is made with {dict(settings) or 'its defaults'}"
@@ -68,7 +68,7 @@ def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], 
 CHILD = """
 import json, sys
 sys.path[:], name, settings = json.loads(sys.argv[1])
-from bench.codecs.trial import answer
+from bench.codecs.outside_codecs import answer
 from {module} import {make} as make
 answer(make, name, settings, int(sys.argv[2]))
 """
@@ -78,13 +78,13 @@ def answer(make: Make, name: str, settings: dict[str, Any] | None, place: int) -
     """In the other process: make the codec, and write the kind and the words of what is wrong to a file descriptor."""
     import json
 
-    said = ["", ""]
+    fault = ["", ""]
     try:
         make(name, settings)
     except InputError as error:
-        said = [type(error).__name__, str(error)[:4096]]  # what a pipe holds, however it is written
+        fault = [type(error).__name__, str(error)[:4096]]  # what a pipe holds, however it is written
     with open(place, "w", encoding="utf-8") as answers:
-        print(json.dumps(said), file=answers)
+        print(json.dumps(fault), file=answers)
 
 
 def ending(code: int | None) -> str:

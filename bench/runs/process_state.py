@@ -10,7 +10,7 @@ import torch
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def restored_process_state() -> Iterator[None]:
     """Restore the working directory, settings and global generators of PyTorch and NumPy when the block ends."""
     folder, dtype, device = os.getcwd(), torch.get_default_dtype(), torch.get_default_device()
     threads, gradients = torch.get_num_threads(), torch.is_grad_enabled()

@@ -30,13 +30,13 @@ class Fitted:
     seconds: float
 
     @classmethod
-    def of(cls, job: Record) -> "Fitted":
+    def from_job(cls, job: Record) -> "Fitted":
         rows, cols = job["shape"]
         size = float(rows * cols * job["pairs"].get("train", 0))
         return cls(job["codec"], job["material"], job["settings"], size, job["fit_seconds"])
 
 
-class Outlook:
+class Estimate:
     """The jobs of a run that are left; `holds` are those whose records are expected to hold.
 
     `seats` says how many run side by side.
@@ -61,7 +61,7 @@ class Outlook:
         if name in self.holds:  # the code or the data changed: the other records will not hold either
             self.holds = set()
         if not cached and record["status"] == "ok":
-            self._keep(Fitted.of(record))
+            self._keep(Fitted.from_job(record))
             self.spent += record["fit_seconds"]
 
     def _keep(self, fit: Fitted) -> None:
@@ -77,11 +77,11 @@ class Outlook:
         names = ", ".join(sorted({task.codec.codec for task in unknown}))
         if not left:
             return f"{_jobs(self.total)}, all on record"
-        says = f"{_jobs(self.total)}{recorded}: {left} left, "
+        start = f"{_jobs(self.total)}{recorded}: {left} left, "
         if len(unknown) == left:
-            return f"{says}no estimate, since no fit of {names} is on record here"
+            return f"{start}no estimate, since no fit of {names} is on record here"
         rest = f", and {_jobs(len(unknown))} of {names}, of which no fit is on record here" if unknown else ""
-        return f"{says}about {duration(seconds)} of fits{rest}"
+        return f"{start}about {duration(seconds)} of fits{rest}"
 
     @property
     def left(self) -> str:
@@ -159,7 +159,7 @@ def _on_record(folder: Path) -> Iterator[Fitted]:
         for job in jobs:
             whole = job["status"] == "ok" and {"codec", "shape", "pairs", "settings", "fit_seconds"} <= job.keys()
             if whole and job.get("machine", {}).get("processor") == here:
-                yield Fitted.of(job)
+                yield Fitted.from_job(job)
 
 
 def duration(seconds: float) -> str:

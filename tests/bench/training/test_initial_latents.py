@@ -6,10 +6,10 @@ import torch
 
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.codecs import start
 from bench.conformance.check import tiny_btf
+from bench.training import initial_latents
 from bench.training.fitting import Samples, gain_of
-from bench.training.start import COMPONENT_SPREAD, components, first_latents
+from bench.training.initial_latents import COMPONENT_SPREAD, components, first_latents
 
 
 @pytest.fixture(scope="module")
@@ -49,13 +49,13 @@ def test_channels_beyond_the_rank_are_random(btf: BTF) -> None:
 
 
 def test_components_are_those_of_some_pairs_where_there_are_many(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(start, "MOST_PAIRS", len(btf) // 2)
+    monkeypatch.setattr(initial_latents, "MOST_PAIRS", len(btf) // 2)
     samples = Samples(btf, 4.0, Fit())
-    asked: list[int] = []
-    found = samples.slices
-    monkeypatch.setattr(samples, "slices", lambda pair: asked.extend(pair.tolist()) or found(pair))
+    read: list[int] = []
+    slices = samples.slices
+    monkeypatch.setattr(samples, "slices", lambda pair: read.extend(pair.tolist()) or slices(pair))
     assert components(samples, 3, Fit().generator()).shape == (64, 3)
-    assert len(set(asked)) == len(btf) // 2
+    assert len(set(read)) == len(btf) // 2
     assert first_latents(samples, 3, "components", Fit().generator()).isfinite().all()
 
 

@@ -38,15 +38,12 @@ def first_latents(samples: "Samples", channels: int, start: Start, generator: to
 def components(samples: "Samples", count: int, generator: torch.Generator) -> Tensor:
     """The whitened scores (texels, k ≤ count) of the log ABRDFs on their strongest components, k at most their rank."""
     pairs = torch.randperm(samples.pairs, generator=generator)[:MOST_PAIRS].sort().values
-    weight = None
-    if samples.density:
-        weight = samples.density.weights[pairs].repeat_interleave(3)
-    rows = 3 * len(pairs)
+    weight = samples.density.weights[pairs].repeat_interleave(3) if samples.density else None
+    shape = (3 * len(pairs), samples.texels)
 
     def read(label: str) -> Iterator[Tensor]:
         for block in pairs.split(max(1, BLOCK_BYTES // (12 * samples.texels))):
             yield samples.slices(block).permute(1, 2, 0).flatten(0, 1).contiguous()
 
-    found = truncated_svd(read, (rows, samples.texels), count, PASSES, generator, samples.device, weight)
-    scores = found.coefficients.T
+    scores = truncated_svd(read, shape, count, PASSES, generator, samples.device, weight).coefficients.T
     return scores / scores.square().mean(0).sqrt()

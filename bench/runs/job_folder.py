@@ -14,16 +14,16 @@ from bench.runs import lock
 
 
 @dataclass
-class Place:
+class JobFolder:
     """A folder with the layout of a run's folder, and the files that a job put there. Names are relative to it."""
 
-    folder: Path
+    path: Path
     of_run: bool  # whether it is the run's own folder
-    made: list[str] = field(default_factory=list)
+    written: list[str] = field(default_factory=list)
     lent: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, folder: Path, run: str, fresh: bool) -> "Place":
+    def reachable(cls, folder: Path, run: str, fresh: bool) -> "JobFolder":
         """The run's folder if its lock is there (another machine may have a folder of that name), else a local one."""
         if lock.reaches(folder, run):
             return cls(folder, True)
@@ -32,18 +32,18 @@ class Place:
 
     def keep(self, name: str, content: dict[str, Any]) -> str:
         """Store content that is too large for a record beside it, as .npz or .json; returns the name."""
-        with atomic.replacing(self.folder / name) as partial:
+        with atomic.replacing(self.path / name) as partial:
             if name.endswith(".json"):
                 partial.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
             else:
                 with open(partial, "wb") as file:
                     np.savez_compressed(file, **content)
-        self.made.append(name)
+        self.written.append(name)
         return name
 
     def put(self, name: str, content: bytes) -> Path:
         """Store a copy of a file of the run's folder here; returns its path."""
-        path = self.folder / name
+        path = self.path / name
         if not path.exists():
             atomic.write(path, content)
             self.lent.append(name)
@@ -53,7 +53,7 @@ class Place:
         """The files made outside the run's folder, for the process that writes there; deletes them here."""
         if self.of_run:
             return {}
-        files = {name: (self.folder / name).read_bytes() for name in self.made}
-        for name in (*self.made, *self.lent):
-            (self.folder / name).unlink(missing_ok=True)
+        files = {name: (self.path / name).read_bytes() for name in self.written}
+        for name in (*self.written, *self.lent):
+            (self.path / name).unlink(missing_ok=True)
         return files

@@ -8,8 +8,8 @@ import pytest
 from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
 from bench.records import append
-from bench.runs import outlook
-from bench.runs.outlook import Outlook, duration
+from bench.runs import estimate
+from bench.runs.estimate import Estimate, duration
 from bench.runs.provenance import processor
 from bench.runs.suite import CodecSpec
 from bench.runs.task import Task
@@ -21,7 +21,7 @@ PCA = {"components": 16, "center": True}
 @pytest.fixture
 def clock(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(outlook.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(estimate.time, "monotonic", lambda: now[0])
     return now
 
 
@@ -43,7 +43,7 @@ def job(of, seconds, pairs=20, **settings):
 
 
 def looked(folder, tasks, holds=(), at_once=1):
-    return Outlook(tasks, set(holds), folder, lambda: at_once)
+    return Estimate(tasks, set(holds), folder, lambda: at_once)
 
 
 def test_without_records_there_is_no_estimate_and_it_says_so(tmp_path, clock):
@@ -69,7 +69,7 @@ def test_a_finished_job_tells_of_the_others_of_its_codec_and_of_what_a_job_takes
 
 def test_jobs_are_divided_among_the_workers_that_are_there_and_no_more(tmp_path, clock):
     tasks, there = [task("pca", seed=seed) for seed in range(3)], [1]
-    found = Outlook(tasks, set(), tmp_path / "run", lambda: there[0])
+    found = Estimate(tasks, set(), tmp_path / "run", lambda: there[0])
     clock[0] += 120
     found.ended(job(tasks[0], 20.0), "")
     assert found.left == "about 4 min left"
