@@ -100,7 +100,9 @@ class ZipFiles:
 
     def _inflate(self, name: str, count: int, packed_count: int) -> bytes:
         entry, start = self._stored(name)
-        packed = _pread(self.path, start, min(entry.compress_size, packed_count))
+        with open(self.path, "rb") as stream:
+            stream.seek(start)
+            packed = stream.read(min(entry.compress_size, packed_count))
         if entry.compress_type == zipfile.ZIP_STORED:
             return packed[:count]
         with readable(self.label(name)):
@@ -128,19 +130,13 @@ class ZipFiles:
 
 def _expanded(packed: bytes, count: int) -> bytes:
     """At most `count` bytes of a deflated stream; the memory is that of the answer, not twice as much."""
-    found, inflater = io.BytesIO(), zlib.decompressobj(-15)
+    inflated, inflater = io.BytesIO(), zlib.decompressobj(-15)
     for start in range(0, len(packed), STEP):
         piece = packed[start : start + STEP]
-        while piece and found.tell() < count:
-            found.write(inflater.decompress(piece, min(16 * STEP, count - found.tell())))
+        while piece and inflated.tell() < count:
+            inflated.write(inflater.decompress(piece, min(16 * STEP, count - inflated.tell())))
             piece = inflater.unconsumed_tail
-    return found.getvalue()
-
-
-def _pread(path: Path, start: int, count: int) -> bytes:
-    with open(path, "rb") as stream:
-        stream.seek(start)
-        return stream.read(count)
+    return inflated.getvalue()
 
 
 @dataclass(frozen=True)
@@ -223,9 +219,9 @@ def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> 
 def _read(files: ZipFiles, name: str) -> Array:
     """The array of an entry, checked against its checksum, in memory, and writable."""
     data = files.read(name)
-    found = _described(files, name, data[:_HEAD])
-    flat = np.frombuffer(data, found.dtype, math.prod(found.shape), found.begin)
-    return flat.reshape(found.shape, order="F" if found.fortran else "C").copy(order="K")
+    header = _described(files, name, data[:_HEAD])
+    flat = np.frombuffer(data, header.dtype, math.prod(header.shape), header.begin)
+    return flat.reshape(header.shape, order="F" if header.fortran else "C").copy(order="K")
 
 
 def write_npz(btf: BTF, path: str | Path) -> None:

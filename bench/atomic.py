@@ -16,7 +16,7 @@ SUFFIX = ".partial"
 
 
 @contextmanager
-def beside(path: Path) -> Iterator[Path]:
+def temporary(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; a file or folder under that name is removed when the block ends.
 
     The name is random, so processes on several machines can write the same file without mixing their bytes. An
@@ -38,8 +38,8 @@ def beside(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a name as `beside` does; it is renamed to `path` when the block ends without an error."""
-    with beside(path) as partial:
+    """Yield a name as `temporary` does; it is renamed to `path` when the block ends without an error."""
+    with temporary(path) as partial:
         yield partial
         os.replace(partial, path)
 
@@ -67,14 +67,14 @@ def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[None]:
+def locked(path: Path) -> Iterator[None]:
     """Hold a lock while making `path`; other processes wait here, and should then check again whether it exists.
 
     On a file system without locks several processes make the file at once; each writes it whole.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = path.with_name(path.name + ".lock")
-    file = _locked(lock)
+    file = _open_locked(lock)
     try:
         yield
     finally:
@@ -82,7 +82,7 @@ def alone(path: Path) -> Iterator[None]:
         os.close(file)
 
 
-def _locked(path: Path) -> int:
+def _open_locked(path: Path) -> int:
     """Open and lock the file of that name; if its holder removed it meanwhile, open it anew."""
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)

@@ -138,17 +138,17 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
     x = (low[:, None, 0] <= edges[1:] + slack) & (high[:, None, 0] >= edges[:-1] - slack)
     y = (low[:, None, 1] <= edges[1:] + slack) & (high[:, None, 1] >= edges[:-1] - slack)
     middle, centroids = (edges[1:] + edges[:-1]) / 2, corners.mean(1)
-    found = []
+    cells = []
     for row, column in np.ndindex(CELLS, CELLS):
         here = np.flatnonzero(y[:, row] & x[:, column])
         if not len(here):
             here = np.linalg.norm((middle[column], middle[row]) - centroids, axis=-1).argmin(keepdims=True)
-        found.append(here)
-    most = max(map(len, found))
+        cells.append(here)
+    most = max(map(len, cells))
     if most > MOST_CANDIDATES:
         raise ValueError(f"{most:,} triangles of directions meet in one place, and {MOST_CANDIDATES:,} are the limit")
-    out = np.empty((len(found), most), np.int64)
-    for row, here in zip(out, found, strict=True):
+    out = np.empty((len(cells), most), np.int64)
+    for row, here in zip(out, cells, strict=True):
         row[: len(here)], row[len(here) :] = here, here[0]
     return out
 
@@ -159,7 +159,7 @@ def _in_blocks(answer: Callable[[Tensor], tuple[Tensor, ...]], width: int, queri
     if len(queries) <= rows or torch.compiler.is_compiling():
         return answer(queries)
     parts = [answer(some) for some in queries.split(rows)]
-    return tuple(torch.cat(found) for found in zip(*parts, strict=True))
+    return tuple(torch.cat(blocks) for blocks in zip(*parts, strict=True))
 
 
 class PairInterpolator(nn.Module):
@@ -196,7 +196,7 @@ class PairInterpolator(nn.Module):
         """Pair indices and weights (n, k) that add up to one, for callers that handle the cosines themselves."""
         search = self._tensor_product if self.product else self._shepard
         if len(wo) > 1 and wo.stride(0) == wi.stride(0) == 0:  # a slice: one pair of directions, expanded to all texels
-            return Weights(*(found.expand(len(wo), -1) for found in search(wo[:1], wi[:1])))
+            return Weights(*(tensor.expand(len(wo), -1) for tensor in search(wo[:1], wi[:1])))
         return search(wo, wi)
 
     def mean_cosine(self, pair: Tensor, share: Tensor, level: Tensor) -> Tensor:

@@ -157,13 +157,13 @@ def layers(material: Material) -> list[tuple[str, str, int]]:
     """
     from torchinfo import summary
 
-    found, place = [], list[str]()
+    rows, place = [], list[str]()
     for network in material.modules():
         for layer in summary(network, depth=DEEPEST, verbose=0).summary_list:
             place[layer.depth :] = [layer.var_name]
             if own := 0 if layer.is_recursive else layer.leftover_trainable_params():
-                found.append((".".join(place), layer.class_name, own))
-    return found
+                rows.append((".".join(place), layer.class_name, own))
+    return rows
 
 
 @cache

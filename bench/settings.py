@@ -4,7 +4,7 @@ The settings of a codec are a frozen dataclass of int, float, bool, str and `Lit
 scene may also be tuples and further dataclasses. A field may say its range:
 
     components: Count = 16  # eigen-ABRDFs
-    kept: Annotated[float, Range(0.1, 1)] = 0.5
+    share: Annotated[float, Range(0.1, 1)] = 0.5
 
 `parse` takes the settings of a codec, as values or strings; `table` takes a table of a TOML file, where a number is a
 number, read by `read_toml`.
@@ -84,17 +84,28 @@ def parse(owner: str, settings: type, values: dict[str, Any]) -> Any:
 
 def convert(owner: str, name: str, kind: Any, value: Any) -> Any:
     """Convert the value of a setting of the codec `owner`. An `InputError` says which values are allowed."""
-    return _checked(f"setting {name} of codec {owner}", kind, value, words=True)
+    return converted(f"setting {name} of codec {owner}", kind, value, words=True)
 
 
 def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
-    """Convert a value, which errors call `what`; with `words`, strings stand for numbers too, as on a command line."""
-    return _checked(what, kind, value, words)
+    """Convert a value, which errors call `what`; with `words`, strings stand for numbers too, as on a command line.
+
+    An `InputError` says which values are allowed.
+    """
+    try:
+        result = _converted(what, kind, value, words)
+    except InputError:
+        raise
+    except (KeyError, ValueError, TypeError, OverflowError):
+        result = None
+    if result is None:
+        raise InputError(f"{what} must be {_wanted(kind)}, not {shown(value)}")
+    return result
 
 
-def table(where: str, kind: type, says: Any) -> Any:
+def table(where: str, kind: type, given: Any) -> Any:
     """Make the dataclass `kind` from a table of a file. An `InputError` names `where` and the field."""
-    values = fields(where, kind, says)
+    values = fields(where, kind, given)
     for field in dataclasses.fields(kind):
         has_default = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
         if field.name not in values and not has_default:
@@ -105,15 +116,15 @@ def table(where: str, kind: type, says: Any) -> Any:
         raise InputError(f"{where}: {error}") from None
 
 
-def fields(where: str, kind: type, says: Any, without: Collection[str] = ()) -> dict[str, Any]:
+def fields(where: str, kind: type, given: Any, without: Collection[str] = ()) -> dict[str, Any]:
     """The converted values of a table by field of the dataclass `kind`, `without` some; see `table`."""
-    if not isinstance(says, dict):
-        raise InputError(f"{where} must be a table, not {shown(says)}")
+    if not isinstance(given, dict):
+        raise InputError(f"{where} must be a table, not {shown(given)}")
     kinds = {name: each for name, each in _kinds(kind).items() if name not in without}
-    for name in says:
+    for name in given:
         if name not in kinds:
             raise InputError(f"{where}: no key {shown(name)}{did_you_mean(name, kinds)}")
-    return {name: _checked(f"{where}: {name}", kinds[name], value, words=False) for name, value in says.items()}
+    return {name: converted(f"{where}: {name}", kinds[name], value) for name, value in given.items()}
 
 
 def read_toml(path: Path) -> str:
@@ -144,19 +155,6 @@ def _kinds(kind: type) -> dict[str, Any]:
     return {field.name: kinds[field.name] for field in dataclasses.fields(kind)}
 
 
-def _checked(what: str, kind: Any, value: Any, words: bool) -> Any:
-    """The converted value; with `words`, strings are converted too. An `InputError` says which values are allowed."""
-    try:
-        found = _converted(what, kind, value, words)
-    except InputError:
-        raise
-    except (KeyError, ValueError, TypeError, OverflowError):
-        found = None
-    if found is None:
-        raise InputError(f"{what} must be {_wanted(kind)}, not {shown(value)}")
-    return found
-
-
 def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     """The converted value, or None where it is out of range; raises where it is of another type."""
     plain, limits = _parts(kind)
@@ -174,12 +172,12 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
         return None
     if plain is int and int(value) != float(value):
         return None
-    found = plain(value)
-    if plain is str and len(found) > WORD:
+    result = plain(value)
+    if plain is str and len(result) > WORD:
         return None
-    if plain in (int, float) and not (math.isfinite(found) and found in limits):
+    if plain in (int, float) and not (math.isfinite(result) and result in limits):
         return None
-    return None if plain is int and abs(found) > WHOLE else found
+    return None if plain is int and abs(result) > WHOLE else result
 
 
 def _several(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tuple[Any, ...] | None:
@@ -187,7 +185,7 @@ def _several(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tupl
     if not isinstance(value, list) or (kinds[-1] is not ... and len(value) != len(kinds)):
         return None
     each = [kinds[0]] * len(value) if kinds[-1] is ... else kinds
-    return tuple(_checked(what, kind, item, words) for kind, item in zip(each, value, strict=True))
+    return tuple(converted(what, kind, item, words) for kind, item in zip(each, value, strict=True))
 
 
 def _parts(kind: Any) -> tuple[Any, Range]:
@@ -216,24 +214,20 @@ def _wanted(kind: Any) -> str:
 def described(settings: type) -> list[Setting]:
     """Describe every setting of a `Settings` class, in order. Meanings are the comments in its source, if available."""
     kinds, comments = get_type_hints(settings, include_extras=True), _comments(settings)
-    return [
-        Setting(field.name, _shown(field.default), _wanted(kinds[field.name]), comments.get(field.name, ""))
-        for field in dataclasses.fields(settings)
-    ]
-
-
-def _shown(value: Any) -> str:
-    """A default as `--set` takes it."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    result = []
+    for field in dataclasses.fields(settings):
+        default = str(field.default).lower() if isinstance(field.default, bool) else str(field.default)  # for `--set`
+        result.append(Setting(field.name, default, _wanted(kinds[field.name]), comments.get(field.name, "")))
+    return result
 
 
 def _comments(settings: type) -> dict[str, str]:
     """The comment beside each field of a class and of those it derives from."""
-    found: dict[str, str] = {}
+    comments: dict[str, str] = {}
     for owner in reversed(settings.__mro__[:-1]):
         try:
             source = inspect.getsource(owner)
         except (OSError, TypeError):  # a class without a source file
             continue
-        found |= dict(re.findall(r"^\s+(\w+): [^#\n]*#\s*(.*)$", source, re.M))
-    return found
+        comments |= dict(re.findall(r"^\s+(\w+): [^#\n]*#\s*(.*)$", source, re.M))
+    return comments

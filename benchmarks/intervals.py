@@ -71,7 +71,7 @@ def told(table: Array) -> Array:
             made = [Cell(f"m{at // seeds}", at % seeds, f"{at}", each) for at, each in enumerate(cells)]
             rows[str(label)] = interval(made)
     found = told_apart({label: each for label, each in rows.items() if each})
-    return np.array([str(label) in found and found[str(label)].told for label in range(len(table))])
+    return np.array([str(label) in found and found[str(label)].apart for label in range(len(table))])
 
 
 def chances(scatter: Scatter, codecs: int, materials: int, seeds: int, trials: int) -> tuple[float, float]:

@@ -38,6 +38,6 @@ def angular(folder: Path, job: Record) -> dict[str, Any] | None:
 def program(path: Path) -> Program:
     """The program of a decoded material. `InputError` where the file is none."""
     try:
-        return Program.of(read_arrays(path, MAX_FILE))
+        return Program.from_arrays(read_arrays(path, MAX_FILE))
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise InputError(f"{path}: no program of a material ({error}): make it anew") from error

@@ -51,7 +51,7 @@ def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
 
 def interval(delta: "Interval") -> str:
     """A mean difference with its interval, and a mark where codecs are told apart: −1.50 (−1.62 to −1.41) *."""
-    return f"{delta.mean:+.2f} ({delta.low:+.2f} to {delta.high:+.2f}){' *' * delta.told}".replace("-", "−")
+    return f"{delta.mean:+.2f} ({delta.low:+.2f} to {delta.high:+.2f}){' *' * delta.apart}".replace("-", "−")
 
 
 def _why_none(stats: dict[str, Any]) -> str:

@@ -63,7 +63,7 @@ def _paired(against: "Against") -> str:
     """A note on the differences to the best: what their intervals cover, and how many codecs are told apart."""
     every = against.over.values()
     materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
-    told = sum(each.told for each in every)
+    told = sum(each.apart for each in every)
     apart = f"{told} of {len(every)}" if told else "None"
     pairs = math.comb(len(every) + 1, 2)
     fits = f"{seeds} seeds" if seeds > 1 else "1 seed: how much another fit would differ is not known apart"

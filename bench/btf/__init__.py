@@ -96,7 +96,7 @@ class Source:
         """A window of the pictures, which may reach around their borders."""
         return _Cropped(self, top, left, height, width)
 
-    def of(self, pairs: Array) -> "Source":
+    def only(self, pairs: Array) -> "Source":
         """A source that must answer only these pairs, under the same indices; it may drop data of other pairs."""
         return self
 
@@ -189,8 +189,8 @@ class _Cropped(Source):
         return self.source.gather(pair, self.rows[row], self.cols[col])
 
     def fingerprint(self) -> str:
-        says = f"{self.source.fingerprint()} window {self.rows[0]} {self.cols[0]} {self.shape}"
-        return hashlib.sha256(says.encode()).hexdigest()
+        text = f"{self.source.fingerprint()} window {self.rows[0]} {self.cols[0]} {self.shape}"
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def periods(size: tuple[int, int]) -> tuple[float, float]:
@@ -312,7 +312,7 @@ class BTF:
     def subset(self, pairs: ArrayLike) -> "BTF":
         """The same BTF at some of its pairs, given by index."""
         chosen = np.asarray(pairs)
-        return self._with(chosen, self.source.of(self.pairs[chosen]))
+        return self._with(chosen, self.source.only(self.pairs[chosen]))
 
     def downsample(self, factor: int) -> "BTF":
         """The BTF box-filtered over factor × factor texels, in linear light.
@@ -323,9 +323,9 @@ class BTF:
             raise ValueError(f"factor must be between 1 and {min(self.shape)}, not {factor}")
         if factor == 1:
             return self
-        found = self.over(_BoxFiltered(self.source, factor), downsampled=factor)
-        found.periodic = self.periodic and not any(side % factor for side in self.shape)
-        return found
+        coarser = self.over(_BoxFiltered(self.source, factor), downsampled=factor)
+        coarser.periodic = self.periodic and not any(side % factor for side in self.shape)
+        return coarser
 
     def crop(self, top: int, left: int, height: int, width: int) -> "BTF":
         """The BTF of a window of texels, which may reach around the border; it is not periodic."""

@@ -17,12 +17,12 @@ BLOCK = 256 << 20  # bytes of a block, at most, where it holds more than one pai
 def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int]) -> Array:
     """The copy at `path` of `count` slices (H, W, 3) that `read` gives, memory-mapped; made where it is not there."""
     if not path.exists():
-        with atomic.alone(path):  # else each of a dozen workers would write its own, of many gigabytes
+        with atomic.locked(path):  # else each of a dozen workers would write its own, of many gigabytes
             if not path.exists():
                 with atomic.replacing(path) as partial:
                     any(_written(path, partial, read, count, shape, dtype) for dtype in (np.float16, np.float32))
-    found: Array = np.load(path, mmap_mode="r", allow_pickle=False)
-    return found
+    copy: Array = np.load(path, mmap_mode="r", allow_pickle=False)
+    return copy
 
 
 def scattered(copy: Array, pair: Array, texel: Array) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from bench.compare.means import means
-from bench.compare.paired import Interval, cells, interval
+from bench.compare.paired import Interval, interval, shared_cells
 from bench.compare.rows import Row, compared
 from bench.compare.timings import advice, multiples
 from bench.compare.verdicts import Verdict
@@ -70,7 +70,7 @@ def compare(
 ) -> Comparison:
     """Compare two runs: all rows, or those of some materials and codecs.
 
-    `InputError` for a name that neither has, and for a damaged base.
+    `InputError` for a name that neither has, for a damaged base, and for a job without a field that is needed.
 
     `allow` names rows that may be gone or not comparable: a codec, a label, a material, `material/label`, or a pattern.
     """
@@ -82,7 +82,11 @@ def compare(
     every = [*base.jobs, *new.jobs]
     check_names("material", materials, {job["material"] for job in every})
     check_names("codec", codecs, {_codec(job) for job in every})
-    before, after = ([_checked(job, run) for job in run.jobs if wanted(job)] for run in (base, new))
+    before, after = ([job for job in run.jobs if wanted(job)] for run in (base, new))
+    for jobs, run in ((before, base), (after, new)):
+        for job in jobs:
+            if job["status"] == "ok":
+                require(job, "comparison", run.folder)
     before = _renamed(before, after)
     ours, theirs = (multiples(jobs, list(run.timings)) for jobs, run in ((before, base), (after, new)))
     declared = {seed for start in new.starts for seed in start.get("seeds", ())} or {job["seed"] for job in after}
@@ -90,7 +94,7 @@ def compare(
     keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
 
     def between(some: list[Record], others: list[Record]) -> Interval | None:
-        return interval(cells(base, some, new, others))
+        return interval(shared_cells(base, some, new, others))
 
     olds, news = _by_row(before), _by_row(after)
     rows = [
@@ -109,16 +113,16 @@ def _names(pattern: str, row: Row) -> bool:
 def _renamed(before: list[Record], after: list[Record]) -> list[Record]:
     """The jobs of before; a label that after lacks is replaced by the label that after has for equal settings."""
     known = {(job["material"], job["label"]) for job in after}
-    same = {_told(job): job["label"] for job in after if job["status"] == "ok"}
+    same = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
     return [
-        job | {"label": same[_told(job)]}
-        if job["status"] == "ok" and (job["material"], job["label"]) not in known and _told(job) in same
+        job | {"label": same[_identity(job)]}
+        if job["status"] == "ok" and (job["material"], job["label"]) not in known and _identity(job) in same
         else job
         for job in before
     ]
 
 
-def _told(job: Record) -> tuple[str, ...]:
+def _identity(job: Record) -> tuple[str, ...]:
     return job["material"], _codec(job), json.dumps(job["fit_key"]["settings"], sort_keys=True)
 
 
@@ -144,19 +148,12 @@ def check_names(what: str, names: Sequence[str], known: set[str]) -> None:
             raise InputError(f"--{what} {name}: in neither run{did_you_mean(name, known)}")
 
 
-def _checked(job: Record, run: Run) -> Record:
-    """The job. `InputError` if it lacks a field that a comparison needs."""
-    if job["status"] == "ok":
-        require(job, "comparison", run.folder)
-    return job
-
-
 def _by_row(jobs: list[Record]) -> dict[tuple[str, str], list[Record]]:
     """The jobs of each row, by material and label, in the order of their seeds."""
-    found: dict[tuple[str, str], list[Record]] = {}
+    rows: dict[tuple[str, str], list[Record]] = {}
     for job in sorted(jobs, key=lambda job: job["seed"]):
-        found.setdefault((job["material"], job["label"]), []).append(job)
-    return found
+        rows.setdefault((job["material"], job["label"]), []).append(job)
+    return rows
 
 
 def _notes(base: Run, new: Run, rows: list[Row]) -> Iterator[str]:
@@ -168,10 +165,10 @@ def _notes(base: Run, new: Run, rows: list[Row]) -> Iterator[str]:
         changed = [f"{key} {mine[key]} → {theirs[key]}" for key in mine if mine[key] != theirs[key]]
         if changed:
             yield "not measured under the same conditions: " + "; ".join(changed)
-    if alone := [row.name for row in rows if any(c.margin and c.spread is None for c in row.deciding)]:
+    if guessed := [row.name for row in rows if any(c.margin and c.spread is None for c in row.deciding)]:
         yield (
             "one seed in BASE, or one that NEW has at the same pairs, so that the spread is not known and the margin "
-            f"is a guess: {', '.join(alone)}"
+            f"is a guess: {', '.join(guessed)}"
         )
 
 

@@ -15,12 +15,12 @@ def changes(base: Run, new: Run, codecs: Sequence[str] = ()) -> Iterator[tuple[s
 
     A cell of a codec of another version is compared like any other: an extreme that held must hold.
     """
-    found = {_cell(record): record for record in new.stress}
+    after_by_cell = {_cell(record): record for record in new.stress}
     for before in base.stress:
         subject, extreme = before["subject"], before["extreme"]
         if before["verdict"] != "pass" or (codecs and subject not in codecs):
             continue
-        after = found.get(_cell(before))
+        after = after_by_cell.get(_cell(before))
         if after is None:
             yield f"{subject}: {extreme}", GONE
         elif after["verdict"] != "pass":

@@ -20,8 +20,8 @@ def means(rows: Sequence[Row]) -> list[Row]:
     codecs: dict[str, list[Row]] = {}
     for row in rows:
         codecs.setdefault(row.label.split()[0], []).append(row)
-    found = [_mean(name, several, False) for name, several in codecs.items()]
-    return [row for row in (*found, _mean(EVERY, list(rows), True)) if row]
+    by_codec = [_mean(name, several, False) for name, several in codecs.items()]
+    return [row for row in (*by_codec, _mean(EVERY, list(rows), True)) if row]
 
 
 def _mean(label: str, rows: list[Row], every: bool) -> Row | None:

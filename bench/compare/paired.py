@@ -50,7 +50,7 @@ class Interval:
     seeds: int
     slices: int
     chance: float = 1.0
-    told: bool = False  # apart, see `told_apart`
+    apart: bool = False  # whether `told_apart` tells the two apart
 
 
 @dataclass(frozen=True)
@@ -71,20 +71,22 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
     jobs = {(job["material"], job["seed"], shown_label(job)): job for job in run.jobs if job["status"] == "ok"}
     ours = {(material, seed): job for (material, seed, label), job in jobs.items() if label == first}
     read = cache(lambda key: decibels(run.folder, ours[key]))
-    found = Against(first, {}, {})
+    differences = Against(first, {}, {})
     for label in others:
         both = [(key, job, jobs[*key, label]) for key, job in ours.items() if (*key, label) in jobs]
         try:
-            made = [_cell(job, read(key), decibels(run.folder, other)) for key, job, other in both if _same(job, other)]
+            every = [
+                _cell(job, read(key), decibels(run.folder, other)) for key, job, other in both if _same(job, other)
+            ]
         except InputError:
             continue
-        of_label = [cell for cell in made if cell]
-        if whole := interval(of_label):
-            found.over[label] = whole
-        for material in dict.fromkeys(cell.material for cell in of_label):
-            if part := interval([cell for cell in of_label if cell.material == material]):
-                found.on.setdefault(material, {})[label] = part
-    return replace(found, over=told_apart(found.over))
+        cells = [cell for cell in every if cell]
+        if whole := interval(cells):
+            differences.over[label] = whole
+        for material in dict.fromkeys(cell.material for cell in cells):
+            if part := interval([cell for cell in cells if cell.material == material]):
+                differences.on.setdefault(material, {})[label] = part
+    return replace(differences, over=told_apart(differences.over))
 
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
@@ -93,23 +95,20 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
     After Holm (1979), over all pairs of codecs: the best was found by the same numbers, so any pair could have been it.
     """
     left, going = math.comb(len(over) + 1, 2), True
-    found = {}
+    judged = {}
     for label, each in sorted(over.items(), key=lambda item: item[1].chance):
         going = going and each.chance <= FALSE / left
-        found[label] = replace(each, told=going)
+        judged[label] = replace(each, apart=going)
         left -= 1
-    return {label: found[label] for label in over}
+    return {label: judged[label] for label in over}
 
 
-def cells(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]) -> list[Cell]:
+def shared_cells(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]) -> list[Cell]:
     """The cells of the jobs of two runs, seed by seed, without slices that are exact in either."""
     theirs = {job["seed"]: job for job in after}
-    found = []
-    for job in before:
-        other = theirs.get(job["seed"])
-        if other is not None and _same(job, other):
-            found.append(_cell(job, decibels(base.folder, job), decibels(new.folder, other)))
-    return [cell for cell in found if cell]
+    pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
+    every = [_cell(a, decibels(base.folder, a), decibels(new.folder, b)) for a, b in pairs if _same(a, b)]
+    return [cell for cell in every if cell]
 
 
 def _same(job: Record, other: Record) -> bool:
@@ -127,20 +126,20 @@ def _cell(job: Record, ours: Array | None, others: Array | None) -> Cell | None:
     return Cell(job["material"], job["seed"], job["score_key"]["btf"], others[both] - ours[both])
 
 
-def interval(found: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
+def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     """The mean over materials of the mean over seeds of the mean over slices, with its interval; None of no cells."""
     by_material: dict[str, list[Cell]] = {}
-    for cell in found:
+    for cell in cells:
         by_material.setdefault(cell.material, []).append(cell)
     if not by_material:
         return None
-    means = np.array([_mean(each) for each in by_material.values()])
-    seeds, slices = max(map(len, by_material.values())), sum(len(cell.differences) for cell in found)
+    means = np.array([np.mean([cell.differences.mean() for cell in each]) for each in by_material.values()])
+    seeds, slices = max(map(len, by_material.values())), sum(len(cell.differences) for cell in cells)
     if len(means) > 1:
         reach, chance = _student(means)
         low, high = means.mean() - reach, means.mean() + reach
     else:
-        low, high = np.percentile(_of_material(list(found), draws, np.random.default_rng(SEED)), [2.5, 97.5])
+        low, high = np.percentile(_bootstrap_means(list(cells), draws, np.random.default_rng(SEED)), [2.5, 97.5])
         chance = 1.0
     return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance)
 
@@ -154,20 +153,16 @@ def _student(means: Array) -> tuple[float, float]:
     return float(stdtrit(freedom, 0.975) * error), float(chance)
 
 
-def _mean(found: Sequence[Cell]) -> float:
-    return float(np.mean([cell.differences.mean() for cell in found]))
-
-
-def _of_material(found: Sequence[Cell], draws: int, rng: np.random.Generator) -> Array:
+def _bootstrap_means(cells: Sequence[Cell], draws: int, rng: np.random.Generator) -> Array:
     """Means (draws,) over the drawn seeds and pairs of one material."""
     alike: dict[tuple[str, int], list[int]] = {}  # seeds that draw the same pairs
-    for number, cell in enumerate(found):
+    for number, cell in enumerate(cells):
         alike.setdefault((cell.pairs, len(cell.differences)), []).append(number)
-    means = np.empty((len(found), draws))
+    means = np.empty((len(cells), draws))
     for (_, count), numbers in alike.items():
-        differences = np.stack([found[number].differences for number in numbers])
+        differences = np.stack([cells[number].differences for number in numbers])
         means[numbers] = differences @ _weights(count, draws, rng).T
-    chosen = rng.integers(0, len(found), (len(found), draws))
+    chosen = rng.integers(0, len(cells), (len(cells), draws))
     drawn: Array = means[chosen, np.arange(draws)].mean(0)
     return drawn
 

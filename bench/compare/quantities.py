@@ -16,7 +16,7 @@ class Tolerance:
 
     certain: float = 0.0  # if the seeds of the base agree: the codec is deterministic
     drawn: float = 0.0  # if they differ
-    alone: float = 0.0  # if the base has one seed, so that the scatter is unknown
+    one_seed: float = 0.0  # if the base has one seed, so that the scatter is unknown
     common: float = 0.0  # in the mean over all codecs
     relative: bool = False
     chance: float = 0.00025  # how often it may seem exceeded where nothing got worse, because seeds differ
@@ -58,10 +58,10 @@ class Quantity:
         return f"{change:+,.{self.digits}f}".replace("-", "−") if round(change, self.digits) else "="
 
 
-DECIBELS = Tolerance(certain=0.02, drawn=0.1, alone=0.25, common=0.05)
+DECIBELS = Tolerance(certain=0.02, drawn=0.1, one_seed=0.25, common=0.05)
 # It scatters least and sees most, so it may alarm as often as the four other numbers of quality together.
 BY_SLICE = replace(DECIBELS, chance=0.001)
-DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, alone=0.005, common=0.0015)  # of FLIP
+DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, one_seed=0.005, common=0.0015)  # of FLIP
 
 
 def deciding(job: Record) -> list[Quantity]:
@@ -69,35 +69,35 @@ def deciding(job: Record) -> list[Quantity]:
 
     PSNR is pooled, slice by slice, slice by slice at grazing directions, and at footprints.
     """
-    found = [
+    quantities = [
         Quantity("parameters", "", "lower", 0, lambda job: job["parameters"], Tolerance()),
         Quantity("bytes", "", "lower", 0, lambda job: job["bytes"]["total"], Tolerance(drawn=0.01, relative=True)),
     ]
     group, names = gate(job["scores"]), metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
-        found.append(_metric(job, psnr, group, "PSNR", 2, DECIBELS))
-        found.append(_mean(SLICE, psnr, [group], BY_SLICE))
+        quantities.append(_metric(job, psnr, group, "PSNR", 2, DECIBELS))
+        quantities.append(_mean(SLICE, psnr, [group], BY_SLICE))
         grazing = [name for name in (f"{group}, grazing view", f"{group}, grazing light") if name in job["scores"]]
-        found += [_mean("grazing", psnr, grazing, DECIBELS)] if grazing else []
+        quantities += [_mean("grazing", psnr, grazing, DECIBELS)] if grazing else []
     if any(side != "1" for side in job.get("footprints", {})):
-        found.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS))
+        quantities.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS))
     if flip:
-        found.append(_metric(job, flip, group, "FLIP", 4, DIFFERENCE))
-    return found
+        quantities.append(_metric(job, flip, group, "FLIP", 4, DIFFERENCE))
+    return quantities
 
 
 def shown(job: Record) -> list[Quantity]:
     """The other numbers of quality and size in a record, which are shown and do not decide."""
     group, names = gate(job["scores"]), metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
-    found = [_metric(job, psnr, "train", "train PSNR", 2)] if psnr and "train" in job["scores"] else []
+    quantities = [_metric(job, psnr, "train", "train PSNR", 2)] if psnr and "train" in job["scores"] else []
     for name in names:
         if name not in (psnr, flip):
             digits = 2 if job["metrics"][name]["unit"] == "dB" else 4
-            found.append(_metric(job, name, group, name.removesuffix("_periodic"), digits))
-    found += [_footprint(side) for side in job.get("footprints", {}) if side != "1"]
-    return found + [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
+            quantities.append(_metric(job, name, group, name.removesuffix("_periodic"), digits))
+    quantities += [_footprint(side) for side in job.get("footprints", {}) if side != "1"]
+    return quantities + [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
 
 
 def _metric(
@@ -117,7 +117,7 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
     """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
 
     def value(job: Record) -> float | None:
-        stats = [found for group in groups if (found := metrics_of(job, group).get(metric)) and found.get("slices", 1)]
+        stats = [each for group in groups if (each := metrics_of(job, group).get(metric)) and each.get("slices", 1)]
         return average([_number(each, each.get("mean"), "dB") for each in stats])
 
     return Quantity(name, "dB", "higher", 2, value, tolerance, metric)

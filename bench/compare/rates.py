@@ -39,9 +39,9 @@ def fronts(jobs: Iterable[Record]) -> dict[str, Array]:
     }
 
 
-def deltas(found: Mapping[str, Array]) -> dict[tuple[str, str], Deltas]:
+def deltas(points_by_codec: Mapping[str, Array]) -> dict[tuple[str, str], Deltas]:
     """What each front is worth against each other, by (test, anchor). Fronts of fewer than three points have none."""
-    long = {name: points for name, points in found.items() if len(points) >= FEWEST}
+    long = {name: points for name, points in points_by_codec.items() if len(points) >= FEWEST}
     return {
         (test, anchor): Deltas(*(_or_none(delta, long[anchor], long[test]) for delta in (bd_rate, bd_psnr)))
         for test in long

@@ -42,9 +42,9 @@ def reference(run: Run, before: Run | None = None) -> str:
         )
     judged = _judged(run)
     reduced = [_job(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
-    kept = _still_true(reduced, list(before.jobs) if before else [])
+    further = _still_true(reduced, list(before.jobs) if before else [])
     timings = _timings(run, [job for job in jobs if not judged or job["seed"] in judged])
-    lines = [*_start(run), *_in_order([*reduced, *kept]), *timings]
+    lines = [*_start(run), *_in_order([*reduced, *further]), *timings]
     return "".join(json.dumps(line, sort_keys=True, allow_nan=False, separators=(",", ":")) + "\n" for line in lines)
 
 
@@ -89,9 +89,9 @@ def _still_true(jobs: list[Record], before: list[Record]) -> Iterator[Record]:
             yield job
 
 
-def _in_order(found: Iterable[Record]) -> list[Record]:
+def _in_order(records: Iterable[Record]) -> list[Record]:
     """By material and label, both in the order of first appearance, then by seed."""
-    jobs = list(found)
+    jobs = list(records)
     materials = list(dict.fromkeys(job["material"] for job in jobs))
     labels = list(dict.fromkeys(job["label"] for job in jobs))
     return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))

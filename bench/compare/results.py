@@ -5,7 +5,6 @@ scores of slices stay, packed, so that paired intervals can be computed. Numbers
 """
 
 import json
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from bench.compare.reference import rounded
@@ -13,7 +12,7 @@ from bench.compare.slices import decibels, packed
 from bench.errors import InputError
 from bench.records import PSNR, RESULTS, Record, Run, gate, kept
 
-_TOLD = 500  # characters of an error
+_LONGEST_ERROR = 500  # characters of an error
 
 
 def published(run: Run) -> str:
@@ -24,25 +23,26 @@ def published(run: Run) -> str:
     if not any(job["status"] == "ok" for job in run.jobs):
         raise InputError(f"{run.folder}: nothing was measured there")
     jobs, timings = [_job(job, run.folder) for job in run.jobs], [kept(timing, RESULTS) for timing in run.timings]
-    made = {line["run"] for line in (*jobs, *timings)}
-    starts = [kept(start, RESULTS) for start in run.starts if start["run"] in made]
-    lines = [*_latest(starts), *jobs, *timings]
+    used = {line["run"] for line in (*jobs, *timings)}
+    # Each start once: a file that is added to again holds the starts of before.
+    starts = {start["run"]: kept(start, RESULTS) for start in run.starts if start["run"] in used}
+    lines = [*starts.values(), *jobs, *timings]
     return "".join(json.dumps(rounded(line), allow_nan=False) + "\n" for line in lines)
-
-
-def _latest(starts: Iterable[Record]) -> Iterable[Record]:
-    """Each start once: a file that is added to again holds the starts of before."""
-    return {start["run"]: start for start in starts}.values()
 
 
 def _job(job: Record, folder: Path) -> Record:
     line = kept(job, RESULTS)
     if "error" in line:
-        line["error"] = _public(str(line["error"]))[:_TOLD]
+        line["error"] = _public(str(line["error"]))[:_LONGEST_ERROR]
     if job["status"] != "ok":
         return line
     line["file"] = f"files/{Path(job['file']).name}"
-    line["scores"] = dict(_shown(job["scores"]))
+    decides = gate(job["scores"])
+    line["scores"] = {
+        name: group
+        for name, group in job["scores"].items()
+        if name in (decides, "train", "scene") or name.startswith(f"{decides}, ")
+    }
     if (slices := decibels(folder, job)) is not None:
         line["slices"] = {PSNR: packed(slices)}
     return line
@@ -52,10 +52,3 @@ def _public(error: str) -> str:
     """An error without the name of a home folder, which often is a person's."""
     home = str(Path.home())
     return error.replace(home, "~") if len(Path(home).parts) > 1 else error
-
-
-def _shown(scores: Record) -> Iterator[tuple[str, Record]]:
-    decides = gate(scores)
-    for name, group in scores.items():
-        if name in (decides, "train", "scene") or name.startswith(f"{decides}, "):
-            yield name, group

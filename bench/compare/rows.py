@@ -53,9 +53,9 @@ class Row:
 
     def findings(self) -> list[tuple[Verdict, str]]:
         """A sentence for each difference of this row, and the verdict on it."""
-        found = [(self.verdict, self.why)] if self.why else []
-        told = [change for change in self.deciding if change.verdict not in (Verdict.SAME, Verdict.SHOWN)]
-        return found + [(change.verdict, sentence(change)) for change in told]
+        own = [(self.verdict, self.why)] if self.why else []
+        changed = [change for change in self.deciding if change.verdict not in (Verdict.SAME, Verdict.SHOWN)]
+        return own + [(change.verdict, sentence(change)) for change in changed]
 
     def reasons(self) -> list[str]:
         """The sentences without gains: what speaks against this row."""
@@ -128,7 +128,10 @@ def _paired(base: list[Record], new: list[Record]) -> tuple[list[Record], list[R
 def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> tuple[Verdict | None, str]:
     """The verdict on a row whose jobs failed or vanished, and why."""
     if failed := [job for job in after if job["status"] == "failed"]:
-        return Verdict.FAILED, f"{_count(failed)} failed: {_plain(failed[0]['error'])}"
+        return (
+            Verdict.FAILED,
+            f"{'the job' if len(failed) == 1 else f'{len(failed)} jobs'} failed: {_plain(failed[0]['error'])}",
+        )
     if not base:
         return None, ""
     if missing := [job for job in after if job["status"] == "unavailable"]:
@@ -143,7 +146,3 @@ def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> 
 def _plain(error: str) -> str:
     """An error on one line, without the colours and other codes that some print."""
     return " ".join("".join(c if c.isprintable() else " " for c in error).split())
-
-
-def _count(jobs: list[Record]) -> str:
-    return "the job" if len(jobs) == 1 else f"{len(jobs)} jobs"

@@ -28,15 +28,15 @@ def standings(cells: Cells) -> list[Standing]:
     Only codecs that were measured on all materials are ranked, among each other.
     """
     quality = {name: _qualities(codecs) for name, codecs in cells.items()}
-    labels = dict.fromkeys(label for found in quality.values() for label in found)
-    racing = [label for label in labels if all(label in found for found in quality.values())]
-    ranks = [_ranks({label: found[label] for label in racing}) for found in quality.values()]
-    made = [_standing(label, quality, [rank[label] for rank in ranks if label in rank]) for label in labels]
-    return sorted(made, key=lambda each: (each.rank is None, each.rank, -each.psnr))
+    labels = dict.fromkeys(label for by_label in quality.values() for label in by_label)
+    racing = [label for label in labels if all(label in by_label for by_label in quality.values())]
+    ranks = [_ranks({label: by_label[label] for label in racing}) for by_label in quality.values()]
+    every = [_standing(label, quality, [rank[label] for rank in ranks if label in rank]) for label in labels]
+    return sorted(every, key=lambda each: (each.rank is None, each.rank, -each.psnr))
 
 
 def _standing(label: str, quality: dict[str, dict[str, float]], ranks: list[float]) -> Standing:
-    values = [found[label] for found in quality.values() if label in found]
+    values = [by_label[label] for by_label in quality.values() if label in by_label]
     finite = [value for value in values if math.isfinite(value)]
     psnr = fmean(finite) if finite else math.inf
     return Standing(label, len(values), psnr, *((fmean(ranks), sum(rank < 2 for rank in ranks)) if ranks else ()))
@@ -44,19 +44,19 @@ def _standing(label: str, quality: dict[str, dict[str, float]], ranks: list[floa
 
 def _qualities(codecs: Mapping[str, Sequence[Record]]) -> dict[str, float]:
     """The mean over seeds of the pooled PSNR by label; infinite without any error, absent where none was measured."""
-    found = {}
+    by_label = {}
     for label, jobs in codecs.items():
         stats = [stats for job in jobs if (stats := stats_of(job, PSNR))]
         values = [each["pooled"] for each in stats if each.get("pooled") is not None]
         if values or any(each.get("exact") for each in stats):
-            found[label] = fmean(values) if values else math.inf
-    return found
+            by_label[label] = fmean(values) if values else math.inf
+    return by_label
 
 
 def _ranks(quality: dict[str, float]) -> dict[str, float]:
     """1 for the best; codecs within `SAME_DB` of one share the mean of their places."""
-    found = {}
+    rank = {}
     for label, value in quality.items():
         alike = sum(other == value or abs(other - value) <= SAME_DB for other in quality.values())
-        found[label] = sum(other > value + SAME_DB for other in quality.values()) + (alike + 1) / 2
-    return found
+        rank[label] = sum(other > value + SAME_DB for other in quality.values()) + (alike + 1) / 2
+    return rank

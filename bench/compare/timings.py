@@ -57,8 +57,8 @@ def multiples(jobs: Sequence[Record], timings: Sequence[Record]) -> dict[tuple[s
     for job in jobs:
         if job["job"] in by_job:
             rows.setdefault((job["material"], job["label"]), []).append(by_job[job["job"]])
-    found = {row: _multiple(ours, rows.get((row[0], UNIT), [])) for row, ours in rows.items()}
-    return {row: multiple for row, multiple in found.items() if multiple}
+    by_row = {row: _multiple(ours, rows.get((row[0], UNIT), [])) for row, ours in rows.items()}
+    return {row: multiple for row, multiple in by_row.items() if multiple}
 
 
 def _multiple(ours: list[Record], floors: list[Record]) -> Multiple | None:

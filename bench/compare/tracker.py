@@ -31,7 +31,7 @@ def tracker(run: Run) -> dict[str, str]:
         if row in timed:
             entry = _entry("/".join((*row, "time")), "× mean-colour", [timed[row].mean])
             entries[FILES["lower"]].append(entry | {"range": "{:.3g} to {:.3g}".format(*timed[row].interval)})
-    return {name: json.dumps(found, indent=1, ensure_ascii=False) + "\n" for name, found in entries.items()}
+    return {name: json.dumps(listed, indent=1, ensure_ascii=False) + "\n" for name, listed in entries.items()}
 
 
 def _entry(name: str, unit: str, values: list[float]) -> dict[str, Any]:

@@ -92,7 +92,7 @@ class Chance:
             quantile(freedom, tolerance.chance) * self.error
             for freedom in (self.freedom, max(self.freedom, FEW_SEEDS - 1))
         )
-        return min(own, max(unit * tolerance.alone, enough))
+        return min(own, max(unit * tolerance.one_seed, enough))
 
 
 def judge(
@@ -103,25 +103,25 @@ def judge(
     `draws` marks a random codec, even if the seeds of this quantity agree: see `agree`.
     """
     before, after = ([quantity.value(job) for job in jobs] for jobs in (base, new))
-    tells = _telling(quantity, base, new, reference)
+    values = _scatter_values(quantity, base, new, reference)
     paired = not _same_pairs(reference)
-    if quantity.tolerance is not None and not paired and not _again(before, after):
-        base, before = reference, tells  # the same pairs for every seed: each tells as much as any
+    if quantity.tolerance is not None and not paired and not _unchanged(before, after):
+        base, before = reference, values  # the same pairs for every seed: each tells as much as any
     if reason := _obstacle(quantity, base[0], new[0], before, after):
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=reason)
     certain = bool(quantity.metric) and one_file(reference)
-    spread = 0.0 if certain else _spread(tells)
+    spread = 0.0 if certain else _spread(values)
     change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:
         return change
     chance = None
-    if draws if quantity.metric else not _agree(quantity.tolerance, tells):
-        chance = _of_differences(tells) if quantity.metric and paired else scatter(tells, after, len(base))
-    room = quantity.tolerance.certain if certain else margin(quantity.tolerance, tells, chance)
+    if draws if quantity.metric else not _agree(quantity.tolerance, values):
+        chance = _paired_scatter(values) if quantity.metric and paired else scatter(values, after, len(base))
+    room = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
 
 
-def _again(base: Values, new: Values) -> bool:
+def _unchanged(base: Values, new: Values) -> bool:
     """Whether the seeds of new gave the numbers of the base again, up to the rounding of a reference."""
     pairs = zip(base, new, strict=False)
     return len(base) == len(new) and all(a == b or (a and b and math.isclose(a, b, rel_tol=1e-5)) for a, b in pairs)
@@ -138,7 +138,7 @@ def one_file(reference: Sequence[Record]) -> bool:
     return not _same_pairs(reference) and len(files) == 1 and None not in files
 
 
-def _telling(
+def _scatter_values(
     quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]
 ) -> list[float | None]:
     """The numbers that differ as seeds of a codec do: of all seeds or, where pairs differ too, what each changed."""
@@ -156,7 +156,7 @@ def _gain(base: float | None, new: float | None) -> float | None:
 
 def agree(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]) -> bool:
     """Whether the seeds give the same up to rounding, or changed by the same: then the codec is deterministic."""
-    return quantity.tolerance is None or _agree(quantity.tolerance, _telling(quantity, base, new, reference))
+    return quantity.tolerance is None or _agree(quantity.tolerance, _scatter_values(quantity, base, new, reference))
 
 
 def _agree(tolerance: Tolerance, known: Values) -> bool:
@@ -167,7 +167,7 @@ def _agree(tolerance: Tolerance, known: Values) -> bool:
     return max(values) - min(values) <= AGREE * unit * tolerance.certain
 
 
-def _of_differences(differences: Values) -> Chance | None:
+def _paired_scatter(differences: Values) -> Chance | None:
     """The scatter of the mean of differences at equal seeds; None if unknown."""
     finite = _finite(differences)
     return Chance(stdev(finite) / math.sqrt(len(finite)), len(finite) - 1) if len(finite) > 1 else None
@@ -196,7 +196,7 @@ def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
     finite = _finite(known)
     unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
     if len(known) < 2:
-        return unit * tolerance.alone
+        return unit * tolerance.one_seed
     return unit * tolerance.certain if chance is None else max(unit * tolerance.drawn, chance.margin(tolerance, unit))
 
 

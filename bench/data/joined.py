@@ -45,7 +45,7 @@ class Joined(Source):
     def window(self, top: int, left: int, height: int, width: int) -> Source:
         return Joined(*(part.window(top, left, height, width) for part in self.parts))
 
-    def of(self, pairs: Array) -> Source:
+    def only(self, pairs: Array) -> Source:
         first = self.parts[0]
         return first if len(pairs) and int(pairs.max()) < first.count else self
 

@@ -70,14 +70,14 @@ class Program:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The content of its `.npz`: the steps as JSON, one array per constant. Nothing is pickled."""
-        says = {"result": self.result, "size": list(self.size), "steps": [vars(step) for step in self.steps]}
-        return {"program": np.frombuffer(json.dumps(says).encode(), np.uint8), **self.constants}
+        header = {"result": self.result, "size": list(self.size), "steps": [vars(step) for step in self.steps]}
+        return {"program": np.frombuffer(json.dumps(header).encode(), np.uint8), **self.constants}
 
     @classmethod
-    def of(cls, arrays: Mapping[str, np.ndarray]) -> "Program":
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "Program":
         """The program that `arrays` gave. `KeyError`, `TypeError` or `ValueError` where they are none."""
-        says = json.loads(arrays["program"].tobytes())
-        steps = tuple(Step(**step | {"shape": tuple(step["shape"])}) for step in says["steps"])
+        header = json.loads(arrays["program"].tobytes())
+        steps = tuple(Step(**step | {"shape": tuple(step["shape"])}) for step in header["steps"])
         constants = {name: array for name, array in arrays.items() if name != "program"}
-        height, width = says["size"]
-        return cls(steps, constants, says["result"], (height, width))
+        height, width = header["size"]
+        return cls(steps, constants, header["result"], (height, width))

@@ -37,15 +37,15 @@ class Backend(ABC):
     operations: dict[str, Operation]  # by name
 
     @abstractmethod
-    def each(self, formula: str, arguments: Rows, of: str, kind: str) -> list[Scalar]:
+    def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[Scalar]:
         """A formula for each element of its arguments, which are of one kind; the result may be of another."""
 
     @abstractmethod
-    def as_kind(self, scalar: Scalar, of: str, kind: str) -> Scalar:
+    def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
         """A scalar of one kind as an argument of another."""
 
     @abstractmethod
-    def convert(self, scalar: Scalar, of: str, kind: str) -> Scalar:
+    def convert(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
         """A scalar of one kind as a result of another."""
 
     @abstractmethod
@@ -105,14 +105,14 @@ def as_array(values: Any) -> Array:
     if isinstance(values, np.ndarray):
         return values.astype(object)
     if not isinstance(values, list):
-        found = np.empty((), object)
-        found[()] = values
-        return found
+        single = np.empty((), object)
+        single[()] = values
+        return single
     inner = [as_array(each) for each in values]
-    made = np.empty((len(inner), *(inner[0].shape if inner else ())), object)
+    array = np.empty((len(inner), *(inner[0].shape if inner else ())), object)
     for number, each in enumerate(inner):
-        made[number] = each[()] if each.ndim == 0 else each
-    return made
+        array[number] = each[()] if each.ndim == 0 else each
+    return array
 
 
 def is_number(scalar: Scalar) -> bool:

@@ -37,8 +37,8 @@ _NAMES: dict[str, Any] = {
 def _function(formula: str, count: int) -> Callable[..., Scalar]:
     """A formula of operations as a function of Dr.Jit arrays: Python reads it but for three signs."""
     python = formula.replace("&&", "&").replace("||", "|").replace("!(", "inverse(")
-    found: Callable[..., Scalar] = eval("lambda *x: " + python.format(*(f"x[{k}]" for k in range(count))), _NAMES)
-    return found
+    function: Callable[..., Scalar] = eval("lambda *x: " + python.format(*(f"x[{k}]" for k in range(count))), _NAMES)
+    return function
 
 
 class Kernel(Backend):
@@ -61,7 +61,7 @@ class Kernel(Backend):
         given = (list(uv), list(wo), list(wi), [footprint])
         return self.run(self.program, dict(zip(INPUTS, given, strict=True)))
 
-    def each(self, formula: str, arguments: Rows, of: str, kind: str) -> list[Scalar]:
+    def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[Scalar]:
         if "%" in formula:
             # A renderer fetches 0 for rays that it does not ask, and a division of whole numbers by 0 ends the process.
             left, right = arguments
@@ -69,13 +69,13 @@ class Kernel(Backend):
         function = _function(formula, len(arguments))
         return [function(*each) for each in zip(*arguments, strict=True)]
 
-    def as_kind(self, scalar: Scalar, of: str, kind: str) -> Scalar:
+    def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
         if isinstance(scalar, bool | int | float):
             return {"float": float, "int": int, "bool": bool}[kind](scalar)
         if kind == "bool":
             return scalar if dr.is_mask_v(scalar) else scalar != 0
-        made = self.kind.Float if kind == "float" else self.kind.Int
-        return dr.select(scalar, made(1), made(0)) if dr.is_mask_v(scalar) else made(scalar)
+        array = self.kind.Float if kind == "float" else self.kind.Int
+        return dr.select(scalar, array(1), array(0)) if dr.is_mask_v(scalar) else array(scalar)
 
     convert = as_kind
 
@@ -91,20 +91,20 @@ class Kernel(Backend):
     def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[Scalar]:
         left, right = (each if each.ndim == 3 else each[None] for each in (left, right))
         starts = iter(bias or [0.0] * (left.shape[0] * left.shape[1] * right.shape[2]))
-        found: list[Scalar] = []
+        elements: list[Scalar] = []
         for row, matrix in ((row, matrix) for rows, matrix in zip(left, right, strict=True) for row in rows):
             if self.calls and matrix.dtype != object:
                 sums = called_product(self.kind, listed(row), matrix)
-                found += [total + start for total, start in zip(sums, starts, strict=False)]
+                elements += [total + start for total, start in zip(sums, starts, strict=False)]
             else:
-                found += [_dot(listed(row), listed(column), next(starts)) for column in matrix.T]
-        return found
+                elements += [_dot(listed(row), listed(column), next(starts)) for column in matrix.T]
+        return elements
 
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
         key = (table.__array_interface__["data"][0], table.size)
         if key not in self.tables:
-            made = self.kind.Float if kind == "float" else self.kind.Int
-            self.tables[key] = table, made(np.ascontiguousarray(table).reshape(-1))  # holds its memory, and so its key
+            array = self.kind.Float if kind == "float" else self.kind.Int
+            self.tables[key] = table, array(np.ascontiguousarray(table).reshape(-1))  # holds its memory, and so its key
         # An altered file must not read other memory.
         stored, first = self.tables[key][1], dr.minimum(self.kind.UInt(index), len(table) - 1) * table.shape[1]
         return [dr.gather(type(stored), stored, first + channel) for channel in range(table.shape[1])]
@@ -130,7 +130,7 @@ def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) ->
     given, backend = [kind.Float(value) for value in inputs], dr.backend_v(kind.Float)
     # A switch of one case; its number, 0, must not be known before, else the function would be put in line.
     zero = dr.select(given[0] > 0, kind.UInt32(1), kind.UInt32(0)) >> 1
-    found: list[Scalar] = []
+    outputs: list[Scalar] = []
     for first in range(0, matrix.shape[1], BLOCK):
         weights = matrix[:, first : first + BLOCK].tolist()
 
@@ -141,5 +141,5 @@ def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) ->
                 sums = [dr.fma(value, weight, total) for weight, total in zip(row, sums, strict=True)]
             return tuple(sums)
 
-        found += dr.switch(zero, [block], *given)
-    return found
+        outputs += dr.switch(zero, [block], *given)
+    return outputs

@@ -29,8 +29,8 @@ x = dr.linspace(Float, 0.5, 9.5, 10)
 row = dr.arange(UInt32, 10)
 one = lambda v: dr.fma(dr.floor(v), dr.round(v + 0.1), dr.select(v > 4, dr.rsqrt(v * v), dr.sqrt(v * v)))
 def kernel():
-    out, found = dr.empty(Float, 10), dr.gather(ArrayXf, x, row, shape=(1, 10))
-    dr.scatter(out, dr.switch(row >> 31, [one], found[0]), row)
+    out, read = dr.empty(Float, 10), dr.gather(ArrayXf, x, row, shape=(1, 10))
+    dr.scatter(out, dr.switch(row >> 31, [one], read[0]), row)
     return out
 trials = {
     "kernels": kernel,
@@ -39,10 +39,10 @@ trials = {
     "arctangent": lambda: dr.atan2(x, 4.0),
 }
 for name, trial in trials.items():
-    found = trial()
-    dr.eval(found)
+    result = trial()
+    dr.eval(result)
     if name == "kernels":
-        off = [abs(a - int(b) * (int(b) + 1) - (1 / b if b > 4 else b)) for a, b in zip(list(found), list(x))]
+        off = [abs(a - int(b) * (int(b) + 1) - (1 / b if b > 4 else b)) for a, b in zip(list(result), list(x))]
         assert max(off) < 1e-3, "wrong numbers"
     print(name, flush=True)
 """
@@ -83,6 +83,6 @@ def _tried(choice: str) -> tuple[str, tuple[str, ...], str]:
     except subprocess.TimeoutExpired:
         return f"LLVM ({choice or 'as found'})", (), f"no answer within {LIMIT:.0f} s"
     version, *passed = done.stdout.split("\n") if done.stdout else ("",)
-    said = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()[-1:]
-    end = " ".join(said[0].split())[:200] if said else f"exit code {done.returncode}"
+    errors = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()[-1:]
+    end = " ".join(errors[0].split())[:200] if errors else f"exit code {done.returncode}"
     return version, tuple(passed), end

@@ -65,10 +65,10 @@ def _flat(m: Backend, argument: Any, kind: str, shape: tuple[int, ...]) -> list[
     return listed(np.broadcast_to(_as_kind(m, argument, kind), shape))
 
 
-def _each(m: Backend, step: Step, formula: str, *arguments: Any, of: str | None = None) -> Value:
+def _each(m: Backend, step: Step, formula: str, *arguments: Any, from_kind: str | None = None) -> Value:
     """A formula for each element of a result, with NumPy's broadcasting."""
-    rows = [_flat(m, argument, of or step.kind, step.shape) for argument in arguments]
-    return Value(as_array(m.each(formula, rows, of or step.kind, step.kind)).reshape(step.shape), step.kind)
+    rows = [_flat(m, argument, from_kind or step.kind, step.shape) for argument in arguments]
+    return Value(as_array(m.each(formula, rows, from_kind or step.kind, step.kind)).reshape(step.shape), step.kind)
 
 
 def _computes(name: str) -> Operation:
@@ -84,7 +84,7 @@ def _computes(name: str) -> Operation:
 def _decides(formula: str) -> Operation:
     def decide(m: Backend, step: Step, *arguments: Any) -> Array:
         kinds = {_kind_of(argument) for argument in arguments}
-        return _each(m, step, formula, *arguments, of=max(kinds, key=list(KINDS).index)).items
+        return _each(m, step, formula, *arguments, from_kind=max(kinds, key=list(KINDS).index)).items
 
     return decide
 
@@ -193,17 +193,17 @@ def _rows(items: Array, axes: Any) -> Rows:
     if axes is None or axes == []:
         return [listed(items)]
     reduced = [axis % items.ndim for axis in (axes if isinstance(axes, list) else [axes])]
-    kept = [axis for axis in range(items.ndim) if axis not in reduced]
+    others = [axis for axis in range(items.ndim) if axis not in reduced]
     count = math.prod(items.shape[axis] for axis in reduced)
-    return [listed(row) for row in items.transpose(*kept, *reduced).reshape(-1, count)]
+    return [listed(row) for row in items.transpose(*others, *reduced).reshape(-1, count)]
 
 
 def _folded(m: Backend, formula: str, row: list[Scalar], kind: str) -> Scalar:
     """A formula of two numbers for a row, from the first number on."""
-    found = row[0]
+    result = row[0]
     for other in row[1:]:
-        (found,) = m.each(formula, [[found], [other]], kind, kind)
-    return found
+        (result,) = m.each(formula, [[result], [other]], kind, kind)
+    return result
 
 
 @operation("sum")
@@ -274,8 +274,8 @@ def looked_up(m: Backend, rows: Array, index: Scalar, kind: str) -> list[Scalar]
 def _index_select(m: Backend, step: Step, table: Value, axis: int, index: Value) -> Array:
     lead = np.moveaxis(table.items, axis, 0)
     rows = lead.reshape(len(lead), -1)
-    found = as_array([looked_up(m, rows, i, step.kind) for i in listed(index.items)])
-    return np.moveaxis(found.reshape(index.items.size, *lead.shape[1:]), 0, axis)
+    chosen = as_array([looked_up(m, rows, i, step.kind) for i in listed(index.items)])
+    return np.moveaxis(chosen.reshape(index.items.size, *lead.shape[1:]), 0, axis)
 
 
 @operation("embedding")

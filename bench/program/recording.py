@@ -26,7 +26,7 @@ from bench.program import INPUTS, Program, Step
 SAME = ("alias", "detach", "clone", "contiguous", "lift_fresh_copy")
 
 
-_ALONE = threading.Lock()  # what PyTorch keeps while it records is of the process: two records disturb each other
+_RECORDING = threading.Lock()  # what PyTorch keeps while it records is of the process: two records disturb each other
 
 
 @contextmanager
@@ -66,7 +66,7 @@ def program_of(material: Material) -> Program:
     try:
         # In a thread of its own: who looks at the frames of this one, as the profiler of a Dask worker does, keeps them
         # alive, and with them guards by which PyTorch stops recording for a while. An operation would be missing.
-        with _ALONE, ThreadPoolExecutor(1) as thread:
+        with _RECORDING, ThreadPoolExecutor(1) as thread:
             exported = thread.submit(_exported, material).result()
     except Exception as error:  # torch.export has no exception type of its own
         what = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
@@ -161,8 +161,8 @@ class _Recorder:
 
     def _keep(self, tensor: Tensor) -> str:
         """Store a constant and return its name; equal objects share one."""
-        for name, kept in self.values.items():
-            if kept is tensor:
+        for name, value in self.values.items():
+            if value is tensor:
                 return name
         name = f"constant{len(self.values)}"
         self.values[name] = tensor

@@ -80,15 +80,15 @@ def fault_of_scene(scene: Any) -> str:
 
 def kept(record: Record, use: Use) -> Record:
     """The shorter form of a record: its fields of that use, and theirs, in the order in which they are described."""
-    return _kept(FIELDS[record["kind"]], record, use)
+    return _shortened(FIELDS[record["kind"]], record, use)
 
 
-def _kept(kind: Kind, value: Any, use: Use) -> Any:
+def _shortened(kind: Kind, value: Any, use: Use) -> Any:
     if isinstance(kind, Each) and isinstance(value, dict):
-        return {name: _kept(kind.of, item, use) for name, item in value.items()}
+        return {name: _shortened(kind.item, item, use) for name, item in value.items()}
     if not isinstance(kind, Fields) or not isinstance(value, dict) or not (names := named(use, kind.described)):
         return value
-    return {name: _kept(kind.known[name], value[name], use) for name in names if name in value}
+    return {name: _shortened(kind.known[name], value[name], use) for name in names if name in value}
 
 
 @cache

@@ -32,14 +32,14 @@ class Plain:
 class Each:
     """An object of any names whose values are all of one kind."""
 
-    of: "Kind"
+    item: "Kind"
 
 
 @dataclass(frozen=True)
 class Several:
     """A list of values of one kind, of a length where that is given."""
 
-    of: "Kind"
+    item: "Kind"
     length: int | None = None
 
 
@@ -107,9 +107,9 @@ NUMBER_OR_NULL = maybe(NUMBER)
 Fault = tuple[str, str]  # the place of a field, `scores/heldout`, and what it must be
 
 
-def in_words(found: Fault | None) -> str:
+def in_words(fault: Fault | None) -> str:
     """A fault in words; "" for none."""
-    return f"{found[0].lstrip('/')} {found[1]}" if found else ""
+    return f"{fault[0].lstrip('/')} {fault[1]}" if fault else ""
 
 
 def missing(value: Mapping[str, Any], needed: tuple[str, ...]) -> Fault | None:
@@ -130,18 +130,18 @@ def fault_of(kind: Kind, value: Any, depth: int = 0) -> Fault | None:
     if isinstance(value, dict):
         return _fault_of_object(kind, value, depth)
     if isinstance(value, list):
-        each = kind.of if isinstance(kind, Several) else ANYTHING
+        each = kind.item if isinstance(kind, Several) else ANYTHING
         if _plainly(NUMBER if each is ANYTHING else each, value):
             return None
-        return next((found for item in value if (found := fault_of(each, item, depth + 1))), None)
+        return next((fault for item in value if (fault := fault_of(each, item, depth + 1))), None)
     return None if value is None else fault_of(SETTING, value, depth)
 
 
 def _fault_of_object(kind: Kind, value: Mapping[str, Any], depth: int) -> Fault | None:
-    if isinstance(kind, Each) and _plainly(kind.of, value.values()):
+    if isinstance(kind, Each) and _plainly(kind.item, value.values()):
         return None  # the common case, thousands of times a run
     known: Mapping[str, Kind] = {}
-    others: Kind = kind.of if isinstance(kind, Each) else ANYTHING
+    others: Kind = kind.item if isinstance(kind, Each) else ANYTHING
     if isinstance(kind, Fields):
         known = kind.known
         if absent := missing(value, kind.needed):
@@ -150,8 +150,8 @@ def _fault_of_object(kind: Kind, value: Mapping[str, Any], depth: int) -> Fault 
         each = known.get(name, others)
         if each.__class__ is Plain and each is not ANYTHING and each.test(item):
             continue
-        if found := fault_of(each, item, depth + 1):
-            return f"{name:.60}/{found[0]}".rstrip("/"), found[1]
+        if fault := fault_of(each, item, depth + 1):
+            return f"{name:.60}/{fault[0]}".rstrip("/"), fault[1]
     return None
 
 
@@ -159,7 +159,7 @@ def _plainly(kind: Kind, values: Collection[Any]) -> bool:
     """Whether some values are all of a kind, where that can be seen at once; False says nothing."""
     if isinstance(kind, Each):
         objects = {*map(type, values)} == {dict}
-        return objects and _plainly(kind.of, [*chain.from_iterable(map(dict.values, values))])
+        return objects and _plainly(kind.item, [*chain.from_iterable(map(dict.values, values))])
     if kind is NUMBER or kind is NUMBER_OR_NULL:
         known = {float, int} if kind is NUMBER else {float, int, type(None)}
         return {*map(type, values)} <= known and all(map(LARGEST.__ge__, map(abs, filter(None, values))))

@@ -80,36 +80,36 @@ class Records(Sequence[Record]):
     """Records of one kind: the latest of each name, in the order in which the names were planned or appeared."""
 
     def __init__(self) -> None:
-        self._found: dict[object, Record | Line] = {}
+        self._by_name: dict[object, Record | Line] = {}
 
     def put(self, name: object, record: "Record | Line") -> None:
         """Add a record, or its line, which is parsed on demand."""
-        self._found[name] = record
+        self._by_name[name] = record
 
     def arrange(self, names: Iterable[object]) -> None:
         """Sort the records into this order; those it does not name follow."""
-        ordered = {name: self._found[name] for name in names if name in self._found}
-        self._found = ordered | {name: record for name, record in self._found.items() if name not in ordered}
+        ordered = {name: self._by_name[name] for name in names if name in self._by_name}
+        self._by_name = ordered | {name: record for name, record in self._by_name.items() if name not in ordered}
 
     def named(self, name: object) -> Record | None:
         """The latest record of a name, or None."""
-        found = self._found.get(name)
-        if isinstance(found, Line):
-            found = self._found[name] = _checked(found)
-        return found
+        record = self._by_name.get(name)
+        if isinstance(record, Line):
+            record = self._by_name[name] = _checked(record)
+        return record
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._by_name)
 
     def __iter__(self) -> Iterator[Record]:
-        return (self.named(name) or {} for name in self._found)
+        return (self.named(name) or {} for name in self._by_name)
 
     @overload
     def __getitem__(self, index: int) -> Record: ...
     @overload
     def __getitem__(self, index: slice) -> list[Record]: ...
     def __getitem__(self, index: int | slice) -> Record | list[Record]:
-        names = list(self._found)[index]
+        names = list(self._by_name)[index]
         return [self.named(name) or {} for name in names] if isinstance(names, list) else self.named(names) or {}
 
 
@@ -163,16 +163,16 @@ def load_together(sources: Sequence[str | Path]) -> Run:
     runs = [load_run(path) for source in sources for path in _files_of(Path(source))]
     if len(runs) == 1:
         return runs[0]
-    found = Run(runs[-1].folder)
+    together = Run(runs[-1].folder)
     for run in runs:
-        found.starts.extend(run.starts)
+        together.starts.extend(run.starts)
         for job in run.jobs:
-            _refuse_other_data(found.job(job["job"]), job, run.folder)
-            found.jobs.put(job["job"], _anywhere(job, run.folder))
+            _refuse_other_data(together.job(job["job"]), job, run.folder)
+            together.jobs.put(job["job"], _anywhere(job, run.folder))
         for timing in run.timings:
-            found.timings.put(timing["job"], timing)
-        found.unreadable.extend(run.unreadable)
-    return found
+            together.timings.put(timing["job"], timing)
+        together.unreadable.extend(run.unreadable)
+    return together
 
 
 def _files_of(source: Path) -> list[Path]:
@@ -201,17 +201,17 @@ def load_trade(folder: Path) -> Record | None:
     Choices whose codec files were fitted again since then are left out.
     """
     try:
-        found: Record = json.loads((folder / TRADE).read_text(encoding="utf-8"))
+        trade: Record = json.loads((folder / TRADE).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{folder / TRADE}: cannot be read ({error}): remove it, and run trade again") from error
-    if not isinstance(found, dict) or found.get("format") != TRADE_FORMAT:
+    if not isinstance(trade, dict) or trade.get("format") != TRADE_FORMAT:
         raise InputError(f"{folder / TRADE}: not of format {TRADE_FORMAT}: remove it, and run trade again")
-    if fault := fields.fault_of_trade(found):
+    if fault := fields.fault_of_trade(trade):
         raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
     run = load_run(folder)
-    return found | {"choices": [of_both_floors(row) for row in found["choices"] if _stands(row, run)]}
+    return trade | {"choices": [of_both_floors(row) for row in trade["choices"] if _stands(row, run)]}
 
 
 def _stands(choice: Record, run: Run) -> bool:
@@ -273,12 +273,12 @@ def of_both_floors(timing: Record) -> Record:
     if "floors" in timing or "floor_again" not in timing or "ratio_to_floor" not in timing:
         return timing
     more = (1 + timing["floor_again"]) / 2
-    found = timing | {"ratio_to_floor": timing["ratio_to_floor"] / more, "floors": 2}
+    corrected = timing | {"ratio_to_floor": timing["ratio_to_floor"] / more, "floors": 2}
     if "floor_ns" in timing:
-        found["floor_ns"] = timing["floor_ns"] * more
+        corrected["floor_ns"] = timing["floor_ns"] * more
     if "ratio_interval95" in timing:
-        found["ratio_interval95"] = [bound / more for bound in timing["ratio_interval95"]]
-    return found
+        corrected["ratio_interval95"] = [bound / more for bound in timing["ratio_interval95"]]
+    return corrected
 
 
 def _parsed(text: bytes) -> Record:

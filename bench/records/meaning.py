@@ -47,15 +47,15 @@ def metric_of(names: Iterable[str], family: str) -> str:
 
 def metrics_of(job: Record, group: str = "") -> Record:
     """The statistics of each metric over a group, by default the one that decides; empty where there are none."""
-    found: Record = job["scores"].get(group or gate(job["scores"]), {}).get("metrics", {})
-    return found
+    metrics: Record = job["scores"].get(group or gate(job["scores"]), {}).get("metrics", {})
+    return metrics
 
 
 def stats_of(job: Record, family: str, group: str = "") -> Record:
     """The statistics of a family's metric over a group, by default the one that decides; empty where there are none."""
     metrics = metrics_of(job, group)
-    found: Record = metrics.get(metric_of(metrics, family), {})
-    return found
+    stats: Record = metrics.get(metric_of(metrics, family), {})
+    return stats
 
 
 def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:
@@ -77,13 +77,13 @@ def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:
     yield from _flat("timing/", times, [])
 
 
-def _flat(prefix: str, values: Record, found: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
+def _flat(prefix: str, values: Record, fields: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
     """Add the fields to those found: a generator in a generator would hand each number through every level."""
     for name, value in values.items():
         if isinstance(value, dict):
-            _flat(f"{prefix}{name}/", value, found)
+            _flat(f"{prefix}{name}/", value, fields)
         elif not isinstance(value, list):
-            found.append((prefix + name, value))
+            fields.append((prefix + name, value))
         elif len(value) <= _LONGEST and all(isinstance(item, int | float) for item in value):
-            found += [(f"{prefix}{name}/{i}", item) for i, item in enumerate(value)]
-    return found
+            fields += [(f"{prefix}{name}/{i}", item) for i, item in enumerate(value)]
+    return fields

@@ -142,7 +142,7 @@ class Machine(TypedDict, total=False):
     cores: Annotated[Setting | None, RESULTS]
 
 
-class Program(TypedDict):
+class ProgramTime(TypedDict):
     """How long a codec's own program took to answer."""
 
     queries: Count
@@ -183,7 +183,7 @@ class Job(TypedDict, total=False):
     scores: Annotated[dict[str, Group], CLAIM]
     footprints: Annotated[dict[str, Statistics], RESULTS | CLAIM]
     scene: Annotated[Scene, RESULTS]
-    program: Annotated[Program, RESULTS]
+    program: Annotated[ProgramTime, RESULTS]
     fit_key: Annotated[
         FitKey,
         PUBLISHED | CLAIM | APART,

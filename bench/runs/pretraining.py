@@ -33,7 +33,7 @@ def pretrain(
 def ready(network: SharedNetwork, fit: Fit) -> Path:
     """The path of a network's file; trains the network first if the file does not exist."""
     path = shared.place(network.name)
-    with atomic.alone(path):
+    with atomic.locked(path):
         if not path.exists():
             pretrain(network, fit, path)
     return path

@@ -91,9 +91,9 @@ def compare(
 ) -> dict[str, Timing]:
     """Time the whole query of each material in turns; the row `FLOOR` is one bilinear colour fetch."""
     first = next(iter(materials.values()))
-    asked = (queries or Queries(BATCH)).draw(first.size, first.device)
-    calls = {name: partial(material.query, *asked) for name, material in materials.items()}
-    return in_turns(calls, len(asked[0]), first.size, threads, first.device, show)
+    batch = (queries or Queries(BATCH)).draw(first.size, first.device)
+    calls = {name: partial(material.query, *batch) for name, material in materials.items()}
+    return in_turns(calls, len(batch[0]), first.size, threads, first.device, show)
 
 
 def in_turns(

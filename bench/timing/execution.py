@@ -16,8 +16,7 @@ the network's answer may lie from float64's.
 import copy
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -193,35 +192,24 @@ class _Compiled(_Around):
             with torch._dynamo.config.patch(specialize_float=True):
                 rgb: Tensor = compute(*queries)
         except torch._dynamo.exc.TorchDynamoException as error:
+            from torch._inductor.runtime.cache_dir_utils import cache_dir
+
             last = str(error).strip().splitlines()[0]
-            raise InputError(f"torch.compile failed ({last}): remove its cache, {_cache()}, or use eager") from error
+            # A process that is killed while it compiles leaves half a library in the cache.
+            raise InputError(f"torch.compile failed ({last}): remove its cache, {cache_dir()}, or use eager") from error
         return rgb
-
-
-def _cache() -> str:
-    """Where torch.compile keeps what it compiled; a process killed there leaves half a library behind."""
-    from torch._inductor.runtime.cache_dir_utils import cache_dir
-
-    return str(cache_dir())
 
 
 class _Tf32(_Around):
     """Products of float32 numbers rounded as tf32."""
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        with _rounded():
+        before = torch.backends.cuda.matmul.allow_tf32
+        torch.backends.cuda.matmul.allow_tf32 = True
+        try:
             return self.inner.evaluate(uv, wo, wi, footprint)
-
-
-@contextmanager
-def _rounded() -> Iterator[None]:
-    """Products of float32 matrices may be rounded as tf32 inside."""
-    before = torch.backends.cuda.matmul.allow_tf32
-    torch.backends.cuda.matmul.allow_tf32 = True
-    try:
-        yield
-    finally:
-        torch.backends.cuda.matmul.allow_tf32 = before
+        finally:
+            torch.backends.cuda.matmul.allow_tf32 = before
 
 
 def needs_compiler(device: torch.device) -> None:

@@ -18,8 +18,8 @@ def emulated(precision: str, device: torch.device) -> bool:
         return False
     if _x86() and not torch.backends.cpu.get_cpu_capability().startswith("AVX512"):
         return True  # PyTorch was told, or found, that it has none of the instructions above
-    found = features()
-    return found is not None and not _PRODUCTS[precision] & found
+    extensions = features()
+    return extensions is not None and not _PRODUCTS[precision] & extensions
 
 
 def features() -> set[str] | None:

@@ -34,12 +34,12 @@ class Condition:
 def conditions(batches: tuple[int, ...], all_threads: int) -> list[Condition]:
     """Every condition of a profile, the common one first."""
     common = Condition()
-    found = [common, *(replace(common, part=part) for part in ("decoder", "evaluate"))]
-    found += [replace(common, batch=batch) for batch in batches]
-    found += [replace(common, coherent=True)]
-    found += [replace(common, footprint=side) for side in FOOTPRINTS]
-    found += [replace(common, threads=all_threads)]
-    return list(dict.fromkeys(found))
+    every = [common, *(replace(common, part=part) for part in ("decoder", "evaluate"))]
+    every += [replace(common, batch=batch) for batch in batches]
+    every += [replace(common, coherent=True)]
+    every += [replace(common, footprint=side) for side in FOOTPRINTS]
+    every += [replace(common, threads=all_threads)]
+    return list(dict.fromkeys(every))
 
 
 def profile(
@@ -64,11 +64,11 @@ def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
             return partial(material.query, *queries)
         case "evaluate":
             return partial(_chunks, material.evaluate, queries, material.chunk)
-    found = networks(material)
-    inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in found]
-    if not found:
+    decoders = networks(material)
+    inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in decoders]
+    if not decoders:
         return None
-    return lambda: [_chunks(net, (x,), material.chunk) for net, x in zip(found, inputs, strict=True)]
+    return lambda: [_chunks(net, (x,), material.chunk) for net, x in zip(decoders, inputs, strict=True)]
 
 
 @torch.no_grad()

@@ -46,7 +46,7 @@ def _draw(axes: Any, best: str, differences: "Differences", styles: Styles) -> N
         look = styles.of_codec(label) | {"linestyle": "none"}
         axes.plot([each.low, each.high], [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
         axes.plot(each.mean, row, **look, markersize=6)
-        remark = ", not told apart" if each.materials > 1 and not each.told else ""
+        remark = ", not told apart" if each.materials > 1 and not each.apart else ""
         axes.text(1.02, row, interval(each) + remark, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
     axes.set_yticks(range(len(differences) + 1), [short(label) for label in (best, *differences)], fontsize=8)
     axes.set(ylim=(len(differences) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better than it)")

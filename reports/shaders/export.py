@@ -45,17 +45,17 @@ def export(program: Program, name: str, language: str, folder: Path) -> list[Pat
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: one of {', '.join(DIALECTS)}")
     dialect = DIALECTS[language]
-    made = shader(program, dialect)
+    code = shader(program, dialect)
     folder.mkdir(parents=True, exist_ok=True)
-    sizes = {which: "{1} × {0}".format(*array.shape) for which, array in (("exact", made.exact), ("half", made.half))}
+    sizes = {which: "{1} × {0}".format(*array.shape) for which, array in (("exact", code.exact), ("half", code.half))}
     height, width = program.size
     across, up = program.periods
     stretch = "" if height == width else f": a surface whose uv are square is asked at ({across:g} u, {up:g} v)"
-    says = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
-    text = README.format(name=name, language=language.upper(), suffix=dialect.suffix, **sizes, **says)
+    texture = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
+    text = README.format(name=name, language=language.upper(), suffix=dialect.suffix, **sizes, **texture)
     files = [folder / f"{name}{dialect.suffix}", folder / "exact.exr", folder / "half.exr", folder / "README.md"]
-    write(files[0], made.text.encode())
-    for path, array in ((files[1], made.exact), (files[2], made.half)):
+    write(files[0], code.text.encode())
+    for path, array in ((files[1], code.exact), (files[2], code.half)):
         _write_exr(path, array)
     write(files[3], text.encode())
     return files

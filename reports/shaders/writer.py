@@ -61,20 +61,20 @@ class Writer(Backend):
         names = [self.name("vec4", text) for text in flat]
         return [f"{name}.{c}" for name in names for c in SWIZZLE]
 
-    def each(self, formula: str, arguments: Rows, of: str, kind: str) -> list[str]:
+    def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[str]:
         """Floats four at once, where there are several."""
-        if of == kind == "float" and len(arguments[0]) > 1:
+        if from_kind == kind == "float" and len(arguments[0]) > 1:
             starts = range(0, len(arguments[0]), 4)
             packs = [formula.format(*(self.vector(each[i : i + 4]) for each in arguments)) for i in starts]
             return self.floats(packs)[: len(arguments[0])]
         flat = zip(*arguments, strict=True)
-        return [self.name(kind, formula.format(*(self.scalar(x, of) for x in each))) for each in flat]
+        return [self.name(kind, formula.format(*(self.scalar(x, from_kind) for x in each))) for each in flat]
 
-    def as_kind(self, scalar: Scalar, of: str, kind: str) -> Any:
+    def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Any:
         return f"{self.dialect.types[kind]}({scalar})" if isinstance(scalar, str) else KINDS[kind](scalar)
 
-    def convert(self, scalar: Scalar, of: str, kind: str) -> str:
-        return self.name(kind, f"{self.dialect.types[kind]}({self.scalar(scalar, of)})")
+    def convert(self, scalar: Scalar, from_kind: str, kind: str) -> str:
+        return self.name(kind, f"{self.dialect.types[kind]}({self.scalar(scalar, from_kind)})")
 
     def choose(self, condition: Scalar, yes: Scalar, no: Scalar, kind: str) -> str:
         texts = {
@@ -122,8 +122,8 @@ class Writer(Backend):
         channels = table.shape[1]
         first = self.name("int", f"{index} * {stride} + {start}" if stride > 1 else f"{index} + {start}")
         packs = [f"{reader}({first} + {k})" if k else f"{reader}({first})" for k in range(stride)]
-        found = [self.name("float", packs[0])] if channels == 1 else self.floats(packs)[:channels]
-        return found if kind == "float" else [self.convert(x, "float", kind) for x in found]
+        scalars = [self.name("float", packs[0])] if channels == 1 else self.floats(packs)[:channels]
+        return scalars if kind == "float" else [self.convert(x, "float", kind) for x in scalars]
 
     def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[str]:
         reader, start, stride = self.tables.place(table)

@@ -31,7 +31,7 @@ def test_a_folder_takes_its_place_whole_and_scratch_is_removed(tmp_path):
     with atomic.replacing(tmp_path / "folder") as partial:
         partial.mkdir()
         (partial / "a").touch()
-    with atomic.beside(tmp_path / "folder") as scratch:
+    with atomic.temporary(tmp_path / "folder") as scratch:
         scratch.mkdir()
         (scratch / "b").touch()
     assert [path.name for path in tmp_path.rglob("*")] == ["folder", "a"]
@@ -62,7 +62,7 @@ from pathlib import Path
 from bench import atomic
 from bench.atomic import cache_dir, clear_cache
 path = Path(sys.argv[1])
-with atomic.alone(path):
+with atomic.locked(path):
     if not path.exists():
         time.sleep(0.2)
         atomic.write(path, b"made")
@@ -94,7 +94,7 @@ def test_who_waits_is_let_in_one_at_a_time_though_the_lock_is_removed_each_time(
 
     def enter():
         for _ in range(20):
-            with atomic.alone(tmp_path / "file"):
+            with atomic.locked(tmp_path / "file"):
                 inside.append(1)
                 most.append(len(inside))
                 time.sleep(0.001)  # long enough for the others to open the lock of this one

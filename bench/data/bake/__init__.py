@@ -104,7 +104,7 @@ def _bake(
         write(partial.values, described)
         partial.remove()
         return
-    with atomic.beside(out) as scratch:
+    with atomic.temporary(out) as scratch:
         values = atomic.mapped(scratch, np.float32, (len(wo), *surface.shape, 3))
         render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, show, label)
         write(values, described)

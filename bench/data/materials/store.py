@@ -83,7 +83,7 @@ def _rendered(
     shape = (len(pairs[0]), size, size, 3)
     values = np.broadcast_to(np.float16(0), shape) if outline else _read(path, shape)
     if values is None:
-        with atomic.alone(path):
+        with atomic.locked(path):
             values = _read(path, shape)
             if values is None:
                 _write(path, recipe, *pairs, shape, seed, described, show)

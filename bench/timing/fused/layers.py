@@ -42,7 +42,7 @@ def layers_of(decoder: Decoder) -> list[Layer]:
     """The folded layers of a network, the linear one at its end included."""
     architecture = decoder.architecture
     turn = architecture.omega / (2 * math.pi) if architecture.activation == "sine" else 1.0
-    found = []
+    layers = []
     *hidden, last = [(_numbers(linear.weight), _numbers(linear.bias)) for linear in decoder.layers]
     for depth, (weight, bias) in enumerate(hidden):
         norm = None
@@ -54,14 +54,14 @@ def layers_of(decoder: Decoder) -> list[Layer]:
         else:
             weight, bias = weight * turn, bias * turn
         residual = architecture.residual and weight.shape[0] == weight.shape[1]
-        found.append(Layer(weight, bias, norm, architecture.activation, residual))
-    return [*found, Layer(*last)]
+        layers.append(Layer(weight, bias, norm, architecture.activation, residual))
+    return [*layers, Layer(*last)]
 
 
 def _numbers(tensor: Tensor | nn.Module) -> Array:
     assert isinstance(tensor, Tensor)
-    found: Array = tensor.detach().cpu().double().numpy()
-    return found
+    array: Array = tensor.detach().cpu().double().numpy()
+    return array
 
 
 @cache

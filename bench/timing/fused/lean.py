@@ -44,8 +44,8 @@ def compiled(call: Callable[..., Tensor], dynamic: bool) -> Callable[..., Tensor
     # less would take code with vectors that it has not.
     if bits := _BITS.get(os.environ.get("ATEN_CPU_CAPABILITY", "").lower()):
         options["cpp.simdlen"] = bits
-    found: Callable[..., Tensor] = torch.compile(call, dynamic=dynamic, options=options)
-    return found
+    function: Callable[..., Tensor] = torch.compile(call, dynamic=dynamic, options=options)
+    return function
 
 
 class _Layer(nn.Module):

@@ -41,8 +41,8 @@ class Placeholder(Network):
         self.number, self.outputs = number, outputs
 
     def forward(self, inputs: Tensor) -> Tensor:
-        found: Tensor = torch.ops.neubtf.network(inputs, self.number, self.outputs)
-        return found
+        answers: Tensor = torch.ops.neubtf.network(inputs, self.number, self.outputs)
+        return answers
 
 
 class Whole(Material):
@@ -83,8 +83,8 @@ class Whole(Material):
             [gather(kind, each, self.row * width + k) for k in range(width)]
             for each, width in zip(flat, WIDTHS, strict=True)
         )
-        found: list[Any] = self.traced(uv, wo, wi, footprint)
-        return found
+        rgb: list[Any] = self.traced(uv, wo, wi, footprint)
+        return rgb
 
     def _answered(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:
         """What a network outputs for the inputs (n, D) that one query has for it: one row, or one a texel."""

@@ -61,8 +61,8 @@ def batched(
     out = kernels[size](*(dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in (*padded, *whole)))
     dr.eval(out)
     dr.sync_thread()
-    found: Tensor = out.torch().reshape(size, -1)[:n].to(queries[0].dtype)
-    return found
+    answers: Tensor = out.torch().reshape(size, -1)[:n].to(queries[0].dtype)
+    return answers
 
 
 def _filler(x: Tensor) -> Tensor:
@@ -109,20 +109,20 @@ class DrJitNetwork(Network):
     def within(self, row: Any, inputs: Sequence[Any]) -> tuple[Any, ...]:
         """The outputs of inputs inside of a kernel over samples `row`."""
         # A switch of one case; its number, 0, must not be known before, else the function would be put into the loop.
-        found: tuple[Any, ...] = self.dr.switch(row >> 31, [self._network], *inputs)
-        return found
+        outputs: tuple[Any, ...] = self.dr.switch(row >> 31, [self._network], *inputs)
+        return outputs
 
     def _fetch(self, texture: Any, shape: tuple[int, ...], u: Any, v: Any) -> Sequence[Any]:
         """A texture (H, W, C) at a place, bilinear and periodic, as `bench.material.sample_texture`."""
         height, width, channels = shape
         columns, right = self._around(u * width - 0.5, width)
         rows, below = self._around((1 - v) * height - 0.5, height)
-        found = [self.dr.llvm.Float(0)] * channels
+        sums = [self.dr.llvm.Float(0)] * channels
         for row, vertical in zip(rows, (1 - below, below), strict=True):
             for column, horizontal in zip(columns, (1 - right, right), strict=True):
                 texel, weight = self._rows(texture, row * width + column, channels), vertical * horizontal
-                found = [self.dr.fma(value, weight, total) for value, total in zip(texel, found, strict=True)]
-        return found
+                sums = [self.dr.fma(value, weight, total) for value, total in zip(texel, sums, strict=True)]
+        return sums
 
     def _around(self, place: Any, side: int) -> tuple[tuple[Any, Any], Any]:
         """The two texels around a place, periodic, and how far it is from the first."""
@@ -159,16 +159,16 @@ class DrJitNetwork(Network):
 
     def _dense(self, layer: Layer, x: Sequence[Any]) -> list[Any]:
         """weight · x + bias: of a block of outputs one input after the other, so that their sums stay in registers."""
-        found: list[Any] = []
+        outputs: list[Any] = []
         for start in range(0, len(layer.bias), self.block):
             rows = slice(start, start + self.block)
             sums = [self.dr.llvm.Float(bias) for bias in layer.bias[rows].tolist()]
             for value, weights in zip(x, layer.weight[rows].T.tolist(), strict=True):
                 self._after_this()
                 sums = [self.dr.fma(value, weight, total) for weight, total in zip(weights, sums, strict=True)]
-            found += sums
+            outputs += sums
         self._after_this()
-        return found
+        return outputs
 
     def _after_this(self) -> None:
         """What follows stays behind in the code: Dr.Jit sorts by scope, else output by output."""

@@ -169,16 +169,16 @@ def _padded(count: int) -> int:
 
 
 def _vector(values: Array, size: int) -> Tensor:
-    found = torch.zeros(size)
-    found[: len(values)] = torch.from_numpy(values)
-    return found
+    vector = torch.zeros(size)
+    vector[: len(values)] = torch.from_numpy(values)
+    return vector
 
 
 def _matrix(values: Array, rows: int, columns: int) -> Tensor:
     """A matrix filled up with zeros, row by row."""
-    found = torch.zeros(rows, columns)
-    found[: values.shape[0], : values.shape[1]] = torch.from_numpy(values)
-    return found.reshape(-1)
+    matrix = torch.zeros(rows, columns)
+    matrix[: values.shape[0], : values.shape[1]] = torch.from_numpy(values)
+    return matrix.reshape(-1)
 
 
 def _scalars(layer: Layer, width: int) -> Tensor:

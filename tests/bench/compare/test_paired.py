@@ -56,12 +56,12 @@ def test_codecs_are_told_apart_by_holm_over_all_pairs():
         label: Interval(1.0, 0.0, 2.0, 9, 1, 900, chance)
         for label, chance in zip("abc", (0.0101, 0.008, 0.03), strict=True)
     }
-    assert {label: each.told for label, each in told_apart(rows).items()} == {"a": False, "b": True, "c": False}
+    assert {label: each.apart for label, each in told_apart(rows).items()} == {"a": False, "b": True, "c": False}
     assert list(told_apart(rows)) == ["a", "b", "c"]
-    assert not told_apart({"a": Interval(1.0, 0.5, 2.0, 1, 1, 150)})["a"].told
+    assert not told_apart({"a": Interval(1.0, 0.5, 2.0, 1, 1, 150)})["a"].apart
     assert told_apart({"a": Interval(1.0, 0.1, 1.9, 9, 1, 900, 0.04)})[
         "a"
-    ].told  # alone, no other could have been chosen
+    ].apart  # alone, no other could have been chosen
 
 
 def test_an_interval_depends_on_no_other():
