@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console as RichConsole
 
-from bench import console
+from bench.cli import console
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
 from bench.runs import runner
@@ -21,55 +21,55 @@ def clock(monkeypatch):
 
 
 def terminal(clock):
-    made = console.Console()
-    made.out = RichConsole(force_terminal=True, width=100)
-    made.bars = console.Progress(*made.bars.columns, get_time=lambda: clock[0], console=made.out)
-    return made
+    screen = console.Console()
+    screen.out = RichConsole(force_terminal=True, width=100)
+    screen.bars = console.Progress(*screen.bars.columns, get_time=lambda: clock[0], console=screen.out)
+    return screen
 
 
-def left(made):
-    (task,) = made.bars.tasks
+def left(screen):
+    (task,) = screen.bars.tasks
     return console._TimeLeft().render(task).plain
 
 
 def test_a_fit_has_one_bar_whatever_is_remarked(clock):
-    made = terminal(clock)
-    made.show("satin/pca/0: fitting", 0, 10)
-    made.show("satin/pca/0: fitting · 20.1 dB", 4, 10)
-    (task,) = made.bars.tasks
+    screen = terminal(clock)
+    screen.show("satin/pca/0: fitting", 0, 10)
+    screen.show("satin/pca/0: fitting · 20.1 dB", 4, 10)
+    (task,) = screen.bars.tasks
     assert (task.description, task.completed) == ("satin/pca/0: fitting · 20.1 dB", 4)
-    made.show("satin/pca/0: fitting · 21.0 dB", 10, 10)
-    assert made.bars.tasks == []
+    screen.show("satin/pca/0: fitting · 21.0 dB", 10, 10)
+    assert screen.bars.tasks == []
 
 
 def test_the_time_left_is_that_of_the_mean_pace_and_runs_down(clock):
-    made = terminal(clock)
-    made.show("jobs", 2, 10)  # two were done before
-    assert left(made) == ""
+    screen = terminal(clock)
+    screen.show("jobs", 2, 10)  # two were done before
+    assert left(screen) == ""
     clock[0] += 100
-    made.show("jobs", 4, 10)
-    assert left(made) == "5:00 left"
+    screen.show("jobs", 4, 10)
+    assert left(screen) == "5:00 left"
     clock[0] += 20
-    assert left(made) == "4:40 left"
+    assert left(screen) == "4:40 left"
     clock[0] += 10_000  # a job that takes longer than those before it
-    assert left(made) == "4:10 left"
+    assert left(screen) == "4:10 left"
 
 
 def test_without_a_terminal_a_long_silence_is_broken(clock, monkeypatch, capsys):
     monkeypatch.setattr(console, "SILENCE", 10.0)
-    with console.Console() as made:
-        made.show("fitting", 0, 100)
+    with console.Console() as screen:
+        screen.show("fitting", 0, 100)
         clock[0] += 9
-        made.show("fitting · 20.1 dB", 50, 100)
+        screen.show("fitting · 20.1 dB", 50, 100)
         assert capsys.readouterr().err == ""
         clock[0] += 2
-        made.show("fitting · 20.3 dB", 60, 100)
-        made.show("fitting · 20.3 dB", 61, 100)
+        screen.show("fitting · 20.3 dB", 60, 100)
+        screen.show("fitting · 20.3 dB", 61, 100)
         assert capsys.readouterr().err == "fitting · 20.3 dB: 60 of 100\n"
         clock[0] += 9
-        made.say("a job has ended")
+        screen.say("a job has ended")
         clock[0] += 9
-        made.show("fitting", 0, 100)
+        screen.show("fitting", 0, 100)
         assert capsys.readouterr().err == ""
 
 

@@ -125,8 +125,8 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     capsys.readouterr()
     assert cli.main(["info", file]) == 0
     decoder, *lines = capsys.readouterr().out.partition("decoder: ")[2].splitlines()
-    told = [re.fullmatch(r"  [\w.]+ +(?:Linear|LayerNorm|Frames) +([\d,]+)", line) for line in lines]
-    counted = [int(match[1].replace(",", "")) for match in told if match]
+    matches = [re.fullmatch(r"  [\w.]+ +(?:Linear|LayerNorm|Frames) +([\d,]+)", line) for line in lines]
+    counted = [int(match[1].replace(",", "")) for match in matches if match]
     assert sum(counted) == int(decoder.split()[0].replace(",", ""))
     assert ("layers of the decoder and their trainable parameters, counted by torchinfo:" in lines) == (codec != "pca")
 
@@ -275,9 +275,9 @@ def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypat
     monkeypatch.setattr("bench.atomic.os.replace", full)
     file = tmp_path / "a.nbtf"
     assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", str(file)]) == 2
-    said = capsys.readouterr().err
-    assert said == f"neubtf-bench: {file}: cannot be written (No space left on device): " + said.split("): ")[1]
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert error == f"neubtf-bench: {file}: cannot be written (No space left on device): " + error.split("): ")[1]
+    assert error.count("\n") == 1
     assert not list(tmp_path.glob("*.partial"))
 
 

@@ -30,9 +30,9 @@ def resealed():
     """Change the metadata of a codec file, and compute its hash again."""
 
     def reseal(path, change):
-        header, says, body = fuzz_codec_files.parted(path.read_bytes())
-        change(says)
-        path.write_bytes(fuzz_codec_files.sealed(header, says, bytes(body)))
+        header, metadata, body = fuzz_codec_files.parted(path.read_bytes())
+        change(metadata)
+        path.write_bytes(fuzz_codec_files.sealed(header, metadata, bytes(body)))
         return path
 
     return reseal
@@ -55,7 +55,7 @@ def test_a_file_of_a_scene_is_described(tmp_path):
 def test_no_field_of_a_scene_is_trusted(field, value, tmp_path, resealed):
     path, codec, parts = of_scene(tmp_path)
     container.save(path, codec, parts)
-    resealed(path, lambda says: says["scene"].update({field: value}))
+    resealed(path, lambda metadata: metadata["scene"].update({field: value}))
     with pytest.raises(ContainerError, match=rf"a\.nbtf: the scene that it was fitted to is not sound: {field}"):
         container.read_header(path)
 
@@ -71,15 +71,15 @@ def test_a_scene_cannot_claim_a_picture_beyond_all_proportion(size, tmp_path):
 def test_weights_are_counted_before_a_network_is_built(name, tmp_path, resealed, monkeypatch):
     codec = load_codec(name)(steps=1, batch=16)
     path = container.save(tmp_path / "a.nbtf", codec, codec.encode(tiny_btf(5, 3, 3), Fit(seed=1))).path
-    resealed(path, lambda says: says["settings"].update(layers=64, width=4096))
+    resealed(path, lambda metadata: metadata["settings"].update(layers=64, width=4096))
     monkeypatch.setattr(torch.nn, "Linear", None)  # no layer is made
     with pytest.raises(ContainerError, match=r"a network of 1,0\d\d,\d{3},\d{3} weights, and its file holds fewer"):
         loading.load(path)
 
 
 def test_codes_are_bounded_by_the_bytes_that_hold_them():
-    payload = lzma.compress(bytes(1 << 20), lzma.FORMAT_RAW, filters=coding._coder(coding.ALONE, 1 << 20))
-    data = torch.tensor([coding.ALONE, *[1] * 14, *payload], dtype=torch.uint8)
+    payload = lzma.compress(bytes(1 << 20), lzma.FORMAT_RAW, filters=coding._coder(coding.PLAIN, 1 << 20))
+    data = torch.tensor([coding.PLAIN, *[1] * 14, *payload], dtype=torch.uint8)
     with pytest.raises(ValueError, match=r"has \d+ bytes for 234881024 codes"):
         coding.expand(data, (4096, 4096, 14))
 
@@ -121,9 +121,9 @@ def test_an_index_that_takes_no_bytes_is_bounded_over_all_stages(tmp_path):
 
 
 def hemisphere(rng, count, spread=1.0):
-    found = rng.standard_normal((count, 3)) * [spread, spread, 1]
-    found[:, 2] = np.abs(found[:, 2]) + 0.1
-    return (found / np.linalg.norm(found, axis=1, keepdims=True)).astype(np.float32)
+    points = rng.standard_normal((count, 3)) * [spread, spread, 1]
+    points[:, 2] = np.abs(points[:, 2]) + 0.1
+    return (points / np.linalg.norm(points, axis=1, keepdims=True)).astype(np.float32)
 
 
 def test_directions_that_crowd_in_one_place_are_refused(monkeypatch):

@@ -46,9 +46,9 @@ def test_a_file_may_say_what_it_was_made_from(encoded, tmp_path):
     header, _ = encoded
     assert header.provenance == {}
     codec, parts = container.read_parts(header.path)
-    made = {"file": header.sha256, "scale": 0.5}
-    again = container.save(tmp_path / "made", load_codec("pca")(**codec.settings), parts, made)
-    assert again.provenance == container.read_header(again.path).provenance == made
+    sources = {"file": header.sha256, "scale": 0.5}
+    again = container.save(tmp_path / "made", load_codec("pca")(**codec.settings), parts, sources)
+    assert again.provenance == container.read_header(again.path).provenance == sources
     assert f"provenance: file = {header.sha256}" in file_lines(again)
 
 
@@ -114,10 +114,10 @@ def rewritten(data: bytes, change) -> bytes:
 
     length = struct.unpack("<Q", data[:8])[0]
     header = json.loads(data[8 : 8 + length])
-    says = json.loads(header["__metadata__"]["neubtf"])
-    change(says, header)
-    says["sha256"] = "0" * 64
-    header["__metadata__"]["neubtf"] = json.dumps(says)
+    metadata = json.loads(header["__metadata__"]["neubtf"])
+    change(metadata, header)
+    metadata["sha256"] = "0" * 64
+    header["__metadata__"]["neubtf"] = json.dumps(metadata)
     text = json.dumps(header).encode()
     out = struct.pack("<Q", len(text)) + text + data[8 + length :]
     return out.replace(b"0" * 64, hashlib.sha256(out).hexdigest().encode(), 1)
@@ -126,11 +126,11 @@ def rewritten(data: bytes, change) -> bytes:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda says, _: says.update(format=99), "newer than this version reads"),
-        (lambda says, _: says.update(version=99), "written by version 99 of codec pca"),
-        (lambda says, _: says.update(codec="pcb"), "no codec named 'pcb' is installed; did you mean 'pca'?"),
-        (lambda says, _: says.update(settings={"colour": 1}), "not what codec pca wrote"),
-        (lambda says, _: says.pop("settings"), "metadata is incomplete"),
+        (lambda metadata, _: metadata.update(format=99), "newer than this version reads"),
+        (lambda metadata, _: metadata.update(version=99), "written by version 99 of codec pca"),
+        (lambda metadata, _: metadata.update(codec="pcb"), "no codec named 'pcb' is installed; did you mean 'pca'?"),
+        (lambda metadata, _: metadata.update(settings={"colour": 1}), "not what codec pca wrote"),
+        (lambda metadata, _: metadata.pop("settings"), "metadata is incomplete"),
         (lambda _, header: header.update({"texture/other": header.popitem()[1]}), "not what codec pca wrote"),
     ],
 )

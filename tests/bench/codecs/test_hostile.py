@@ -20,9 +20,9 @@ def resealed(path, change):
     content = path.read_bytes()
     length = struct.unpack("<Q", content[:8])[0]
     header = json.loads(content[8 : 8 + length])
-    says = json.loads(header.pop("__metadata__")[container.KEY])
-    change(says, header)
-    path.write_bytes(fuzz_codec_files.sealed(header, says, content[8 + length :]))
+    metadata = json.loads(header.pop("__metadata__")[container.KEY])
+    change(metadata, header)
+    path.write_bytes(fuzz_codec_files.sealed(header, metadata, content[8 + length :]))
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_a_field_of_the_wrong_type_is_named(field, value, tmp_path):
     path = container.save(
         tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
     )
-    resealed(path.path, lambda says, header: says.update({field: value}))
+    resealed(path.path, lambda metadata, header: metadata.update({field: value}))
     with pytest.raises(ContainerError, match=rf"a\.nbtf.*{field}"):
         loading.load(path.path)
 
@@ -88,7 +88,7 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path):
     content = path.path.read_bytes()
     length = struct.unpack("<Q", content[:8])[0]
     path.path.write_bytes(content[: 8 + length] + torch.full((12,), torch.nan).numpy().tobytes())
-    resealed(path.path, lambda says, header: None)
+    resealed(path.path, lambda metadata, header: None)
     with pytest.raises(ContainerError, match="texture/mean holds numbers that are not finite"):
         loading.load(path.path)
 
@@ -105,6 +105,6 @@ def test_a_compressed_part_that_is_not_bytes_is_refused(tmp_path):
     path = container.save(
         tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"zstd": torch.ones(8, dtype=torch.bfloat16)})
     ).path
-    resealed(path, lambda says, header: says["settings"].update(zstd=True))
+    resealed(path, lambda metadata, header: metadata["settings"].update(zstd=True))
     with pytest.raises(ContainerError, match=r"a\.nbtf: a compressed part is torch\.bfloat16, not bytes"):
         loading.load(path)

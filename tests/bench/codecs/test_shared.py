@@ -77,8 +77,8 @@ def test_a_material_is_two_files_and_the_second_is_found_by_its_hash(tmp_path):
     assert header.network == network.sha256
     assert sum(header.part_bytes().values()) == header.path.stat().st_size
     material = loading.load(header.path)[1]
-    beside = tmp_path / shared.hashed_name(network.codec, network.sha256)
-    shared.place("tinted").rename(beside)
+    hashed = tmp_path / shared.hashed_name(network.codec, network.sha256)
+    shared.place("tinted").rename(hashed)
     assert loading.load(header.path)[1].texture.equal(material.texture)
 
 
@@ -140,12 +140,12 @@ def test_a_damaged_network_is_refused_by_name_and_not_written_over(tmp_path):
 
 def test_it_refuses_what_it_was_trained_on_at_any_size_and_directions():
     trained = materials.load("leather", size=4, views=4, lights=4, heldout=0)
-    found = shared.read(shared.make(Tint(), [trained], Fit(), shared.place("tinted")).path)
+    network = shared.read(shared.make(Tint(), [trained], Fit(), shared.place("tinted")).path)
     for same in (trained, trained.subset([1, 2]), materials.load("leather", 6, views=5, lights=3, heldout=2)):
         with pytest.raises(InputError, match="leather: codec tinted cannot be measured"):
-            shared.refuse(found, same)
-    shared.refuse(found, materials.load("leather", size=4, views=4, lights=4, heldout=0, seed=1))
-    shared.refuse(found, tiny_btf(4, 3, 3))
+            shared.refuse(network, same)
+    shared.refuse(network, materials.load("leather", size=4, views=4, lights=4, heldout=0, seed=1))
+    shared.refuse(network, tiny_btf(4, 3, 3))
 
 
 def test_the_origin_of_baked_maps_is_that_of_their_files_and_of_measured_data_their_content():

@@ -134,21 +134,21 @@ def test_every_claim_is_compared(packed, tmp_path, capsys, path, value):
     (line,) = [line for line in text.splitlines() if "differs " in line or " not verified " in line]
     assert path.split("/")[-1] in line or "others than those submitted" in line, line
     assert text.count(" agrees\n") == 3
-    kept = load_run(tmp_path / "verified")
-    assert {job["label"] for job in kept.jobs} <= {"mean-colour", "pca components=4"}
+    verified_run = load_run(tmp_path / "verified")
+    assert {job["label"] for job in verified_run.jobs} <= {"mean-colour", "pca components=4"}
 
 
 def test_what_cannot_be_compared_is_not_published(packed, tmp_path, capsys):
     def boast(line):
         if line["kind"] == "run":
             return line | {"git": "boast", "text": "boast", "packages": {"torch": "boast"}, "device": "boast"}
-        made = {"git": "boast", "at": "boast"}
-        return line | {"fit_seconds": 123.25, "fitted": made, "scored": made, "history": [{"step": 1, "psnr": 99.0}]}
+        stamp = {"git": "boast", "at": "boast"}
+        return line | {"fit_seconds": 123.25, "fitted": stamp, "scored": stamp, "history": [{"step": 1, "psnr": 99.0}]}
 
     code, text = verified(altered(packed, tmp_path / "a.zip", boast), tmp_path, capsys)
     assert (code, text.count(" agrees\n")) == (0, 4)
-    kept = (tmp_path / "verified" / FILE).read_text()
-    assert not any(word in kept for word in ("boast", "123.25", "99.0"))
+    published = (tmp_path / "verified" / FILE).read_text()
+    assert not any(word in published for word in ("boast", "123.25", "99.0"))
 
 
 @pytest.mark.parametrize(
@@ -330,9 +330,9 @@ def test_runs_on_other_data_are_not_put_together(packed, tmp_path):
 
 
 def test_tables_of_a_document_come_from_records(packed, tmp_path, capsys):
-    kept, page = tmp_path / "kept.jsonl", tmp_path / "page.md"
-    assert cli.main(["results", "add", str(packed / "run"), str(kept)]) == 0
-    page.write_text(f"# Page\n\n<!-- neubtf-bench table summary {kept} -->\nold\n<!-- end -->\n\nWords.\n")
+    results, page = tmp_path / "results.jsonl", tmp_path / "page.md"
+    assert cli.main(["results", "add", str(packed / "run"), str(results)]) == 0
+    page.write_text(f"# Page\n\n<!-- neubtf-bench table summary {results} -->\nold\n<!-- end -->\n\nWords.\n")
     assert cli.main(["results", "check", str(page)]) == 1
     assert cli.main(["results", "write", str(page)]) == 0
     text = page.read_text()

@@ -48,16 +48,16 @@ def test_sizes_are_written_with_k_and_m():
 
 
 def test_the_command_that_is_printed_is_what_a_shell_runs(tmp_path, monkeypatch, capsys):
-    made = row("pca", 36.0, 500, 100.0, codec="pca", settings={"components": 4}, device="cpu")
-    made |= {"execution": "eager", "precision": "float32"}
+    choice = row("pca", 36.0, 500, 100.0, codec="pca", settings={"components": 4}, device="cpu")
+    choice |= {"execution": "eager", "precision": "float32"}
     suite = tmp_path / "own.toml"
     suite.write_text('materials = ["satin"]\n[[codecs]]\ncodec = "pca"\n')
-    monkeypatch.setattr("bench.cli.commands.choose._measured", lambda *_: ([made], []))
+    monkeypatch.setattr("bench.cli.commands.choose._measured", lambda *_: ([choice], []))
     (tmp_path / "my cloth; no; $HOME").mkdir()
     material = str(tmp_path / "my cloth; no; $HOME")
     assert cli.main(["choose", material, "--min-psnr", "30", "--suite", str(suite)]) == 0
     command = capsys.readouterr().out.splitlines()[-1]
-    said = subprocess.run(["bash", "-c", f'neubtf-bench() {{ printf "%s\\n" "$@"; }}; {command}'], capture_output=True)
-    words = said.stdout.decode().splitlines()
+    ran = subprocess.run(["bash", "-c", f'neubtf-bench() {{ printf "%s\\n" "$@"; }}; {command}'], capture_output=True)
+    words = ran.stdout.decode().splitlines()
     assert words[:4] == ["encode", material, "--codec", "pca"]
     assert words[-2:] == ["-o", "my cloth; no; $HOME.nbtf"]

@@ -29,14 +29,14 @@ def task(codec, material="satin", seed=0, **settings):
     return Task("r", Path(), MaterialSpec(material), DATA, CodecSpec(codec, settings), seed, 1)
 
 
-def job(of, seconds, pairs=20, **settings):
+def job(cell, seconds, pairs=20, **settings):
     """A record of a task whose fit took so long; its settings are the codec's own unless given."""
     from bench.codec import settings_dict
     from bench.codecs.registry import make_codec
 
-    found = settings_dict(make_codec(of.codec.codec, of.codec.settings)) | settings
-    return of.base | {
-        "status": "ok", "shape": [10, 10], "pairs": {"all": pairs, "train": pairs}, "settings": found,
+    whole = settings_dict(make_codec(cell.codec.codec, cell.codec.settings)) | settings
+    return cell.base | {
+        "status": "ok", "shape": [10, 10], "pairs": {"all": pairs, "train": pairs}, "settings": whole,
         "fit_seconds": seconds, "machine": {"processor": processor()},
         "scores": {}, "metrics": {}, "bytes": {"total": 1}, "parameters": 0,
     }  # fmt: skip
@@ -47,36 +47,36 @@ def looked(folder, tasks, holds=(), at_once=1):
 
 
 def test_without_records_there_is_no_estimate_and_it_says_so(tmp_path, clock):
-    found = looked(tmp_path / "run", [task("pca"), task("vq"), task("vq", seed=1)])
-    assert found.first == "3 jobs: 3 left, no estimate, since no fit of pca, vq is on record here"
-    assert found.progress == "0 of 3 jobs"
+    estimate = looked(tmp_path / "run", [task("pca"), task("vq"), task("vq", seed=1)])
+    assert estimate.first == "3 jobs: 3 left, no estimate, since no fit of pca, vq is on record here"
+    assert estimate.progress == "0 of 3 jobs"
 
 
 def test_a_finished_job_tells_of_the_others_of_its_codec_and_of_what_a_job_takes_besides(tmp_path, clock):
     tasks = [task("pca", seed=seed) for seed in range(4)] + [task("vq")]
-    found = looked(tmp_path / "run", tasks)
+    estimate = looked(tmp_path / "run", tasks)
     clock[0] += 160
-    found.ended(job(tasks[0], 100.0), "")
-    assert found.progress == "1 of 5 jobs, about 8 min and 1 job of unknown time left"  # 3 · (100 + 60) s
+    estimate.ended(job(tasks[0], 100.0), "")
+    assert estimate.progress == "1 of 5 jobs, about 8 min and 1 job of unknown time left"  # 3 · (100 + 60) s
     for each in tasks[1:4]:
         clock[0] += 160
-        found.ended(job(each, 100.0), "")
-    assert found.progress == "4 of 5 jobs"
+        estimate.ended(job(each, 100.0), "")
+    assert estimate.progress == "4 of 5 jobs"
     clock[0] += 20
-    found.ended(job(tasks[4], 10.0), "")
-    assert (found.progress, found.left) == ("5 of 5 jobs", "")
+    estimate.ended(job(tasks[4], 10.0), "")
+    assert (estimate.progress, estimate.left) == ("5 of 5 jobs", "")
 
 
 def test_jobs_are_divided_among_the_workers_that_are_there_and_no_more(tmp_path, clock):
     tasks, there = [task("pca", seed=seed) for seed in range(3)], [1]
-    found = Estimate(tasks, set(), tmp_path / "run", lambda: there[0])
+    estimate = Estimate(tasks, set(), tmp_path / "run", lambda: there[0])
     clock[0] += 120
-    found.ended(job(tasks[0], 20.0), "")
-    assert found.left == "about 4 min left"
+    estimate.ended(job(tasks[0], 20.0), "")
+    assert estimate.left == "about 4 min left"
     there[0] = 2
-    assert found.left == "about 4 min left"  # all that is known of the past is how long it took
+    assert estimate.left == "about 4 min left"  # all that is known of the past is how long it took
     there[0] = 1000
-    assert found.left == "about 6 min left"
+    assert estimate.left == "about 6 min left"
 
 
 def test_fits_on_record_are_scaled_by_steps_or_by_the_data(tmp_path, clock):
@@ -105,13 +105,13 @@ def test_jobs_on_record_are_not_counted_until_one_is_fitted_anew(tmp_path, clock
     tasks = [task("pca", seed=seed) for seed in range(4)]
     append_all(tmp_path / "run", *(job(each, 60.0) for each in tasks[:3]))
     names = {each.name for each in tasks[:3]}
-    found = looked(tmp_path / "run", tasks, names)
-    assert found.first == "4 jobs, 3 of them on record: 1 left, about 1 min of fits"
-    found.ended(job(tasks[0], 60.0), "record")
-    assert found.left == "about 1 min left"
+    estimate = looked(tmp_path / "run", tasks, names)
+    assert estimate.first == "4 jobs, 3 of them on record: 1 left, about 1 min of fits"
+    estimate.ended(job(tasks[0], 60.0), "record")
+    assert estimate.left == "about 1 min left"
     clock[0] += 60
-    found.ended(job(tasks[1], 60.0), "")  # its code has changed
-    assert found.progress == "2 of 4 jobs, about 2 min left"
+    estimate.ended(job(tasks[1], 60.0), "")  # its code has changed
+    assert estimate.progress == "2 of 4 jobs, about 2 min left"
     assert looked(tmp_path / "run", tasks[:3], names).first == "3 jobs, all on record"
 
 

@@ -42,9 +42,9 @@ def test_an_exact_material_is_exact_at_every_footprint_whatever_its_size(size):
     values = np.stack([material.slice(o, i).numpy() for o, i in zip(wo, wi, strict=True)])
     btf = BTF("waves", wo, wi, ArraySource(values), periodic=True)
     decoder = Slices(SimpleNamespace(btf=btf, name="waves"), material, lambda *_: None)
-    found = summarise_footprints(footprint_errors(btf, [0, 1], decoder.slice, 1.0))
+    footprints = summarise_footprints(footprint_errors(btf, [0, 1], decoder.slice, 1.0))
     # Rounding of float32 leaves 130 dB and more; half a texel of misregistration 40.
-    assert all(entry["psnr_display"] is None or entry["psnr_display"] > 120 for entry in found.values())
+    assert all(entry["psnr_display"] is None or entry["psnr_display"] > 120 for entry in footprints.values())
 
 
 def test_the_stored_pairs_are_many_held_out_and_spread_and_hold_those_of_the_sheet():
@@ -69,8 +69,8 @@ def test_of_many_training_pairs_a_few_tell_and_every_held_out_pair_counts(tmp_pa
     btf.heldout = np.isin(np.arange(len(btf)), btf.split().train, invert=True)
     codec = load_codec("mean-colour")()
     file = loading.load(container.save(tmp_path / "file", codec, codec.encode(btf, Fit())).path)
-    kept = {}
-    keep = lambda name, content: kept.update({name: content}) or name  # noqa: E731
+    stored = {}
+    keep = lambda name, content: stored.update({name: content}) or name  # noqa: E731
     whole, some = (Workbench(btf, "tiny", most_scored=count) for count in (0, 5))
     every, few = (evaluate(bench, file, 1, keep, lambda *_: None) for bench in (whole, some))
     assert few["scores"]["heldout"] == every["scores"]["heldout"]
@@ -79,7 +79,7 @@ def test_of_many_training_pairs_a_few_tell_and_every_held_out_pair_counts(tmp_pa
     assert few["scores"]["train"]["slices"] == 5 < every["scores"]["train"]["slices"]
     assert "all" in every["scores"]
     assert "all" not in few["scores"]
-    slices = kept[few["slices"]]
+    slices = stored[few["slices"]]
     assert {len(values) for name, values in slices.items() if name != "abrdf"} == {5 + few["pairs"]["heldout"]}
     assert score_key(whole, file.header) != score_key(some, file.header)
 
@@ -107,10 +107,10 @@ def loaded(material):
 
 
 def test_a_drawing_is_stored_or_the_reason_why_not(monkeypatch):
-    kept = {}
-    keep = lambda name, content: kept.update({name: content}) or name  # noqa: E731
+    stored = {}
+    keep = lambda name, content: stored.update({name: content}) or name  # noqa: E731
     assert drawing(loaded(Exact((8, 8))), keep) == {"drawing": "drawings/waves.npz"}
-    assert "program" in kept.pop("drawings/waves.npz")
+    assert "program" in stored.pop("drawings/waves.npz")
 
     def refuse(_):
         raise InputError("it branches on its query")
@@ -120,4 +120,4 @@ def test_a_drawing_is_stored_or_the_reason_why_not(monkeypatch):
     large = Exact((8, 8))
     large.cost = DecoderCost(texture_floats=10**7)
     assert "more than 2,000,000 floats" in drawing(loaded(large), keep)["not_drawn"]
-    assert kept == {}
+    assert stored == {}

@@ -28,9 +28,9 @@ def test_an_interruption_is_no_error_of_a_job():
 def test_a_worker_that_dies_takes_only_its_own_job_along():
     with processes(2, 1) as workers:
         lost = workers.executor.submit(os._exit, 9)
-        kept = workers.executor.submit(divmod, 7, 2)
+        other = workers.executor.submit(divmod, 7, 2)
         assert isinstance(lost.exception(), BrokenExecutor)
-        assert kept.result() == (3, 1)
+        assert other.result() == (3, 1)
         assert [workers.executor.submit(divmod, n, 2).result() for n in range(4)] == [(0, 0), (0, 1), (1, 0), (1, 1)]
 
 
@@ -98,8 +98,8 @@ def cluster():
     """A Dask cluster of one worker, in this process, that has a GPU to give."""
     distributed = pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
     kinds = {"threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
-    with distributed.LocalCluster(1, **kinds, resources={"GPU": 1}) as made:
-        yield made
+    with distributed.LocalCluster(1, **kinds, resources={"GPU": 1}) as local:
+        yield local
 
 
 def test_dask_runs_jobs_on_workers_that_have_what_they_take(cluster):
@@ -139,11 +139,11 @@ main()
 def test_a_worker_without_the_package_is_said_with_the_remedy():
     distributed = pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
     kinds = {"threads_per_worker": 1, "processes": False, "dashboard_address": ":0", "protocol": "tcp://"}
-    with distributed.LocalCluster(1, **kinds) as made:
-        address, options = made.scheduler_address, ["--no-nanny", "--no-dashboard"]
+    with distributed.LocalCluster(1, **kinds) as cluster:
+        address, options = cluster.scheduler_address, ["--no-nanny", "--no-dashboard"]
         worker = subprocess.Popen([sys.executable, "-c", LACKING, address, *options], stderr=subprocess.DEVNULL)
         try:
-            while len(made.scheduler.workers) < 2:
+            while len(cluster.scheduler.workers) < 2:
                 time.sleep(0.1)
             with pytest.raises(InputError, match=r"neubtf-bench is not installed on tcp://.*: install it"):
                 dask(address, {}).__enter__()

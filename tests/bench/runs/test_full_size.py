@@ -14,7 +14,7 @@ from bench.records import load_run
 
 
 @pytest.fixture
-def made(request, tmp_path):
+def generated(request, tmp_path):
     """A file of 20² texels, and the tile of 12² that it repeats."""
     tile = load("satin", 12, directions=request.param, views=6, lights=5, heldout=0)
     path = tmp_path / f"{request.param}.bin"
@@ -25,9 +25,9 @@ def made(request, tmp_path):
     return path, tile
 
 
-@pytest.mark.parametrize("made", ["ubo2014", "ubo2003"], indirect=True)
-def test_a_generated_file_repeats_a_material_under_a_pattern(made):
-    path, tile = made
+@pytest.mark.parametrize("generated", ["ubo2014", "ubo2003"], indirect=True)
+def test_a_generated_file_repeats_a_material_under_a_pattern(generated):
+    path, tile = generated
     btf = open_btf(path)
     assert (len(btf), btf.shape) == (30, (20, 20))
     bright = exposure(tile) if path.stem == "ubo2003" else 1.0  # a photograph is exposed
@@ -42,9 +42,9 @@ def test_a_generated_file_repeats_a_material_under_a_pattern(made):
     assert np.square(apart).mean() ** 0.5 < 0.03
 
 
-@pytest.mark.parametrize("made", ["ubo2014", "ubo2003"], indirect=True)
-def test_a_generated_file_goes_through_standard(made, tmp_path, monkeypatch, capsys):
-    path, _ = made
+@pytest.mark.parametrize("generated", ["ubo2014", "ubo2003"], indirect=True)
+def test_a_generated_file_goes_through_standard(generated, tmp_path, monkeypatch, capsys):
+    path, _ = generated
     out = tmp_path / "run"
     words = ["--codec", "mean-colour", "--set", "data.scored=3", "--out", str(out)]
     assert cli.main(["run", "standard", "--material", str(path), *words]) == 0, capsys.readouterr().err

@@ -48,7 +48,7 @@ def forget():
         cached.cache_clear()
 
 
-def told(package):
+def identity_of(package):
     """The identity of the package's codec as a fresh process finds it."""
     forget()
     importlib.invalidate_caches()
@@ -65,10 +65,10 @@ def told(package):
     ],
 )
 def test_it_changes_with_whatever_the_codec_imports_of_its_own_package(name, old, new, package):
-    before = told(package)
+    before = identity_of(package)
     path = package / name
     path.write_text(path.read_text().replace(old, new))
-    assert told(package) != before
+    assert identity_of(package) != before
 
 
 @pytest.mark.parametrize(
@@ -80,21 +80,21 @@ def test_it_changes_with_whatever_the_codec_imports_of_its_own_package(name, old
     ],
 )
 def test_what_shapes_no_file_changes_nothing(name, old, new, package):
-    before = told(package)
+    before = identity_of(package)
     path = package / name
     path.write_text(path.read_text().replace(old, new))
-    assert told(package) == before
+    assert identity_of(package) == before
 
 
 def test_a_module_found_by_a_computed_name_counts(package):
     (package / "late.py").write_text("import importlib\nmore = importlib.import_module('mypackage.un' + 'used').word")
-    before = told(package)
+    before = identity_of(package)
     (package / "unused.py").write_text("word = 2")
-    assert told(package) != before
+    assert identity_of(package) != before
 
 
 def test_libraries_that_shape_the_file_are_named(package):
-    assert "sklearn" in told(package)["libraries"]
+    assert "sklearn" in identity_of(package)["libraries"]
     assert "sklearn" in identity(load_codec("vq")())["libraries"]
     assert "sklearn" not in identity(load_codec("pca")())["libraries"]
 

@@ -54,6 +54,6 @@ def test_choices_on_wool_see_no_test_pair(monkeypatch):
     spec = next(spec for spec in suite.materials if spec.name == "wool")
     tests = open_material(spec, suite.data, lambda *_: None)
     choosing = open_material(spec, replace(suite.data, split="validation"), lambda *_: None)
-    kept = {tuple(w) for w in tests.wo[tests.split().train]}
-    assert {tuple(w) for w in choosing.wo} == kept
+    training_views = {tuple(w) for w in tests.wo[tests.split().train]}
+    assert {tuple(w) for w in choosing.wo} == training_views
     assert set(choosing.split().heldout) == GROUPS

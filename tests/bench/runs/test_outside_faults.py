@@ -139,9 +139,9 @@ def test_a_codec_that_ends_its_process_when_it_is_imported_or_made_is_a_failed_j
 def test_one_command_for_such_a_codec_is_one_line_and_exit_code_2(capsys):
     for name in ("import-exit", "import-end", "import-error"):
         assert cli.main(["encode", "btf", "--codec", name, "-o", "a.nbtf"]) == 2
-        said = capsys.readouterr().err
-        assert f"codec {name} of hostile 1.0" in said
-        assert said.count("\n") == 1
+        error = capsys.readouterr().err
+        assert f"codec {name} of hostile 1.0" in error
+        assert error.count("\n") == 1
 
 
 def test_a_codec_that_hangs_when_it_is_imported_is_named(monkeypatch):
@@ -182,11 +182,11 @@ def test_a_codec_of_another_distribution_runs_on_a_cluster_as_documented(tmp_pat
 
 
 def test_what_a_codec_leaves_behind_reaches_neither_scores_nor_the_next_job(tmp_path):
-    alone = ran("vq")["vq"]
+    undisturbed = ran("vq")["vq"]
     jobs = ran("leaves", "vq", fresh=True)
     assert jobs["leaves"]["status"] == "ok"
-    assert jobs["vq"]["score_key"]["sha256"] == alone["score_key"]["sha256"]
-    assert jobs["vq"]["scores"] == alone["scores"]
+    assert jobs["vq"]["score_key"]["sha256"] == undisturbed["score_key"]["sha256"]
+    assert jobs["vq"]["scores"] == undisturbed["scores"]
 
 
 def test_settings_of_the_process_are_put_back_whatever_ends_the_block(tmp_path):
@@ -264,9 +264,9 @@ def test_a_codec_of_this_suite_that_ends_its_process_is_no_success_and_the_same_
 def test_a_setting_that_is_not_finite_names_the_codec_and_fits_nothing(value, capsys):
     words = ["run", "quick", "--material", "btf", "--codec", "vq", "--set", f"vq.components={value}", "--out", "run"]
     assert cli.main(words) == 2
-    said = capsys.readouterr().err
-    assert "components of codec vq must be a whole number" in said
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert "components of codec vq must be a whole number" in error
+    assert error.count("\n") == 1
     assert not Path("run").exists()
 
 

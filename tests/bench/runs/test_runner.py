@@ -273,8 +273,8 @@ def through(executor, at_once=1):
 
 def contents(folder):
     """Bytes of every file of a run by name, without what says how long a fit took, and without records."""
-    kept = (path for path in folder.glob("*/*") if not path.name.endswith(".fit.json"))
-    return {str(path.relative_to(folder)): path.read_bytes() for path in kept}
+    files = (path for path in folder.glob("*/*") if not path.name.endswith(".fit.json"))
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def test_a_job_that_lost_its_worker_is_started_again_and_the_third_time_fails_alone(tmp_path, caplog):
@@ -321,9 +321,9 @@ def test_a_worker_out_of_reach_of_the_folder_sends_its_files_and_is_sent_them(tm
     outcomes(far, **through(Elsewhere()))
     assert contents(far) == contents(tmp_path / "near")
     assert len(list(far.glob("files/*.fit.json"))) == 2
-    asked = Elsewhere()
-    assert [o.cached for o in outcomes(far, **through(asked))] == ["record", "record"]
-    assert [len(task.sent) for task in asked.calls] == [0, 2, 0, 2]
+    elsewhere = Elsewhere()
+    assert [o.cached for o in outcomes(far, **through(elsewhere))] == ["record", "record"]
+    assert [len(task.sent) for task in elsewhere.calls] == [0, 2, 0, 2]
     monkeypatch.setattr("bench.runs.evaluation.get_metric", lambda name: replace(get(name), version=99))
     again = outcomes(far, **through(Elsewhere()))
     assert [o.cached for o in again] == ["file", "file"]
@@ -355,13 +355,13 @@ def test_a_folder_has_one_run_at_a_time(tmp_path):
 def test_what_a_killed_run_left_half_done_is_removed_and_states_are_kept(tmp_path):
     outcomes(tmp_path)
     done = next(tmp_path.glob("files/*.nbtf"))
-    kept = tmp_path / "files" / "of-a-job-not-done.state"
+    state = tmp_path / "files" / "of-a-job-not-done.state"
     left = [done.with_suffix(".state"), done.with_suffix(".fresh"), tmp_path / "slices" / "0.partial"]
-    for path in (*left, kept):
+    for path in (*left, state):
         path.write_bytes(b"half")
     outcomes(tmp_path)
     assert not any(path.exists() for path in left)
-    assert kept.exists()
+    assert state.exists()
 
 
 def test_a_file_whose_record_was_lost_is_scored_and_keeps_how_long_it_took(tmp_path):

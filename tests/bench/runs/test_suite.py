@@ -133,15 +133,15 @@ def test_no_setting_is_dropped_whose_default_the_recipe_has_changed(codec, name,
     """One that is set back to the default of the class: what runs is what was asked for."""
     assert getattr(load_codec(codec)().settings, name) == value
     words = str(value).lower()
-    asked = {f"{codec}.recipe": "paper", f"{codec}.{name}": words}
-    (spec,) = canonical(with_changes(parse_suite("a", ""), [], [codec], asked, None)).codecs
+    changes = {f"{codec}.recipe": "paper", f"{codec}.{name}": words}
+    (spec,) = canonical(with_changes(parse_suite("a", ""), [], [codec], changes, None)).codecs
     assert set(spec.label.split()) == {codec, "recipe=paper", f"{name}={words}"}
     assert getattr(make_codec(spec.codec, spec.settings).settings, name) == value
 
 
 def test_a_setting_that_is_the_default_of_its_recipe_is_not_named():
-    asked = {"neubtf.recipe": "paper", "neubtf.steps": "10000", "neubtf.latents": "14"}
-    (spec,) = canonical(with_changes(parse_suite("a", ""), [], ["neubtf"], asked, None)).codecs
+    changes = {"neubtf.recipe": "paper", "neubtf.steps": "10000", "neubtf.latents": "14"}
+    (spec,) = canonical(with_changes(parse_suite("a", ""), [], ["neubtf"], changes, None)).codecs
     assert spec.label == "neubtf recipe=paper"
     (spec,) = canonical(with_changes(parse_suite("a", ""), [], ["neubtf"], {"neubtf.recipe": "ours"}, None)).codecs
     assert spec.label == "neubtf"

@@ -54,13 +54,13 @@ def measured(tmp_path_factory):
         patch.setattr("bench.timing.roofline.COPIED", 1 << 20)
         patch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
         assert {outcome.record["status"] for outcome in run(SUITE, Options(folder))} == {"ok"}
-        found = trade.measure(SUITE, load_run(folder), "cpu")
-    trade.write(folder, found)
-    return folder, found
+        result = trade.measure(SUITE, load_run(folder), "cpu")
+    trade.write(folder, result)
+    return folder, result
 
 
-def by_name(found):
-    return {choose.named(row): row for row in found["choices"]}
+def by_name(result):
+    return {choose.named(row): row for row in result["choices"]}
 
 
 def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(measured):
@@ -71,9 +71,9 @@ def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(
 
 
 def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_file(measured):
-    folder, found = measured
+    folder, result = measured
     record = load_run(folder).job("tiny/neubtf-direct steps=20/0")
-    rows = by_name(found)
+    rows = by_name(result)
     plain, half = rows["neubtf-direct steps=20"], rows["neubtf-direct steps=20 [eager bfloat16]"]
     assert plain["psnr"] == record["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"]
     assert plain["bytes"] == half["bytes"] == record["bytes"]["total"]
@@ -110,8 +110,8 @@ def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(measured, quick, 
     )
     suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("fused float32",))
     rows = by_name(trade.measure(suite, load_run(measured[0]), "cpu"))
-    says = "ValueError: zip() argument 2 is shorter than argument 1"
-    assert rows["neubtf-direct steps=20 [fused float32]"]["error"] == says
+    error = "ValueError: zip() argument 2 is shorter than argument 1"
+    assert rows["neubtf-direct steps=20 [fused float32]"]["error"] == error
     assert rows["neubtf-direct steps=20"]["ns_per_sample"] > 0
 
 
@@ -172,7 +172,7 @@ def test_a_job_that_failed_is_a_row_that_says_why(tmp_path):
 
 
 def test_the_report_holds_tables_fronts_and_the_answer(measured):
-    folder, found = measured
+    folder, result = measured
     names = {file.name for file in write_report(folder).files}
     assert {"trade.md", "trade.tex", "trade.csv", "trade-tiny.png", "trade-tiny.svg", "fits-tiny.svg"} <= names
     text = table_text(folder, kind="trade")
@@ -180,7 +180,7 @@ def test_the_report_holds_tables_fronts_and_the_answer(measured):
     assert "floor" in text
     assert "ceilings" in text
     assert "within 0.5 dB of it, " in (folder / "report.html").read_text()
-    assert len((folder / "tables/trade.csv").read_text().splitlines()) == 1 + len(found["choices"])
+    assert len((folder / "tables/trade.csv").read_text().splitlines()) == 1 + len(result["choices"])
 
 
 def test_time_is_told_by_part_batch_order_footprint_and_threads(measured):
@@ -224,16 +224,16 @@ def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(measure
     folder = measured[0]
     suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("eager bfloat16", "fused bfloat16", "compiled tf32"))
     monkeypatch.setattr(native, "emulated", lambda precision, device: precision == "bfloat16")
-    found = trade.measure(suite, load_run(folder), "cpu")
-    assert list(by_name(found)) == ["neubtf-direct steps=20", timing.FLOOR]
-    assert {ceiling["dtype"] for ceiling in found["ceilings"]} == {"float32"}
+    result = trade.measure(suite, load_run(folder), "cpu")
+    assert list(by_name(result)) == ["neubtf-direct steps=20", timing.FLOOR]
+    assert {ceiling["dtype"] for ceiling in result["ceilings"]} == {"float32"}
     shutil.copy(folder / "records.jsonl", tmp_path)
-    trade.write(tmp_path, found)
-    said = "only emulates their precision: eager bfloat16. `neubtf-bench trade --emulated` measures them"
-    assert said in " ".join(table_text(tmp_path, kind="trade").split())
-    found = trade.measure(suite, load_run(folder), "cpu", emulated=True)
-    assert "neubtf-direct steps=20 [eager bfloat16, emulated]" in by_name(found)
-    trade.write(tmp_path, found)
+    trade.write(tmp_path, result)
+    note = "only emulates their precision: eager bfloat16. `neubtf-bench trade --emulated` measures them"
+    assert note in " ".join(table_text(tmp_path, kind="trade").split())
+    result = trade.measure(suite, load_run(folder), "cpu", emulated=True)
+    assert "neubtf-direct steps=20 [eager bfloat16, emulated]" in by_name(result)
+    trade.write(tmp_path, result)
     text = table_text(tmp_path, kind="trade")
     assert re.search(r"^\[eager bfloat16, *\nemulated\]", text, re.M)  # a cell of the table, folded
     assert "only emulates" not in text
@@ -286,25 +286,25 @@ def test_noise_without_mitsuba_is_refused_before_any_work(tmp_path, monkeypatch,
 
 
 def test_another_material_is_measured_beside_those_that_are_there(measured):
-    found = measured[1]
-    other = found | {key: [row | {"material": "other"} for row in found[key]] for key in ("choices", "profiles")}
-    both = trade.merged(found, other)
+    result = measured[1]
+    other = result | {key: [row | {"material": "other"} for row in result[key]] for key in ("choices", "profiles")}
+    both = trade.merged(result, other)
     assert {row["material"] for row in both["choices"]} == {"tiny", "other"}
     assert {answer.partition(":")[0] for answer in both["answers"]} == {"tiny", "other"}
-    again = trade.merged(both, found)
+    again = trade.merged(both, result)
     assert sorted(map(str, again["choices"])) == sorted(map(str, both["choices"]))
-    assert trade.merged(None, found)["choices"] == found["choices"]
+    assert trade.merged(None, result)["choices"] == result["choices"]
 
 
 def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
-    folder, found = measured
+    folder, result = measured
     shutil.copy(folder / "records.jsonl", tmp_path)
-    trade.write(tmp_path, found)
+    trade.write(tmp_path, result)
     job = load_run(folder).job("tiny/mean-colour/0")
-    assert load_trade(tmp_path)["choices"] == found["choices"]
+    assert load_trade(tmp_path)["choices"] == result["choices"]
     append(tmp_path, job | {"score_key": job["score_key"] | {"sha256": "another"}})
     labels = [row["label"] for row in load_trade(tmp_path)["choices"]]
-    assert labels == [row["label"] for row in found["choices"] if row["label"] != "mean-colour"]
+    assert labels == [row["label"] for row in result["choices"] if row["label"] != "mean-colour"]
 
 
 def choosing(monkeypatch, out, suite=SUITE, **wish):
@@ -315,7 +315,7 @@ def choosing(monkeypatch, out, suite=SUITE, **wish):
 
 
 @pytest.mark.parametrize(
-    ("wish", "code", "says"),
+    ("wish", "code", "words"),
     [
         ({"min_psnr": 1.0}, 0, "neubtf-bench encode tiny --codec "),
         ({"max_bytes": "1M", "max_ns": 1e9}, 0, "--codec "),
@@ -323,34 +323,34 @@ def choosing(monkeypatch, out, suite=SUITE, **wish):
         ({"max_bytes": "1"}, 1, "the nearest is mean-colour"),
     ],
 )
-def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, monkeypatch, capsys, wish, code, says):
+def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, monkeypatch, capsys, wish, code, words):
     monkeypatch.delattr("bench.runs.trade.run_and_measure")
     assert choosing(monkeypatch, measured[0], **wish) == code
-    assert says in capsys.readouterr().out
+    assert words in capsys.readouterr().out
 
 
 def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_path, monkeypatch, capsys):
-    found = measured[1]
-    one = found | {"choices": [row for row in found["choices"] if row["label"] == "mean-colour"]}
+    result = measured[1]
+    one = result | {"choices": [row for row in result["choices"] if row["label"] == "mean-colour"]}
     shutil.copy(measured[0] / "records.jsonl", tmp_path)
     trade.write(tmp_path, one)
-    asked = []
+    measured_materials = []
 
     def measure(suite, options, tell):
-        asked.append([material.name for material in suite.materials])
-        rows = [row | {"material": asked[-1][0]} for row in found["choices"]]
-        trade.write(options.folder, trade.merged(one, found | {"choices": rows, "profiles": []}))
+        measured_materials.append([material.name for material in suite.materials])
+        rows = [row | {"material": measured_materials[-1][0]} for row in result["choices"]]
+        trade.write(options.folder, trade.merged(one, result | {"choices": rows, "profiles": []}))
 
     monkeypatch.setattr("bench.runs.trade.run_and_measure", measure)
-    best = max(choose.usable(found["choices"], "tiny"), key=choose.psnr)["psnr"]
+    best = max(choose.usable(result["choices"], "tiny"), key=choose.psnr)["psnr"]
     assert choosing(monkeypatch, tmp_path, min_psnr=1.0) == 0  # what is there meets it
-    assert asked == []
+    assert measured_materials == []
     assert choosing(monkeypatch, tmp_path, min_psnr=best - 0.01) == 0
     assert choosing(monkeypatch, tmp_path, min_psnr=99.0) == 1  # all was tried
-    assert asked == [["tiny"]]
+    assert measured_materials == [["tiny"]]
     assert "2 of 3 settings of test are not in" in capsys.readouterr().out
     assert choosing(monkeypatch, tmp_path, material="brick", min_psnr=1.0) == 0
-    assert asked == [["tiny"], ["brick"]]
+    assert measured_materials == [["tiny"], ["brick"]]
 
 
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):

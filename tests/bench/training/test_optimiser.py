@@ -68,7 +68,7 @@ def test_each_group_is_stepped_at_its_own_rate_in_the_order_it_was_given() -> No
 
 
 def test_their_state_is_all_that_is_needed_to_go_on() -> None:
-    def made() -> tuple[Decoder, Optimisers]:
+    def start() -> tuple[Decoder, Optimisers]:
         network = decoder()
         return network, Optimisers(groups_of([network], 0.01, "muon", 0.02), torch.device("cpu"))
 
@@ -80,7 +80,7 @@ def test_their_state_is_all_that_is_needed_to_go_on() -> None:
     def everything(network: Decoder, optimisers: Optimisers) -> dict[str, Tensor]:
         return {**network.state_dict(), **optimisers.tensors()}
 
-    one, other = made(), made()
+    one, other = start(), start()
     for seed in range(6):
         step(*one, seed)
         if seed == 2:

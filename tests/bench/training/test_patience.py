@@ -8,7 +8,7 @@ from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 
 
-class AskedError(Exception):
+class TrainCalledError(Exception):
     pass
 
 
@@ -16,10 +16,10 @@ class AskedError(Exception):
 def test_codecs_hand_their_patience_to_the_fit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     codec = load_codec(name)(steps=700, patience=300)
 
-    def asked(objective: Any, fit: Fit, steps: int, patience: int = 0) -> float:
-        raise AskedError(steps, patience)
+    def train(objective: Any, fit: Fit, steps: int, patience: int = 0) -> float:
+        raise TrainCalledError(steps, patience)
 
-    monkeypatch.setattr(importlib.import_module(type(codec).__module__), "train", asked)
-    with pytest.raises(AskedError) as found:
+    monkeypatch.setattr(importlib.import_module(type(codec).__module__), "train", train)
+    with pytest.raises(TrainCalledError) as call:
         codec.encode(tiny_btf(), Fit())
-    assert found.value.args == (700, 300)
+    assert call.value.args == (700, 300)

@@ -10,9 +10,9 @@ VALUES = torch.rand(5, 7, 3, generator=torch.Generator().manual_seed(0)) * 2 - 1
 
 @pytest.mark.parametrize("factor", [1e-30, 1e-8, 1.0, 1e5, 1e30])
 def test_halves_hold_numbers_of_any_size(factor: float) -> None:
-    found = unpack("x", pack("x", VALUES * factor, "half"))
+    unpacked = unpack("x", pack("x", VALUES * factor, "half"))
     # 11 bits of each number, and nothing finer than 2⁻²⁴ of the largest.
-    torch.testing.assert_close(found, VALUES * factor, rtol=2**-11, atol=2**-24 * factor)
+    torch.testing.assert_close(unpacked, VALUES * factor, rtol=2**-11, atol=2**-24 * factor)
 
 
 def test_numbers_that_halves_can_tell_apart_are_stored_as_they_are() -> None:

@@ -63,13 +63,13 @@ def test_jobs_run_in_so_many_processes_of_the_threads_of_the_suite(tmp_path, cap
 
 
 def test_as_many_jobs_as_cores(monkeypatch):
-    made = []
-    monkeypatch.setattr("bench.runs.executors.processes", lambda count, *_: made.append(count) or nullcontext())
+    counts = []
+    monkeypatch.setattr("bench.runs.executors.processes", lambda count, *_: counts.append(count) or nullcontext())
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1, 2, 3})
     options = argparse.Namespace(jobs=0, resource=[], max_seconds=None, scheduler=None, device="cpu")
     for threads in (1, 2):
         command._workers(options, threads)()
-    assert made == [4, 2]
+    assert counts == [4, 2]
     assert command._workers(options, 4) is None  # one at a time: here, with bars
 
 
@@ -90,11 +90,11 @@ def test_workers_that_make_no_sense_are_bad_usage(words, message, tmp_path, caps
 
 def test_a_run_says_first_what_is_left_and_after_each_job_how_far_it_is(tmp_path, capsys):
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
-    said = capsys.readouterr().out.splitlines()
-    jobs = [line for line in said if line.startswith("satin/")]
+    lines = capsys.readouterr().out.splitlines()
+    jobs = [line for line in lines if line.startswith("satin/")]
     assert [line.split("(")[-1] for line in jobs] == ["1 of 2 jobs)", "2 of 2 jobs)"]
     started = "2 jobs: 2 left, no estimate, since no fit of mean-colour, table is on record here"
-    assert said.index(started) < said.index(jobs[0])
+    assert lines.index(started) < lines.index(jobs[0])
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
     assert "2 jobs, all on record" in capsys.readouterr().out
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "two")]) == 0  # a run beside it
