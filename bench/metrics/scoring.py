@@ -187,7 +187,7 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
 def weighted(scores: Scores, share: Array) -> dict[str, Any]:
     """Statistics of all scored pairs, each counting as much as its share (N,), by pair of the BTF; ready for JSON.
 
-    As a group of `summarise`, without bins; `slices` and `exact` count pairs with a share.
+    As a group of `summarise`, without bins and `largest`; `slices` and `exact` count pairs with a share.
     """
     share = share[scores.pairs]
     radiance = as_number(np.average(scores.radiance, weights=share)) if share.any() else None
