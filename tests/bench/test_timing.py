@@ -6,7 +6,7 @@ import torch
 
 from bench import timing
 from bench.material import DecoderCost, Material
-from bench.records import of_both_floors
+from bench.records.lines import of_both_floors
 from bench.threads import torch_threads
 from bench.timing import BATCH, FLOOR, SAMPLES, Timing, compare, conditions, in_turns
 from bench.timing.clock import calibrated

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from baselines.relief import latents as coding
-from baselines.relief.geometry import Relief
+from baselines.relief.geometry import Surface
 from bench import directions
 from bench.btf import Layout
 from bench.cli.console import file_lines
@@ -95,7 +95,7 @@ def test_a_texture_beyond_proportion_is_stored_so_that_it_can_be_read(monkeypatc
 @pytest.mark.parametrize("shape", [(1, 1 << 16), (64, 64), (3000, 3000)])
 def test_a_height_is_searched_in_bounded_memory(shape, monkeypatch):
     monkeypatch.setattr("baselines.relief.geometry.MOST_FINE", 1 << 20)
-    surface = Relief(torch.linspace(-0.2, 0.2, shape[0] * shape[1]).reshape(shape))
+    surface = Surface(torch.linspace(-0.2, 0.2, shape[0] * shape[1]).reshape(shape))
     assert surface.padded.numel() <= max(1 << 20, shape[0] * shape[1])
 
 
@@ -103,9 +103,9 @@ def test_a_height_that_wraps_is_met_where_a_padded_one_is(monkeypatch):
     rng = np.random.default_rng(0)
     height = torch.from_numpy(0.05 * rng.random((48, 64))).float()
     uv, wo = torch.rand(500, 2), torch.nn.functional.normalize(torch.rand(500, 3) + 0.1, dim=1)
-    padded = Relief(height)
+    padded = Surface(height)
     monkeypatch.setattr("baselines.relief.geometry.MOST_FINE", 256 * 256)
-    wrapping = Relief(height)
+    wrapping = Surface(height)
     assert (padded.wraps, wrapping.wraps) == (False, True)
     torch.testing.assert_close(padded.meet(uv, wo), wrapping.meet(uv, wo))
 

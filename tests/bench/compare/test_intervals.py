@@ -3,8 +3,7 @@
 from pathlib import Path
 
 import pytest
-
-from benchmarks.intervals import Scatter, chances
+from intervals import Scatter, chances
 
 RECORDS = Path(__file__).parents[3] / "docs" / "results" / "standard.jsonl"
 
