@@ -72,7 +72,7 @@ def test_records_that_have_no_room_are_said_to_be_elsewhere(made, monkeypatch):
 def test_a_model_that_is_surely_too_large_is_not_read(made, monkeypatch):
     (made.folder / "drawing.npz").write_bytes(bytes(1000))
     monkeypatch.setattr("reports.live.LARGEST", 700)
-    monkeypatch.setattr("reports.live.read", lambda path: pytest.fail(f"{path} was read"))
+    monkeypatch.setattr("reports.live.program", lambda path: pytest.fail(f"{path} was read"))
     assert "Not live: pca: it takes more room than this page has" in page_of(made.job("pca", drawing="drawing.npz"))
 
 

@@ -1,6 +1,7 @@
 """What `view` shows of a material that no shader can do."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import torch
@@ -27,14 +28,15 @@ class Sorting(Material):
         return texel[:, None].expand(-1, 3).cumsum(1) * wi[:, 2:]
 
 
-def test_a_material_without_a_shader_is_baked_and_said_to_be(tmp_path: Path) -> None:
+def test_a_material_without_a_shader_is_baked_and_said_to_be() -> None:
     material = Sorting()
-    program, exposure, note = _drawn(material, "mine", tmp_path / "mine.npz", silent)
+    file = SimpleNamespace(material=material, header=SimpleNamespace(path=Path("mine.nbtf")))
+    drawing, note = _drawn(file, silent)
     assert "mine is baked: its slices at 13 × 13 pairs" in note
     assert "no shader can do 'cumsum' yet" in note
-    assert exposure > 0
+    assert drawing.exposure > 0
     directions = ubo2003()
     wo, wi = directions[thin(directions, 13)][[3, 7]].astype(np.float32)
     uv = np.array([0.375, 0.625], np.float32)  # a texel's centre
     truth = material.query(uv[None], wo[None], wi[None])[0]
-    np.testing.assert_allclose(answer(shader(program, GLSL), uv, wo, wi, 0.25), truth, rtol=2e-3)
+    np.testing.assert_allclose(answer(shader(drawing.program, GLSL), uv, wo, wi, 0.25), truth, rtol=2e-3)
