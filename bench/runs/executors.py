@@ -43,13 +43,6 @@ def in_process() -> Iterator[Workers]:
 
 
 @contextmanager
-def one_process(threads: int) -> Iterator[Workers]:
-    """Run one job after another in a worker process, so that a codec that crashes does not end this process."""
-    with processes(1, threads) as workers:
-        yield workers
-
-
-@contextmanager
 def processes(count: int, threads: int, device: str = "cpu", limit: float | None = None) -> Iterator[Workers]:
     """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one GPU each.
 

@@ -276,15 +276,12 @@ def machine() -> dict[str, str]:
 
 
 def _raise_where_no_job_can_help(error: BaseException) -> None:
-    if isinstance(error, OSError) and (error.errno in NO_PLACE or _is_of_cache(error)):
+    if not isinstance(error, OSError):
+        return
+    denied = error.errno in (errno.EACCES, errno.EPERM)
+    if error.errno in NO_PLACE or (denied and Path(str(error.filename)).is_relative_to(atomic.cache_dir())):
         place = f"{error.filename}: " if error.filename else ""
         raise InputError(
             f"{place}cannot be written on {platform.node()} ({error.strerror}): make room, then give the same command "
             "again: finished jobs are kept"
         ) from error
-
-
-def _is_of_cache(error: OSError) -> bool:
-    """Whether permission to write the cache was denied."""
-    denied = error.errno in (errno.EACCES, errno.EPERM)
-    return denied and Path(str(error.filename)).is_relative_to(atomic.cache_dir())
