@@ -67,9 +67,8 @@ def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
         codec: type[Codec] = entry.load()
     except (Exception, SystemExit) as error:
         raise CodecError(f"{prefix}{called(entry)} cannot be imported: {_kind(error)}") from error
-    if getattr(codec, "name", None) != entry.name:
-        says = getattr(codec, "name", None)
-        raise InputError(f"{prefix}entry point {entry.name!r} leads to a codec that calls itself {says!r}")
+    if (name := getattr(codec, "name", None)) != entry.name:
+        raise InputError(f"{prefix}entry point {entry.name!r} leads to a codec that calls itself {name!r}")
     return codec
 
 

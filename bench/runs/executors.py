@@ -43,13 +43,6 @@ def in_process() -> Iterator[Workers]:
 
 
 @contextmanager
-def one_process(threads: int) -> Iterator[Workers]:
-    """Run one job after another in a worker process, so that a codec that crashes does not end this process."""
-    with processes(1, threads) as workers:
-        yield workers
-
-
-@contextmanager
 def processes(count: int, threads: int, device: str = "cpu", limit: float | None = None) -> Iterator[Workers]:
     """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one GPU each.
 
@@ -61,7 +54,7 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
         raise InputError(f"--jobs {count}: must be at least 1")
     if device.startswith("cuda:"):
         raise InputError(f"--device {device}: with --jobs each job has a GPU of its own: give --device cuda")
-    pool = Processes(count, threads, _dealt(count) if device == "cuda" else [], limit)
+    pool = Processes(count, threads, _gpu_names(count) if device == "cuda" else [], limit)
     try:
         yield Workers(pool, count)
     finally:
@@ -85,7 +78,7 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
     executor = client.get_executor(pure=False, resources=resources or None)
     try:
-        _have_package(client)
+        _require_package(client)
         # Enough for a cluster that scales with the number of waiting jobs.
         yield Workers(executor, 1000, seats=partial(_threads_of, client))
     finally:
@@ -100,7 +93,7 @@ def _threads_of(client: Any) -> int:
     return 1
 
 
-def _have_package(client: Any) -> None:
+def _require_package(client: Any) -> None:
     """`InputError` names the workers without this package: the first job would end them without a word, and wait."""
     versions = client.get_versions(packages=["neubtf-bench"])["workers"]
     lacking = [name for name, worker in versions.items() if not worker["packages"].get("neubtf-bench")]
@@ -228,7 +221,7 @@ def _deaf_to_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _dealt(count: int) -> list[str]:
+def _gpu_names(count: int) -> list[str]:
     """Names of `count` GPUs that this process may use, one for each job."""
     chosen = os.environ.get("CUDA_VISIBLE_DEVICES")
     if chosen is None:

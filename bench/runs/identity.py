@@ -102,16 +102,16 @@ def _file(module: str) -> Path | None:
     if loaded:
         return Path(loaded)
     top, *parts = module.split(".")
-    place = _place(top)
-    if place is None or not parts:
-        return place if place and place.is_file() else None
-    inside = place.parent.joinpath(*parts)
+    top_file = _top_file(top)
+    if top_file is None or not parts:
+        return top_file if top_file and top_file.is_file() else None
+    inside = top_file.parent.joinpath(*parts)
     compiled = (inside.with_name(inside.name + suffix) for suffix in EXTENSION_SUFFIXES)
     candidates = (inside.with_name(f"{inside.name}.py"), inside / "__init__.py", *compiled)
     return next((path for path in candidates if path.is_file()), None)
 
 
-def _place(top: str) -> Path | None:
+def _top_file(top: str) -> Path | None:
     """The file of a top-level module or package."""
     try:
         spec = importlib.util.find_spec(top)
@@ -126,8 +126,8 @@ def _place(top: str) -> Path | None:
 
 
 def _installed(top: str) -> bool:
-    place = _place(top)
-    return place is None or bool(INSTALLED & set(place.parts))
+    top_file = _top_file(top)
+    return top_file is None or bool(INSTALLED & set(top_file.parts))
 
 
 def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
@@ -160,11 +160,11 @@ def _imports_by_name(tree: ast.Module) -> bool:
 
 def _everything_in(top: str) -> Iterator[str]:
     """Every module of a package."""
-    place = _place(top)
-    if place is None or place.name != "__init__.py":
+    top_file = _top_file(top)
+    if top_file is None or top_file.name != "__init__.py":
         return
-    for path in place.parent.rglob("*.py"):
-        inside = path.relative_to(place.parent).with_suffix("").parts
+    for path in top_file.parent.rglob("*.py"):
+        inside = path.relative_to(top_file.parent).with_suffix("").parts
         yield ".".join([top, *(inside[:-1] if inside[-1] == "__init__" else inside)])
 
 

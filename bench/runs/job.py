@@ -165,9 +165,7 @@ class Job:
             result = self._result(self.task.earlier or {})
         except _WantedError:
             return WantsFiles()
-        except MissingDataError:
-            raise
-        except KeyboardInterrupt:
+        except (MissingDataError, KeyboardInterrupt):
             raise
         except BaseException as error:  # errors, even `sys.exit`, are recorded and shown, and decide the exit code
             _raise_where_no_job_can_help(error)
@@ -187,10 +185,6 @@ class Job:
         )
         return failed(self.task, text, more)
 
-    @property
-    def base(self) -> Record:
-        return self.task.base | {"fit_key": self.fit_key, "machine": machine()}
-
     def _result(self, earlier: Record) -> Result | None:
         """The result of the job, without its files; None if the earlier record holds."""
         if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
@@ -199,8 +193,8 @@ class Job:
         key = score_key(self.bench, header)
         if earlier.get("score_key") == key:
             return None
-        record = self.base | fit | {"status": "ok", "score_key": key, "file": self.file, "scored": stamp()}
-        record |= self._scored(header)
+        record = self.task.base | {"fit_key": self.fit_key, "machine": machine()} | fit
+        record |= {"status": "ok", "score_key": key, "file": self.file, "scored": stamp()} | self._scored(header)
         return Result(record, "file" if fit["fit_cached"] else "")
 
     def _scored(self, header: container.Header) -> Record:
@@ -283,16 +277,12 @@ def machine() -> dict[str, str]:
 
 
 def _raise_where_no_job_can_help(error: BaseException) -> None:
-    if isinstance(error, OSError) and (error.errno in NO_PLACE or _is_of_cache(error)):
+    if not isinstance(error, OSError):
+        return
+    denied = error.errno in (errno.EACCES, errno.EPERM)
+    if error.errno in NO_PLACE or (denied and Path(str(error.filename)).is_relative_to(atomic.cache_dir())):
         place = f"{error.filename}: " if error.filename else ""
         raise InputError(
             f"{place}cannot be written on {platform.node()} ({error.strerror}): make room, then give the same command "
             "again: finished jobs are kept"
         ) from error
-
-
-def _is_of_cache(error: OSError) -> bool:
-    """Whether permission to write the cache was denied."""
-
-    denied = error.errno in (errno.EACCES, errno.EPERM)
-    return denied and Path(str(error.filename)).is_relative_to(atomic.cache_dir())

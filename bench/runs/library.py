@@ -52,10 +52,10 @@ def encode(
     """
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} has its settings already: give {min(settings)} where it is made")
-    maker = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
-    require_demand(maker, None)
-    fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(maker))
-    return container.save(Path(out), maker, fitting.encode(maker, btf.subset(btf.split().train), fit))
+    instance = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
+    require_demand(instance, None)
+    fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(instance))
+    return container.save(Path(out), instance, fitting.encode(instance, btf.subset(btf.split().train), fit))
 
 
 def load(file: str | Path, device: str = "cpu") -> Material:

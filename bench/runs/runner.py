@@ -29,7 +29,7 @@ from bench.demand import require_demand
 from bench.errors import CodecError, InputError
 from bench.records import Record, Run
 from bench.runs.estimate import Estimate
-from bench.runs.executors import Workers, in_process, one_process
+from bench.runs.executors import Workers, in_process, processes
 from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, WantsFiles, attributed, failed, work
 from bench.runs.lock import locked
 from bench.runs.pretraining import ready
@@ -105,7 +105,7 @@ def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
 def _workers(suite: Suite) -> Callable[[], AbstractContextManager[Workers]]:
     """Where jobs run by default: in this process, or in a worker if a codec of another distribution might crash it."""
     if any(from_outside(spec.codec) for spec in suite.codecs):
-        return partial(one_process, suite.threads)
+        return partial(processes, 1, suite.threads)
     return in_process
 
 
@@ -231,18 +231,14 @@ class _Session:
 
     def time(self) -> None:
         """Time the decoders of each material in turns."""
-        if not self._can_time():
+        if torch.device(self.options.device).type == "cuda" and not torch.cuda.is_available():
+            remedy = "run the same command on a machine with a GPU"
+            log.warning("no decoder is timed, because there is no GPU here: %s", remedy)
             return
         for material in self.suite.materials:
             names = [task.name for task in self.tasks if task.material.name == material.name]
             if jobs := [self.done[name] for name in names if name in self.done]:
                 self._time(jobs)
-
-    def _can_time(self) -> bool:
-        if torch.device(self.options.device).type != "cuda" or torch.cuda.is_available():
-            return True
-        log.warning("no decoder is timed, because there is no GPU here: run the same command on a machine with a GPU")
-        return False
 
     def _time(self, jobs: list[Record]) -> None:
         material, options = jobs[0]["material"], self.options

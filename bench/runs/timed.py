@@ -10,7 +10,7 @@ from bench.codecs.registry import from_outside
 from bench.codecs.scene_material import unreported
 from bench.records import Record
 from bench.runs.evaluation import recorded
-from bench.runs.executors import one_process
+from bench.runs.executors import processes
 
 log = logging.getLogger(__name__)
 
@@ -20,7 +20,7 @@ def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: P
     ours = [job for job in jobs if not from_outside(job["codec"])]
     if len(ours) == len(jobs):
         return measured(folder, jobs, device, threads, show)
-    with one_process(threads) as workers:
+    with processes(1, threads) as workers:
         try:
             return workers.executor.submit(measured, folder, jobs, device, threads).result()
         except BrokenExecutor:

@@ -102,19 +102,13 @@ def measure(
     that the processor only emulates too; `noise` how noisy a path tracer is that wears each file.
     """
     suite = canonical(suite)  # jobs are recorded under the names of that
-    there = [text for text in suite.variants if exists_on(Variant.parse(text), torch.device(device))]
-    left_out = [] if emulated else [text for text in there if _is_emulated(text, torch.device(device))]
+    on, cores, batches = torch.device(device), torch.get_num_threads(), ALL_BATCHES if full else BATCHES
+    there = [text for text in suite.variants if exists_on(Variant.parse(text), on)]
+    left_out = [text for text in there if not emulated and native.emulated(Variant.parse(text).precision, on)]
     suite = replace(suite, variants=tuple(text for text in there if text not in left_out))
-    cores = torch.get_num_threads()
-    ceilings = _ceilings(suite, torch.device(device), cores)
-    result: dict[str, Any] = {
-        "format": TRADE_FORMAT,
-        "suite": suite.name,
-        "ceilings": ceilings,
-        "left_out": left_out,
-        "choices": [],
-        "profiles": [],
-    }
+    ceilings = _ceilings(suite, on, cores)
+    result: dict[str, Any] = {"format": TRADE_FORMAT, "suite": suite.name, "ceilings": ceilings, "left_out": left_out}
+    result |= {"choices": [], "profiles": []}
     for spec in suite.materials:
         jobs = _jobs(suite, spec, run)
         if jobs:
@@ -125,7 +119,7 @@ def measure(
                 choices = _choices(bench, jobs, suite, run, device, ceilings, show)
             result["choices"] += [row | _noise(run, row, show) for row in choices] if noise else choices
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
-            records = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, _batches(full))
+            records = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, batches)
             result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in records]
         result["choices"] += _failed(suite, spec, run, device)
     result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
@@ -148,17 +142,9 @@ def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[dict[str, 
     return [*(roofline(device, count) for count in dict.fromkeys((suite.threads, cores))), *short]
 
 
-def _is_emulated(variant: str, device: torch.device) -> bool:
-    return native.emulated(Variant.parse(variant).precision, device)
-
-
 def write(folder: Path, result: dict[str, Any]) -> None:
     """Store the result beside the records, atomically."""
     atomic.write(folder / TRADE, json.dumps(result, allow_nan=False).encode())
-
-
-def _batches(full: bool) -> tuple[int, ...]:
-    return ALL_BATCHES if full else BATCHES
 
 
 def _jobs(suite: Suite, spec: MaterialSpec, run: Run) -> list[Record]:
@@ -306,6 +292,5 @@ def _mark(rows: list[dict[str, Any]]) -> None:
 
 def _beats(other: dict[str, Any], row: dict[str, Any], cost: str) -> bool:
     # Rounded to 0.01 dB, because executions of one file differ by rounding.
-
     ours, theirs = ((round(psnr(x), 2), -x[cost]) for x in (row, other))
     return theirs != ours and theirs[0] >= ours[0] and theirs[1] >= ours[1]

@@ -38,13 +38,13 @@ def resealed():
     return reseal
 
 
-def of_scene(tmp_path, **changes):
+def scene_file(tmp_path, **changes):
     parts = Parts(texture={"mean": torch.ones(2, 2, 3)}, scene=SCENE | changes)
     return tmp_path / "a.nbtf", load_codec("mean-colour")(), parts
 
 
 def test_a_file_of_a_scene_is_described(tmp_path):
-    path, codec, parts = of_scene(tmp_path)
+    path, codec, parts = scene_file(tmp_path)
     assert "fitted to the scene table, demand 111111111111: 2 × 2 texels of 8 × 8" in file_lines(
         container.save(path, codec, parts)
     )
@@ -53,7 +53,7 @@ def test_a_file_of_a_scene_is_described(tmp_path):
 @pytest.mark.parametrize("field", SCENE)
 @pytest.mark.parametrize("value", [None, -1, [], {}, [[]], [1, 2.5], 1e308])
 def test_no_field_of_a_scene_is_trusted(field, value, tmp_path, resealed):
-    path, codec, parts = of_scene(tmp_path)
+    path, codec, parts = scene_file(tmp_path)
     container.save(path, codec, parts)
     resealed(path, lambda metadata: metadata["scene"].update({field: value}))
     with pytest.raises(ContainerError, match=rf"a\.nbtf: the scene that it was fitted to is not sound: {field}"):
@@ -62,7 +62,7 @@ def test_no_field_of_a_scene_is_trusted(field, value, tmp_path, resealed):
 
 @pytest.mark.parametrize("size", [[10**9, 10**9], [20_000, 20_000], [1, 1 << 40]])
 def test_a_scene_cannot_claim_a_picture_beyond_all_proportion(size, tmp_path):
-    path, codec, parts = of_scene(tmp_path, size=size)
+    path, codec, parts = scene_file(tmp_path, size=size)
     with pytest.raises(ContainerError, match=r"a\.nbtf: a picture of .* is beyond all proportion to 12 numbers"):
         file_lines(container.save(path, codec, parts))
 

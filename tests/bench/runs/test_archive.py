@@ -58,7 +58,7 @@ def verified(archive, tmp_path, capsys):
     return code, capsys.readouterr().out
 
 
-def of_pca(change):
+def change_pca(change):
     def changed(line):
         return change(line) if line["kind"] == "job" and line["codec"] == "pca" and line["seed"] == 1 else line
 
@@ -82,7 +82,7 @@ def test_a_flattered_number_is_found(packed, tmp_path, capsys):
         line["bytes"]["total"] -= 1
         return line
 
-    code, text = verified(altered(packed, tmp_path / "a.zip", of_pca(flatter)), tmp_path, capsys)
+    code, text = verified(altered(packed, tmp_path / "a.zip", change_pca(flatter)), tmp_path, capsys)
     assert code == 1
     (line,) = [line for line in text.splitlines() if "differs " in line]
     assert "satin/pca" in line
@@ -130,7 +130,7 @@ def put(path, value):
     ],
 )
 def test_every_claim_is_compared(packed, tmp_path, capsys, path, value):
-    _, text = verified(altered(packed, tmp_path / "a.zip", of_pca(put(path, value))), tmp_path, capsys)
+    _, text = verified(altered(packed, tmp_path / "a.zip", change_pca(put(path, value))), tmp_path, capsys)
     (line,) = [line for line in text.splitlines() if "differs " in line or " not verified " in line]
     assert path.split("/")[-1] in line or "others than those submitted" in line, line
     assert text.count(" agrees\n") == 3
@@ -275,7 +275,7 @@ def test_another_codecs_file_is_found(packed, tmp_path, capsys):
     ],
 )
 def test_what_cannot_be_verified_is_named_and_the_rest_goes_on(packed, tmp_path, capsys, change, why):
-    code, text = verified(altered(packed, tmp_path / "a.zip", of_pca(change)), tmp_path, capsys)
+    code, text = verified(altered(packed, tmp_path / "a.zip", change_pca(change)), tmp_path, capsys)
     (line,) = [line for line in text.splitlines() if " not verified " in line]
     assert why in line
     assert text.count(" agrees\n") == 3
