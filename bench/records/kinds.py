@@ -69,10 +69,6 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str) and len(value) <= LONGEST
 
 
-def _is_text_or_texts(value: Any) -> bool:
-    return all(map(_is_text, value.values())) if isinstance(value, dict) else _is_text(value)
-
-
 def one_of(*words: str) -> Plain:
     """One of these texts."""
     return Plain(" or ".join(map(repr, words)), lambda value: isinstance(value, str) and value in words)
@@ -100,7 +96,10 @@ SETTING = Plain(
     "a finite number, a text, true or false",
     lambda value: isinstance(value, bool) or _is_text(value) or _is_number(value) or _is_count(value),
 )
-TEXT_OR_TEXTS = Plain("a text, or texts by metric", _is_text_or_texts)
+TEXT_OR_TEXTS = Plain(
+    "a text, or texts by metric",
+    lambda value: all(map(_is_text, value.values() if isinstance(value, dict) else [value])),
+)
 ANYTHING = Plain("", lambda value: True)
 NUMBER_OR_NULL = maybe(NUMBER)
 

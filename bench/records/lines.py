@@ -91,7 +91,7 @@ class Records(Sequence[Record]):
         ordered = {name: self._by_name[name] for name in names if name in self._by_name}
         self._by_name = ordered | {name: record for name, record in self._by_name.items() if name not in ordered}
 
-    def named(self, name: object) -> Record | None:
+    def latest(self, name: object) -> Record | None:
         """The latest record of a name, or None."""
         record = self._by_name.get(name)
         if isinstance(record, Line):
@@ -102,7 +102,7 @@ class Records(Sequence[Record]):
         return len(self._by_name)
 
     def __iter__(self) -> Iterator[Record]:
-        return (self.named(name) or {} for name in self._by_name)
+        return (self.latest(name) or {} for name in self._by_name)
 
     @overload
     def __getitem__(self, index: int) -> Record: ...
@@ -110,7 +110,7 @@ class Records(Sequence[Record]):
     def __getitem__(self, index: slice) -> list[Record]: ...
     def __getitem__(self, index: int | slice) -> Record | list[Record]:
         names = list(self._by_name)[index]
-        return [self.named(name) or {} for name in names] if isinstance(names, list) else self.named(names) or {}
+        return [self.latest(name) or {} for name in names] if isinstance(names, list) else self.latest(names) or {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +126,11 @@ class Run:
 
     def job(self, name: str) -> Record | None:
         """The latest record of the job of that name."""
-        return self.jobs.named(name)
+        return self.jobs.latest(name)
 
     def timing(self, job: Record) -> Record | None:
         """The timing of a job's decoder, where it was timed."""
-        return self.timings.named(job["job"])
+        return self.timings.latest(job["job"])
 
 
 def load_run(folder: str | Path) -> Run:
@@ -190,9 +190,8 @@ def _refuse_other_data(known: Record | None, job: Record, folder: Path) -> None:
 
 def _anywhere(job: Record, folder: Path) -> Record:
     """The job with artefacts that are found from any folder."""
-    return job | {
-        name: str(folder.absolute() / job[name]) for name in fields.named(ARTEFACT) if isinstance(job.get(name), str)
-    }
+    names = [name for name in fields.field_names(ARTEFACT) if isinstance(job.get(name), str)]
+    return job | {name: str(folder.absolute() / job[name]) for name in names}
 
 
 def load_trade(folder: Path) -> Record | None:

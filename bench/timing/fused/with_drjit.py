@@ -28,11 +28,11 @@ MOST_PARAMETERS = 10_000  # beyond, the code outgrows every cache, and compiling
 BLOCK, LARGE_BLOCK = 12, 24  # sums of products that grow side by side, in 16 registers and in the 32 of AVX-512
 
 
-Kernels = dict[int, Callable[..., Any]]  # recorded calls by the size they hold for
+RecordedCalls = dict[int, Callable[..., Any]]  # recorded calls by the size they hold for
 
 
 def batched(
-    kernels: Kernels,
+    kernels: RecordedCalls,
     kernel: Callable[..., Sequence[Any]],
     queries: tuple[Tensor, ...],
     whole: tuple[Tensor, ...] = (),
@@ -83,7 +83,7 @@ class DrJitNetwork(Network):
             )
         self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
         self.block = LARGE_BLOCK if "avx512f" in (features() or ()) else BLOCK
-        self.kernels: dict[tuple[int, ...] | None, Kernels] = {}  # by the shape of the texture
+        self.kernels: dict[tuple[int, ...] | None, RecordedCalls] = {}  # by the shape of the texture
 
     def forward(self, inputs: Tensor) -> Tensor:
         return self._run(inputs)
