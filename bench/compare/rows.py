@@ -130,12 +130,12 @@ def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> 
     if failed := [job for job in after if job["status"] == "failed"]:
         return (
             Verdict.FAILED,
-            f"{'the job' if len(failed) == 1 else f'{len(failed)} jobs'} failed: {_plain(failed[0]['error'])}",
+            f"{'the job' if len(failed) == 1 else f'{len(failed)} jobs'} failed: {_on_one_line(failed[0]['error'])}",
         )
     if not base:
         return None, ""
     if missing := [job for job in after if job["status"] == "unavailable"]:
-        return Verdict.GONE, f"not available: {_plain(missing[0]['error'])}"
+        return Verdict.GONE, f"not available: {_on_one_line(missing[0]['error'])}"
     expected = {job["seed"] for job in base} & declared
     gone = sorted(expected - {job["seed"] for job in after})
     if gone or not after:
@@ -143,6 +143,6 @@ def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> 
     return None, ""
 
 
-def _plain(error: str) -> str:
+def _on_one_line(error: str) -> str:
     """An error on one line, without the colours and other codes that some print."""
     return " ".join("".join(c if c.isprintable() else " " for c in error).split())

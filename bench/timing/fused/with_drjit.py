@@ -66,7 +66,7 @@ def batched(
 
 
 def _filler(x: Tensor) -> Tensor:
-    """What fills a batch (n, …): its last row, since zeros are no directions; of an empty one, zeros."""
+    """The row that fills up a batch (n, …): its last one, since zeros are no directions; of an empty batch, zeros."""
     return x[-1:] if len(x) else x.new_zeros(1, *x.shape[1:])
 
 
@@ -164,14 +164,14 @@ class DrJitNetwork(Network):
             rows = slice(start, start + self.block)
             sums = [self.dr.llvm.Float(bias) for bias in layer.bias[rows].tolist()]
             for value, weights in zip(x, layer.weight[rows].T.tolist(), strict=True):
-                self._after_this()
+                self._new_scope()
                 sums = [self.dr.fma(value, weight, total) for weight, total in zip(weights, sums, strict=True)]
             outputs += sums
-        self._after_this()
+        self._new_scope()
         return outputs
 
-    def _after_this(self) -> None:
-        """What follows stays behind in the code: Dr.Jit sorts by scope, else output by output."""
+    def _new_scope(self) -> None:
+        """Keep what follows behind what came before in the code: Dr.Jit sorts by scope, else output by output."""
         self.dr.detail.new_scope(self.dr.JitBackend.LLVM)
 
     def _sine(self, turns: Any) -> Any:
