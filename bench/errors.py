@@ -35,7 +35,7 @@ class MissingDataError(InputError):
 
 
 def answered(method: Callable[..., object], answer: object, due: str) -> CodecError:
-    """What a method of a codec's author answered instead of what is due, with their file and line."""
+    """The error of a codec's method that answered something other than `due`; it names the method's file and line."""
     code = getattr(method, "__code__", None)
     place = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
     called = getattr(method, "__qualname__", str(method)).rpartition("<locals>.")[2]

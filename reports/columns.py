@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 from bench.metrics import PERIODIC, label_of
-from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown
+from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown_columns
 from reports.column_type import Column, Value, hull
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, pooled, significant, spread
 from reports.rows import NEW_RUN, MaterialRows, Row, described
@@ -31,13 +31,13 @@ def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB
 
 
 def _declared() -> list[Column]:
-    """The columns that fields of a record declare; see `bench.records.shown`."""
+    """The columns that fields of a record declare; see `bench.records.shown_columns`."""
 
     def column(field: str, name: str, unit: str, digits: int) -> Column:
         write = partial(significant, digits=digits) if digits else _whole
         return Column(name, unit, lambda row: row.job.get(field), write)
 
-    return [column(field, *heading) for field, heading in shown().items()]
+    return [column(field, *heading) for field, heading in shown_columns().items()]
 
 
 def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:

@@ -6,7 +6,7 @@ from itertools import chain
 
 from bench.compare import Comparison
 from bench.compare.quantities import Quantity
-from bench.compare.rows import Row
+from bench.compare.rows import ComparedRow
 from bench.compare.verdicts import Change, Verdict
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
@@ -68,7 +68,7 @@ def _word(verdict: Verdict) -> str:
     return NOT_COMPARABLE if verdict == Verdict.UNLIKE else verdict
 
 
-def _remarks(row: Row) -> list[tuple[Verdict, str]]:
+def _remarks(row: ComparedRow) -> list[tuple[Verdict, str]]:
     """Each difference of a row with its verdict, and its notes with that of the row."""
     return [*row.findings(), *((row.verdict, note) for note in row.notes)]
 
@@ -81,7 +81,7 @@ def _findings(comparison: Comparison) -> Iterator[str]:
         yield from (f"- {mark}: **{escaped(row.name)}**: {escaped(text)}" for mark, text in findings)
 
 
-def _deciding(material: str, rows: Sequence[Row]) -> Table:
+def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
     """The table of the deciding metrics: PSNR itself, and the change and margin of each metric."""
     quantities = _quantities(row.deciding for row in rows)
     headers = [("codec", "")]
@@ -108,7 +108,7 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
     return [value] * first + [f"{text} ± {quantity.written(change.margin)}"]
 
 
-def _others(material: str, rows: Sequence[Row]) -> list[Table]:
+def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
     """The table of values that do not decide: changes, new − base, and times; None where there are none."""
     rows = [row for row in rows if row.shown]
     quantities = [q for q in _quantities(row.shown for row in rows) if any(_changed(row, q) for row in rows)]
@@ -124,7 +124,7 @@ def _others(material: str, rows: Sequence[Row]) -> list[Table]:
     return [Table("compare", title, [*headers, ("time", "× mean-colour")], cells)]
 
 
-def _combined(rows: Sequence[Row], by_row: Sequence[list[Change]], name: str, last: list[str]) -> Table:
+def _combined(rows: Sequence[ComparedRow], by_row: Sequence[list[Change]], name: str, last: list[str]) -> Table:
     """Value, change and margin of each quantity in one cell, bold where it decides against or for the row."""
     quantities, cells = _quantities(by_row), []
     marks: dict[tuple[int, int], str] = {}
@@ -148,12 +148,12 @@ def _cell(change: Change | None) -> str:
     return text + (f", ± {quantity.written(change.margin)}" if change.margin else "")
 
 
-def _changed(row: Row, quantity: Quantity) -> bool:
+def _changed(row: ComparedRow, quantity: Quantity) -> bool:
     change = _find(row.shown, quantity)
     return change is not None and (change.difference is None or quantity.difference(change.difference) != "=")
 
 
-def _time(row: Row) -> str:
+def _time(row: ComparedRow) -> str:
     return f"{row.timing.base:.2f} → {row.timing.new:.2f}" if row.timing else NONE
 
 

@@ -12,7 +12,7 @@ from fnmatch import fnmatchcase
 
 from bench.compare.means import means
 from bench.compare.paired import Interval, interval, shared_cells
-from bench.compare.rows import Row, compared
+from bench.compare.rows import ComparedRow, compared
 from bench.compare.timings import advice, multiples
 from bench.compare.verdicts import Verdict
 from bench.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
@@ -34,11 +34,11 @@ FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
 class Comparison:
     """Two runs compared."""
 
-    rows: list[Row]
+    rows: list[ComparedRow]
     notes: list[str]
-    means: list[Row] = field(default_factory=list)  # means of each codec over its materials, and of all codecs
+    means: list[ComparedRow] = field(default_factory=list)  # means of each codec over its materials, and of all codecs
 
-    def having(self, *verdicts: Verdict) -> list[Row]:
+    def having(self, *verdicts: Verdict) -> list[ComparedRow]:
         """The rows with one of these verdicts."""
         return [row for row in self.rows if row.verdict in verdicts]
 
@@ -101,13 +101,10 @@ def compare(
         compared(olds.get(key, []), news.get(key, []), declared, advice(ours.get(key), theirs.get(key)), between)
         for key in sorted(keys, key=lambda key: order.index(key[0]))
     ]
-    rows = [replace(row, allowed=any(_names(pattern, row) for pattern in allow)) for row in rows]
+    for number, row in enumerate(rows):
+        words = (row.name, row.label, row.label.split()[0], row.material)
+        rows[number] = replace(row, allowed=any(fnmatchcase(word, pattern) for pattern in allow for word in words))
     return Comparison(rows, list(_notes(base, new, rows)), means(rows))
-
-
-def _names(pattern: str, row: Row) -> bool:
-    words = (row.name, row.label, row.label.split()[0], row.material)
-    return any(fnmatchcase(word, pattern) for word in words)
 
 
 def _renamed(before: list[Record], after: list[Record]) -> list[Record]:
@@ -156,7 +153,7 @@ def _by_row(jobs: list[Record]) -> dict[tuple[str, str], list[Record]]:
     return rows
 
 
-def _notes(base: Run, new: Run, rows: list[Row]) -> Iterator[str]:
+def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
     """Notes on the comparison: unreadable lines, changed conditions, bases with one seed."""
     if new.unreadable:
         yield f"{len(new.unreadable)} line(s) of NEW could not be read: {', '.join(map(str, new.unreadable))}"

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from bench.compare import FORBIDDEN, Comparison
-from bench.compare.rows import Row, sentence
+from bench.compare.rows import ComparedRow, sentence
 from bench.compare.verdicts import Verdict
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -27,14 +27,14 @@ def junit(comparison: Comparison) -> str:
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).decode() + "\n"
 
 
-def _cases(row: Row) -> Iterator[Element]:
+def _cases(row: ComparedRow) -> Iterator[Element]:
     if row.why or not row.deciding:
         yield _case(row, "result", row.verdict, row.why)
     for change in row.deciding:
         yield _case(row, change.quantity.name, change.verdict, sentence(change))
 
 
-def _case(row: Row, what: str, verdict: Verdict, text: str) -> Element:
+def _case(row: ComparedRow, what: str, verdict: Verdict, text: str) -> Element:
     name = _legal(f"{row.name}/{what}")
     case = Element("testcase", classname=_legal(row.name), name=name, time="0")
     if verdict in FORBIDDEN and not (row.allowed and verdict in (Verdict.UNLIKE, Verdict.GONE)):

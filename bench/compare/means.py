@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from bench.compare.quantities import Quantity
-from bench.compare.rows import ORDER, Row
+from bench.compare.rows import ORDER, ComparedRow
 from bench.compare.verdicts import Chance, Change, Verdict, verdict
 
 OVER = "all materials"
@@ -15,16 +15,16 @@ EVERY = "all codecs"
 _DECIDED = (Verdict.SAME, Verdict.BETTER, Verdict.WORSE)
 
 
-def means(rows: Sequence[Row]) -> list[Row]:
+def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
     """A mean row for each codec with several rows, and one for all codecs; none for fewer than two rows."""
-    codecs: dict[str, list[Row]] = {}
+    codecs: dict[str, list[ComparedRow]] = {}
     for row in rows:
         codecs.setdefault(row.label.split()[0], []).append(row)
     by_codec = [_mean(name, several, False) for name, several in codecs.items()]
     return [row for row in (*by_codec, _mean(EVERY, list(rows), True)) if row]
 
 
-def _mean(label: str, rows: list[Row], every: bool) -> Row | None:
+def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
     changes: dict[str, list[Change]] = {}
     for change in (change for row in rows for change in row.deciding):
         numbers = [value for value in (change.base, change.new) if value is not None and math.isfinite(value)]
@@ -33,7 +33,7 @@ def _mean(label: str, rows: list[Row], every: bool) -> Row | None:
     merged = [_merged(each, every) for each in changes.values() if len(each) > 1]
     if not merged:
         return None
-    return Row(OVER, label, next(v for v in ORDER if any(c.verdict == v for c in merged)), deciding=merged)
+    return ComparedRow(OVER, label, next(v for v in ORDER if any(c.verdict == v for c in merged)), deciding=merged)
 
 
 def _merged(changes: list[Change], every: bool) -> Change:

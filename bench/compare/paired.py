@@ -94,11 +94,11 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
 
     After Holm (1979), over all pairs of codecs: the best was found by the same numbers, so any pair could have been it.
     """
-    left, going = math.comb(len(over) + 1, 2), True
+    left, all_apart = math.comb(len(over) + 1, 2), True
     judged = {}
     for label, each in sorted(over.items(), key=lambda item: item[1].chance):
-        going = going and each.chance <= FALSE / left
-        judged[label] = replace(each, apart=going)
+        all_apart = all_apart and each.chance <= FALSE / left
+        judged[label] = replace(each, apart=all_apart)
         left -= 1
     return {label: judged[label] for label in over}
 
@@ -171,12 +171,12 @@ def _weights(count: int, draws: int, rng: np.random.Generator) -> Array:
     """How often each of so many slices is drawn, as shares (draws, count). All intervals begin with the same ones."""
     if rng.bit_generator.state != _FRESH:
         return _drawn(count, draws, rng)
-    weights, rng.bit_generator.state = _first(count, draws)
+    weights, rng.bit_generator.state = _first_weights(count, draws)
     return weights
 
 
 @lru_cache(maxsize=1)
-def _first(count: int, draws: int) -> tuple[Array, Any]:
+def _first_weights(count: int, draws: int) -> tuple[Array, Any]:
     """The first weights of every interval, and the state of its generator after them."""
     rng = np.random.default_rng(SEED)
     return _drawn(count, draws, rng), rng.bit_generator.state

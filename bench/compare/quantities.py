@@ -87,7 +87,7 @@ def deciding(job: Record) -> list[Quantity]:
     return quantities
 
 
-def shown(job: Record) -> list[Quantity]:
+def undeciding(job: Record) -> list[Quantity]:
     """The other numbers of quality and size in a record, which are shown and do not decide."""
     group, names = gate(job["scores"]), metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)

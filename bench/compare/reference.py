@@ -41,10 +41,10 @@ def reference(run: Run, before: Run | None = None) -> str:
             "a reference needs a whole run"
         )
     judged = _judged(run)
-    reduced = [_job(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
-    further = _still_true(reduced, list(before.jobs) if before else [])
+    reduced = [_reduced(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
+    kept_seeds = _seeds_to_keep(reduced, list(before.jobs) if before else [])
     timings = _timings(run, [job for job in jobs if not judged or job["seed"] in judged])
-    lines = [*_start(run), *_in_order([*reduced, *further]), *timings]
+    lines = [*_start(run), *_in_order([*reduced, *kept_seeds]), *timings]
     return "".join(json.dumps(line, sort_keys=True, allow_nan=False, separators=(",", ":")) + "\n" for line in lines)
 
 
@@ -79,8 +79,8 @@ def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
         yield rounded(kept(timing, REFERENCE)) | {"run": starts.get(timing["run"], timing["run"])}
 
 
-def _still_true(jobs: list[Record], before: list[Record]) -> Iterator[Record]:
-    """The jobs of `before` that are missing now, from rows whose other jobs are identical."""
+def _seeds_to_keep(jobs: list[Record], before: list[Record]) -> Iterator[Record]:
+    """The jobs of `before` whose seeds are missing now, from rows whose other jobs are identical."""
     now = {job["job"]: job for job in jobs}
     rows = {(job["material"], job["label"]) for job in before if job["job"] in now}
     changed = {(job["material"], job["label"]) for job in before if now.get(job["job"], job) != job}
@@ -105,7 +105,7 @@ def _judged(run: Run) -> set[int]:
         return set()
 
 
-def _job(job: Record, folder: Path, whole: bool) -> Record:
+def _reduced(job: Record, folder: Path, whole: bool) -> Record:
     """A job's line; if not `whole`, only the numbers that decide."""
     line = kept(job, REFERENCE)
     decides, names = gate(job["scores"]), list(metrics_of(job))

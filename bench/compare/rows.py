@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from bench.compare.quantities import SLICE, deciding, shown
+from bench.compare.quantities import SLICE, deciding, undeciding
 from bench.compare.timings import Advice
 from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, one_file, other_settings, unlike
 from bench.records import Record
@@ -16,7 +16,7 @@ ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BE
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparedRow:
     """A material and a codec: the changes, the verdict, and its reason if the numbers do not show it."""
 
     material: str
@@ -79,33 +79,33 @@ Between = Callable[[list[Record], list[Record]], "Interval | None"]
 
 def compared(
     before: list[Record], after: list[Record], declared: set[int], timing: Advice | None, between: Between
-) -> Row:
+) -> ComparedRow:
     """The row of the jobs of base and new, one of which may be empty; `declared` are the seeds that new should have.
 
     `between` gives the interval of the difference slice by slice.
     """
     first = (before or after)[0]
+    name = first["material"], first["label"]
     base, new = ([job for job in jobs if job["status"] == "ok"] for jobs in (before, after))
     verdict, why = _unfinished(base, after, declared)
     if not base or not new:
-        return Row(first["material"], first["label"], verdict or Verdict.NEW, why)
+        return ComparedRow(*name, verdict or Verdict.NEW, why)
     base = [job for job in base if not fitted_unlike(base[0], job)]
     ours, theirs = _paired(base, new)
     partner = {job["seed"]: job for job in ours}
     obstacle = next((reason for job in theirs if (reason := unlike(partner.get(job["seed"], base[0]), job))), "")
     if obstacle:
-        return Row(first["material"], first["label"], verdict or Verdict.UNLIKE, why or obstacle)
+        return ComparedRow(*name, verdict or Verdict.UNLIKE, why or obstacle)
     quantities = deciding(base[0])
     metrics = [quantity for quantity in quantities if quantity.metric]
     draws = not one_file(base) and not all(agree(quantity, ours, theirs, base) for quantity in metrics)
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
-        return Row(first["material"], first["label"], verdict or Verdict.UNLIKE, why or "no score in either record")
+        return ComparedRow(*name, verdict or Verdict.UNLIKE, why or "no score in either record")
     changes = [replace(c, interval=between(ours, theirs)) if c.quantity.name == SLICE else c for c in changes]
-    others = [judge(quantity, ours, theirs, base) for quantity in shown(base[0])]
-    return Row(
-        first["material"],
-        first["label"],
+    others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
+    return ComparedRow(
+        *name,
         verdict or next(v for v in ORDER if any(change.verdict == v for change in changes)),
         why,
         tuple(job["seed"] for job in theirs),
@@ -130,12 +130,12 @@ def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> 
     if failed := [job for job in after if job["status"] == "failed"]:
         return (
             Verdict.FAILED,
-            f"{'the job' if len(failed) == 1 else f'{len(failed)} jobs'} failed: {_plain(failed[0]['error'])}",
+            f"{'the job' if len(failed) == 1 else f'{len(failed)} jobs'} failed: {_on_one_line(failed[0]['error'])}",
         )
     if not base:
         return None, ""
     if missing := [job for job in after if job["status"] == "unavailable"]:
-        return Verdict.GONE, f"not available: {_plain(missing[0]['error'])}"
+        return Verdict.GONE, f"not available: {_on_one_line(missing[0]['error'])}"
     expected = {job["seed"] for job in base} & declared
     gone = sorted(expected - {job["seed"] for job in after})
     if gone or not after:
@@ -143,6 +143,6 @@ def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> 
     return None, ""
 
 
-def _plain(error: str) -> str:
+def _on_one_line(error: str) -> str:
     """An error on one line, without the colours and other codes that some print."""
     return " ".join("".join(c if c.isprintable() else " " for c in error).split())

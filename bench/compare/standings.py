@@ -7,7 +7,7 @@ from statistics import fmean
 
 from bench.records import PSNR, Record, stats_of
 
-Cells = Mapping[str, Mapping[str, Sequence[Record]]]  # the jobs of each material and label, one a seed
+Jobs = Mapping[str, Mapping[str, Sequence[Record]]]  # the jobs of each material and label, one a seed
 SAME_DB = 0.005  # what tables round away: such codecs share a rank
 
 
@@ -22,7 +22,7 @@ class Standing:
     wins: int | None = None  # materials on which none is better
 
 
-def standings(cells: Cells) -> list[Standing]:
+def standings(cells: Jobs) -> list[Standing]:
     """Every measured codec, sorted by rank, then by PSNR; codecs without a rank come last.
 
     Only codecs that were measured on all materials are ranked, among each other.

@@ -7,7 +7,7 @@ import json
 import math
 from typing import Any
 
-from bench.compare.quantities import deciding, shown
+from bench.compare.quantities import deciding, undeciding
 from bench.compare.timings import multiples
 from bench.records import Record, Run
 
@@ -23,7 +23,7 @@ def tracker(run: Run) -> dict[str, str]:
             rows.setdefault((job["material"], job["label"]), []).append(job)
     timed = multiples([job for jobs in rows.values() for job in jobs], list(run.timings))
     for row, jobs in rows.items():
-        for quantity in [*deciding(jobs[0]), *shown(jobs[0])]:
+        for quantity in [*deciding(jobs[0]), *undeciding(jobs[0])]:
             values = [value for job in jobs if (value := quantity.value(job)) is not None and math.isfinite(value)]
             if len(values) == len(jobs):
                 unit = quantity.unit or quantity.name

@@ -64,9 +64,7 @@ class Change:
     @property
     def difference(self) -> float | None:
         """new − base; 0 where both are exact."""
-        if self.base is None or self.new is None:
-            return None
-        return 0.0 if self.base == self.new else self.new - self.base
+        return _difference(self.base, self.new)
 
     @property
     def loss(self) -> float:
@@ -145,10 +143,10 @@ def _scatter_values(
     if not quantity.metric or _same_pairs(reference):
         return [quantity.value(job) for job in reference]
     after = {job["seed"]: quantity.value(job) for job in new}
-    return [_gain(quantity.value(job), after[job["seed"]]) for job in base if job["seed"] in after]
+    return [_difference(quantity.value(job), after[job["seed"]]) for job in base if job["seed"] in after]
 
 
-def _gain(base: float | None, new: float | None) -> float | None:
+def _difference(base: float | None, new: float | None) -> float | None:
     if base is None or new is None:
         return None
     return 0.0 if base == new else new - base

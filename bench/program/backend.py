@@ -1,7 +1,7 @@
-"""What a program is run by: `Kernel` here, and the `Writer` of shaders in `reports`.
+"""Runs a program, by a back end: `Kernel` here, and the `Writer` of shaders in `reports`.
 
 A tensor of one query is a NumPy array of scalars, each a number or what a back end has for one: an expression of a
-shader, an array over the queries. `operations` makes each operation of what is asked of a back end here.
+shader, an array over the queries. `operations` builds each operation from the methods of `Backend`.
 
 A formula is GLSL with arguments {0}, {1}, ..., which a back end writes out or reads.
 """
@@ -31,22 +31,22 @@ class Value:
 
 
 class Backend(ABC):
-    """What computes scalars."""
+    """Computes scalars, and runs programs with them."""
 
     what: str  # in messages
     operations: dict[str, Operation]  # by name
 
     @abstractmethod
     def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[Scalar]:
-        """A formula for each element of its arguments, which are of one kind; the result may be of another."""
+        """A formula for each element of its arguments, which are all of `from_kind`; the results are of `kind`."""
 
     @abstractmethod
     def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
-        """A scalar of one kind as an argument of another."""
+        """A scalar of `from_kind` as an argument of another kind."""
 
     @abstractmethod
     def convert(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
-        """A scalar of one kind as a result of another."""
+        """A scalar of `from_kind` as a result of another kind."""
 
     @abstractmethod
     def choose(self, condition: Scalar, yes: Scalar, no: Scalar, kind: str) -> Scalar:
@@ -73,7 +73,7 @@ class Backend(ABC):
         """The sum of some rows of a constant (rows, channels), each times its share."""
 
     def cannot(self, what: str) -> InputError:
-        """The error of a program that asks for what this cannot do yet."""
+        """The error where a program needs an operation that this back end lacks."""
         return InputError(f"no {self.what} can {what} yet")
 
     def check(self, program: Program) -> None:
@@ -101,7 +101,7 @@ def _resolved(argument: Any, values: dict[str, Value]) -> Any:
 
 
 def as_array(values: Any) -> Array:
-    """An array of objects; those of a back end are not looked into."""
+    """An array of objects; scalars of a back end become elements, and are not taken apart."""
     if isinstance(values, np.ndarray):
         return values.astype(object)
     if not isinstance(values, list):

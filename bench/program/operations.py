@@ -48,10 +48,6 @@ TRUTHS = {
 KINDS = {"bool": bool, "int": int, "float": float}  # each holds those before it
 
 
-def _kind_of(argument: Any) -> str:
-    return argument.kind if isinstance(argument, Value) else type(argument).__name__
-
-
 def _as_kind(m: Backend, argument: Any, kind: str) -> Array:
     """The scalars of an argument, as those of some kind."""
     if not isinstance(argument, Value):
@@ -83,7 +79,7 @@ def _computes(name: str) -> Operation:
 
 def _decides(formula: str) -> Operation:
     def decide(m: Backend, step: Step, *arguments: Any) -> Array:
-        kinds = {_kind_of(argument) for argument in arguments}
+        kinds = {each.kind if isinstance(each, Value) else type(each).__name__ for each in arguments}
         return _each(m, step, formula, *arguments, from_kind=max(kinds, key=list(KINDS).index)).items
 
     return decide

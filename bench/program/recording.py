@@ -14,7 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -176,9 +175,9 @@ class _Recorder:
             if step.name in needed:
                 steps.append(step)
                 needed |= step.names()
-        constants = {k: v for k, v in self.values.items() if k in needed and isinstance(v, Tensor)}
-        arrays = {name: _array(value) for name, value in constants.items()}
-        return Program(tuple(reversed(steps)), arrays, last, size)
+        tensors = {k: v.detach().cpu() for k, v in self.values.items() if k in needed and isinstance(v, Tensor)}
+        constants = {k: (v.float() if v.is_floating_point() else v.int()).numpy() for k, v in tensors.items()}
+        return Program(tuple(reversed(steps)), constants, last, size)
 
 
 def _names(arguments: Any) -> bool:
@@ -200,8 +199,3 @@ def _plain(argument: Any, keep: Callable[[Tensor], str]) -> Any:
 
 def _kind(dtype: torch.dtype) -> str:
     return "float" if dtype.is_floating_point else "bool" if dtype == torch.bool else "int"
-
-
-def _array(value: Tensor) -> np.ndarray:
-    """A constant as float32 or int32."""
-    return value.detach().cpu().to(torch.float32 if value.is_floating_point() else torch.int32).numpy()

@@ -3,7 +3,7 @@
 Imports neither PyTorch nor pandas.
 """
 
-from bench.records.fields import kept, named, require, shown
+from bench.records.fields import field_names, kept, require, shown_columns
 from bench.records.lines import (
     FILE,
     STRESS,

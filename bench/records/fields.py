@@ -86,19 +86,19 @@ def kept(record: Record, use: Use) -> Record:
 def _shortened(kind: Kind, value: Any, use: Use) -> Any:
     if isinstance(kind, Each) and isinstance(value, dict):
         return {name: _shortened(kind.item, item, use) for name, item in value.items()}
-    if not isinstance(kind, Fields) or not isinstance(value, dict) or not (names := named(use, kind.described)):
+    if not isinstance(kind, Fields) or not isinstance(value, dict) or not (names := field_names(use, kind.described)):
         return value
     return {name: _shortened(kind.known[name], value[name], use) for name in names if name in value}
 
 
 @cache
-def named(use: Use, described: Any = Job) -> tuple[str, ...]:
+def field_names(use: Use, described: Any = Job) -> tuple[str, ...]:
     """The names of the fields of a use, by default those of a job."""
     return tuple(name for name, marks in _marks(described) if any(isinstance(m, Use) and use & m for m in marks))
 
 
 @cache
-def shown() -> dict[str, Shown]:
+def shown_columns() -> dict[str, Shown]:
     """The columns that fields of a job ask for, by the path of the field."""
     return {path: mark for path, marks in _marks(Job) for mark in marks if isinstance(mark, Shown)}
 

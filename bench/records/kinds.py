@@ -69,10 +69,6 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str) and len(value) <= LONGEST
 
 
-def _is_text_or_texts(value: Any) -> bool:
-    return all(map(_is_text, value.values())) if isinstance(value, dict) else _is_text(value)
-
-
 def one_of(*words: str) -> Plain:
     """One of these texts."""
     return Plain(" or ".join(map(repr, words)), lambda value: isinstance(value, str) and value in words)
@@ -100,7 +96,10 @@ SETTING = Plain(
     "a finite number, a text, true or false",
     lambda value: isinstance(value, bool) or _is_text(value) or _is_number(value) or _is_count(value),
 )
-TEXT_OR_TEXTS = Plain("a text, or texts by metric", _is_text_or_texts)
+TEXT_OR_TEXTS = Plain(
+    "a text, or texts by metric",
+    lambda value: all(map(_is_text, value.values() if isinstance(value, dict) else [value])),
+)
 ANYTHING = Plain("", lambda value: True)
 NUMBER_OR_NULL = maybe(NUMBER)
 
@@ -131,14 +130,14 @@ def fault_of(kind: Kind, value: Any, depth: int = 0) -> Fault | None:
         return _fault_of_object(kind, value, depth)
     if isinstance(value, list):
         each = kind.item if isinstance(kind, Several) else ANYTHING
-        if _plainly(NUMBER if each is ANYTHING else each, value):
+        if _all_of_kind(NUMBER if each is ANYTHING else each, value):
             return None
         return next((fault for item in value if (fault := fault_of(each, item, depth + 1))), None)
     return None if value is None else fault_of(SETTING, value, depth)
 
 
 def _fault_of_object(kind: Kind, value: Mapping[str, Any], depth: int) -> Fault | None:
-    if isinstance(kind, Each) and _plainly(kind.item, value.values()):
+    if isinstance(kind, Each) and _all_of_kind(kind.item, value.values()):
         return None  # the common case, thousands of times a run
     known: Mapping[str, Kind] = {}
     others: Kind = kind.item if isinstance(kind, Each) else ANYTHING
@@ -155,11 +154,11 @@ def _fault_of_object(kind: Kind, value: Mapping[str, Any], depth: int) -> Fault 
     return None
 
 
-def _plainly(kind: Kind, values: Collection[Any]) -> bool:
-    """Whether some values are all of a kind, where that can be seen at once; False says nothing."""
+def _all_of_kind(kind: Kind, values: Collection[Any]) -> bool:
+    """Whether all values are of a kind, by a fast test; False only says that this test cannot tell."""
     if isinstance(kind, Each):
         objects = {*map(type, values)} == {dict}
-        return objects and _plainly(kind.item, [*chain.from_iterable(map(dict.values, values))])
+        return objects and _all_of_kind(kind.item, [*chain.from_iterable(map(dict.values, values))])
     if kind is NUMBER or kind is NUMBER_OR_NULL:
         known = {float, int} if kind is NUMBER else {float, int, type(None)}
         return {*map(type, values)} <= known and all(map(LARGEST.__ge__, map(abs, filter(None, values))))

@@ -91,18 +91,18 @@ class Records(Sequence[Record]):
         ordered = {name: self._by_name[name] for name in names if name in self._by_name}
         self._by_name = ordered | {name: record for name, record in self._by_name.items() if name not in ordered}
 
-    def named(self, name: object) -> Record | None:
+    def latest(self, name: object) -> Record | None:
         """The latest record of a name, or None."""
         record = self._by_name.get(name)
         if isinstance(record, Line):
-            record = self._by_name[name] = _checked(record)
+            record = self._by_name[name] = _record_of(record)
         return record
 
     def __len__(self) -> int:
         return len(self._by_name)
 
     def __iter__(self) -> Iterator[Record]:
-        return (self.named(name) or {} for name in self._by_name)
+        return (self.latest(name) or {} for name in self._by_name)
 
     @overload
     def __getitem__(self, index: int) -> Record: ...
@@ -110,7 +110,7 @@ class Records(Sequence[Record]):
     def __getitem__(self, index: slice) -> list[Record]: ...
     def __getitem__(self, index: int | slice) -> Record | list[Record]:
         names = list(self._by_name)[index]
-        return [self.named(name) or {} for name in names] if isinstance(names, list) else self.named(names) or {}
+        return [self.latest(name) or {} for name in names] if isinstance(names, list) else self.latest(names) or {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +126,11 @@ class Run:
 
     def job(self, name: str) -> Record | None:
         """The latest record of the job of that name."""
-        return self.jobs.named(name)
+        return self.jobs.latest(name)
 
     def timing(self, job: Record) -> Record | None:
         """The timing of a job's decoder, where it was timed."""
-        return self.timings.named(job["job"])
+        return self.timings.latest(job["job"])
 
 
 def load_run(folder: str | Path) -> Run:
@@ -147,7 +147,7 @@ def load_run(folder: str | Path) -> Run:
     try:
         with open(path, "rb") as file:
             for number, text in enumerate(iter(lambda: file.readline(_LONGEST_LINE), b""), 1):
-                if text.strip() and not _take(run, Line(path, number, text)):
+                if text.strip() and not _add_line(run, Line(path, number, text)):
                     run.unreadable.append(number)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
@@ -168,7 +168,7 @@ def load_together(sources: Sequence[str | Path]) -> Run:
         together.starts.extend(run.starts)
         for job in run.jobs:
             _refuse_other_data(together.job(job["job"]), job, run.folder)
-            together.jobs.put(job["job"], _anywhere(job, run.folder))
+            together.jobs.put(job["job"], _with_absolute_paths(job, run.folder))
         for timing in run.timings:
             together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)
@@ -188,11 +188,10 @@ def _refuse_other_data(known: Record | None, job: Record, folder: Path) -> None:
         raise InputError(f"{folder}: {job['job']} was measured on other data than in the runs before: give fewer runs")
 
 
-def _anywhere(job: Record, folder: Path) -> Record:
-    """The job with artefacts that are found from any folder."""
-    return job | {
-        name: str(folder.absolute() / job[name]) for name in fields.named(ARTEFACT) if isinstance(job.get(name), str)
-    }
+def _with_absolute_paths(job: Record, folder: Path) -> Record:
+    """The job, whose artefacts are named by absolute paths."""
+    names = [name for name in fields.field_names(ARTEFACT) if isinstance(job.get(name), str)]
+    return job | {name: str(folder.absolute() / job[name]) for name in names}
 
 
 def load_trade(folder: Path) -> Record | None:
@@ -211,16 +210,16 @@ def load_trade(folder: Path) -> Record | None:
     if fault := fields.fault_of_trade(trade):
         raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
     run = load_run(folder)
-    return trade | {"choices": [of_both_floors(row) for row in trade["choices"] if _stands(row, run)]}
+    return trade | {"choices": [of_both_floors(row) for row in trade["choices"] if _is_current(row, run)]}
 
 
-def _stands(choice: Record, run: Run) -> bool:
-    """Whether a choice belongs to the codec file of its job's record, or to no file."""
+def _is_current(choice: Record, run: Run) -> bool:
+    """Whether a choice was measured on the codec file that its job's record names, or on no file."""
     job = run.job(choice.get("job", "")) or {}
     return "sha256" not in choice or job.get("score_key", {}).get("sha256") == choice["sha256"]
 
 
-def _take(run: Run, line: Line) -> bool:
+def _add_line(run: Run, line: Line) -> bool:
     """Add the record of a line to the run; return False where the line is no record."""
     text = line.text
     sealed = _SEALED.match(text)
@@ -230,7 +229,7 @@ def _take(run: Run, line: Line) -> bool:
         kind = run.jobs if named[1] == b"job" else run.timings
         kind.put(name, line)
         return True
-    return _sort(run, _checked(line))
+    return _add_record(run, _record_of(line))
 
 
 def _name(quoted: bytes) -> str | None:
@@ -241,7 +240,7 @@ def _name(quoted: bytes) -> str | None:
         return None
 
 
-def _sort(run: Run, record: Record) -> bool:
+def _add_record(run: Run, record: Record) -> bool:
     match record:
         case {"kind": "run"}:
             run.starts.append(record)
@@ -258,7 +257,7 @@ def _sort(run: Run, record: Record) -> bool:
     return True
 
 
-def _checked(line: Line) -> Record:
+def _record_of(line: Line) -> Record:
     """The record of a line; empty where it is of no kind that is known. `InputError` names a field that is wrong."""
     record = _parsed(line.text)
     if not fields.is_known(kind := record.get("kind")) or (kind in ("job", "timing") and "job" not in record):

@@ -5,7 +5,7 @@ import math
 from collections.abc import Container, Iterable, Iterator
 from typing import Any
 
-from bench.records.fields import named
+from bench.records.fields import field_names
 from bench.records.schema import APART, Record, Timing
 
 PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
@@ -72,8 +72,8 @@ def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:
     versions = {name: metric["version"] for name, metric in job.get("metrics", {}).items()} | score.get("metrics", {})
     yield from _flat("metric_version/", versions, [])
     yield from zip(("height", "width"), job.get("shape", ()), strict=False)
-    yield from _flat("", {name: value for name, value in job.items() if name not in named(APART)}, [])
-    times = {name: value for name, value in (timing or {}).items() if name not in named(APART, Timing)}
+    yield from _flat("", {name: value for name, value in job.items() if name not in field_names(APART)}, [])
+    times = {name: value for name, value in (timing or {}).items() if name not in field_names(APART, Timing)}
     yield from _flat("timing/", times, [])
 
 

@@ -17,7 +17,7 @@ from bench.demand import fitting, require_demand
 from bench.demand.demand import load as load_demand
 from bench.errors import InputError
 from bench.material import Material
-from bench.records import ARTEFACT, Record, named
+from bench.records import ARTEFACT, Record, field_names
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.workbench import Workbench
 
@@ -86,6 +86,6 @@ def score(
         )
     bench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
     figures = evaluate(bench, loaded, threads, lambda name, content: name, show)
-    for name in named(ARTEFACT):  # a run keeps these files, `score` does not
+    for name in field_names(ARTEFACT):  # a run keeps these files, `score` does not
         figures.pop(name, None)
     return {"codec": loaded.header.codec, "score_key": score_key(bench, loaded.header)} | figures

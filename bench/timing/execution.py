@@ -71,7 +71,7 @@ def exists_on(variant: Variant, device: torch.device) -> bool:
 
 
 def is_whole(variant: Variant, device: torch.device) -> bool:
-    """Whether a variant computes codecs without a network otherwise than by PyTorch's operations one by one."""
+    """Whether a variant fuses the whole of a material, so that it also computes codecs without a network."""
     return variant.execution == "fused" and variant.precision == "float32" and device.type == "cpu"
 
 

@@ -1,4 +1,4 @@
-"""Which short floats a processor multiplies by itself; the others it emulates: it widens, multiplies and rounds."""
+"""Tells which short floats a processor multiplies itself; it emulates the others: it widens, multiplies, rounds."""
 
 import platform
 from pathlib import Path

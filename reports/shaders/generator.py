@@ -14,7 +14,7 @@ from bench.errors import InputError
 from bench.program import Program
 from reports.shaders.dialects import Dialect
 from reports.shaders.tables import WIDTH, Tables
-from reports.shaders.writer import Weights, Writer
+from reports.shaders.writer import WeightStore, Writer
 
 Array = np.ndarray
 
@@ -35,7 +35,7 @@ class Shader:
     uniforms: Array
 
 
-def shader(program: Program, dialect: Dialect, weights: Weights | None = None) -> Shader:
+def shader(program: Program, dialect: Dialect, weights: WeightStore | None = None) -> Shader:
     """The shader of a program; by default its weights are literals, or in a texture where there are many.
 
     `InputError` where it uses what no shader can do, is too long, or has too many weights for a uniform buffer.

@@ -13,7 +13,7 @@ from reports.shaders.tables import Tables
 
 TOO_LONG = 60_000  # statements: compilers take too long beyond
 SWIZZLE = "xyzw"
-Weights = Literal["literal", "uniform", "texture"]  # where a shader has the weights of its matrices
+WeightStore = Literal["literal", "uniform", "texture"]  # where a shader has the weights of its matrices
 
 
 class Writer(Backend):
@@ -21,7 +21,7 @@ class Writer(Backend):
 
     what, operations = "shader", OPERATIONS
 
-    def __init__(self, dialect: Dialect, tables: Tables, weights: Weights):
+    def __init__(self, dialect: Dialect, tables: Tables, weights: WeightStore):
         self.dialect, self.tables, self.weights = dialect, tables, weights
         self.lines: list[str] = []
         self.uniforms: list[Array] = []  # vectors of four weights, where a uniform buffer has them

@@ -17,11 +17,11 @@ ARRAYS = {
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_arrays_come_back_writable_and_as_they_were_stored(save, tmp_path):
     save(tmp_path / "a.npz", **ARRAYS)
-    found = read_arrays(tmp_path / "a.npz", MAX_FILE)
+    arrays = read_arrays(tmp_path / "a.npz", MAX_FILE)
     for name, array in ARRAYS.items():
-        np.testing.assert_array_equal(found[name], array)
-        assert (found[name].dtype, found[name].flags.writeable) == (array.dtype, True)
-    found["plain"][0, 0] = 5
+        np.testing.assert_array_equal(arrays[name], array)
+        assert (arrays[name].dtype, arrays[name].flags.writeable) == (array.dtype, True)
+    arrays["plain"][0, 0] = 5
     assert list(read_arrays(tmp_path / "a.npz", MAX_FILE, ["number", "absent"])) == ["number"]
     assert read_arrays(tmp_path / "a.npz", MAX_FILE)["plain"][0, 0] == 0
 

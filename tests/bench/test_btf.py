@@ -199,9 +199,9 @@ def test_few_texels_of_a_coarser_level_are_read_from_the_scratch_file_part_by_pa
     coarse, (rows, cols) = btf.downsample(2), np.array([[0, 1, 1], [2, 0, 1]])
     coarse.texels(rows[:1], cols[:1])  # makes the file
     reads = btf.source.reads
-    found = coarse.texels(rows, cols)
+    texels = coarse.texels(rows, cols)
     means = values.reshape(len(btf), 2, 2, 3, 2, 3).mean((2, 4))
-    np.testing.assert_allclose(found, means[:, rows, cols].swapaxes(0, 1), rtol=2**-9)
+    np.testing.assert_allclose(texels, means[:, rows, cols].swapaxes(0, 1), rtol=2**-9)
     assert btf.source.reads == reads
 
 

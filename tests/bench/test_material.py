@@ -132,7 +132,7 @@ def test_a_short_material_is_asked_in_float32_and_keeps_its_geometry(dtype):
     assert material.net.weight.dtype == material.value.dtype == dtype
     assert material.side.points.dtype == torch.float32
     material.query(uv, wo, wi)
-    assert {asked.dtype for asked in material.seen[0]} == {torch.float32}
+    assert {query.dtype for query in material.seen[0]} == {torch.float32}
     assert torch.equal(material.seen[0][1], wo)
 
 
@@ -181,5 +181,5 @@ def test_queries_of_wrong_shape_or_kind_are_named():
 
 
 def test_the_cost_of_a_texture_is_four_texels_fetched_and_blended():
-    found = DecoderCost.of_texture(torch.zeros(3, 5, 7, dtype=torch.float16), parameters=11, flops=100)
-    assert found == DecoderCost(11, 7, 3 * 5 * 7, flops_per_sample=100 + 4 * 2 * 7, bytes_per_sample=4 * 7 * 2)
+    cost = DecoderCost.of_texture(torch.zeros(3, 5, 7, dtype=torch.float16), parameters=11, flops=100)
+    assert cost == DecoderCost(11, 7, 3 * 5 * 7, flops_per_sample=100 + 4 * 2 * 7, bytes_per_sample=4 * 7 * 2)

@@ -33,8 +33,8 @@ def test_every_condition_of_a_timing_is_compared():
 def test_a_record_is_flattened_to_numbers_by_path():
     record = {"label": "a", "kind": "job", "bytes": {"total": 3}, "frames": [1, 2], "history": [{"step": 1}]}
     record |= {"long": list(range(100)), "score_key": {"metrics": {"ssim": 2}}}
-    found = dict(records.flattened(record, {"interval95_ns": [1.0, 2.0], "samples_ns": [1.0], "run": "1"}))
-    assert {name: value for name, value in found.items() if value is not None} == {
+    numbers = dict(records.flattened(record, {"interval95_ns": [1.0, 2.0], "samples_ns": [1.0], "run": "1"}))
+    assert {name: value for name, value in numbers.items() if value is not None} == {
         "label": "a",
         "metric_version/ssim": 2,
         "bytes/total": 3,

@@ -223,7 +223,7 @@ def test_a_bad_record_with_a_sound_checksum_is_refused_when_it_is_asked_for(tmp_
 def test_what_no_json_holds_is_no_record(text, tmp_path):
     (tmp_path / FILE).write_text(text + "\n" + line(job("x")))
     run = load_run(tmp_path)
-    assert (run.unreadable, [found["job"] for found in run.jobs]) == ([1], ["x"])
+    assert (run.unreadable, [job["job"] for job in run.jobs]) == ([1], ["x"])
 
 
 def test_fields_that_are_not_listed_are_free_but_not_deep(tmp_path):

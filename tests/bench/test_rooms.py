@@ -36,33 +36,33 @@ def name_of(path: Path) -> str:
 
 def names_in(path: Path) -> set[str]:
     """Every module that a file names in an import, wherever it stands, or as the place of a class, "module:Class"."""
-    found = set()
+    names = set()
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
         elif isinstance(node, ast.Constant) and re.fullmatch(r"[\w.]+:[A-Z]\w*", str(node.value)):
-            found.add(node.value.partition(":")[0])
-    return found
+            names.add(node.value.partition(":")[0])
+    return names
 
 
 @cache
 def imports() -> dict[str, set[str]]:
     """Each module of the project with those that it imports; of a package and a file in it, the file alone."""
     known = {name_of(path): names_in(path) for path in FILES}
-    inner = {name: {other for other in found if other in known} for name, found in known.items()}
+    inner = {name: {other for other in others if other in known} for name, others in known.items()}
     return {
-        name: {other for other in found if not any(longer.startswith(f"{other}.") for longer in found)} - {name}
-        for name, found in inner.items()
+        name: {other for other in others if not any(longer.startswith(f"{other}.") for longer in others)} - {name}
+        for name, others in inner.items()
     }
 
 
 def test_imports_inside_bench_go_down_only() -> None:
     floor = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
     wrong = []
-    for module, found in imports().items():
-        for other in found:
+    for module, imported in imports().items():
+        for other in imported:
             (package, here), (room_of, there) = ([*name.split("."), ""][:2] for name in (module, other))
             if package == room_of == "bench" and here != there:
                 words = here in FLOORS[0] and there in FLOORS[0]
@@ -83,21 +83,21 @@ def test_mitsuba_is_imported_in_its_own_folder_alone() -> None:
 def test_no_file_is_imported_in_a_circle() -> None:
     left = dict(imports())
     while left:
-        ground = {name for name, found in left.items() if not found & left.keys()}
+        ground = {name for name, imported in left.items() if not imported & left.keys()}
         assert ground, f"a circle among {sorted(left)}"
-        left = {name: found for name, found in left.items() if name not in ground}
+        left = {name: imported for name, imported in left.items() if name not in ground}
 
 
 def test_codecs_import_what_is_public_and_reports_what_is_recorded() -> None:
     page = (ROOT / "docs" / "adding-a-codec.md").read_text(encoding="utf-8")
     public = set(re.findall(r"^\| `(bench\.[a-z.]+)` \|", page, re.M))
     others = {"bench": {"bench"}, "baselines": {"bench", "baselines"}, "neubtf": {"bench", "neubtf"}}
-    for module, found in imports().items():
+    for module, imported in imports().items():
         package = module.split(".")[0]
         if not module.startswith("bench.cli.commands"):  # they show what reports draws
-            assert {other.split(".")[0] for other in found} <= others.get(package, {"bench", "reports"}), module
+            assert {other.split(".")[0] for other in imported} <= others.get(package, {"bench", "reports"}), module
         if package == "baselines":
-            assert {other for other in found if other.startswith("bench")} <= public, module
+            assert {other for other in imported if other.startswith("bench")} <= public, module
 
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)
@@ -106,7 +106,7 @@ def test_nothing_is_too_long_to_read(path: Path) -> None:
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.FunctionDef):
             assert (node.end_lineno or 0) - node.lineno < 50, node.name
-            asked = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            inputs = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
             kernel = any(ast.unparse(decorator) == "triton.jit" for decorator in node.decorator_list)
             # A kernel of a GPU is given what its launch passes, one by one.
-            assert kernel or len(asked) - (asked[:1] != [] and asked[0].arg in ("self", "cls")) <= 8, node.name
+            assert kernel or len(inputs) - (inputs[:1] != [] and inputs[0].arg in ("self", "cls")) <= 8, node.name

@@ -13,7 +13,7 @@ from reports import table_text, write_report
 @pytest.fixture
 def described():
     """Describes fields of a job, and takes them back."""
-    caches = (fields.named, fields.shown)
+    caches = (fields.field_names, fields.shown_columns)
     before, known = dict(schema.Job.__annotations__), fields.FIELDS["job"]
 
     def describe(**added):

@@ -15,7 +15,7 @@ from bench.program.backend import Value
 from bench.program.kernel import Kernel
 from bench.program.llvm import drjit
 from bench.program.recording import program_of
-from bench.timing.fused.with_drjit import DrJitNetwork, Kernels, batched
+from bench.timing.fused.with_drjit import DrJitNetwork, RecordedCalls, batched
 from bench.training.decoder import Decoder, Network
 
 WIDTHS = (2, 3, 3, 1)  # of uv, wo, wi, footprint
@@ -59,22 +59,19 @@ class Whole(Material):
                 f"fused on the CPU holds up to {MOST_PRODUCTS:,} products outside of networks, this codec asks for "
                 f"{count:,}: use compiled"
             )
-        self.traced = Kernel(program, self.dr.llvm, {"network": self._answered})
-        self.kernels: Kernels = {}
-        self._recorded()
+        self.traced = Kernel(program, self.dr.llvm, {"network": self._within_kernel})
+        self.kernels: RecordedCalls = {}
+        # Recorded once for nothing: it shows the tables that the kernels are given.
+        self.row = self.dr.arange(self.dr.llvm.UInt32, 1)
+        half = self.dr.llvm.Float(0.5)
+        self.traced([half] * 2, [half] * 3, [half] * 3, half)
+        self.tables = [table for _, table in self.traced.tables.values()]
 
     def modules(self) -> list[torch.nn.Module]:
         return list(self.inner.modules())
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         return batched(self.kernels, self._kernel, (uv, wo, wi, footprint[:, None]), tables=self.tables)
-
-    def _recorded(self) -> None:
-        """Records the program once for nothing, which shows the tables that its kernels are given."""
-        self.row = self.dr.arange(self.dr.llvm.UInt32, 1)
-        half = self.dr.llvm.Float(0.5)
-        self.traced([half] * 2, [half] * 3, [half] * 3, half)
-        self.tables = [table for _, table in self.traced.tables.values()]
 
     def _kernel(self, n: int, *flat: Any) -> list[Any]:
         self.row = self.dr.arange(self.dr.llvm.UInt32, n)
@@ -86,7 +83,7 @@ class Whole(Material):
         rgb: list[Any] = self.traced(uv, wo, wi, footprint)
         return rgb
 
-    def _answered(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:
+    def _within_kernel(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:
         """What a network outputs for the inputs (n, D) that one query has for it: one row, or one a texel."""
         kind, network = self.dr.llvm.Float, self.networks[number]
         return [list(network.within(self.row, [kind(value) for value in row])) for row in inputs.items]

@@ -28,11 +28,11 @@ MOST_PARAMETERS = 10_000  # beyond, the code outgrows every cache, and compiling
 BLOCK, LARGE_BLOCK = 12, 24  # sums of products that grow side by side, in 16 registers and in the 32 of AVX-512
 
 
-Kernels = dict[int, Callable[..., Any]]  # recorded calls by the size they hold for
+RecordedCalls = dict[int, Callable[..., Any]]  # recorded calls by the size they hold for
 
 
 def batched(
-    kernels: Kernels,
+    kernels: RecordedCalls,
     kernel: Callable[..., Sequence[Any]],
     queries: tuple[Tensor, ...],
     whole: tuple[Tensor, ...] = (),
@@ -66,7 +66,7 @@ def batched(
 
 
 def _filler(x: Tensor) -> Tensor:
-    """What fills a batch (n, …): its last row, since zeros are no directions; of an empty one, zeros."""
+    """The row that fills up a batch (n, …): its last one, since zeros are no directions; of an empty batch, zeros."""
     return x[-1:] if len(x) else x.new_zeros(1, *x.shape[1:])
 
 
@@ -83,7 +83,7 @@ class DrJitNetwork(Network):
             )
         self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
         self.block = LARGE_BLOCK if "avx512f" in (features() or ()) else BLOCK
-        self.kernels: dict[tuple[int, ...] | None, Kernels] = {}  # by the shape of the texture
+        self.kernels: dict[tuple[int, ...] | None, RecordedCalls] = {}  # by the shape of the texture
 
     def forward(self, inputs: Tensor) -> Tensor:
         return self._run(inputs)
@@ -164,14 +164,14 @@ class DrJitNetwork(Network):
             rows = slice(start, start + self.block)
             sums = [self.dr.llvm.Float(bias) for bias in layer.bias[rows].tolist()]
             for value, weights in zip(x, layer.weight[rows].T.tolist(), strict=True):
-                self._after_this()
+                self._new_scope()
                 sums = [self.dr.fma(value, weight, total) for weight, total in zip(weights, sums, strict=True)]
             outputs += sums
-        self._after_this()
+        self._new_scope()
         return outputs
 
-    def _after_this(self) -> None:
-        """What follows stays behind in the code: Dr.Jit sorts by scope, else output by output."""
+    def _new_scope(self) -> None:
+        """Keep what follows behind what came before in the code: Dr.Jit sorts by scope, else output by output."""
         self.dr.detail.new_scope(self.dr.JitBackend.LLVM)
 
     def _sine(self, turns: Any) -> Any:

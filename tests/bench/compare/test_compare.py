@@ -13,8 +13,8 @@ from bench.records import load_run
 PSNR, FLIP = "psnr_display", "flip_ldr_67ppd_periodic"
 
 
-def change(found, name, row=0):
-    return next(change for change in found.rows[row].deciding if change.quantity.name == name)
+def change(comparison, name, row=0):
+    return next(change for change in comparison.rows[row].deciding if change.quantity.name == name)
 
 
 @pytest.fixture
@@ -24,8 +24,8 @@ def judged(make):
     def judge(name, **changes):
         base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
         new = make.run("new", *(make.job(seed=seed, **changes) for seed in range(3)))
-        found = compare(base, new)
-        return change(found, name).verdict, found.exit_code
+        comparison = compare(base, new)
+        return change(comparison, name).verdict, comparison.exit_code
 
     return judge
 
@@ -55,9 +55,9 @@ def test_what_was_exact_must_stay_so(make):
     base = make.run("base", *make.seeds([None, None, None]))
     assert change(compare(base, base), "PSNR").verdict == "same"
     new = make.run("new", *make.seeds([None, 130.0, None]))
-    found = compare(base, new)
-    assert change(found, "PSNR").verdict == "WORSE"
-    assert found.exit_code == 1
+    comparison = compare(base, new)
+    assert change(comparison, "PSNR").verdict == "WORSE"
+    assert comparison.exit_code == 1
 
 
 SPREAD = [30.0, 30.3, 29.8, 30.1, 29.7, 30.2, 29.9, 30.4, 29.6]
@@ -73,18 +73,18 @@ def test_the_margin_of_a_codec_that_draws_is_what_chance_hardly_exceeds(make, sh
     limit = STUDENT_8 * statistics.stdev(SPREAD) * math.sqrt(1 / 9 + 1 / 3)
     mean = statistics.fmean(SPREAD)
     new = make.run("new", *make.seeds([mean - share * limit + wobble for wobble in (-0.01, 0, 0.01)]))
-    found = change(compare(base, new), "PSNR")
-    assert found.margin == pytest.approx(limit, rel=1e-3)
+    psnr = change(compare(base, new), "PSNR")
+    assert psnr.margin == pytest.approx(limit, rel=1e-3)
     assert change(compare(base, new), "slice").margin == pytest.approx(limit * BY_SLICE_8 / STUDENT_8, rel=1e-3)
-    assert found.verdict == verdict
-    assert found.base == pytest.approx(mean)  # all nine are of the same pairs, so all of them count
+    assert psnr.verdict == verdict
+    assert psnr.base == pytest.approx(mean)  # all nine are of the same pairs, so all of them count
 
 
 def test_seeds_that_give_the_same_again_have_not_changed_whatever_the_others_gave(make):
     base = make.run("base", *make.seeds(SPREAD))
-    found = change(compare(base, make.run("new", *make.seeds([30.0000001, *SPREAD[1:3]]))), "PSNR")
-    assert found.base == pytest.approx(statistics.fmean(SPREAD[:3]))
-    assert abs(found.difference) < 1e-6
+    psnr = change(compare(base, make.run("new", *make.seeds([30.0000001, *SPREAD[1:3]]))), "PSNR")
+    assert psnr.base == pytest.approx(statistics.fmean(SPREAD[:3]))
+    assert abs(psnr.difference) < 1e-6
 
 
 def test_seeds_of_different_pairs_are_compared_seed_by_seed(make):
@@ -95,9 +95,9 @@ def test_seeds_of_different_pairs_are_compared_seed_by_seed(make):
     new = make.run(
         "new", *(job | {"score_key": job["score_key"] | {"btf": str(i)}} for i, job in enumerate(make.seeds(moved)))
     )
-    found = change(compare(base, new), "PSNR")
-    assert found.difference == pytest.approx(-0.02)
-    assert found.base == pytest.approx(statistics.fmean(SPREAD[:3]))
+    psnr = change(compare(base, new), "PSNR")
+    assert psnr.difference == pytest.approx(-0.02)
+    assert psnr.base == pytest.approx(statistics.fmean(SPREAD[:3]))
     other = make.run("other", *(job | {"score_key": job["score_key"] | {"btf": "9"}} for job in make.seeds(moved)))
     assert compare(base, other).rows[0].verdict == "not comparable"
 
@@ -120,8 +120,8 @@ def test_more_seeds_with_pairs_of_their_own_hide_no_loss(make, seeds):
         for job in base:
             job["score_key"]["sha256"] = files[job["seed"] % 2]
         name = f"{lost}{files}"
-        found = compare(make.run(f"base{name}", *base), make.run(f"new{name}", *new))
-        assert (change(found, "PSNR").verdict, found.exit_code) == ("WORSE", 1)
+        comparison = compare(make.run(f"base{name}", *base), make.run(f"new{name}", *new))
+        assert (change(comparison, "PSNR").verdict, comparison.exit_code) == ("WORSE", 1)
 
 
 def test_the_margin_of_seeds_with_pairs_of_their_own_is_by_their_paired_differences(make):
@@ -129,16 +129,16 @@ def test_the_margin_of_seeds_with_pairs_of_their_own_is_by_their_paired_differen
     moved = [0.1, -0.2, 0.3, -0.1, 0.2, -0.3, 0.0]
     base = make.run("base", *of_own_pairs(make, psnrs, sha256="1"), make.job("vq", seed=9, btf="9", psnr=10.0))
     new = make.run("new", *of_own_pairs(make, [a + b for a, b in zip(psnrs, moved, strict=True)]), seeds=range(7))
-    found = change(compare(base, new), "PSNR")
+    psnr = change(compare(base, new), "PSNR")
     expected = stats.t.isf(0.00025, 6) * statistics.stdev(moved) / math.sqrt(7)
-    assert (found.verdict, found.margin) == ("same", pytest.approx(expected))
+    assert (psnr.verdict, psnr.margin) == ("same", pytest.approx(expected))
 
 
 def test_a_codec_that_wrote_one_file_for_seeds_with_pairs_of_their_own_draws_nothing(make):
     base = make.run("base", *of_own_pairs(make, HARD_AND_EASY))
     lost = [psnr - loss for psnr, loss in zip(HARD_AND_EASY, (0.02, 0.05, 0.03), strict=True)]
-    found = compare(base, make.run("new", *of_own_pairs(make, lost)))
-    assert (change(found, "PSNR").margin, change(found, "PSNR").verdict) == (0.02, "WORSE")
+    comparison = compare(base, make.run("new", *of_own_pairs(make, lost)))
+    assert (change(comparison, "PSNR").margin, change(comparison, "PSNR").verdict) == (0.02, "WORSE")
 
 
 def test_two_seeds_that_scatter_do_not_hide_what_one_would_show(make):
@@ -170,25 +170,25 @@ def test_a_small_spread_does_not_make_a_trifle_a_regression(make):
 
 def test_with_one_seed_the_margin_is_a_guess_and_says_so(make):
     base, worse = make.run("base", make.job(), seeds=[0]), make.run("new", make.job(psnr=29.7), seeds=[0])
-    found = compare(base, worse)
-    assert change(found, "PSNR").verdict == "WORSE"
-    assert any("one seed in BASE" in note and "satin/pca" in note for note in found.notes)
+    comparison = compare(base, worse)
+    assert change(comparison, "PSNR").verdict == "WORSE"
+    assert any("one seed in BASE" in note and "satin/pca" in note for note in comparison.notes)
     assert change(compare(base, make.run("bytes", make.job(size=64_001), seeds=[0])), "bytes").verdict == "WORSE"
 
 
 def test_fewer_seeds_in_the_new_run_widen_the_margin(make):
     base, new = make.run("base", *make.seeds(SPREAD)), make.run("new", *make.seeds([30.1]), seeds=[0])
-    found = compare(base, new)
+    comparison = compare(base, new)
     limit = STUDENT_8 * statistics.stdev(SPREAD) * math.sqrt(1 / 9 + 1)
-    assert change(found, "PSNR").margin == pytest.approx(limit, rel=1e-3)
-    assert found.exit_code == 0
+    assert change(comparison, "PSNR").margin == pytest.approx(limit, rel=1e-3)
+    assert comparison.exit_code == 0
 
 
 def test_other_seeds_are_compared_by_the_means_of_all(make):
     base = make.run("base", *make.seeds([30.0, 31.0, 32.0]))
     new = make.run("new", *(make.job("vq", seed=seed, psnr=31.0) for seed in (7, 8, 9)), seeds=[7, 8, 9])
-    found = change(compare(base, new), "PSNR")
-    assert (found.base, found.new, found.verdict) == (31.0, 31.0, "same")
+    psnr = change(compare(base, new), "PSNR")
+    assert (psnr.base, psnr.new, psnr.verdict) == (31.0, 31.0, "same")
 
 
 @pytest.mark.parametrize(("size", "verdict"), [(64_400, "same"), (65_900, "WORSE"), (62_000, "better")])
@@ -211,9 +211,9 @@ def test_sizes_that_differ_by_seed_are_of_compressed_payloads_and_have_one_per_c
 def test_another_codec_version_or_other_data_cannot_be_compared(make, changes, reason):
     base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
     new = make.run("new", *(make.job(seed=seed, psnr=10.0, **changes) for seed in range(3)))
-    found = compare(base, new)
-    assert (found.rows[0].verdict, found.exit_code) == ("not comparable", 4)
-    assert reason in found.rows[0].why
+    comparison = compare(base, new)
+    assert (comparison.rows[0].verdict, comparison.exit_code) == ("not comparable", 4)
+    assert reason in comparison.rows[0].why
 
 
 def test_an_exposure_that_differs_in_its_last_digits_is_the_same(make):
@@ -224,18 +224,19 @@ def test_an_exposure_that_differs_in_its_last_digits_is_the_same(make):
 def test_another_metric_version_spares_the_other_numbers(make):
     base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
     new = make.run("new", *(make.job(seed=seed, flip=0.9, versions={FLIP: 2}) for seed in range(3)))
-    found = compare(base, new)
-    assert change(found, "FLIP").verdict == "not comparable"
-    assert "version 2 instead of 1" in change(found, "FLIP").why
-    assert (change(found, "PSNR").verdict, found.rows[0].verdict, found.exit_code) == ("same", "not comparable", 1)
+    comparison = compare(base, new)
+    assert change(comparison, "FLIP").verdict == "not comparable"
+    assert "version 2 instead of 1" in change(comparison, "FLIP").why
+    assert change(comparison, "PSNR").verdict == "same"
+    assert (comparison.rows[0].verdict, comparison.exit_code) == ("not comparable", 1)
     assert compare(base, new, allow=["pca"]).exit_code == 0
 
 
 def test_a_metric_that_is_not_measured_any_more_is_not_comparable(make):
     base, new = make.run("base", make.job()), make.run("new", make.job(versions={FLIP: 0}))
-    found = compare(base, new)
-    assert "not measured any more" in change(found, "FLIP").why
-    assert found.exit_code == 1
+    comparison = compare(base, new)
+    assert "not measured any more" in change(comparison, "FLIP").why
+    assert comparison.exit_code == 1
 
 
 def test_what_is_allowed_to_be_gone_does_not_hide_what_got_worse(make):
@@ -255,10 +256,10 @@ def test_footprints_and_grazing_directions_decide(make):
 
     base = make.run("base", *jobs())
     for name, new in (("footprints", jobs(coarse=24.0)), ("grazing", jobs(grazing=24.5))):
-        found = compare(base, make.run(name, *new))
-        assert change(found, name).verdict == "WORSE"
-        assert change(found, "PSNR").verdict == "same"
-        assert found.exit_code == 1
+        comparison = compare(base, make.run(name, *new))
+        assert change(comparison, name).verdict == "WORSE"
+        assert change(comparison, "PSNR").verdict == "same"
+        assert comparison.exit_code == 1
 
 
 def test_a_small_loss_everywhere_shows_in_the_mean_over_codecs_though_no_row_can_tell(make):
@@ -272,8 +273,8 @@ def test_a_small_loss_everywhere_shows_in_the_mean_over_codecs_though_no_row_can
         jobs = (job for label in labels for job in make.seeds([psnr - loss for psnr in again[label]], label))
         return compare(base, make.run(name, *jobs))
 
-    lost, kept = run("lost", 0.1), run("kept", 0.0)
-    assert (kept.exit_code, {row.verdict for row in kept.means}) == (0, {"same"})
+    lost, same = run("lost", 0.1), run("kept", 0.0)
+    assert (same.exit_code, {row.verdict for row in same.means}) == (0, {"same"})
     assert not lost.having("WORSE")
     (every,) = lost.means
     assert (every.name, every.verdict) == ("all materials/all codecs", "WORSE")
@@ -295,10 +296,10 @@ def test_jobs_that_vanished_are_regressions(make):
     seed = make.run("seed", *list(base.jobs)[:-1])
     away = make.run("away", *(make.job(seed=s) for s in range(3)), make.unfinished("unavailable", "vq"))
     for new, why in ((row, "no job of this name"), (seed, "no result of seed 2"), (away, "not available: Runtime")):
-        found = compare(base, new)
-        assert [row.verdict for row in found.rows] == ["same", "GONE"]
-        assert why in found.rows[1].why
-        assert found.exit_code == 1
+        comparison = compare(base, new)
+        assert [row.verdict for row in comparison.rows] == ["same", "GONE"]
+        assert why in comparison.rows[1].why
+        assert comparison.exit_code == 1
 
 
 def test_a_run_of_one_seed_by_choice_has_lost_nothing(make):
@@ -308,9 +309,9 @@ def test_a_run_of_one_seed_by_choice_has_lost_nothing(make):
 
 def test_a_new_codec_is_shown_and_judged_by_nothing(make):
     base, new = make.run("base", make.job()), make.run("new", make.job(), make.job("vq"))
-    found = compare(base, new)
-    assert [row.verdict for row in found.rows] == ["same", "new"]
-    assert found.exit_code == 0
+    comparison = compare(base, new)
+    assert [row.verdict for row in comparison.rows] == ["same", "new"]
+    assert comparison.exit_code == 0
 
 
 def test_an_empty_run_is_4_and_an_all_failed_one_3(make):
@@ -324,8 +325,8 @@ def test_an_empty_run_is_4_and_an_all_failed_one_3(make):
 def test_jobs_without_a_score_are_not_compared(make):
     job = make.job() | {"scores": {}, "footprints": {}, "metrics": {}}
     empty = make.run("empty", job)
-    found = compare(empty, empty)
-    assert (found.rows[0].verdict, found.exit_code) == ("not comparable", 4)
+    comparison = compare(empty, empty)
+    assert (comparison.rows[0].verdict, comparison.exit_code) == ("not comparable", 4)
     void = make.job() | {"footprints": {}}
     void["scores"] = {"heldout": {"metrics": {name: {"pooled": None, "slices": 0} for name in void["metrics"]}}}
     nothing = make.run("void", void)
@@ -344,10 +345,10 @@ def test_a_damaged_line_of_the_base_is_an_error(make):
 
 def test_a_failure_outweighs_a_regression(make):
     base = make.run("base", make.job(), make.job("vq"))
-    found = compare(base, make.run("new", make.job(psnr=20.0), make.unfinished("failed", "vq")))
-    assert [row.verdict for row in found.rows] == ["WORSE", "FAILED"]
-    assert found.rows[1].why == "the job failed: RuntimeError: no luck"
-    assert found.exit_code == 3
+    comparison = compare(base, make.run("new", make.job(psnr=20.0), make.unfinished("failed", "vq")))
+    assert [row.verdict for row in comparison.rows] == ["WORSE", "FAILED"]
+    assert comparison.rows[1].why == "the job failed: RuntimeError: no luck"
+    assert comparison.exit_code == 3
 
 
 def test_changed_settings_are_compared_and_said(make):
@@ -378,9 +379,9 @@ def test_times_advise_as_multiples_of_mean_colour_in_the_same_start(make):
     base = make.run("base", *jobs, make.timing(ns=500), make.timing("mean-colour", ns=100))
 
     def advice(name, *timings):
-        found = compare(base, make.run(name, *jobs, *timings))
-        assert found.exit_code == 0
-        return found.rows[0].timing
+        comparison = compare(base, make.run(name, *jobs, *timings))
+        assert comparison.exit_code == 0
+        return comparison.rows[0].timing
 
     slow_machine = advice("a", make.timing(ns=1500), make.timing("mean-colour", ns=300))
     assert (slow_machine.new, slow_machine.words) == (pytest.approx(5), "")

@@ -22,7 +22,7 @@ def commands():
     """Every command of the page: of the code blocks, and of the steps of the workflow."""
     folded = re.sub(r">-\n((?: {10}.*\n)+)", lambda m: " ".join(m[1].split()) + "\n", "\n".join(blocks("yaml")))
     lines = [*"\n".join(blocks("")).splitlines(), *re.findall(r"run: (.*)", folded)]
-    return [found[0] for line in lines if (found := re.search(r"neubtf-bench [^#;]*", line))]
+    return [match[0] for line in lines if (match := re.search(r"neubtf-bench [^#;]*", line))]
 
 
 def test_the_workflow_is_one_that_github_accepts(tmp_path):

@@ -32,7 +32,7 @@ def held(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("after", "code", "said"),
+    ("after", "code", "message"),
     [
         ({"dark": "pass", "bright": "pass"}, 0, "2 cells hold, 0 got worse"),
         ({"dark": "pass", "bright": "fail"}, 1, "pca: bright held, and now fail"),
@@ -40,10 +40,10 @@ def held(tmp_path):
         ({"dark": "pass"}, 1, "pca: bright is gone"),
     ],
 )
-def test_a_cell_that_held_must_hold(after, code, said, tmp_path, capsys):
+def test_a_cell_that_held_must_hold(after, code, message, tmp_path, capsys):
     base, new = stress(tmp_path / "base", dark="pass", bright="pass"), stress(tmp_path / "new", **after)
     assert main(["compare", base, new]) == code
-    assert said in capsys.readouterr().out
+    assert message in capsys.readouterr().out
 
 
 def test_what_is_allowed_may_go(tmp_path):

@@ -52,14 +52,14 @@ def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
 
 def test_a_gain_beside_a_loss_is_no_finding_against_the_row(make):
     base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
-    found = compare(base, make.run("new", *(make.job(seed=seed, psnr=29.0, flip=0.05) for seed in range(3))))
-    (row,) = found.rows
+    comparison = compare(base, make.run("new", *(make.job(seed=seed, psnr=29.0, flip=0.05) for seed in range(3))))
+    (row,) = comparison.rows
     assert row.verdict == "WORSE"
-    text = terminal(found)
+    text = terminal(comparison)
     assert re.search(r"^better +satin/pca: FLIP 0\.1000 → 0\.0500", text, re.M)
     assert not re.search(r"^WORSE +satin/pca: FLIP", text, re.M)
-    assert "- ✅ better: **satin/pca**: FLIP" in markdown(found)
-    (error,) = annotations(found).splitlines()
+    assert "- ✅ better: **satin/pca**: FLIP" in markdown(comparison)
+    (error,) = annotations(comparison).splitlines()
     assert "PSNR 30.00 → 29.00" in error
     assert "FLIP" not in error
 
@@ -90,11 +90,11 @@ def test_markdown_keeps_its_tables_whole_and_shows_names_as_they_stand(mixed):
 
 
 def test_junit_is_read_by_another_program_as_it_was_meant(mixed):
-    found = JUnitXml.fromstring(junit(mixed).encode())
-    suites = list(found)
+    read = JUnitXml.fromstring(junit(mixed).encode())
+    suites = list(read)
     assert [suite.name for suite in suites] == ["satin", "a/material", "all materials"]
     cases = {case.name: case for suite in suites for case in suite}
-    assert (found.tests, found.failures, found.errors) == (len(cases), 9, 0)  # one of them in the mean of all codecs
+    assert (read.tests, read.failures, read.errors) == (len(cases), 9, 0)  # one of them in the mean of all codecs
     assert sum(suite.failures for suite in suites) == 9
     assert sum(suite.skipped for suite in suites) == 1
     of_all = [case for case in cases.values() if case.classname.endswith("all codecs") and case.result]

@@ -103,9 +103,9 @@ def test_the_reference_is_small_and_of_this_suite():
 
 
 def test_a_run_that_gives_the_reference_again_is_the_same():
-    found = compare(load_run(REFERENCE), load_run(REFERENCE))
-    assert {row.verdict for row in (*found.rows, *found.means)} == {Verdict.SAME}
-    assert found.exit_code == 0
+    comparison = compare(load_run(REFERENCE), load_run(REFERENCE))
+    assert {row.verdict for row in (*comparison.rows, *comparison.means)} == {Verdict.SAME}
+    assert comparison.exit_code == 0
 
 
 @pytest.mark.parametrize(
@@ -122,9 +122,9 @@ def test_a_run_that_gives_the_reference_again_is_the_same():
 def test_a_fault_of_any_one_row_is_caught(tmp_path, plant, verdict):
     base = load_run(REFERENCE)
     for row in ROWS:
-        found = compare(base, written(tmp_path / "new.jsonl", planted(plant, {row})))
-        assert [f.name for f in found.having(verdict)] == ["/".join(row)]
-        assert found.exit_code == 1
+        comparison = compare(base, written(tmp_path / "new.jsonl", planted(plant, {row})))
+        assert [f.name for f in comparison.having(verdict)] == ["/".join(row)]
+        assert comparison.exit_code == 1
 
 
 @pytest.mark.parametrize("plant", [grazing, worse_in_flip])
@@ -136,19 +136,19 @@ def test_a_fault_of_any_one_codec_is_caught(tmp_path, plant):
 
 
 def test_a_loss_of_a_seventh_of_a_decibel_everywhere_is_caught_in_codecs_that_do_not_draw_and_in_the_mean(tmp_path):
-    found = compare(load_run(REFERENCE), written(tmp_path / "new.jsonl", planted(everywhere, set(ROWS))))
-    worse = {row.name for row in found.having(Verdict.WORSE)}
+    comparison = compare(load_run(REFERENCE), written(tmp_path / "new.jsonl", planted(everywhere, set(ROWS))))
+    worse = {row.name for row in comparison.having(Verdict.WORSE)}
     assert {"/".join(row) for row in ROWS if row[1] in CERTAIN} <= worse
-    assert found.means[-1].verdict == Verdict.WORSE
-    assert found.exit_code == 1
+    assert comparison.means[-1].verdict == Verdict.WORSE
+    assert comparison.exit_code == 1
 
 
 def test_a_tenth_of_a_decibel_is_seen_in_the_mean_over_codecs_of_new_seeds(tmp_path):
     """By the mean over slices, of seeds that are not the same again."""
     rows = SEEDS["native"]
     last = jobs(rows, {row: range(len(values["PSNR"]))[-3:] for row, values in rows.items()})
-    found = compare(written(tmp_path / "base.jsonl", jobs(rows)), written(tmp_path / "new.jsonl", last))
-    margins = {change.quantity.name: change.margin for change in found.means[-1].deciding}
+    comparison = compare(written(tmp_path / "base.jsonl", jobs(rows)), written(tmp_path / "new.jsonl", last))
+    margins = {change.quantity.name: change.margin for change in comparison.means[-1].deciding}
     assert margins["slice"] <= 0.1
 
 
@@ -170,12 +170,12 @@ def job(row, seed, values):
 
 def jobs(rows, seeds=None):
     """The jobs of some rows of `SEEDS`; of the seeds at some places, numbered anew."""
-    found = []
+    records = []
     for row, quantities in rows.items():
         count = len(quantities["PSNR"])
         for seed, place in enumerate(range(count) if seeds is None else seeds[row]):
-            found.append(job(row, seed, {name: values[place] for name, values in quantities.items()}))
-    return found
+            records.append(job(row, seed, {name: values[place] for name, values in quantities.items()}))
+    return records
 
 
 def replay(folder, rng):
@@ -191,15 +191,15 @@ def replay(folder, rng):
 def test_hardly_a_replay_of_other_seeds_raises_an_alarm(tmp_path):
     """Out of sample: no seed of the new run is in the reference. docs/ci.md states the number over more replays."""
     rng = random.Random(0)
-    stopped = [found for found in (replay(tmp_path, rng) for _ in range(40)) if found.exit_code]
+    stopped = [comparison for comparison in (replay(tmp_path, rng) for _ in range(40)) if comparison.exit_code]
     assert len(stopped) <= 4
 
 
 @pytest.mark.parametrize("capability", sorted({"avx2", "default"} & set(SEEDS)))
 def test_another_type_of_processor_raises_no_alarm(tmp_path, capability):
     base = written(tmp_path / "base.jsonl", jobs({row: SEEDS["native"][row] for row in SEEDS[capability]}))
-    found = compare(base, written(tmp_path / "new.jsonl", jobs(SEEDS[capability])))
-    assert [row.reasons() for row in (*found.rows, *found.means) if row.forbids] == []
+    comparison = compare(base, written(tmp_path / "new.jsonl", jobs(SEEDS[capability])))
+    assert [row.reasons() for row in (*comparison.rows, *comparison.means) if row.forbids] == []
 
 
 STEPPED = {"neubtf-direct", "neubtf", "neumip", "rainer2019", "relief"}
@@ -222,12 +222,12 @@ def test_a_shift_by_a_quarter_of_a_texel_is_caught(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
     list(run(suite, Options(tmp_path / "base")))
-    asked = PCAMaterial.evaluate
-    monkeypatch.setattr(PCAMaterial, "evaluate", lambda self, uv, *rest: asked(self, uv + 0.25 / self.size[1], *rest))
+    answer = PCAMaterial.evaluate
+    monkeypatch.setattr(PCAMaterial, "evaluate", lambda self, uv, *rest: answer(self, uv + 0.25 / self.size[1], *rest))
     list(run(suite, Options(tmp_path / "new")))
-    found = compare(load_run(tmp_path / "base"), load_run(tmp_path / "new"))
-    (row,) = found.rows
+    comparison = compare(load_run(tmp_path / "base"), load_run(tmp_path / "new"))
+    (row,) = comparison.rows
     by_slice = next(change for change in row.deciding if change.quantity.name == "slice")
     assert by_slice.verdict == Verdict.WORSE
     assert by_slice.interval.mean == pytest.approx(by_slice.difference, abs=1e-6)  # the same, pair by pair
-    assert found.exit_code == 1
+    assert comparison.exit_code == 1

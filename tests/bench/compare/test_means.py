@@ -28,5 +28,5 @@ def test_the_mean_of_rows_scatters_as_it_says(deviations):
     """A plain sum of variances would be too small by a fifth and more: chance decides which rows weigh most."""
     rng = random.Random(0)
     merged = [_merged([change(rng, each) for each in deviations], every=True) for _ in range(2000)]
-    found = fmean(each.difference**2 for each in merged)
-    assert fmean(each.chance.error**2 for each in merged) == pytest.approx(found, rel=0.1)
+    variance = fmean(each.difference**2 for each in merged)
+    assert fmean(each.chance.error**2 for each in merged) == pytest.approx(variance, rel=0.1)

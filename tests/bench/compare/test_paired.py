@@ -9,18 +9,18 @@ from bench.errors import InputError
 def test_pairing_takes_away_what_both_share_and_keeps_what_they_do_not():
     rng = np.random.default_rng(0)
     hard = rng.normal(25, 6, 150)
-    found = interval([Cell("satin", 0, "a", hard + 0.2 + rng.normal(0, 0.3, 150) - hard)])
-    assert found.low < 0.2 < found.high
-    assert found.low > 0
-    assert found.high - found.low < 0.15  # 2 · 1.96 · 0.3 / √150 = 0.1, where the means alone are known to ± 1 dB
+    gain = interval([Cell("satin", 0, "a", hard + 0.2 + rng.normal(0, 0.3, 150) - hard)])
+    assert gain.low < 0.2 < gain.high
+    assert gain.low > 0
+    assert gain.high - gain.low < 0.15  # 2 · 1.96 · 0.3 / √150 = 0.1, where the means alone are known to ± 1 dB
 
 
 def test_the_interval_holds_the_truth_in_95_of_100():
     rng = np.random.default_rng(1)
     held = 0
     for _ in range(200):
-        found = interval([Cell("m", 0, "a", rng.normal(0.5, 1, 60))], draws=400)
-        held += found.low <= 0.5 <= found.high
+        difference = interval([Cell("m", 0, "a", rng.normal(0.5, 1, 60))], draws=400)
+        held += difference.low <= 0.5 <= difference.high
     assert 180 <= held <= 198
 
 
@@ -40,14 +40,14 @@ def test_seeds_that_differ_widen_the_interval_and_so_do_materials():
 
 def test_over_materials_it_is_student_s_of_their_means():
     cells = [Cell(f"m{i}", 0, "a", np.array([gain, gain + 0.2])) for i, gain in enumerate((1.0, 2.0, 4.0))]
-    found = interval(cells)
+    difference = interval(cells)
     means = np.array([1.1, 2.1, 4.1])
     reach = 4.302653 * means.std(ddof=1) / np.sqrt(3)  # Student's t of two degrees of freedom
-    assert (found.mean, found.low, found.high) == pytest.approx(
+    assert (difference.mean, difference.low, difference.high) == pytest.approx(
         (means.mean(), means.mean() - reach, means.mean() + reach)
     )
     ratio = means.mean() / (means.std(ddof=1) / np.sqrt(3))
-    assert found.chance == pytest.approx(1 - ratio / np.sqrt(ratio**2 + 2))  # in closed form
+    assert difference.chance == pytest.approx(1 - ratio / np.sqrt(ratio**2 + 2))  # in closed form
     assert interval(cells[:1]).chance == 1  # of one material, which says nothing of others
 
 
@@ -93,14 +93,14 @@ def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_p
             jobs.append(make.job(label, seed=seed) | {"slices": f"../{name}"})
     run = make.run("run", *jobs)
     whole = against(run, "pca", ["vq", "table"])
-    found = whole.over["vq"]
-    assert found.mean == pytest.approx(-10 * np.log10(2))
-    assert found.high - found.low < 1e-6
-    assert found.slices == 80  # those without any error are left out
+    difference = whole.over["vq"]
+    assert difference.mean == pytest.approx(-10 * np.log10(2))
+    assert difference.high - difference.low < 1e-6
+    assert difference.slices == 80  # those without any error are left out
     assert list(whole.over) == ["vq"]
-    assert whole.on == {"satin": {"vq": found}}
+    assert whole.on == {"satin": {"vq": difference}}
     ours = make.run("ours", *(job | {"settings": {"recipe": "ours"}} if job["label"] == "vq" else job for job in jobs))
-    assert against(ours, "pca", ["vq (our recipe)"]).over == {"vq (our recipe)": found}  # as tables call it
+    assert against(ours, "pca", ["vq (our recipe)"]).over == {"vq (our recipe)": difference}  # as tables call it
 
 
 def test_slices_that_cannot_be_read_cost_their_codec_alone(make, tmp_path):
@@ -110,8 +110,8 @@ def test_slices_that_cannot_be_read_cost_their_codec_alone(make, tmp_path):
         np.savez(tmp_path / f"{label}.npz", psnr_display=error, heldout=np.ones(10, bool))
         jobs.append(make.job(label) | {"slices": f"../{label}.npz"})
     (tmp_path / "vq.npz").write_bytes(b"no archive")
-    found = against(make.run("run", *jobs), "pca", ["vq", "table"])
-    assert list(found.over) == ["table"]
+    readable = against(make.run("run", *jobs), "pca", ["vq", "table"])
+    assert list(readable.over) == ["table"]
     (tmp_path / "pca.npz").write_bytes(b"no archive")
     assert against(make.run("other", *jobs), "pca", ["vq", "table"]).over == {}
 

@@ -22,19 +22,19 @@ def jobs(codec, sizes, qualities, seeds=1, **settings):
 
 
 def test_half_the_bytes_at_equal_quality_are_minus_fifty_percent_and_twice_them_against_the_other():
-    found = deltas(fronts(jobs("pca", SIZES, QUALITY) + jobs("vq", SIZES // 2, QUALITY, seeds=3)))
-    assert found["vq", "pca"].rate.value == pytest.approx(-50)
-    assert found["pca", "vq"].rate.value == pytest.approx(100)
+    worth = deltas(fronts(jobs("pca", SIZES, QUALITY) + jobs("vq", SIZES // 2, QUALITY, seeds=3)))
+    assert worth["vq", "pca"].rate.value == pytest.approx(-50)
+    assert worth["pca", "vq"].rate.value == pytest.approx(100)
     # Quality rises by 3 dB a doubling, so half the bytes are worth 3 dB.
-    assert found["vq", "pca"].quality.value == pytest.approx(3)
-    assert found["vq", "pca"].rate.overlap == pytest.approx(1)
-    assert set(found) == {("vq", "pca"), ("pca", "vq")}
+    assert worth["vq", "pca"].quality.value == pytest.approx(3)
+    assert worth["vq", "pca"].rate.overlap == pytest.approx(1)
+    assert set(worth) == {("vq", "pca"), ("pca", "vq")}
 
 
 def test_fronts_that_share_no_quality_are_compared_at_equal_bytes_alone():
-    found = deltas(fronts(jobs("pca", SIZES, QUALITY) + jobs("vq", SIZES, [40.0, 41.0, 42.0, 43.0, 44.0])))
-    assert found["vq", "pca"].rate is None
-    assert found["vq", "pca"].quality.value == pytest.approx(16)
+    worth = deltas(fronts(jobs("pca", SIZES, QUALITY) + jobs("vq", SIZES, [40.0, 41.0, 42.0, 43.0, 44.0])))
+    assert worth["vq", "pca"].rate is None
+    assert worth["vq", "pca"].quality.value == pytest.approx(16)
 
 
 def test_a_front_leaves_out_what_a_smaller_file_of_the_codec_beats():

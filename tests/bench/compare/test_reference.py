@@ -25,15 +25,15 @@ def written(run, path, before=None):
 
 
 def test_a_reference_stands_for_its_run(run, tmp_path):
-    found = compare(written(run, tmp_path / "reference.jsonl"), run)
-    assert {row.verdict for row in found.rows} == {Verdict.SAME}
-    assert found.exit_code == 0
-    changes = [change for row in found.rows for change in (*row.deciding, *row.shown)]
+    comparison = compare(written(run, tmp_path / "reference.jsonl"), run)
+    assert {row.verdict for row in comparison.rows} == {Verdict.SAME}
+    assert comparison.exit_code == 0
+    changes = [change for row in comparison.rows for change in (*row.deciding, *row.shown)]
     assert max(abs(change.difference) for change in changes) < 1e-4  # seven digits are kept
     assert {"PSNR", "FLIP", "bytes", "parameters", "train PSNR", "ssim", "2 texels"} <= {
         c.quantity.name for c in changes
     }
-    assert found.rows[0].timing.base == pytest.approx(2.5)
+    assert comparison.rows[0].timing.base == pytest.approx(2.5)
 
 
 def test_the_same_records_give_the_same_bytes_in_whatever_order_they_were_written(make, run):

@@ -48,9 +48,9 @@ def test_each_codec_answers_alike(tmp_path, btf, codec):
     material, (uv, wo, wi, footprint) = bench.load(file), queries(2000)
     kernel = Kernel(program_of(material), kind)
     columns = ([kind.Float(column) for column in each.T] for each in (uv, wo, wi))
-    found = np.stack([np.asarray(dr.maximum(x, 0)) for x in kernel(*columns, kind.Float(footprint))], 1)
+    rgb = np.stack([np.asarray(dr.maximum(x, 0)) for x in kernel(*columns, kind.Float(footprint))], 1)
     wanted = material.query(uv, wo, wi, footprint)
-    off = np.abs(found - wanted) > 1e-4 * np.abs(wanted) + 1e-5
+    off = np.abs(rgb - wanted) > 1e-4 * np.abs(wanted) + 1e-5
     assert wanted.std() > 0.01
     assert off.any(1).mean() <= 1e-3  # a march may step over an edge by the last bit
     assert np.abs(kernel(*([kind.Float(0.3)] * k for k in (2, 3, 3)), kind.Float(0))[0][0]) < np.inf
@@ -72,9 +72,9 @@ def test_a_large_network_is_of_functions_that_the_kernel_calls(tmp_path, btf, mo
     material, (uv, wo, wi, footprint) = bench.load(file), queries(500)
     columns = ([kind.Float(column) for column in each.T] for each in (uv, wo, wi))
     kernel = module.Kernel(program_of(material), kind)
-    found = np.stack([np.asarray(dr.maximum(x, 0)) for x in kernel(*columns, kind.Float(footprint))], 1)
+    rgb = np.stack([np.asarray(dr.maximum(x, 0)) for x in kernel(*columns, kind.Float(footprint))], 1)
     wanted = material.query(uv, wo, wi, footprint)
-    np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(rgb, wanted, rtol=1e-4, atol=1e-5)
     assert any(columns % module.BLOCK for _, columns in calls)
     assert max(columns for _, columns in calls) > module.BLOCK
 

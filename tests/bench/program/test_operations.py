@@ -58,8 +58,8 @@ def truth(material: Material, given: list[np.ndarray]) -> np.ndarray:
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_shader_does_it(name: str) -> None:
     material, given = Made(MATERIALS[name]), queries(20)
-    made = shader(program_of(material), GLSL)
-    ours = np.stack([answer(made, *query) for query in zip(*given, strict=True)])
+    code = shader(program_of(material), GLSL)
+    ours = np.stack([answer(code, *query) for query in zip(*given, strict=True)])
     np.testing.assert_allclose(np.maximum(ours, 0), truth(material, given), rtol=1e-5, atol=1e-6)
 
 

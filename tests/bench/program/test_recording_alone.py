@@ -24,25 +24,25 @@ def steps(program):
 
 def test_frames_that_somebody_keeps_change_no_program(material):
     """As a profiler of the asking thread does: Dask's workers have one."""
-    expected, kept = steps(program_of(material)), []
-    sys.setprofile(lambda frame, event, _: kept.append(frame))
+    expected, frames = steps(program_of(material)), []
+    sys.setprofile(lambda frame, event, _: frames.append(frame))
     try:
-        found = steps(program_of(material))
+        recorded = steps(program_of(material))
     finally:
         sys.setprofile(None)
-    assert found == expected
+    assert recorded == expected
 
 
 def test_threads_that_record_at_once_give_what_one_gives(material):
-    expected, found, together = steps(program_of(material)), [], threading.Barrier(3)
+    expected, recorded, together = steps(program_of(material)), [], threading.Barrier(3)
 
     def record():
         together.wait()
-        found.append(steps(program_of(material)))
+        recorded.append(steps(program_of(material)))
 
     threads = [threading.Thread(target=record) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert found == [expected] * 3
+    assert recorded == [expected] * 3

@@ -87,10 +87,10 @@ def test_fused_is_the_network_alone_where_the_rest_cannot_be_recorded(monkeypatc
             return super().evaluate(uv, wo, wi, footprint) if uv.sum() > 0 else uv
 
     fused()  # skips where there is no Dr.Jit
-    found = prepared(Branching(), Variant("fused"))
-    assert type(found) is Branching
-    assert type(found.network).__name__ == "DrJitNetwork"
-    assert_same(found, 1e-5)
+    material = prepared(Branching(), Variant("fused"))
+    assert type(material) is Branching
+    assert type(material.network).__name__ == "DrJitNetwork"
+    assert_same(material, 1e-5)
 
 
 @pytest.fixture
@@ -104,12 +104,12 @@ def test_fused_is_found_however_deep_the_network_is(old_llvm, monkeypatch):
     material = Textured()
     material.network = torch.nn.ModuleDict({"inner": torch.nn.ModuleList([material.network])})
     assert len(networks(material)) == 1
-    made = []
+    replaced = []
     monkeypatch.setattr(
-        "bench.timing.fused.with_drjit.DrJitNetwork", lambda network: made.append(network) or torch.nn.Identity()
+        "bench.timing.fused.with_drjit.DrJitNetwork", lambda network: replaced.append(network) or torch.nn.Identity()
     )
     fused = prepared(material, Variant("fused"))
-    assert len(made) == 1
+    assert len(replaced) == 1
     assert isinstance(fused.network["inner"][0], torch.nn.Identity)
 
 
@@ -135,9 +135,9 @@ def test_a_query_maps_no_memory_but_for_its_answers(execution):
     material = fused() if execution == "fused" else prepared(Textured(), Variant(execution))
     gc.collect()  # what recording and compiling left behind: freed later, it would shrink the heap in the middle
     material.query(*queries(2 * material.chunk))
-    asked = queries(16 * material.chunk)
+    batch = queries(16 * material.chunk)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    rgb = material.query(*asked)
+    rgb = material.query(*batch)
     mapped = (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) * resource.getpagesize()
     assert mapped <= rgb.numel() * rgb.element_size() + (1 << 20)
 
@@ -146,10 +146,10 @@ def test_a_query_maps_no_memory_but_for_its_answers(execution):
 def test_code_that_was_compiled_for_one_capability_is_not_taken_for_another(capability, bits, monkeypatch):
     """PyTorch keeps compiled code by its options, and not by ATEN_CPU_CAPABILITY."""
     monkeypatch.setenv("ATEN_CPU_CAPABILITY", capability)
-    asked = {}
-    monkeypatch.setattr(torch, "compile", lambda call, **words: asked.update(words) or call)
+    given = {}
+    monkeypatch.setattr(torch, "compile", lambda call, **words: given.update(words) or call)
     lean.compiled(len, dynamic=True)
-    assert asked["options"].get("cpp.simdlen") == bits
+    assert given["options"].get("cpp.simdlen") == bits
 
 
 def test_a_compiler_that_fails_is_told_with_the_remedy():

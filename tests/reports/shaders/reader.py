@@ -66,9 +66,8 @@ class Matrix:
 
 def _each(function: Callable[..., Any]) -> Callable[..., Any]:
     def apply(*arguments: Any) -> Any:
-        values = [a.values if isinstance(a, Vector) else np.float32(a) for a in arguments]
-        found = function(*values)
-        return Vector(*found) if any(isinstance(a, Vector) for a in arguments) else found
+        values = function(*(a.values if isinstance(a, Vector) else np.float32(a) for a in arguments))
+        return Vector(*values) if any(isinstance(a, Vector) for a in arguments) else values
 
     return apply
 

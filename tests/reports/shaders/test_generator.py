@@ -38,9 +38,9 @@ CODECS = {
 
 
 def decoded(codec: str, settings: dict[str, Any]) -> Material:
-    made = load_codec(codec)(**settings)
+    instance = load_codec(codec)(**settings)
     btf = bumps()[0] if codec == "relief" else tiny_btf()
-    material = made.decode(made.encode(btf, Fit()), torch.device("cpu"))
+    material = instance.decode(instance.encode(btf, Fit()), torch.device("cpu"))
     assert codec != "relief" or vars(material)["relief"] is not None  # there is a height to march
     return material
 
@@ -54,14 +54,14 @@ def stored(material: Material, folder: Path) -> Program:
 def test_a_shader_answers_as_the_material_does(codec: str, tmp_path: Path) -> None:
     """Within what textures of halves round, 1e-3 of the brightest answer."""
     material = decoded(codec, CODECS[codec])
-    made = shader(stored(material, tmp_path), GLSL)
+    code = shader(stored(material, tmp_path), GLSL)
     rng = np.random.default_rng(0)
     uv = rng.random((12, 2)).astype(np.float32)
     wo, wi = (uniform(rng, 12, 85.0).astype(np.float32) for _ in range(2))
     footprints = np.array([0.001, 0.2] * 6, np.float32)
     queries = [torch.from_numpy(x) for x in (uv, wo, wi, footprints)]
     truth = material.query(*queries).numpy()
-    ours = np.stack([answer(made, *query) for query in zip(uv, wo, wi, footprints.tolist(), strict=True)])
+    ours = np.stack([answer(code, *query) for query in zip(uv, wo, wi, footprints.tolist(), strict=True)])
     np.testing.assert_allclose(np.maximum(ours, 0), truth, atol=1e-3 * truth.max(), rtol=1e-3)
 
 

@@ -72,8 +72,8 @@ def test_each_codec_answers_as_in_eager(tmp_path, btf, name):
     assert (parameters(whole), whole.cost, whole.size) == (parameters(material), material.cost, material.size)
     absolute, relative = TOLERANCES["float32"]
     for count in (1, 3000):
-        expected, found = material.query(*queries(count)), whole.query(*queries(count))
-        error = (found - expected).abs().amax(1)
+        expected, rgb = material.query(*queries(count)), whole.query(*queries(count))
+        error = (rgb - expected).abs().amax(1)
         # A march may step over an edge of the height by the last bit.
         assert (error > absolute + relative * expected.max()).float().mean() <= 1e-3
     assert expected.std() > 0.01
