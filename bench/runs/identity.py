@@ -86,13 +86,8 @@ def _source(path: Path, module: str) -> _Source:
     imported, by_name = tuple(_imported(tree, module, path)), _imports_by_name(tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            node.body = node.body[_documented(node) :]
+            node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
     return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported, by_name)
-
-
-def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    first = node.body[0] if node.body else None
-    return isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str)
 
 
 @cache
