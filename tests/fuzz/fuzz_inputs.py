@@ -164,7 +164,7 @@ def read_suite(path: Path, codecs: bool) -> None:
     suite = load_suite(str(path))
     assert len(suite.cells) <= 100_000
     if suite.materials and not suite.materials[0].path:
-        suite.data.sampling().product()
+        suite.data.product()
     if codecs:
         canonical(suite)
 
@@ -471,7 +471,7 @@ def job() -> Any:
 
 def attack_facts(sample: Path, scratch: Path, rng: random.Random) -> Reading:
     made = job()
-    origin = made.place.folder / made.file
+    origin = made.folder.folder / made.file
     facts = json.loads(origin.with_suffix(".fit.json").read_text())
     facts["history"] = [{"step": 1, "seconds": 0.5, "psnr": 20.0}]
     path = scratch / origin.name
