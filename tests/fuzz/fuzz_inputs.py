@@ -471,7 +471,7 @@ def job() -> Any:
 
 def attack_facts(sample: Path, scratch: Path, rng: random.Random) -> Reading:
     made = job()
-    origin = made.folder.folder / made.file
+    origin = made.folder.path / made.file
     facts = json.loads(origin.with_suffix(".fit.json").read_text())
     facts["history"] = [{"step": 1, "seconds": 0.5, "psnr": 20.0}]
     path = scratch / origin.name
@@ -485,7 +485,7 @@ def read_facts(made: Any, path: Path) -> None:
     from bench.records import Records, Run, append
     from reports.tables import all_tables
 
-    found = made._found(path)
+    found = made._stored(path)
     if found is None:
         raise InputError("fitted again")
     record = next(each for each in records_of_a_run() if each.get("kind") == "job" and each["codec"] == "mean-colour")
