@@ -124,7 +124,7 @@ class Pool(Samples):
             wo.append(samples.wo[pair])
             wi.append(samples.wi[pair])
             material += [number] * len(texel)
-        self.device, self.kept, self.pairs = fit.device, torch.cat(abrdfs), PAIRS
+        self.device, self.table, self.pairs = fit.device, torch.cat(abrdfs), PAIRS
         self.texels, self.material = len(material), torch.tensor(material, device=fit.device)
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
 

@@ -201,7 +201,7 @@ class Pool(Samples):
         generator, device = fit.generator(), fit.device
         drawn = [_drawn(btf, canonical, most, generator, fit) for btf in fit.progress(btfs, "materials")]
         inputs, targets, where = zip(*drawn, strict=True)
-        self.device, self.inputs, self.kept = device, torch.cat(inputs), torch.cat(targets)
+        self.device, self.inputs, self.table = device, torch.cat(inputs), torch.cat(targets)
         self.texels, self.pairs = len(self.inputs), TARGETS
         self.where = torch.stack(where)
         counts = torch.tensor([len(texels) for texels in inputs], device=device)
