@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -54,9 +55,7 @@ class HSH(Codec):
         coefficients = torch.zeros(len(solve), texels * 3, device=fit.device)
         step, pictures = max(1, BLOCK_BYTES // (texels * 12)), fit.progress(btf, total=len(btf))
         for rows in torch.arange(len(btf)).split(step):
-            block = torch.stack(
-                [torch.from_numpy(picture).flatten() for _, picture in zip(rows, pictures, strict=False)]
-            )
+            block = torch.from_numpy(np.stack([picture for _, picture in zip(rows, pictures, strict=False)])).flatten(1)
             values = block.clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)
             coefficients += solve[:, rows] @ ((gain * values).log1p() if settings.domain == "log" else values)
         texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)
