@@ -38,4 +38,4 @@ def test_a_codec_of_one_s_own_stands_beside_the_published_records(tmp_path, monk
     }
     assert found["mine"] == found["mean-colour"] < found["pca"]
     assert "Not comparable" not in said
-    assert f"neubtf-bench {shlex.join(table)}\n" in (ROOT / "bench" / "commands" / "table.py").read_text()
+    assert f"neubtf-bench {shlex.join(table)}\n" in (ROOT / "bench" / "cli" / "commands" / "table.py").read_text()
