@@ -83,7 +83,7 @@ def _list() -> int:
     for case in CASES:
         print(f"{case.group:<10}  {case.name:<{width}}  {case.holds}")
     for picture in metrics.CASES:
-        print(f"{'pictures':<10}  {picture.name:<{width}}  {picture.holds}")
+        print(f"{picture.group:<10}  {picture.name:<{width}}  {picture.holds}")
     return FINE
 
 

@@ -1,6 +1,7 @@
 """A case of the catalogue, the codec that it is tried on, and what came of it."""
 
 import dataclasses
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -63,6 +64,7 @@ class CaseVerdict:
     figure: str = ""
     detail: str = ""
     used: float | None = None
+    seconds: float = 0.0  # that the test took
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,8 @@ class Subject:
 
     def codec(self, **changes: Any) -> Codec:
         """The codec with some settings changed."""
-        return changed(self.tested.codec, **changes)
+        tested = self.tested.codec
+        return type(tested)(**settings_dict(tested) | changes)
 
     def answers(self, queries: Iterable[Tensor]) -> Tensor:
         """The answers (n, 3) of the ordinary material to uv, ω_o, ω_i and footprints."""
@@ -155,23 +158,27 @@ def short(kind: type[Codec]) -> dict[str, Any]:
     return {name: min(defaults[name], most) for name, most in SHORT.items() if name in defaults}
 
 
-def changed(codec: Codec, **changes: Any) -> Codec:
-    """The codec with some settings changed."""
-    return type(codec)(**settings_dict(codec) | changes)
-
-
 def judge(case: Case, subject: Subject) -> CaseVerdict:
     """Try a case on a codec. Whatever a codec raises is its failure."""
+    with torch_threads(1):
+        return judged(lambda: case.test(subject), NotApplicable, lambda error: raised(error, subject.tested.codec))
+
+
+def judged(
+    test: Callable[[], Measured | None], inapplicable: type[Exception], described: Callable[[Exception], str]
+) -> CaseVerdict:
+    """What came of a test: whatever it raises is a failure, but for the reason why it says nothing."""
+    start = time.perf_counter()
     try:
-        with torch_threads(1):
-            measured = case.test(subject) or Measured()
-        return CaseVerdict("pass", measured.figure, measured.detail, measured.used)
-    except NotApplicable as reason:
-        return CaseVerdict("n/a", "n/a", str(reason))
+        measured = test() or Measured()
+        verdict = CaseVerdict("pass", measured.figure, measured.detail, measured.used)
+    except inapplicable as reason:
+        verdict = CaseVerdict("n/a", "n/a", str(reason))
     except CheckError as error:
-        return CaseVerdict("fail", error.figure or "failed", str(error))
-    except Exception as error:  # whatever a foreign codec raises is its failure, and the next case still runs
-        return CaseVerdict("fail", type(error).__name__, raised(error, subject.tested.codec))
+        verdict = CaseVerdict("fail", error.figure or "failed", str(error))
+    except Exception as error:  # whatever is tried raises is its failure, and the next case still runs
+        verdict = CaseVerdict("fail", type(error).__name__, described(error))
+    return dataclasses.replace(verdict, seconds=time.perf_counter() - start)
 
 
 def applicable(condition: object, reason: str) -> None:

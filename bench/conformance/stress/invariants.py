@@ -162,10 +162,6 @@ def wild_rates(kind: type[Configured]) -> dict[str, float]:
     return {name: HIGH_RATE for name in kinds if kinds[name] is float and (name == "rate" or name.endswith("_rate"))}
 
 
-def same(test: Callable[[check.CodecUnderTest], None]) -> Callable[[Subject], None]:
-    return lambda subject: test(subject.tested)
-
-
 def invariant(name: str, holds: str, test: Test, cheap: bool = True) -> Case:
     return Case("invariants", name, holds, test, cheap)
 
@@ -177,8 +173,10 @@ CASES = (
     invariant("continuous across the wrap", SAYS_CONTINUOUS, partial(continuous, across_wrap)),
     invariant("continuous across the zenith", SAYS_CONTINUOUS, partial(continuous, across_zenith)),
     # `neubtf-bench check` has these two already.
-    invariant("size of a batch", check.batches.__doc__ or "", same(check.batches), cheap=False),
-    invariant("order of a batch", check.order.__doc__ or "", same(check.order), cheap=False),
+    invariant(
+        "size of a batch", check.batches.__doc__ or "", lambda subject: check.batches(subject.tested), cheap=False
+    ),
+    invariant("order of a batch", check.order.__doc__ or "", lambda subject: check.order(subject.tested), cheap=False),
     *(
         invariant(
             f"{name} against fp64",

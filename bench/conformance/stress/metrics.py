@@ -3,15 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import get_args
+from typing import ClassVar, get_args
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from bench import metrics
-from bench.conformance.check import CheckError
-from bench.conformance.stress.case import CaseVerdict, require
+from bench.conformance.stress.case import CaseVerdict, judged, require
 from bench.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
@@ -33,8 +32,8 @@ def picture(seed: int = 0, side: int = SIDE) -> Array:
     return np.random.default_rng(seed).random((side, side, 3)).astype(np.float32)
 
 
-def flat(value: float, side: int = SIDE) -> Array:
-    return np.full((side, side, 3), value, np.float32)
+def flat(value: float) -> Array:
+    return np.full((SIDE, SIDE, 3), value, np.float32)
 
 
 def hdr(seed: int) -> Array:
@@ -49,6 +48,7 @@ class PictureCase:
     name: str
     make: Callable[[], Pictures]
     equal: bool | None
+    group: ClassVar[str] = "pictures"
 
     @property
     def holds(self) -> str:
@@ -110,12 +110,4 @@ def subjects() -> dict[str, Callable[[PictureCase], None]]:
 
 def judge(test: Callable[[PictureCase], None], case: PictureCase) -> CaseVerdict:
     """Try a metric or a loss on two pictures; a picture that is too small for it is refused by name."""
-    try:
-        test(case)
-    except InputError as error:
-        return CaseVerdict("n/a", "n/a", str(error))
-    except CheckError as error:
-        return CaseVerdict("fail", error.figure or "failed", str(error))
-    except Exception as error:  # whatever a metric raises is its failure, and the next case still runs
-        return CaseVerdict("fail", type(error).__name__, f"{type(error).__name__}: {error}".splitlines()[0])
-    return CaseVerdict("pass")
+    return judged(lambda: test(case), InputError, lambda error: f"{type(error).__name__}: {error}".splitlines()[0])

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +28,6 @@ class Queries(NamedTuple):
     wi: Tensor
     footprint: Tensor
 
-    def rows(self, index: Tensor | slice) -> "Queries":
-        """Some of the queries."""
-        return Queries(*(column[index] for column in self))
-
 
 def spread(count: int = COUNT, theta_max_deg: float = 75.0, seed: int = 0) -> Queries:
     """Random queries: one period of uv, directions uniform in solid angle, footprints up to an eighth."""
@@ -54,15 +51,14 @@ def barely_above() -> Tensor:
 
 def at(wo: Tensor | None = None, wi: Tensor | None = None) -> Callable[[], Queries]:
     """Random queries with the view, the light or both put elsewhere."""
+    moved = {} if wo is None else {"wo": wo.expand(COUNT, 3).clone()}
+    moved |= {} if wi is None else {"wi": wi.expand(COUNT, 3).roll(7, 0)}
+    return lambda: spread()._replace(**moved)
 
-    def make() -> Queries:
-        queries = spread()
-        view, light = (w if w is None else w.expand(COUNT, 3).clone() for w in (wo, wi))
-        return queries._replace(
-            wo=queries.wo if view is None else view, wi=queries.wi if light is None else light.roll(7, 0)
-        )
 
-    return make
+def light_of_view(*signs: float) -> Callable[[], Queries]:
+    """Random queries whose light is the view, each coordinate times a sign."""
+    return lambda: (queries := spread())._replace(wi=queries.wo * torch.tensor(signs))
 
 
 def bounded(subject: Subject, queries: Queries) -> None:
@@ -118,35 +114,26 @@ def far_uv(subject: Subject) -> None:
     agree(subject, queries._replace(uv=there + place), queries._replace(uv=place))
 
 
-def edge_uv(value: float) -> Callable[[Subject], None]:
-    def test(subject: Subject) -> None:
-        queries = spread()
-        uv, zero = queries.uv.clone(), queries.uv.clone()
-        uv[: COUNT // 2, 0], uv[COUNT // 2 :, 1] = value, value
-        zero[: COUNT // 2, 0], zero[COUNT // 2 :, 1] = 0.0, 0.0
-        agree(subject, queries._replace(uv=uv), queries._replace(uv=zero))
-
-    return test
+def edge_uv(value: float, subject: Subject) -> None:
+    queries = spread()
+    uv, zero = queries.uv.clone(), queries.uv.clone()
+    uv[: COUNT // 2, 0], uv[COUNT // 2 :, 1] = value, value
+    zero[: COUNT // 2, 0], zero[COUNT // 2 :, 1] = 0.0, 0.0
+    agree(subject, queries._replace(uv=uv), queries._replace(uv=zero))
 
 
 def footprint(size: float) -> Callable[[], Queries]:
     return lambda: spread()._replace(footprint=torch.full((COUNT,), size))
 
 
-def batch_of(count: int) -> Callable[[Subject], None]:
+def batch_of(count: int, subject: Subject) -> None:
     """One batch of so many queries: few different ones, in turns, which are asked again in a small batch."""
-
-    def test(subject: Subject) -> None:
-        few = spread(1021, seed=3)
-        turns = torch.arange(count) % len(few.uv)
-        answers, wanted = subject.answers(few.rows(turns)), subject.answers(few)
-        require(answers.shape == (count, 3), str(tuple(answers.shape)), f"the answer is {tuple(answers.shape)}")
-        apart, allowed = (answers - wanted[turns]).abs().max().item() if count else 0.0, ROUNDING * subject.brightest
-        require(
-            apart <= allowed, f"{apart:.2g}", f"in another batch answers differ by {apart:.3g}, allowed {allowed:.3g}"
-        )
-
-    return test
+    few = spread(1021, seed=3)
+    turns = torch.arange(count) % len(few.uv)
+    answers, wanted = subject.answers(Queries(*(column[turns] for column in few))), subject.answers(few)
+    require(answers.shape == (count, 3), str(tuple(answers.shape)), f"the answer is {tuple(answers.shape)}")
+    apart, allowed = (answers - wanted[turns]).abs().max().item() if count else 0.0, ROUNDING * subject.brightest
+    require(apart <= allowed, f"{apart:.2g}", f"in another batch answers differ by {apart:.3g}, allowed {allowed:.3g}")
 
 
 def described(queries: Queries, row: int) -> str:
@@ -160,21 +147,6 @@ def query(
 ) -> Case:
     """A case: what it is called, how the queries are made, what must hold of the answers."""
     return Case("queries", name, holds.__doc__ or "", lambda subject: holds(subject, make()), cheap)
-
-
-def mirrored() -> Queries:
-    queries = spread()
-    return queries._replace(wi=queries.wo * torch.tensor([-1.0, -1.0, 1.0]))
-
-
-def opposite() -> Queries:
-    queries = spread()
-    return queries._replace(wi=-queries.wo)
-
-
-def same_directions() -> Queries:
-    queries = spread()
-    return queries._replace(wi=queries.wo)
 
 
 def below() -> Queries:
@@ -193,21 +165,21 @@ CASES = (
     query("light at 89.99°", at(wi=grazing())),
     query("view and light at 89.99°", at(grazing(), grazing())),
     query("view and light barely above z = 0", at(barely_above(), barely_above())),
-    query("ω_o = ω_i", same_directions),
-    query("light mirrored to the view", mirrored),
-    query("light opposite to the view", opposite, dark),
+    query("ω_o = ω_i", light_of_view(1.0, 1.0, 1.0)),
+    query("light mirrored to the view", light_of_view(-1.0, -1.0, 1.0)),
+    query("light opposite to the view", light_of_view(-1.0, -1.0, -1.0), dark),
     query("view at the zenith", at(wo=UP)),
     query("light at the zenith", at(wi=UP)),
     query("view and light at the zenith", at(UP, UP)),
     query("z = 0 and below", below, dark),
     query("direction not of unit length", spread, refused),
     Case("queries", "uv = ±1e6", far_uv.__doc__ or "", far_uv, cheap=True),
-    Case("queries", "uv = −0.0", SAME_PLACE, edge_uv(-0.0), cheap=True),
-    Case("queries", "uv = 1 − 2⁻²⁴", SAME_PLACE, edge_uv(1 - 2**-24), cheap=True),
+    Case("queries", "uv = −0.0", SAME_PLACE, partial(edge_uv, -0.0), cheap=True),
+    Case("queries", "uv = 1 − 2⁻²⁴", SAME_PLACE, partial(edge_uv, 1 - 2**-24), cheap=True),
     query("footprint 0", footprint(0.0)),
     query("footprint 1e-9", footprint(1e-9)),
     query("footprint 10", footprint(10.0)),
-    Case("queries", "batch of 0", "no answer", batch_of(0), cheap=True),
-    Case("queries", "batch of 1", "the answer is that in a larger batch", batch_of(1), cheap=True),
-    Case("queries", "batch of 2²² + 1", "the answers are those in a smaller batch", batch_of(LARGE)),
+    Case("queries", "batch of 0", "no answer", partial(batch_of, 0), cheap=True),
+    Case("queries", "batch of 1", "the answer is that in a larger batch", partial(batch_of, 1), cheap=True),
+    Case("queries", "batch of 2²² + 1", "the answers are those in a smaller batch", partial(batch_of, LARGE)),
 )

@@ -1,9 +1,9 @@
 """Tries the catalogue on codecs, and the pictures on metrics and losses, as records."""
 
+import dataclasses
 import logging
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, as_completed
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,8 +15,6 @@ from bench.conformance.stress.case import Case, CaseVerdict, judge, subject_of
 from bench.errors import InputError, did_you_mean
 from bench.records import Record
 from bench.runs.executors import Workers
-
-PICTURES = "pictures"  # the group of the metrics' and losses' cases
 
 
 def chosen(codecs: Sequence[str], names: Sequence[str]) -> tuple[list[str], list[Case]]:
@@ -56,11 +54,10 @@ def attempt(codec: str, names: Sequence[str]) -> list[Record]:
     kind = load_codec(codec)
     with tempfile.TemporaryDirectory() as folder, _quiet():
         subject = subject_of(kind, Path(folder))
-        cases = [case for case in CASES if case.name in names]
         return [
-            _record(codec, case, *_timed(lambda case=case: judge(case, subject)))  # type: ignore[misc]
-            | {"version": kind.version, "order": CASES.index(case)}
-            for case in cases
+            _record(codec, case, judge(case, subject)) | {"version": kind.version, "order": order}
+            for order, case in enumerate(CASES)
+            if case.name in names
         ]
 
 
@@ -77,32 +74,15 @@ def _quiet() -> Iterator[None]:
 def picture_records() -> Iterator[Record]:
     """A record for each metric or loss and each pair of pictures."""
     for name, test in metrics.subjects().items():
-        for case in metrics.CASES:
-            verdict, seconds = _timed(lambda test=test, case=case: metrics.judge(test, case))  # type: ignore[misc]
-            row = Case(PICTURES, case.name, case.holds, lambda _: None)
-            yield _record(name, row, verdict, seconds) | {"order": len(CASES) + metrics.CASES.index(case)}
+        for order, case in enumerate(metrics.CASES, len(CASES)):
+            yield _record(name, case, metrics.judge(test, case)) | {"order": order}
 
 
-def _timed(call: Callable[[], CaseVerdict]) -> tuple[CaseVerdict, float]:
-    start = time.perf_counter()
-    return call(), time.perf_counter() - start
-
-
-def _record(subject: str, case: Case, verdict: CaseVerdict, seconds: float) -> Record:
+def _record(subject: str, case: Case | metrics.PictureCase, verdict: CaseVerdict) -> Record:
     """A line of `records.jsonl`: `subject` is a codec, or of the group `pictures` a metric or a loss.
 
     `used` is the share of the bound that a comparison with float64 uses, else None. Beside what stands here it says
     `order`, the place in the catalogue, and of a codec `version`.
     """
-    return {
-        "kind": "stress",
-        "subject": subject,
-        "group": case.group,
-        "extreme": case.name,
-        "holds": case.holds,
-        "verdict": verdict.verdict,
-        "figure": verdict.figure,
-        "detail": verdict.detail,
-        "used": verdict.used,
-        "seconds": seconds,
-    }
+    about = {"kind": "stress", "subject": subject, "group": case.group, "extreme": case.name, "holds": case.holds}
+    return about | dataclasses.asdict(verdict)
