@@ -31,18 +31,14 @@ MAX_LIST = 256 << 20
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a folder with `pairs.csv`, or of that list, or None."""
-    if seen.is_folder:
-        return open_folder(seen.path) if (seen.path / LIST).is_file() else None
-    return open_folder(seen.path.parent) if ANGLES[0] in seen.first_line else None
-
-
-def open_folder(path: Path) -> BTF:
-    """The BTF of a folder, lazily; pairs sorted by view, then by light.
+    """The BTF of a folder with `pairs.csv`, or of that list, or None; pairs sorted by view, then by light.
 
     Radiance is linear Rec. 709 f_r · cos θ_i as the pictures hold it: EXR and .hdr as stored, 8- and 16-bit codes
     decoded as sRGB. Raises `InputError` naming `pairs.csv` and the row for whatever cannot be used.
     """
+    path = seen.path if seen.is_folder else seen.path.parent
+    if not (path / LIST).is_file() if seen.is_folder else ANGLES[0] not in seen.first_line:
+        return None
     rows = _read_rows(path / LIST)
     angles = np.array([_angles(path, number, row) for number, row in rows])
     numbers = [number for number, _ in rows]

@@ -38,16 +38,14 @@ AT_ONCE = 64 << 20  # bytes of pictures that share chunks and are read together
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of an HDF5 file, or None."""
-    return open_hdf5(seen.path) if seen.head.startswith(SIGNATURE) else None
-
-
-def open_hdf5(path: Path) -> BTF:
-    """The BTF of such a file, in the order stored; the pairs of its held-out file, if there is one, come last.
+    """The BTF of an HDF5 file in the order stored, or None; the pairs of its held-out file, if any, come last.
 
     Radiance is taken as linear Rec. 709 and as photographed. Pictures are read by windows, on demand. Raises
     `InputError` naming the file, the data set and the row.
     """
+    if not seen.head.startswith(SIGNATURE):
+        return None
+    path = seen.path
     btf = _open(path)
     heldout = path.with_name(TRAINING.sub(HELDOUT, path.name))
     if heldout == path or not heldout.is_file():

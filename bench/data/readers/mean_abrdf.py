@@ -1,7 +1,5 @@
 """A mean ABRDF: a `.npz` with `rgb_geomean` (V, L, 3) and the angles of its V = L directions; a BTF of one texel."""
 
-from pathlib import Path
-
 import numpy as np
 
 from bench.archive import ZipFiles, stored
@@ -16,16 +14,13 @@ KEY = "rgb_geomean"
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of an archive with the geometric mean of an ABRDF, or None."""
-    return open_mean_abrdf(seen.path) if seen.is_zip and f"{KEY}.npy" in seen.names else None
-
-
-def open_mean_abrdf(path: Path) -> BTF:
-    """The BTF (1 × 1 texel) of a mean ABRDF, view-major as stored: linear Rec. 709, cosine of the light included.
+    """The BTF (1 × 1 texel) of a mean ABRDF, or None: view-major, linear Rec. 709, cosine of the light included.
 
     `theta_deg` and `phi_deg` (V,) give the directions of both sides. Raises `InputError` naming file and array.
     """
-    files = ZipFiles(path)
+    if not seen.is_zip or f"{KEY}.npy" not in seen.names:
+        return None
+    path, files = seen.path, ZipFiles(seen.path)
     table, *sides = (stored(files, key) for key in (KEY, "theta_deg", "phi_deg"))
     count = table.shape[0] if table.shape else 0
     if table.shape != (count, count, 3) or count == 0 or table.dtype.kind != "f":

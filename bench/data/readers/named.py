@@ -38,22 +38,14 @@ def list_folder(path: Path) -> list[str]:
     return sorted(names)
 
 
-def open_files(path: Path) -> tuple[Files, list[str]]:
-    """The files of a folder or of a zip archive, and their names."""
-    if path.is_dir():
-        return FolderFiles(path), list_folder(path)
-    archive = ZipFiles(path)
-    return archive, sorted(archive.entries)
-
-
 def open_pictures(path: Path, pattern: re.Pattern[str], provenance: dict[str, Any], **options: Any) -> BTF:
     """The BTF of the pictures in a folder or zip whose names match; pairs sorted by view, then by light.
 
     Groups of the pattern are θ_i, φ_i, θ_o, φ_o in whole degrees; `options` go to `pictures.read_picture`. Raises
     `InputError` naming the picture where angles are out of range, a pair comes twice or sizes differ.
     """
-    files, everything = open_files(path)
-    names = matching(everything, pattern)
+    files: Files = FolderFiles(path) if path.is_dir() else ZipFiles(path)
+    names = matching(list_folder(path) if isinstance(files, FolderFiles) else sorted(files.entries), pattern)
     if not names:
         raise InputError(f"{path}: holds no picture named like tl000 pl000 tv000 pv000: give the folder that does")
     matches = [pattern.search(name) for name in names]

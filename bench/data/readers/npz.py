@@ -25,20 +25,17 @@ class NpzSource(ArraySource):
         super().__init__(values)
         self.path = path
 
+    @np.errstate(over="ignore", invalid="ignore")
     def slice(self, pair: int) -> Array:
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = super().slice(pair)
-        return finite(values, f"{self.path}: radiance[{pair}]")
+        return finite(super().slice(pair), f"{self.path}: radiance[{pair}]")
 
+    @np.errstate(over="ignore", invalid="ignore")
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = super().texels(rows, cols, pairs)
-        return finite(values, f"{self.path}: radiance at texels")
+        return finite(super().texels(rows, cols, pairs), f"{self.path}: radiance at texels")
 
+    @np.errstate(over="ignore", invalid="ignore")
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = super().gather(pair, row, col)
-        return finite(values, f"{self.path}: radiance at samples")
+        return finite(super().gather(pair, row, col), f"{self.path}: radiance at samples")
 
     @cached_property
     def _digest(self) -> str:
@@ -49,17 +46,14 @@ class NpzSource(ArraySource):
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of an archive with `radiance.npy`, or None."""
-    return open_npz(seen.path) if seen.is_zip and "radiance.npy" in seen.names else None
-
-
-def open_npz(path: Path) -> BTF:
-    """The BTF of an `.npz`, its radiance memory-mapped where `numpy.savez` (uncompressed) wrote it.
+    """The BTF of an `.npz`, or None; its radiance is memory-mapped where `numpy.savez` (uncompressed) wrote it.
 
     Radiance is linear Rec. 709 f_r · cos θ_i, taken as stored, in the order stored. Raises `InputError` naming the
     file, the array and the row.
     """
-    files = ZipFiles(path)
+    if not seen.is_zip or "radiance.npy" not in seen.names:
+        return None
+    path, files = seen.path, ZipFiles(seen.path)
     radiance = stored(files, "radiance")
     if len(radiance.shape) != 4 or radiance.shape[-1] != 3 or 0 in radiance.shape or radiance.dtype.kind != "f":
         raise InputError(f"{path}: radiance is {radiance.shape} {radiance.dtype}: it must be (N, H, W, 3) floats")

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -89,7 +89,9 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False) -> Array:
     with readable(label, "the picture is damaged; get it again"):
         kind = kind_of(files.head(name, 8))
         if kind == "exr":
-            picture = _read_exr(_on_disk(files, name), label, rgb_is_xyz)
+            if not isinstance(files, FolderFiles):
+                raise InputError(f"{label}: EXR is read from folders only: extract the archive and give the folder")
+            picture = _read_exr(files.root / name, label, rgb_is_xyz)
         elif kind == "hdr":
             picture = _read_hdr(files.read(name))
         else:
@@ -131,12 +133,6 @@ class PictureSource(Source):
     def fingerprint(self) -> str:
         digest = self.files.digest(self.names)
         return hashlib.sha256(f"{digest} {self.turned}".encode()).hexdigest() if self.turned else digest
-
-
-def _on_disk(files: Files, name: str) -> Path:
-    if not isinstance(files, FolderFiles):
-        raise InputError(f"{files.label(name)}: EXR is read from folders only: extract the archive and give the folder")
-    return files.root / name
 
 
 # --- sizes, from headers -------------------------------------------------------------------------------------------
@@ -241,7 +237,7 @@ def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
 
 def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
     header = _hdr_header(data)
-    return None if header is None else header.size
+    return header and (header.counts if header.axes[0][1] == "Y" else header.counts[::-1])
 
 
 _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": _exr_size, "hdr": _hdr_size}
@@ -299,30 +295,22 @@ def _read_exr(path: Path, label: str, rgb_is_xyz: bool) -> Array:
     picture = np.stack([np.asarray(channels[name].pixels, np.float32) for name in choice], -1)
     if choice == ("Y",):
         return np.repeat(picture, 3, 2)
-    if choice == ("X", "Y", "Z") or rgb_is_xyz:
-        return xyz_to_rec709(picture)
-    _check_primaries(attributes, label)
-    return picture
-
-
-def xyz_to_rec709(picture: Array) -> Array:
-    """Linear Rec. 709 RGB (..., 3) float32 of CIE XYZ under D65; colours outside the gamut stay negative."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(picture @ XYZ_TO_REC709.T, np.float32)
-
-
-def _check_primaries(attributes: dict[str, bytes], label: str) -> None:
+    if choice == ("X", "Y", "Z") or rgb_is_xyz:  # colours outside the gamut stay negative
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(picture @ XYZ_TO_REC709.T, np.float32)
     stated = attributes.get("chromaticities")
     if stated is not None and not np.allclose(struct.unpack("<8f", stated), REC709, atol=2e-3):
         raise InputError(f"{label}: its chromaticities are not those of Rec. 709: convert it to linear Rec. 709 (sRGB)")
+    return picture
 
 
-class _HdrHeader:
-    """The header of a Radiance picture: size, axis order and signs, total exposure, and where the pixels begin."""
+class _HdrHeader(NamedTuple):
+    """The header of a Radiance picture: where the pixels begin, axis order and signs, size, and total exposure."""
 
-    def __init__(self, start: int, axes: list[str], counts: list[int], exposure: float):
-        self.start, self.axes, self.counts, self.exposure = start, axes, counts, exposure
-        self.size = (counts[0], counts[1]) if axes[0][1] == "Y" else (counts[1], counts[0])
+    start: int
+    axes: tuple[str, str]
+    counts: tuple[int, int]
+    exposure: float
 
 
 def _hdr_header(data: bytes) -> _HdrHeader | None:
@@ -342,7 +330,7 @@ def _hdr_header(data: bytes) -> _HdrHeader | None:
     words = data[end + 2 : line_end].decode("latin-1").split()
     if len(words) != 4 or {words[0][1:], words[2][1:]} != {"X", "Y"} or {words[0][0], words[2][0]} - {"+", "-"}:
         raise ValueError(f"the size is {' '.join(words)[:40]!r}, not like -Y 256 +X 256")
-    return _HdrHeader(line_end + 1, [words[0], words[2]], [int(words[1]), int(words[3])], exposure)
+    return _HdrHeader(line_end + 1, (words[0], words[2]), (int(words[1]), int(words[3])), exposure)
 
 
 def _read_hdr(data: bytes) -> Array:

@@ -19,18 +19,14 @@ MAX_LIST = 16 << 20
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a folder with an `.lp` list, or of the list itself, or None."""
-    if seen.is_folder:
-        return open_rti(listed) if (listed := find_list(seen.path)) else None
-    return open_rti(seen.path) if seen.first_line.isdecimal() else None
-
-
-def open_rti(path: Path) -> BTF:
-    """The BTF of an `.lp` list beside its pictures: one view (0, 0, 1), lights sorted by θ, then φ.
+    """The BTF of an `.lp` list or the folder of one, or None: one view (0, 0, 1), lights sorted by θ, then φ.
 
     Codes are decoded as sRGB to linear Rec. 709. Radiance is as photographed, so the cosine is the light's own fall
     on the surface; its scale is the camera's exposure. Raises `InputError` naming the list and the line.
     """
+    path = find_list(seen.path) if seen.is_folder else seen.path if seen.first_line.isdecimal() else None
+    if path is None:
+        return None
     files = FolderFiles(path.parent)
     names, lines, vectors = _read_list(path)
 

@@ -1,27 +1,22 @@
 """UBO2003 and ATRIUM of the Bonn BTF database: a zip of JPEG or Radiance pictures, 81 views × 81 lights."""
 
-from pathlib import Path
-
 from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.named import BONN, matching, open_pictures
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a folder or zip whose files are named like `00008 tl000 pl000 tv000 pv000.jpg`, or None."""
-    return open_ubo2003(seen.path) if matching(seen.names, BONN) else None
-
-
-def open_ubo2003(path: Path) -> BTF:
-    """The BTF of a UBO2003 or ATRIUM zip (nothing is extracted) or of its extracted folder.
+    """The BTF of a zip (nothing is extracted) or its folder of files like `00008 tl000 pl000 tv000 pv000.jpg`, or None.
 
     JPEG codes are decoded as sRGB, `.hdr` is taken as stored: linear Rec. 709, radiance as photographed. The pairs
     are those of the files present, by view, then light. Errors as in `named.open_pictures`.
     """
+    if not matching(seen.names, BONN):
+        return None
     provenance = {
         "format": "UBO2003",
         "colour": "JPEG decoded as sRGB to linear Rec. 709; .hdr as stored",
         "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
         "clamp": "none here; 8-bit codes end at 1, .hdr does not",
     }
-    return open_pictures(path, BONN, provenance)
+    return open_pictures(seen.path, BONN, provenance)

@@ -7,6 +7,7 @@ is flipped. The files are memory-mapped and multiplied on demand: a decoded mate
 Format: https://cg.cs.uni-bonn.de/en/projects/btfdbb/download/ubo2014/ (DFMF08 and FMF12).
 """
 
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -71,10 +72,7 @@ class Cursor:
 
     def floats(self, shape: tuple[int, ...], scalar: int, what: str) -> Array:
         """An array of floats, as an (unaligned) view of the file."""
-        count = scalar
-        for side in shape:
-            count *= side
-        return self.take(count, what).view(SCALARS[scalar]).reshape(shape)
+        return self.take(math.prod((scalar, *shape)), what).view(SCALARS[scalar]).reshape(shape)
 
 
 @dataclass
@@ -118,17 +116,15 @@ class Factorisation:
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a file that begins as those of UBO2014 do, or None."""
-    return open_ubo2014(seen.path) if seen.head[:1] == b"!" else None
-
-
-def open_ubo2014(path: Path) -> BTF:
-    """The BTF of a UBO2014 file, opened in milliseconds; pairs view-major, as stored.
+    """The BTF of a file that begins as those of UBO2014 do, in milliseconds, or None; pairs view-major, as stored.
 
     Values are linear RGB with the cosine of the light, decoded from colour model 0, 11 or 12 or from log (FMF) and
     never clamped. `provenance` keeps what the file says about itself; `provenance["native"]` holds its bytes and
     ranks. Raises `InputError` naming file and offset for a foreign, damaged or unsupported file.
     """
+    if seen.head[:1] != b"!":
+        return None
+    path = seen.path
     cursor = Cursor(path)
     signature = cursor.take(min(10, len(cursor.bytes)), "the signature").tobytes()
     if signature not in (DFMF, FMF):

@@ -3,24 +3,19 @@
 Format: http://btf.utia.cas.cz/?data_des
 """
 
-from pathlib import Path
-
 from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.named import PRAGUE, matching, open_pictures
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a folder or zip whose files are named like `tl000_pl000_tv000_pv000.png`, or None."""
-    return open_utia(seen.path) if matching(seen.names, PRAGUE) else None
-
-
-def open_utia(path: Path) -> BTF:
-    """The BTF of a UTIA folder, or of a zip of PNGs.
+    """The BTF of a folder, or of a zip of PNGs, whose files are named like `tl000_pl000_tv000_pv000.png`, or None.
 
     PNG codes are decoded as sRGB, EXR is converted from XYZ to linear Rec. 709, where colours outside the gamut stay
     negative; radiance as photographed. Pairs by view, then light. Errors as in `named.open_pictures`.
     """
+    if not matching(seen.names, PRAGUE):
+        return None
     provenance = {
         "format": "UTIA",
         "colour": "PNG decoded as sRGB to linear Rec. 709; EXR converted from CIE XYZ (D65)",
@@ -28,4 +23,4 @@ def open_utia(path: Path) -> BTF:
         "clamp": "none here; 8-bit codes end at 1, EXR does not",
         "directions": "nominal: the light of a pair with light = view was moved a little when measured",
     }
-    return open_pictures(path, PRAGUE, provenance, rgb_is_xyz=True)
+    return open_pictures(seen.path, PRAGUE, provenance, rgb_is_xyz=True)
