@@ -93,14 +93,19 @@ def job_line(record: dict[str, Any], cached: str) -> str:
 def file_lines(header: Header) -> str:
     """Describe a codec file: codec, settings, parts with bytes, tensors, and the cost of its decoder."""
     from bench.codecs.container import SHARED
+    from bench.codecs.shared import read
 
     parts = header.part_bytes()
     lines = [
         f"{header.path}: codec {header.codec}, version {header.version}, {header.file_bytes:,} bytes",
         "settings: " + (", ".join(f"{k} = {v}" for k, v in header.settings.items()) or "none"),
         "bytes: " + ", ".join(f"{part} {size:,}" for part, size in parts.items()),
-        *(_network_lines(header) if header.kind == SHARED else _material_lines(header)),
     ]
+    if header.kind == SHARED:
+        lines.append("no material, but the network that the codec shares over materials")
+        lines.append(f"trained on: {len(read(header.path).origins)} materials")
+    else:
+        lines += _material_lines(header)
     lines += _scene_lines(header)
     lines += [f"provenance: {key} = {value}" for key, value in header.provenance.items()]
     for name, (dtype, shape, size) in sorted(header.tensors.items()):
@@ -148,26 +153,17 @@ def _layer_lines(material: "Material") -> list[str]:
     return ["layers of the decoder and their trainable parameters, counted by torchinfo:", *table] if rows else []
 
 
-def _network_lines(header: Header) -> list[str]:
-    """Describe a shared network's file."""
-    from bench.codecs.shared import read
-
-    return [
-        "no material, but the network that the codec shares over materials",
-        f"trained on: {len(read(header.path).origins)} materials",
-    ]
-
-
 def btf_lines(portrait: "Look") -> str:
     """Describe a BTF: size, directions, split, range of values, its reader's notes, and warnings."""
     btf, values = portrait.btf, portrait.values
     split = btf.split()
+    heldout = {f"held out{'' if name == 'heldout' else f', {name}'}": pairs for name, pairs in split.heldout.items()}
     low, middle, high = np.percentile(values, [0, 50, 100])
     lines = [
         f"{btf.name}: {btf.shape[0]} × {btf.shape[1]} texels, {len(btf):,} pairs, "
         + ("periodic" if btf.periodic else "not periodic"),
         f"training: {_pairs_line(btf, split.train)}",
-        *_heldout_lines(btf, split.heldout),
+        *([f"{name}: {_pairs_line(btf, pairs)}" for name, pairs in heldout.items()] or ["held out: no pairs"]),
         f"values (of some slices): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}",
         *_frame_lines(portrait),
         f"fingerprint: {btf.fingerprint}",
@@ -187,11 +183,6 @@ def _frame_lines(portrait: "Look") -> list[str]:
         f"frame: phi_i - phi_o explains {lobe.given:.0%} of the mean lobe at theta {lobe.theta_deg:.0f}°, most at "
         f"{lobe.peak_deg:.0f}° (180°: mirror direction); phi_i + phi_o, as of a mirrored side, {lobe.mirrored:.0%}"
     ]
-
-
-def _heldout_lines(btf: "BTF", groups: dict[str, np.ndarray]) -> list[str]:
-    words = {name: "held out" if name == "heldout" else f"held out, {name}" for name in groups}
-    return [f"{words[name]}: {_pairs_line(btf, pairs)}" for name, pairs in groups.items()] or ["held out: no pairs"]
 
 
 def _pairs_line(btf: "BTF", pairs: np.ndarray) -> str:

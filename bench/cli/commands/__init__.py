@@ -8,9 +8,11 @@ import argparse
 import importlib
 import pkgutil
 from importlib.metadata import entry_points
+from pathlib import Path
 from types import ModuleType
 
-from bench.errors import InputError
+from bench import atomic
+from bench.errors import InputError, writable
 from bench.settings import Threads, converted
 
 GROUP = "neubtf_bench.commands"
@@ -47,6 +49,13 @@ def threads(word: str) -> int:
     except InputError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return count
+
+
+def write_text(path: Path, text: str, remedy: str = "choose another place") -> None:
+    """Write a file whole or not at all, and say so."""
+    with writable(path, remedy):
+        atomic.write(path, text.encode())
+    print(f"wrote {path}")
 
 
 def usable_device(name: str) -> str:

@@ -14,6 +14,8 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.cli.commands import write_text
+
 _OF_JOBS = ("material", "markdown", "junit", "tracker", "annotations")  # options without a meaning for stress tests
 
 
@@ -60,23 +62,14 @@ def run(options: argparse.Namespace) -> int:
 
         print(annotations(comparison))
     if options.markdown:
-        _write(options.markdown, markdown(comparison))
+        write_text(options.markdown, markdown(comparison))
     if options.junit:
         from bench.compare.junit import junit
 
-        _write(options.junit, junit(comparison))
+        write_text(options.junit, junit(comparison))
     if options.tracker:
         from bench.compare.tracker import tracker
 
         for name, text in tracker(new).items():
-            _write(options.tracker / name, text)
+            write_text(options.tracker / name, text)
     return comparison.exit_code
-
-
-def _write(path: Path, text: str) -> None:
-    from bench.atomic import write
-    from bench.errors import writable
-
-    with writable(path):
-        write(path, text.encode())
-    print(f"wrote {path}")

@@ -55,7 +55,10 @@ def run(options: argparse.Namespace) -> int:
     from bench.demand.frame_scorer import table_of
 
     still.check_ending(options.out)
-    _check_limits(options)
+    for name, (low, high) in LIMITS.items():
+        value = getattr(options, name)
+        if value is not None and not low <= value <= high:
+            raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
     if options.scene.endswith(".xml"):
         return _path_traced(options)
     scene = _scene(options)
@@ -101,13 +104,6 @@ def _path_traced(options: argparse.Namespace) -> int:
     still.write(options.out, np.concatenate(pictures, 1), exposure)
     print(f"wrote {options.out}: {', '.join(file.name for file in options.files)}; exposure {exposure:.6g}")
     return FINE
-
-
-def _check_limits(options: argparse.Namespace) -> None:
-    for name, (low, high) in LIMITS.items():
-        value = getattr(options, name)
-        if value is not None and not low <= value <= high:
-            raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
 
 
 def _scene(options: argparse.Namespace) -> "Scene":

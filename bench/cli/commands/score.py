@@ -9,10 +9,11 @@ examples:
 """
 
 import argparse
+import json
 from pathlib import Path
 
-from bench.cli.commands import assignments, threads, usable_device
-from bench.errors import FINE, InputError, writable
+from bench.cli.commands import assignments, threads, usable_device, write_text
+from bench.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,15 +51,5 @@ def run(options: argparse.Namespace) -> int:
     job = {"kind": "job", "job": str(options.file), "material": btf.name, "label": label, "status": "ok", "run": ""}
     print(score_text(job | scores))
     if options.json:
-        _write(options.json, scores)
+        write_text(options.json, json.dumps(scores, indent=2, allow_nan=False), "choose another --json")
     return FINE
-
-
-def _write(path: Path, scores: dict[str, object]) -> None:
-    import json
-
-    from bench.atomic import write
-
-    with writable(path, "choose another --json"):
-        write(path, json.dumps(scores, indent=2, allow_nan=False).encode())
-    print(f"wrote {path}")

@@ -11,18 +11,12 @@ examples:
 
 import argparse
 import os
-from contextlib import AbstractContextManager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bench.errors import FINE, NO, InputError, writable
 from bench.records import STRESS
-
-if TYPE_CHECKING:
-    from bench.records import Record
-    from bench.runs.executors import Workers
-
 
 MOST = 81  # directions of a side to draw from
 
@@ -49,6 +43,7 @@ def run(options: argparse.Namespace) -> int:
     from bench import records
     from bench.cli.console import Console
     from bench.conformance.stress import run as stress
+    from bench.runs.executors import in_process, processes
     from bench.runs.provenance import provenance
     from reports import stress_text
 
@@ -57,8 +52,9 @@ def run(options: argparse.Namespace) -> int:
     with writable(options.out, "choose another --out"):
         options.out.mkdir(parents=True, exist_ok=True)
     records.append(options.out, {"kind": "run", "suite": "stress", "device": "cpu"} | provenance())
-    tried: list[Record] = []
-    with Console() as console, _workers(options.jobs, len(codecs)) as workers:
+    tried: list[records.Record] = []
+    count = min(options.jobs, 2 * len(codecs))
+    with Console() as console, in_process() if count == 1 else processes(count, threads=1) as workers:
         pictures = () if options.case else stress.picture_records()
         for record in chain(stress.run(codecs, cases, workers, console.show), pictures):
             records.append(options.out, record)
@@ -69,21 +65,12 @@ def run(options: argparse.Namespace) -> int:
     return NO if "fail" in verdicts else FINE
 
 
-def _workers(jobs: int, codecs: int) -> "AbstractContextManager[Workers]":
-    from bench.runs.executors import in_process, processes
-
-    count = min(jobs, 2 * codecs)
-    return in_process() if count == 1 else processes(count, threads=1)
-
-
 def _list() -> int:
     from bench.conformance.stress import CASES, metrics
 
     width = max(len(case.name) for case in CASES)
-    for case in CASES:
+    for case in (*CASES, *metrics.CASES):
         print(f"{case.group:<10}  {case.name:<{width}}  {case.holds}")
-    for picture in metrics.CASES:
-        print(f"{picture.group:<10}  {picture.name:<{width}}  {picture.holds}")
     return FINE
 
 
