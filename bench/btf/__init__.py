@@ -101,8 +101,13 @@ class Source:
         return self
 
     @cached_property
+    def digest(self) -> str:
+        """The fingerprint, computed once."""
+        return self.fingerprint()
+
+    @cached_property
     def _scratch(self) -> Array:
-        path = cache_dir() / "scratch" / f"{self.fingerprint()[:32]}-blocks.npy"
+        path = cache_dir() / "scratch" / f"{self.digest[:32]}-blocks.npy"
         return scratch.opened(path, self.slice, self.count, self.shape)
 
 
@@ -165,7 +170,7 @@ class _BoxFiltered(Source):
         return fine.reshape(len(row), self.factor**2, 3).mean(1)
 
     def fingerprint(self) -> str:
-        return hashlib.sha256(f"{self.source.fingerprint()} box {self.factor}".encode()).hexdigest()
+        return hashlib.sha256(f"{self.source.digest} box {self.factor}".encode()).hexdigest()
 
 
 class _Cropped(Source):
@@ -189,7 +194,7 @@ class _Cropped(Source):
         return self.source.gather(pair, self.rows[row], self.cols[col])
 
     def fingerprint(self) -> str:
-        text = f"{self.source.fingerprint()} window {self.rows[0]} {self.cols[0]} {self.shape}"
+        text = f"{self.source.digest} window {self.rows[0]} {self.cols[0]} {self.shape}"
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -347,7 +352,7 @@ class BTF:
     @cached_property
     def fingerprint(self) -> str:
         """Hex digest of content, pairs, directions and declared split; two BTFs that share it hold the same table."""
-        digest = hashlib.sha256(self.source.fingerprint().encode())
+        digest = hashlib.sha256(self.source.digest.encode())
         digest.update(self.pairs.astype(np.int64).tobytes())
         digest.update(self.wo.tobytes() + self.wi.tobytes())
         digest.update(json.dumps([self.heldout is not None and self.heldout.tolist(), self.periodic]).encode())

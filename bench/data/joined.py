@@ -50,7 +50,7 @@ class Joined(Source):
         return first if len(pairs) and int(pairs.max()) < first.count else self
 
     def fingerprint(self) -> str:
-        return hashlib.sha256(" and ".join(part.fingerprint() for part in self.parts).encode()).hexdigest()
+        return hashlib.sha256(" and ".join(part.digest for part in self.parts).encode()).hexdigest()
 
 
 def with_heldout(product: BTF, drawn: BTF, **provenance: Any) -> BTF:

@@ -42,7 +42,7 @@ class Repaired(Source):
         return np.where(bad, mean, picture).astype(np.float32), int(bad.sum())
 
     def fingerprint(self) -> str:
-        return hashlib.sha256(f"{self.source.fingerprint()} repaired".encode()).hexdigest()
+        return hashlib.sha256(f"{self.source.digest} repaired".encode()).hexdigest()
 
 
 def repaired(btf: BTF, show: Progress = silent) -> BTF:

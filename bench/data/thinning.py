@@ -46,7 +46,7 @@ class _Shrunk(Source):
         return [np.ascontiguousarray(values[:, i]).reshape(*self.shape, 3) for i in range(len(pairs))]
 
     def fingerprint(self) -> str:
-        return hashlib.sha256(f"{self.boxes.fingerprint()} as halves".encode()).hexdigest()
+        return hashlib.sha256(f"{self.boxes.digest} as halves".encode()).hexdigest()
 
 
 def shrunk(btf: BTF, texels: int) -> BTF:

@@ -14,7 +14,6 @@ import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -165,9 +164,5 @@ class HDF5Source(Source):
             return super().window(top, left, height, width)
         return HDF5Source(self.path, self.stored, (self.at[0] + top, self.at[1] + left, height, width), self.chunk)
 
-    @cached_property
-    def _digest(self) -> str:
-        return hashlib.sha256(f"{file_digest(self.path)} {self.at}".encode()).hexdigest()
-
     def fingerprint(self) -> str:
-        return self._digest
+        return hashlib.sha256(f"{file_digest(self.path)} {self.at}".encode()).hexdigest()

@@ -1,7 +1,6 @@
 """A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,) and `periodic`."""
 
 import json
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +36,8 @@ class NpzSource(ArraySource):
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
         return finite(super().gather(pair, row, col), f"{self.path}: radiance at samples")
 
-    @cached_property
-    def _digest(self) -> str:
-        return file_digest(self.path)
-
     def fingerprint(self) -> str:
-        return self._digest
+        return file_digest(self.path)
 
 
 def opened(seen: Candidate) -> BTF | None:

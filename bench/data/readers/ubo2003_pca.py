@@ -187,12 +187,8 @@ class LocalPCA(Source):
             out[part] = np.einsum("nk,nkc->nc", _signed(self.components[block, texel]), self.weights[block, column])
         return _linear(out)
 
-    @cached_property
-    def _digest(self) -> str:
-        return self.files.digest(self.names)
-
     def fingerprint(self) -> str:
-        return self._digest
+        return self.files.digest(self.names)
 
 
 def _check_sums(data: bytes) -> None:

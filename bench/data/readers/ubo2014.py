@@ -345,12 +345,8 @@ class FactorSource(Source):
                 np.subtract(np.exp(out, out=out), EPSILON, out=out)
         return out
 
-    @cached_property
-    def _digest(self) -> str:
-        return file_digest(self.path)
-
     def fingerprint(self) -> str:
-        return self._digest
+        return file_digest(self.path)
 
 
 def _yuv_to_rgb(channels: Sequence[Array] | Array, out: Array) -> None:
