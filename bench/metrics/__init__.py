@@ -100,7 +100,11 @@ def get(name: str) -> Metric:
     """
     metric = _registered_metric(name)
     match = re.fullmatch(_pattern(metric), name)
-    return _variant(metric, name, **(match.groupdict() if match else {}))
+    variable = match.groupdict() if match else {}
+    ppd, periodic = variable.get("ppd"), bool(variable.get("ending"))
+    options: dict[str, Any] = {"ppd": float(ppd)} if ppd and ppd != "67" else {}  # the class knows the exact default
+    options |= {"periodic": True} if periodic else {}
+    return replace(metric, name=name, periodic=periodic, options=options)
 
 
 def _registered_metric(name: str) -> Metric:
@@ -139,15 +143,6 @@ def label_of(name: str) -> str:
 def _pattern(metric: Metric) -> str:
     pattern = re.escape(metric.name).replace(re.escape("{ppd}"), r"(?P<ppd>[1-9]\d{0,3}(?:\.\d*[1-9])?)")
     return pattern + (f"(?P<ending>{PERIODIC})?" if metric.periodic else "")
-
-
-def _variant(metric: Metric, name: str, ppd: str | None = None, ending: str | None = None) -> Metric:
-    options: dict[str, Any] = {}
-    if ppd and ppd != "67":  # the class knows the exact default
-        options["ppd"] = float(ppd)
-    if ending:
-        options["periodic"] = True
-    return replace(metric, name=name, periodic=bool(ending), options=options)
 
 
 def examples() -> list[str]:

@@ -73,11 +73,15 @@ class HDR(SliceMetric):
             raise InputError(
                 "reference is black over half of it or more, so FLIP has no exposures: give start and stop"
             )
-        white = self._radiance_of(_BRIGHT)
+        k = self.curve
+        roots = np.roots([k[i] - _BRIGHT * k[i + 3] for i in range(3)])
+        white = float(roots.real.max())  # the larger root of a quadratic, or the root of a line
         return Range(math.log2(white / luminance.max()), math.log2(white / middle))
 
     def reference_side(self, reference: Picture) -> tuple[Array, tuple[Perceived, ...]]:
-        steps = (self.range or self._range_of_one(reference)).steps()
+        if not self.range and len(reference.shape) > 2:
+            raise InputError("reference is a stack, each with exposures of its own: give start and stop")
+        steps = (self.range or self.range_of(np.tensordot(LUMA, reference.linear, 1))).steps()
         return steps, tuple(self._perceive(reference, step) for step in steps)
 
     def compare(self, side: tuple[Array, tuple[Perceived, ...]], test: Picture) -> Array:
@@ -89,25 +93,11 @@ class HDR(SliceMetric):
 
     def tone_map(self, planes: Array) -> Array:
         """Planar linear RGB (3, ..., H, W), at least 0 → tone-mapped, not yet clipped."""
-        return self._rational(planes)
-
-    def _rational(self, x: Array) -> Array:
         k0, k1, k2, k3, k4, k5 = self.curve
         # Divided by x²: a radiance whose square overflows still maps to k0 / k3.
-        inverse = 1 / np.maximum(x, 1e-150)
+        inverse = 1 / np.maximum(planes, 1e-150)
         mapped = (k0 + (k1 + k2 * inverse) * inverse) / (k3 + (k4 + k5 * inverse) * inverse)
-        return np.where(x > 1e-150, mapped, 0)
-
-    def _radiance_of(self, value: float) -> float:
-        """The radiance that the curve maps to a value: the larger root of a quadratic, or the root of a line."""
-        k = self.curve
-        coefficients = [k[0] - value * k[3], k[1] - value * k[4], k[2] - value * k[5]]
-        return float(np.roots(coefficients).real.max())
-
-    def _range_of_one(self, reference: Picture) -> Range:
-        if len(reference.shape) > 2:
-            raise InputError("reference is a stack, each with exposures of its own: give start and stop")
-        return self.range_of(np.tensordot(LUMA, reference.linear, 1))
+        return np.where(planes > 1e-150, mapped, 0)
 
     def _perceive(self, picture: Picture, step: float) -> Perceived:
         mapped = self.tone_map(picture.linear * 2.0**step)

@@ -4,7 +4,6 @@ The reference's part of each metric is kept up to a byte limit, so that many cod
 Decoded slices arrive as NumPy arrays; the decoder runs in the calling thread, the metrics in others.
 """
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -21,6 +20,7 @@ from bench.metrics.base import SliceMetric
 from bench.metrics.display import exposure_of, sample, to_display
 from bench.metrics.picture import Picture, check_radiance
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
+from bench.threads import cores
 
 Array = np.ndarray
 Decode = Callable[[int], Array]
@@ -78,16 +78,18 @@ class Scorer:
         *,
         exposure: float | None = None,
         sampled: BTF | None = None,
-        seed: int = 0,
         threads: int | None = None,
         cache_bytes: int = 512 << 20,
     ):
-        self.btf, self.threads, self.cache_bytes = btf, threads or _cores(), cache_bytes
+        self.btf, self.threads, self.cache_bytes = btf, threads or cores(), cache_bytes
         self.names = tuple(registry.default_names(btf.periodic) if names is None else names)
-        self.metrics = {name: _load(name, btf) for name in self.names}
+        described = {name: registry.get(name) for name in self.names}
+        if foreign := [name for name, metric in described.items() if metric.periodic and not btf.periodic]:
+            raise InputError(f"{foreign[0]} is for materials that repeat, and {btf.name} does not")
+        self.metrics = {name: metric.load() for name, metric in described.items()}
         self.exposure = exposure if exposure is not None else 1.0
         if exposure is None or any(metric.per_material for metric in self.metrics.values()):
-            values = sample(btf if sampled is None else sampled, seed)
+            values = sample(btf if sampled is None else sampled)
             self.exposure = exposure_of(values) if exposure is None else exposure
             self.metrics = {name: metric.for_material(values) for name, metric in self.metrics.items()}
         self._apply = {name: m for name, m in self.metrics.items() if min(btf.shape) >= m.smallest}
@@ -123,7 +125,7 @@ class Scorer:
             try:
                 for start in range(0, len(pairs), step):
                     block = tuple(pairs[start : start + step].tolist())
-                    test = np.stack([self._decoded(i, decode_slice) for i in block])
+                    test = np.stack([_decoded(decode_slice(i), (*self.btf.shape, 3), f"pair {i}") for i in block])
                     truth = None if block in self._cached else np.stack([self.btf[i] for i in block])
                     waiting.append(pool.submit(self._compare, block, truth, test))
                     if len(waiting) > self.threads:
@@ -133,13 +135,6 @@ class Scorer:
             finally:
                 for future in waiting:
                     future.cancel()
-
-    def _decoded(self, pair: int, decode_slice: Decode) -> Array:
-        name = f"decoded slice of pair {pair}"
-        picture = check_radiance(decode_slice(pair), name)
-        if picture.shape != (*self.btf.shape, 3):
-            raise InputError(f"{name} is {picture.shape}, not {(*self.btf.shape, 3)}")
-        return picture
 
     def _compare(self, block: tuple[int, ...], truth: Array | None, test: Array) -> tuple[Any, ...]:
         """In a worker: compute the raw numbers of a stack, and the reference where it is not cached."""
@@ -160,6 +155,14 @@ class Scorer:
             self._cached[block] = reference
             self._cached_bytes += reference.bytes
         return result
+
+
+def _decoded(picture: Array, shape: tuple[int, ...], what: str) -> Array:
+    """A decoded slice, checked."""
+    picture = check_radiance(picture, f"decoded slice of {what}")
+    if picture.shape != shape:
+        raise InputError(f"decoded slice of {what} is {picture.shape}, not {shape}")
+    return picture
 
 
 def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) -> dict[str, Any]:
@@ -247,10 +250,8 @@ def footprint_errors(
     for pair in np.asarray(pairs).tolist():
         truth = btf[pair]
         for factor, squared in errors.items():
-            wanted, name = box_filter(truth, factor), f"decoded slice of pair {pair} at footprint {factor}"
-            test = check_radiance(decode(pair, factor), name)
-            if test.shape != wanted.shape:
-                raise InputError(f"{name} is {test.shape}, not {wanted.shape}")
+            wanted = box_filter(truth, factor)
+            test = _decoded(decode(pair, factor), wanted.shape, f"pair {pair} at footprint {factor}")
             squared.append(float(np.square(to_display(wanted, exposure) - to_display(test, exposure)).mean()))
     return {factor: np.array(squared) for factor, squared in errors.items()}
 
@@ -308,13 +309,6 @@ def _statistics(metric: SliceMetric, raw: Array) -> dict[str, Any]:
     }
 
 
-def _load(name: str, btf: BTF) -> SliceMetric:
-    metric = registry.get(name)
-    if metric.periodic and not btf.periodic:
-        raise InputError(f"{name} is for materials that repeat, and {btf.name} does not")
-    return metric.load()
-
-
 def _arrays(side: Any) -> Iterator[Array]:
     """Every array of a reference side, however its tuples nest."""
     if isinstance(side, np.ndarray):
@@ -322,7 +316,3 @@ def _arrays(side: Any) -> Iterator[Array]:
     else:
         for part in side:
             yield from _arrays(part)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

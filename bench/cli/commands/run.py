@@ -9,7 +9,6 @@ examples:
 """
 
 import argparse
-import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -108,6 +107,7 @@ def run(options: argparse.Namespace) -> int:
 def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]] | None":
     """Where jobs run; None where the runner decides."""
     from bench.runs import executors
+    from bench.threads import cores
 
     if options.resource and not options.scheduler:
         raise InputError("--resource: for the workers of a Dask --scheduler only")
@@ -117,7 +117,7 @@ def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], Abstrac
         if options.jobs != 1:
             raise InputError("--jobs, --scheduler: give one of them; the scheduler knows how many workers it has")
         return partial(executors.dask, options.scheduler, _resources(options.resource))
-    jobs = options.jobs or max(1, len(os.sched_getaffinity(0)) // threads)
+    jobs = options.jobs or max(1, cores() // threads)
     if jobs == 1 and options.max_seconds is None:
         return None
     return partial(executors.processes, jobs, threads, options.device, options.max_seconds)

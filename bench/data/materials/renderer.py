@@ -6,7 +6,6 @@ mean height, as in rectified measurements. Only direct light counts: there is no
 """
 
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -18,6 +17,7 @@ from bench.data.materials import brdf
 from bench.data.materials.heightfield import HeightField
 from bench.data.materials.maps import Maps
 from bench.errors import InputError
+from bench.threads import cores
 
 if TYPE_CHECKING:
     from bench.codec import Progress
@@ -182,14 +182,10 @@ def render(
         return len(pairs)
 
     done = 0
-    with ThreadPoolExecutor(_processors()) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         shared = list(pool.map(light, range(len(lights))))
         for count in pool.map(paint, range(len(views))):
             done += count
             if show:
                 show(label, done, len(wo))
     return result
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
