@@ -102,11 +102,6 @@ def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = N
     return source.items
 
 
-@operation("clamp_max")
-def _clamp_max(m: Backend, step: Step, source: Value, high: Any) -> Array:
-    return _clamp(m, step, source, None, high)
-
-
 @operation("pow")
 def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
     if exponent == 2:
@@ -130,27 +125,17 @@ def _to(m: Backend, step: Step, source: Value) -> Any:
     return [m.convert(x, source.kind, step.kind) for x in listed(source.items)]
 
 
+OPERATIONS["clamp_max"] = lambda m, step, source, high: _clamp(m, step, source, None, high)
+
 # What only moves numbers.
 
-
-@operation("view", "unsqueeze", "squeeze", "reshape")
-def _view(m: Backend, step: Step, source: Value, *_: Any) -> Array:
-    return source.items
-
-
-@operation("expand")
-def _expand(m: Backend, step: Step, source: Value, *_: Any) -> Array:
-    return np.broadcast_to(source.items, step.shape)
-
-
-@operation("permute")
-def _permute(m: Backend, step: Step, source: Value, axes: list[int]) -> Array:
-    return source.items.transpose(axes)
-
-
-@operation("cat")
-def _cat(m: Backend, step: Step, parts: list[Value], axis: int = 0) -> Array:
-    return np.concatenate([part.items.astype(object) for part in parts], axis)
+OPERATIONS |= dict.fromkeys(("view", "unsqueeze", "squeeze", "reshape"), lambda m, step, source, *_: source.items)
+OPERATIONS |= {
+    "expand": lambda m, step, source, *_: np.broadcast_to(source.items, step.shape),
+    "permute": lambda m, step, source, axes: source.items.transpose(axes),
+    "cat": lambda m, step, parts, axis=0: np.concatenate([part.items.astype(object) for part in parts], axis),
+    "select": lambda m, step, source, axis, number: source.items.take([number], axis),
+}
 
 
 @operation("slice")
@@ -160,11 +145,6 @@ def _slice(
     where = [slice(None)] * source.items.ndim
     where[axis] = slice(start, None if end == INFINITE else end, by)
     return source.items[tuple(where)]
-
-
-@operation("select")
-def _select(m: Backend, step: Step, source: Value, axis: int, number: int) -> Array:
-    return source.items.take([number], axis)
 
 
 @operation("constant_pad_nd")
@@ -274,9 +254,7 @@ def _index_select(m: Backend, step: Step, table: Value, axis: int, index: Value)
     return np.moveaxis(chosen.reshape(index.items.size, *lead.shape[1:]), 0, axis)
 
 
-@operation("embedding")
-def _embedding(m: Backend, step: Step, table: Value, index: Value, *_: Any) -> Array:
-    return _index_select(m, step, table, 0, index)
+OPERATIONS["embedding"] = lambda m, step, table, index, *_: _index_select(m, step, table, 0, index)
 
 
 @operation("index")
