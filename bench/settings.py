@@ -18,6 +18,7 @@ import tomllib
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -136,6 +137,12 @@ def read_toml(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from error
+
+
+def shipped_toml(package: str) -> dict[str, str]:
+    """The text of each TOML file of a package, by its name without the ending."""
+    shipped = (file for file in files(package).iterdir() if file.name.endswith(".toml"))
+    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(shipped, key=str)}
 
 
 def parse_toml(where: str, text: str) -> dict[str, Any]:

@@ -37,8 +37,9 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     from bench.data.readers import open_btf
 
     btf = thinned(open_btf(path), data.pairs)
-    if data.split == "validation":
-        btf = without_test(btf)
+    if data.split == "validation":  # without the test pairs; the pairs held out of the rest are validation pairs
+        btf = btf.subset(btf.split().train)
+        btf.heldout = None
     return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
 
 
@@ -57,13 +58,6 @@ def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
     path = spec.existing() if spec.path else None
     rendered = not spec.path or (path is not None and looks_like_maps(path))
     return repetition if rendered and data.split == "test" else 0
-
-
-def without_test(btf: BTF) -> BTF:
-    """The BTF without its test pairs; the pairs held out of the rest are validation pairs."""
-    left = btf.subset(btf.split().train)
-    left.heldout = None
-    return left
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:

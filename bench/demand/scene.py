@@ -31,7 +31,6 @@ samples = 8                      # of an environment, at each point
 """
 
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -39,7 +38,7 @@ import numpy as np
 
 from bench.demand.demand import unit
 from bench.errors import InputError, did_you_mean
-from bench.settings import Range, fields, parse_toml, read_toml, table
+from bench.settings import Range, fields, parse_toml, read_toml, shipped_toml, table
 
 MOST = 100_000  # samples of lights over all frames
 Length = Annotated[float, Range(1e-6, 1e6)]  # in scene units; beyond, rounding hides what the camera sees
@@ -162,8 +161,7 @@ class Scene:
 
 def shipped() -> dict[str, str]:
     """The text of each scene that ships with the suite, by name."""
-    scenes = (file for file in files("bench.demand.scenes").iterdir() if file.name.endswith(".toml"))
-    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(scenes, key=str)}
+    return shipped_toml("bench.demand.scenes")
 
 
 def named_scene(name: str) -> Scene:

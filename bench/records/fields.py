@@ -44,11 +44,6 @@ FIELDS["rate"] = Fields({})  # of older runs, which nothing reads: rates are com
 _FACTS, _TRADE, _SCENE = kind_of(Facts), kind_of(Trade), kind_of(FileScene)
 
 
-def is_known(kind: object) -> bool:
-    """Whether records of a kind are read."""
-    return kind in FIELDS
-
-
 def fault(record: Mapping[str, Any]) -> str:
     """The first field of a record that is not what it must be, and what it must be; "" where all are."""
     needed: tuple[str, ...] = ()

@@ -40,8 +40,11 @@ def append(folder: Path, record: Record) -> None:
     remedy = "make room, then give the same command again: what is finished is kept"
     with writable(folder / FILE, remedy), open(folder / FILE, "ab", buffering=0) as file:
         start = file.tell()
-        if start and not _ends_in_newline(folder / FILE):
-            line = b"\n" + line  # an earlier process was killed while writing its line
+        if start:
+            with open(folder / FILE, "rb") as written:
+                written.seek(-1, os.SEEK_END)
+                if written.read(1) != b"\n":  # an earlier process was killed while writing its line
+                    line = b"\n" + line
         try:
             _write(file.fileno(), line)
         except OSError:
@@ -60,12 +63,6 @@ def _line(record: Record) -> bytes:
     head = {key: record[key] for key in ("kind", "job") if key in record}
     text = json.dumps(head | dict(sorted(record.items())), allow_nan=False)[1:].encode()
     return b'{"crc32": "%08x", %b\n' % (zlib.crc32(text), text)
-
-
-def _ends_in_newline(path: Path) -> bool:
-    with open(path, "rb") as file:
-        file.seek(-1, os.SEEK_END)
-        return file.read(1) == b"\n"
 
 
 class Line(NamedTuple):
@@ -167,8 +164,14 @@ def load_together(sources: Sequence[str | Path]) -> Run:
     for run in runs:
         together.starts.extend(run.starts)
         for job in run.jobs:
-            _refuse_other_data(together.job(job["job"]), job, run.folder)
-            together.jobs.put(job["job"], _with_absolute_paths(job, run.folder))
+            known = together.job(job["job"]) or {}
+            mine, theirs = (each.get("score_key", {}).get("btf") for each in (job, known))
+            if mine and theirs and mine != theirs:
+                told = "was measured on other data than in the runs before: give fewer runs"
+                raise InputError(f"{run.folder}: {job['job']} {told}")
+            names = [name for name in fields.field_names(ARTEFACT) if isinstance(job.get(name), str)]
+            paths = {name: str(run.folder.absolute() / job[name]) for name in names}
+            together.jobs.put(job["job"], job | paths)
         for timing in run.timings:
             together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)
@@ -180,18 +183,6 @@ def _files_of(source: Path) -> list[Path]:
     if source.suffix == ".jsonl" or (source / FILE).is_file():
         return [source]
     return sorted(source.glob("*.jsonl")) or [source]
-
-
-def _refuse_other_data(known: Record | None, job: Record, folder: Path) -> None:
-    mine, theirs = (each.get("score_key", {}).get("btf") if each else None for each in (job, known))
-    if mine and theirs and mine != theirs:
-        raise InputError(f"{folder}: {job['job']} was measured on other data than in the runs before: give fewer runs")
-
-
-def _with_absolute_paths(job: Record, folder: Path) -> Record:
-    """The job, whose artefacts are named by absolute paths."""
-    names = [name for name in fields.field_names(ARTEFACT) if isinstance(job.get(name), str)]
-    return job | {name: str(folder.absolute() / job[name]) for name in names}
 
 
 def load_trade(folder: Path) -> Record | None:
@@ -260,7 +251,7 @@ def _add_record(run: Run, record: Record) -> bool:
 def _record_of(line: Line) -> Record:
     """The record of a line; empty where it is of no kind that is known. `InputError` names a field that is wrong."""
     record = _parsed(line.text)
-    if not fields.is_known(kind := record.get("kind")) or (kind in ("job", "timing") and "job" not in record):
+    if (kind := record.get("kind")) not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
         return {}
     if fault := fields.fault(record):
         raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")

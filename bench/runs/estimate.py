@@ -110,14 +110,12 @@ class Estimate:
             cell = task.material.name, task.codec.label
             fits[cell] = fits[cell] if cell in fits else self._fit(task)
         seconds, seats = [fits[task.material.name, task.codec.label] for task in left], self.seats()
-        known = [each + self._besides(seats) for each in seconds if each is not None]
+        # What a job takes besides its fit, as far as this run knows.
+        apart = (time.monotonic() - self.start) * min(seats, self.total) - self.spent
+        besides = max(0.0, apart / self.worked) if self.worked else 0.0
+        known = [each + besides for each in seconds if each is not None]
         unknown = [task for task, each in zip(left, seconds, strict=True) if each is None]
         return sum(known) / min(seats, max(1, len(left))), unknown
-
-    def _besides(self, seats: int) -> float:
-        """Seconds of a job besides its fit, as far as this run knows."""
-        apart = (time.monotonic() - self.start) * min(seats, self.total) - self.spent
-        return max(0.0, apart / self.worked) if self.worked else 0.0
 
     def _fit(self, task: Task) -> float | None:
         """Seconds of the fit of a job, after the one on record that is most like it; None without one."""

@@ -38,6 +38,7 @@ from bench.threads import torch_threads
 
 DRAWN_FLOATS = 2_000_000  # of a texture, at most, that a page draws live
 COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices, whose footprint is one texel
+DESCRIBED = ("unit", "direction", "space", "version")  # of a metric: tables show them with its numbers
 Keep = Callable[[str, dict[str, Any]], str]
 
 
@@ -86,6 +87,10 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
         summary["scene"] = weighted(scores, bench.scene_shares)
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
     angular["polar"] = polar_maps(scores, bench.btf.wo, bench.btf.wi)
+    program: Record = {}
+    if isinstance(material, ProgramMaterial):  # no decoder's time, since files pass in between
+        nanoseconds = 1e9 * material.waited / max(1, material.queries)
+        program = {"program": {"queries": material.queries, "ns_per_query": nanoseconds}}
     return {
         "shape": list(bench.btf.shape),
         "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
@@ -94,20 +99,15 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
         "bytes": _bytes(file),
         "parameters": None if material.opaque else parameters(material),
         "cost": dataclasses.asdict(material.cost),
-        "metrics": {name: _described(name) for name in bench.scorer.names},
+        "metrics": {name: {word: getattr(get_metric(name), word) for word in DESCRIBED} for name in bench.scorer.names},
         "scores": summary,
         "footprints": {"1": one} | summarise_footprints(coarse),
         **({"scene": scene} if scene else {}),
-        **({"program": _answered(material)} if isinstance(material, ProgramMaterial) else {}),
+        **program,
         "slices": keep(f"slices/{header.path.stem}.npz", _slices(bench, scores) | _footprints(bench, coarse)),
         "angular": keep(f"angular/{header.path.stem}.json", angular),
         "pictures": keep(f"pictures/{header.path.stem}.npz", pictures),
     }
-
-
-def _answered(material: ProgramMaterial) -> Record:
-    """How long a program took to answer what it was scored by: no decoder's time, since files pass in between."""
-    return {"queries": material.queries, "ns_per_query": 1e9 * material.waited / max(1, material.queries)}
 
 
 def drawing(file: Loaded, keep: Keep) -> Record:
@@ -153,12 +153,6 @@ def _bytes(file: Loaded) -> dict[str, int]:
     """Bytes of the file, by part and in total, and of the shared network's file if it needs one."""
     sizes = file.header.part_bytes() | {"total": file.header.file_bytes}
     return sizes | ({"shared": file.network.file_bytes} if file.network else {})
-
-
-def _described(name: str) -> dict[str, Any]:
-    """The unit, direction, space and version of a metric, which tables show with its numbers."""
-    metric = get_metric(name)
-    return {word: getattr(metric, word) for word in ("unit", "direction", "space", "version")}
 
 
 def _slices(bench: Workbench, scores: Scores) -> dict[str, np.ndarray]:

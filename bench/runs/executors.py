@@ -136,7 +136,10 @@ class Processes(Executor):
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         seat = self.free.get()
         if seat not in self.pools:
-            self.pools[seat] = self._pool(self.gpus[seat] if self.gpus else None)
+            context = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks, and no CUDA
+            theirs, ours = context.Pipe(duplex=False)
+            given = (self.threads, self.gpus[seat] if self.gpus else None, theirs)
+            self.pools[seat] = ProcessPoolExecutor(1, context, _prepare, given), ours
         pool = self.pools[seat][0]
         with _deaf_to_interrupts():
             process = pool.submit(os.getpid) if self.limit else None
@@ -160,11 +163,6 @@ class Processes(Executor):
         timer.daemon = True
         process.add_done_callback(lambda _: timer.start())  # the time to start the process does not count
         return timer
-
-    def _pool(self, gpu: str | None) -> tuple[ProcessPoolExecutor, Connection]:
-        context = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks, and no CUDA
-        theirs, ours = context.Pipe(duplex=False)
-        return ProcessPoolExecutor(1, context, _prepare, (self.threads, gpu, theirs)), ours
 
     def _leave(self, seat: int, ended: Future[Any], outer: Future[Any], timer: threading.Timer | None) -> None:
         if timer:

@@ -26,6 +26,9 @@ INSTALLED = {"site-packages", "dist-packages"}
 BY_NAME = {"import_module", "__import__", "spec_from_file_location", "run_path", "exec", "eval"}
 
 
+_distributions = cache(packages_distributions)
+
+
 def identity(codec: Codec, *more: str) -> dict[str, object]:
     """`code`, a hash of the source that a fit of this codec runs, and `libraries`, the versions of what it imports.
 
@@ -55,7 +58,7 @@ def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[s
         top = name.partition(".")[0]
         if name in sources or top in sys.stdlib_module_names:
             continue
-        if top not in own and _installed(top):
+        if top not in own and ((file := _top_file(top)) is None or INSTALLED & set(file.parts)):
             libraries.add(top)
         elif path := _file(name):
             source = _source(path, name)
@@ -120,15 +123,11 @@ def _top_file(top: str) -> Path | None:
     return Path(folders[0]) / "__init__.py" if folders else None
 
 
-def _installed(top: str) -> bool:
-    top_file = _top_file(top)
-    return top_file is None or bool(INSTALLED & set(top_file.parts))
-
-
 def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
     """The modules that a module may import anywhere in its source, except those that only a type checker sees."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    unseen = {id(inner) for node in ast.walk(tree) if _for_types(node) for inner in ast.walk(node)}
+    typed = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
+    unseen = {id(inner) for node in typed if not node.orelse for inner in ast.walk(node)}
     for node in ast.walk(tree):
         if id(node) in unseen:
             continue
@@ -139,11 +138,6 @@ def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
             base = ".".join([*parents, *([node.module] if node.module else [])])
             yield base
             yield from (f"{base}.{alias.name}" for alias in node.names)
-
-
-def _for_types(node: ast.AST) -> bool:
-    """Whether a node is the body of `if TYPE_CHECKING`."""
-    return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test) and not node.orelse
 
 
 def _imports_by_name(tree: ast.Module) -> bool:
@@ -166,14 +160,9 @@ def _everything_in(top: str) -> Iterator[str]:
 @cache
 def _version(top: str) -> str | None:
     """The version of the distribution that a top-level package belongs to; None if it is not installed."""
-    for distribution in _distributions().get(top, ()):
+    for distribution in sorted(set(_distributions().get(top, ()))):
         try:
             return version(distribution)
         except PackageNotFoundError:
             continue
     return None
-
-
-@cache
-def _distributions() -> dict[str, list[str]]:
-    return {name: sorted(set(distributions)) for name, distributions in packages_distributions().items()}

@@ -68,7 +68,11 @@ def _acquire(folder: Path, run: str) -> int:
             kept_by_kernel = _flock(file)
             if is_still(file, folder / FILE):
                 _check(folder, kept_by_kernel)
-                _sign(file, run)
+                since = f"{datetime.now(UTC):%F %T} UTC"
+                holder = {"process": os.getpid(), "host": platform.node(), "since": since, "run": run}
+                os.truncate(file, 0)
+                os.pwrite(file, json.dumps(holder).encode(), 0)
+                os.fsync(file)
                 return file
         except BlockingIOError:
             os.close(file)
@@ -98,7 +102,9 @@ def _check(folder: Path, kept_by_kernel: bool) -> None:
     if holder.get("host") == platform.node():
         alive = not kept_by_kernel and _runs(int(holder["process"]))
     else:
-        alive = _age(folder) < STALE_AFTER
+        # Renewed by the clock of the file system: those of two hosts differ.
+        with tempfile.TemporaryFile(dir=folder) as now:
+            alive = os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime < STALE_AFTER
     if alive:
         raise InputError(_busy(folder, holder))
     log.warning("%s: the lock of %s is taken over, because that process is gone", folder, _named(holder))
@@ -113,13 +119,6 @@ def _holder(path: Path) -> dict[str, Any]:
     return holder if isinstance(holder, dict) and {"process", "host", "run"} <= holder.keys() else {}
 
 
-def _sign(file: int, run: str) -> None:
-    holder = {"process": os.getpid(), "host": platform.node(), "since": f"{datetime.now(UTC):%F %T} UTC", "run": run}
-    os.truncate(file, 0)
-    os.pwrite(file, json.dumps(holder).encode(), 0)
-    os.fsync(file)
-
-
 def _runs(process: int) -> bool:
     try:
         os.kill(process, 0)
@@ -128,12 +127,6 @@ def _runs(process: int) -> bool:
     except PermissionError:
         pass
     return True
-
-
-def _age(folder: Path) -> float:
-    """Seconds since the lock was renewed, by the clock of the file system: those of two hosts differ."""
-    with tempfile.TemporaryFile(dir=folder) as now:
-        return os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime
 
 
 def _renew(folder: Path, run: str, done: threading.Event) -> None:

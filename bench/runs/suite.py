@@ -38,7 +38,6 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,7 +46,7 @@ from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
 from bench.errors import CodecError, InputError, did_you_mean, shown
 from bench.metrics import DEFAULTS, chosen_names
-from bench.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, table
+from bench.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
 
 MOST_JOBS = 100_000
 Words = tuple[str, ...]
@@ -108,8 +107,7 @@ class Suite:
 
 def builtin_suites() -> dict[str, str]:
     """The text of each built-in suite by name."""
-    suites = (file for file in files("bench.runs.suites").iterdir() if file.name.endswith(".toml"))
-    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(suites, key=str)}
+    return shipped_toml("bench.runs.suites")
 
 
 def load_suite(name: str) -> Suite:

@@ -18,7 +18,6 @@ from bench import atomic, timing
 from bench.archive import MAX_FILE, read_arrays
 from bench.codec import Progress, silent
 from bench.codecs.loading import load
-from bench.data.spec import MaterialSpec
 from bench.demand.mitsuba.lobes import fitted
 from bench.errors import InputError
 from bench.material import Material
@@ -110,8 +109,8 @@ def measure(
     result: dict[str, Any] = {"format": TRADE_FORMAT, "suite": suite.name, "ceilings": ceilings, "left_out": left_out}
     result |= {"choices": [], "profiles": []}
     for spec in suite.materials:
-        jobs = _jobs(suite, spec, run)
-        if jobs:
+        recorded_jobs = [run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs]
+        if jobs := [job for job in recorded_jobs if job and job["status"] == "ok"]:
             task = Task(
                 "trade", run.folder, spec, suite.data, suite.codecs[0], suite.seeds[0], 1, metrics=suite.metrics
             )
@@ -121,7 +120,7 @@ def measure(
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             records = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, batches)
             result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in records]
-        result["choices"] += _failed(suite, spec, run, device)
+        result["choices"] += [_failed(job, device) for job in recorded_jobs if job and job["status"] != "ok"]
     result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
     return result
 
@@ -147,22 +146,11 @@ def write(folder: Path, result: dict[str, Any]) -> None:
     atomic.write(folder / TRADE, json.dumps(result, allow_nan=False).encode())
 
 
-def _jobs(suite: Suite, spec: MaterialSpec, run: Run) -> list[Record]:
-    """The finished jobs of a material with the first seed, in the order of the suite."""
-    jobs = (run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs)
-    return [job for job in jobs if job and job["status"] == "ok"]
-
-
-def _failed(suite: Suite, spec: MaterialSpec, run: Run, device: str) -> list[dict[str, Any]]:
-    """A row with the error for each job that has no result."""
-    rows = []
-    for codec in suite.codecs:
-        job = run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}")
-        if job and job["status"] != "ok":
-            row = {"material": spec.name, "label": codec.label, "codec": codec.codec, "device": device}
-            row |= {"execution": "eager", "precision": "float32"}
-            rows.append(row | {"error": f"{job['status']}: {' '.join(job['error'].split())}"})
-    return rows
+def _failed(job: Record, device: str) -> dict[str, Any]:
+    """A row with the error of a job that has no result."""
+    row = {"material": job["material"], "label": job["label"], "codec": job["codec"], "device": device}
+    row |= {"execution": "eager", "precision": "float32"}
+    return row | {"error": f"{job['status']}: {' '.join(job['error'].split())}"}
 
 
 def _plain(suite: Suite, job: Record) -> bool:

@@ -66,10 +66,11 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _list() -> int:
-    from bench.conformance.stress import CASES, metrics
+    from bench.conformance.stress import CASES, Case, metrics
 
     width = max(len(case.name) for case in CASES)
-    for case in (*CASES, *metrics.CASES):
+    every: list[Case | metrics.PictureCase] = [*CASES, *metrics.CASES]
+    for case in every:
         print(f"{case.group:<10}  {case.name:<{width}}  {case.holds}")
     return FINE
 

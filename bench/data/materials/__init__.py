@@ -13,25 +13,16 @@ if TYPE_CHECKING:
     from bench.codec import Progress
     from bench.data.materials.maps import Recipe
 
-_REGISTRY: dict[str, tuple[str, str]] = {
-    "brick": ("bench.data.materials.photographs:Brick", "rough diffuse relief: brickwork from a photograph"),
-    "gravel": ("bench.data.materials.photographs:Gravel", "rough diffuse relief with sharp shadows, from a photograph"),
-    "grass": ("bench.data.materials.photographs:Grass", "fine, irregular relief from a photograph"),
-    "satin": ("bench.data.materials.satin:Satin", "woven anisotropic satin, warp and weft of two colours"),
-    "brushed-metal": (
-        "bench.data.materials.brushed_metal:BrushedMetal",
-        "brushed anisotropic metal with HDR highlights",
-    ),
-    "leather": ("bench.data.materials.leather:Leather", "glossy pebbled leather"),
-    "cable-knit": (
-        "bench.data.materials.cable_knit:CableKnit",
-        "cable-knit wool: strong parallax, occlusion and shadows",
-    ),
-    "hammered-copper": (
-        "bench.data.materials.hammered_copper:HammeredCopper",
-        "hammered copper: glossy dents with patina (kept apart)",
-    ),
-    "wicker": ("bench.data.materials.wicker:Wicker", "woven willow rods: parallax and gaps (kept apart)"),
+_REGISTRY: dict[str, tuple[str, str]] = {  # name → "module:Class" of this package, and what it is
+    "brick": ("photographs:Brick", "rough diffuse relief: brickwork from a photograph"),
+    "gravel": ("photographs:Gravel", "rough diffuse relief with sharp shadows, from a photograph"),
+    "grass": ("photographs:Grass", "fine, irregular relief from a photograph"),
+    "satin": ("satin:Satin", "woven anisotropic satin, warp and weft of two colours"),
+    "brushed-metal": ("brushed_metal:BrushedMetal", "brushed anisotropic metal with HDR highlights"),
+    "leather": ("leather:Leather", "glossy pebbled leather"),
+    "cable-knit": ("cable_knit:CableKnit", "cable-knit wool: strong parallax, occlusion and shadows"),
+    "hammered-copper": ("hammered_copper:HammeredCopper", "hammered copper: glossy dents with patina (kept apart)"),
+    "wicker": ("wicker:Wicker", "woven willow rods: parallax and gaps (kept apart)"),
 }
 
 
@@ -50,7 +41,7 @@ def recipe(name: str) -> "Recipe":
     if name not in _REGISTRY:
         raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
     module, _, attribute = _REGISTRY[name][0].partition(":")
-    loaded: Recipe = getattr(importlib.import_module(module), attribute)()
+    loaded: Recipe = getattr(importlib.import_module(f"{__name__}.{module}"), attribute)()
     return loaded
 
 
