@@ -16,7 +16,7 @@ from bench.compare.rows import ComparedRow, compared
 from bench.compare.timings import advice, multiples
 from bench.compare.verdicts import Verdict
 from bench.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
-from bench.records import Record, Run, require
+from bench.records import Record, Run, by_row, require
 
 _WORDS = {
     Verdict.FAILED: "failed",
@@ -96,7 +96,7 @@ def compare(
     def between(some: list[Record], others: list[Record]) -> Interval | None:
         return interval(shared_cells(base, some, new, others))
 
-    olds, news = _by_row(before), _by_row(after)
+    olds, news = (by_row(sorted(jobs, key=lambda job: job["seed"])) for jobs in (before, after))
     rows = [
         compared(olds.get(key, []), news.get(key, []), declared, advice(ours.get(key), theirs.get(key)), between)
         for key in sorted(keys, key=lambda key: order.index(key[0]))
@@ -143,14 +143,6 @@ def check_names(what: str, names: Sequence[str], known: set[str]) -> None:
     for name in names:
         if name not in known:
             raise InputError(f"--{what} {name}: in neither run{did_you_mean(name, known)}")
-
-
-def _by_row(jobs: list[Record]) -> dict[tuple[str, str], list[Record]]:
-    """The jobs of each row, by material and label, in the order of their seeds."""
-    rows: dict[tuple[str, str], list[Record]] = {}
-    for job in sorted(jobs, key=lambda job: job["seed"]):
-        rows.setdefault((job["material"], job["label"]), []).append(job)
-    return rows
 
 
 def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:

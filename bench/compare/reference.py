@@ -14,7 +14,7 @@ from typing import Any
 from bench.compare.slices import decibels, packed
 from bench.compare.verdicts import FEW_SEEDS
 from bench.errors import InputError
-from bench.records import FLIP, PSNR, REFERENCE, Record, Run, gate, kept, metric_of, metrics_of, stats_of
+from bench.records import FLIP, PSNR, REFERENCE, Record, Run, by_row, gate, kept, metric_of, metrics_of, stats_of
 
 _DIGITS = 7
 _PACKAGES = ("neubtf-bench", "torch", "numpy")
@@ -50,19 +50,14 @@ def reference(run: Run, before: Run | None = None) -> str:
 
 def few_seeds(run: Run) -> list[str]:
     """The names of rows whose seeds differ and are too few to estimate the scatter."""
-    rows: dict[str, list[object]] = {}
-    for job in run.jobs:
-        score = stats_of(job, PSNR).get("pooled")
-        rows.setdefault(f"{job['material']}/{job['label']}", []).append(score)
-    return [name for name, values in rows.items() if len(values) < FEW_SEEDS and len(set(values)) != 1]
+    rows = {row: [stats_of(job, PSNR).get("pooled") for job in jobs] for row, jobs in by_row(run.jobs).items()}
+    return ["/".join(row) for row, values in rows.items() if len(values) < FEW_SEEDS and len(set(values)) != 1]
 
 
 def pairs_by_seed(run: Run) -> list[str]:
     """The names of rows whose seeds are scored at pairs of their own: they differ because pairs do."""
-    rows: dict[str, set[object]] = {}
-    for job in run.jobs:
-        rows.setdefault(f"{job['material']}/{job['label']}", set()).add(job["score_key"]["btf"])
-    return [name for name, pairs in rows.items() if len(pairs) > 1]
+    rows = by_row(run.jobs)
+    return ["/".join(row) for row, jobs in rows.items() if len({job["score_key"]["btf"] for job in jobs}) > 1]
 
 
 def _start(run: Run) -> Iterator[Record]:

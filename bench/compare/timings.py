@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bench.records import CONDITIONS, Record
+from bench.records import CONDITIONS, Record, by_row
 
 UNIT = "mean-colour"
 FACTOR = 1.25  # a smaller change of a ratio is not mentioned
@@ -53,12 +53,10 @@ def multiples(jobs: Sequence[Record], timings: Sequence[Record]) -> dict[tuple[s
     because between two starts the machine may have changed its pace; rows without such a neighbour are left out.
     """
     by_job = {timing["job"]: timing for timing in timings}
-    rows: dict[tuple[str, str], list[Record]] = {}
-    for job in jobs:
-        if job["job"] in by_job:
-            rows.setdefault((job["material"], job["label"]), []).append(by_job[job["job"]])
-    by_row = {row: _multiple(ours, rows.get((row[0], UNIT), [])) for row, ours in rows.items()}
-    return {row: multiple for row, multiple in by_row.items() if multiple}
+    timed = by_row(job for job in jobs if job["job"] in by_job)
+    rows = {row: [by_job[job["job"]] for job in ours] for row, ours in timed.items()}
+    multiples = {row: _multiple(ours, rows.get((row[0], UNIT), [])) for row, ours in rows.items()}
+    return {row: multiple for row, multiple in multiples.items() if multiple}
 
 
 def _multiple(ours: list[Record], floors: list[Record]) -> Multiple | None:

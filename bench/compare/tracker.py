@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.compare.quantities import deciding, undeciding
 from bench.compare.timings import multiples
-from bench.records import Record, Run
+from bench.records import Run, by_row
 
 FILES = {"higher": "bigger-is-better.json", "lower": "smaller-is-better.json"}
 
@@ -17,10 +17,7 @@ FILES = {"higher": "bigger-is-better.json", "lower": "smaller-is-better.json"}
 def tracker(run: Run) -> dict[str, str]:
     """The text of each file by its name: means over the seeds of every finished job, and the times of decoders."""
     entries: dict[str, list[dict[str, Any]]] = {name: [] for name in FILES.values()}
-    rows: dict[tuple[str, str], list[Record]] = {}
-    for job in run.jobs:
-        if job["status"] == "ok":
-            rows.setdefault((job["material"], job["label"]), []).append(job)
+    rows = by_row(job for job in run.jobs if job["status"] == "ok")
     timed = multiples([job for jobs in rows.values() for job in jobs], list(run.timings))
     for row, jobs in rows.items():
         for quantity in [*deciding(jobs[0]), *undeciding(jobs[0])]:

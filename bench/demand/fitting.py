@@ -153,7 +153,7 @@ class Search:
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
         if goal is None:
             goal = as_good_as(full)
-        tried = list(self.ladder(goal, scene=True))
+        tried = list(self.ladder(goal))
         seconds = sum(model.seconds for model in tried)
         meeting = [model for model in tried if goal.met(model)]
         best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
@@ -165,21 +165,18 @@ class Search:
             return SearchResult(full, None, "the scene needs everything", True, len(tried), seconds)
         return SearchResult(full, best, left_out(self.problem.needed, self.btf), True, len(tried), seconds)
 
-    def ladder(self, goal: Goal, scene: bool) -> Iterator[Model]:
-        """Fit models of the scene or of the whole BTF, bisecting their size, because quality rises with size."""
+    def ladder(self, goal: Goal) -> Iterator[Model]:
+        """Fit models of the scene, bisecting their size, because quality rises with size."""
         low, high = 1, steps_of(self.codec)
-        largest = self._at(high, scene)
+        largest = self.model(sized(self.codec, high), f"scene{high}")
         yield largest
         if not goal.met(largest):
             return
         while low < high:
             middle = (low + high) // 2
-            model = self._at(middle, scene)
+            model = self.model(sized(self.codec, middle), f"scene{middle}")
             yield model
             low, high = (low, middle) if goal.met(model) else (middle + 1, high)
-
-    def _at(self, step: int, scene: bool) -> Model:
-        return self.model(sized(self.codec, step, scene), f"{'scene' if scene else 'whole'}{step}")
 
     def model(self, codec: Codec, name: str) -> Model:
         """Fit a codec, to the scene if its settings say so, else to the whole BTF; decode its file and score it."""

@@ -32,7 +32,9 @@ class NeededPart:
     @classmethod
     def for_demand(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "NeededPart":
         """The part of a BTF that a demand needs; `every_pair` keeps all pairs."""
-        finest = _finest(demand)
+        order = np.argsort(demand.footprint, kind="stable")
+        place = int(np.searchsorted(np.cumsum(demand.importance[order]), FINEST))
+        finest = float(demand.footprint[order[min(place, len(order) - 1)]])
         factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
         window = _window(btf.shape, demand, factor)
         pairs = np.arange(len(btf)) if every_pair else needed_pairs(btf.layout, demand)
@@ -88,12 +90,6 @@ def _heaviest(share: Array) -> Array:
     order = np.argsort(-share, kind="stable")
     running = np.cumsum(share[order])
     return order[: int(np.searchsorted(running, COVERED * running[-1])) + 1]
-
-
-def _finest(demand: Demand) -> float:
-    order = np.argsort(demand.footprint, kind="stable")
-    place = np.searchsorted(np.cumsum(demand.importance[order]), FINEST)
-    return float(demand.footprint[order[min(int(place), len(order) - 1)]])
 
 
 def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:

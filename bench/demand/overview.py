@@ -86,7 +86,8 @@ def draw(demand: Demand, path: Path) -> None:
     figure = Figure(figsize=(14, 7), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplot_mosaic([["frame", "frame", "wo", "wi"], ["frame", "frame", "uv", "footprint"]])
-    grid["frame"].imshow(_stand_in(demand))
+    picture = demand.pictures(np.repeat(demand.wi[:, 2:] * ALBEDO / np.pi, 3, 1))[0]
+    grid["frame"].imshow(to_display(picture, exposure_of(picture)))
     grid["frame"].set_title(f"{demand.provenance.get('scene', '')}: the first frame, on a white diffuser")
     grid["frame"].axis("off")
     for name, title in (("wo", "views"), ("wi", "lights")):
@@ -96,11 +97,6 @@ def draw(demand: Demand, path: Path) -> None:
     _footprints(grid["footprint"], demand)
     with replacing(path) as partial:
         figure.savefig(partial, format="png", dpi=80)
-
-
-def _stand_in(demand: Demand) -> Array:
-    picture = demand.pictures(np.repeat(demand.wi[:, 2:] * ALBEDO / np.pi, 3, 1))[0]
-    return to_display(picture, exposure_of(picture))
 
 
 def _polar(axes, directions: Array, share: Array, title: str) -> None:  # type: ignore[no-untyped-def]

@@ -24,6 +24,7 @@ from bench.records.meaning import (
     PSNR,
     RMSE,
     SSIM,
+    by_row,
     flattened,
     gate,
     metric_of,

@@ -40,6 +40,14 @@ def gate(groups: Container[str]) -> str:
     return "heldout" if "heldout" in groups else "all"
 
 
+def by_row(jobs: Iterable[Record]) -> dict[tuple[str, str], list[Record]]:
+    """The jobs of each row of a table, by material and label."""
+    rows: dict[tuple[str, str], list[Record]] = {}
+    for job in jobs:
+        rows.setdefault((job["material"], job["label"]), []).append(job)
+    return rows
+
+
 def metric_of(names: Iterable[str], family: str) -> str:
     """The first of these metric names that belongs to a family (`ssim` → `ssim_periodic`), or ""."""
     return next((name for name in names if name == family or name.startswith(f"{family}_")), "")

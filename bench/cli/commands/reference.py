@@ -10,9 +10,7 @@ examples:
 """
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from bench.errors import FINE
 
@@ -27,13 +25,19 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from bench.atomic import write
     from bench.compare import check_whole, compare
-    from bench.compare.reference import few_seeds, pairs_by_seed, reference
+    from bench.compare.reference import committed, few_seeds, pairs_by_seed, reference
     from bench.errors import InputError, writable
     from bench.records import load_run
+    from bench.runs.suite import builtin_suites
     from reports.comparison import terminal
 
     measured = load_run(options.run)
-    path = options.out or _committed(options.run, measured.starts)
+    path = options.out
+    if path is None:
+        suite = measured.starts[-1]["suite"] if measured.starts else ""
+        if suite not in builtin_suites():
+            raise InputError(f"{options.run}: not a run of a built-in suite: give --out FILE")
+        path = committed(suite)
     if path.suffix != ".jsonl":
         raise InputError(f"{path}: the name of a reference ends in .jsonl")
     before = load_run(path) if path.is_file() else None
@@ -55,14 +59,3 @@ def run(options: argparse.Namespace) -> int:
             f"and run it anew: {', '.join(drawn)}"
         )
     return FINE
-
-
-def _committed(folder: str, starts: Sequence[dict[str, Any]]) -> Path:
-    from bench.compare.reference import committed
-    from bench.errors import InputError
-    from bench.runs.suite import builtin_suites
-
-    suite = starts[-1]["suite"] if starts else ""
-    if suite not in builtin_suites():
-        raise InputError(f"{folder}: not a run of a built-in suite: give --out FILE")
-    return committed(suite)
