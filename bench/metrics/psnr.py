@@ -7,6 +7,7 @@ squared error of all slices together, is exact. Source: Gonzalez & Woods, Digita
 """
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,16 +31,23 @@ def squared_error(reference: Array, test: Array) -> Array:
     return np.square(difference, out=difference).mean(0)
 
 
-class DisplayPSNR(SliceMetric):
-    """PSNR of the display transform of both slices; peak 1."""
+class SquaredDifference(SliceMetric):
+    """A metric of the squared error in one space of a picture: `plane` names it."""
 
-    peak = 1.0
+    plane: ClassVar[str]
 
     def reference_side(self, reference: Picture) -> Array:
-        return reference.display
+        planes: Array = getattr(reference, self.plane)
+        return planes
 
     def compare(self, side: Array, test: Picture) -> Array:
-        return squared_error(side, test.display)
+        return squared_error(side, getattr(test, self.plane))
+
+
+class DisplayPSNR(SquaredDifference):
+    """PSNR of the display transform of both slices; peak 1."""
+
+    plane, peak = "display", 1.0
 
     def values(self, raw: Array) -> Array:
         return psnr(raw, self.peak)
@@ -48,10 +56,4 @@ class DisplayPSNR(SliceMetric):
 class LogPSNR(DisplayPSNR):
     """PSNR of log1p(8 · exposure · radiance); peak log1p(8). Highlights beyond 1 count, where display clips them."""
 
-    peak = math.log1p(LOG_SCALE)
-
-    def reference_side(self, reference: Picture) -> Array:
-        return reference.log1p
-
-    def compare(self, side: Array, test: Picture) -> Array:
-        return squared_error(side, test.log1p)
+    plane, peak = "log1p", math.log1p(LOG_SCALE)

@@ -8,21 +8,15 @@ band of slices it gives the relative error, which is not lower merely because sl
 
 import numpy as np
 
-from bench.metrics.base import SliceMetric
-from bench.metrics.picture import Picture
-from bench.metrics.psnr import squared_error
+from bench.metrics.psnr import SquaredDifference
 
 Array = np.ndarray
 
 
-class LinearRMSE(SliceMetric):
+class LinearRMSE(SquaredDifference):
     """RMSE of linear radiance."""
 
-    def reference_side(self, reference: Picture) -> Array:
-        return reference.linear
-
-    def compare(self, side: Array, test: Picture) -> Array:
-        return squared_error(side, test.linear)
+    plane = "linear"
 
     def values(self, raw: Array) -> Array:
         return np.sqrt(raw)
