@@ -41,6 +41,6 @@ def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: 
         | conditions
         | times.summary()
         | {"samples_ns": times.samples.tolist(), "floor_ratios": times.ratios.tolist()}
-        for name, times in timing.compare(decoded, threads, show=show).items()
+        for name, times in timing.time_materials(decoded, threads, show=show).items()
         if name != timing.FLOOR
     ]

@@ -181,11 +181,12 @@ def _choices(
                 ready = prepared(material, variant)
                 row |= _quality(bench, job, run) if variant == Variant() else _score(bench, ready, suite.threads, show)
             except Exception as error:  # one variant costs no figures of the others
-                rows.append(row | {"error": _error_text(error)})
+                kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "  # nobody foresaw it
+                rows.append(row | {"error": kind + " ".join(str(error).split())})
                 continue
             rows.append(row)
             timed[len(rows) - 1] = ready
-    measured = timing.compare({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(BATCH))
+    measured = timing.time_materials({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(BATCH))
     conditions = {"batch": BATCH, "threads": suite.threads, "device": device}
     for i, ready in timed.items():
         summary = measured[str(i)].summary()
@@ -194,12 +195,6 @@ def _choices(
     floor = {"material": bench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
     _mark([row for row in rows if "error" not in row])
     return [*rows, floor | conditions | measured[timing.FLOOR].summary()]
-
-
-def _error_text(error: Exception) -> str:
-    """An error in a row: of one that nobody foresaw, its kind too."""
-    kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
-    return kind + " ".join(str(error).split())
 
 
 def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:

@@ -74,7 +74,7 @@ class _Floor(Material):
 
 
 def conditions(threads: int, device: str) -> dict[str, Any]:
-    """The conditions under which `compare` measures, to be stated with its figures."""
+    """The conditions under which `time_materials` measures, to be stated with its figures."""
     return {
         "batch": BATCH,
         "dtype": "float32",
@@ -86,7 +86,7 @@ def conditions(threads: int, device: str) -> dict[str, Any]:
     }
 
 
-def compare(
+def time_materials(
     materials: dict[str, Material], threads: int, queries: Queries | None = None, show: Progress = silent
 ) -> dict[str, Timing]:
     """Time the whole query of each material in turns; the row `FLOOR` is one bilinear colour fetch."""

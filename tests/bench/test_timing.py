@@ -8,7 +8,7 @@ from bench import timing
 from bench.material import DecoderCost, Material
 from bench.records.lines import of_both_floors
 from bench.threads import torch_threads
-from bench.timing import BATCH, FLOOR, SAMPLES, Timing, compare, conditions, in_turns
+from bench.timing import BATCH, FLOOR, SAMPLES, Timing, conditions, in_turns, time_materials
 from bench.timing.clock import calibrated
 from bench.timing.machine import unrest
 from bench.timing.profile import profile
@@ -31,7 +31,7 @@ class Sleeper(Material):
 
 @pytest.fixture(scope="module")
 def timings():
-    return compare({"slow": Sleeper(0.02), "fast": Sleeper(0.01)}, threads=1)
+    return time_materials({"slow": Sleeper(0.02), "fast": Sleeper(0.01)}, threads=1)
 
 
 def test_every_contestant_and_the_floor_give_all_their_samples(timings):

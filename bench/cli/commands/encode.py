@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.demand import demand, require_demand
     from bench.runs.library import encode
 
-    _check(options)
+    _refuse_wrong_options(options)
     changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
     codec = load_codec(options.codec)(**settings)
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     with Console() as console:
         btf = open_named(options.btf, changes, console.show)
         if scene_demand:
-            code = _to_scene(options, codec, btf, scene_demand, network, console)
+            code = _encode_for_scene(options, codec, btf, scene_demand, network, console)
         else:
             seed, count = options.seed, options.threads
             encode(btf, codec, options.out, seed=seed, threads=count, device=device, show=console.show)
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     return code
 
 
-def _check(options: argparse.Namespace) -> None:
+def _refuse_wrong_options(options: argparse.Namespace) -> None:
     """Refuse, before any work, what will not do."""
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: its folder is not there: make it first")
@@ -76,7 +76,7 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError(f"--uniform {options.uniform}: a share lies between 0 and 1")
 
 
-def _to_scene(
+def _encode_for_scene(
     options: argparse.Namespace,
     codec: "Codec",
     btf: "BTF",
@@ -110,11 +110,11 @@ def _to_scene(
         result = search.run(None if wanted == fitting.Goal() else wanted)
         console.say(scene_models_text(fitting.rows(result, scorer, options.threads)))
         atomic.write(options.out, result.chosen.header.path.read_bytes())
-    console.say(_verdict(result))
+    console.say(_result_text(result))
     return FINE if result.met else NO
 
 
-def _verdict(result: "SearchResult") -> str:
+def _result_text(result: "SearchResult") -> str:
     words = f"{result.fits} fits to the scene took {result.seconds:.1f} s."
     if not result.met:
         return f"The target is not reached; this is the {'scene' if result.scene else 'full'} model. {words}"
