@@ -11,7 +11,6 @@ safetensors file of its tensors, compressed by Zstandard.
 import hashlib
 import json
 import math
-import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from bench import atomic
 from bench.codecs.zstd import compressed, expanded
 from bench.errors import ContainerError, answered, refuse_pipe
+from bench.records import kinds
 from bench.records.fields import fault_of_scene
 
 if TYPE_CHECKING:
@@ -85,9 +85,8 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
     _check_parts(codec, parts)
     by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
     for part, named in by_part.items():
-        for name, tensor in named.items():
-            if tensor.is_floating_point() and not tensor.isfinite().all():
-                raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {part}/{name}")
+        if name := _not_finite(named):
+            raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {part}/{name}")
     if codec.zstd:
         by_part = {part: {ZSTD: compressed(serialise(named))} for part, named in by_part.items() if named}
     tensors = {f"{part}/{name}": tensor for part, named in by_part.items() for name, tensor in named.items()}
@@ -148,16 +147,15 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
         part, name = full.split("/", 1)
         tensors = expanded(tensor, Path(path), left) if header.settings.get(ZSTD) else {name: tensor}
         left -= sum(values.nbytes for values in tensors.values())
-        _check_numbers(path, part, tensors)
+        if name := _not_finite(tensors):  # no codec writes such numbers
+            raise ContainerError(f"{path}: tensor {part}/{name} holds numbers that are not finite")
         getattr(parts, part).update(tensors)
     return header, parts
 
 
-def _check_numbers(path: Path, part: str, tensors: "dict[str, Tensor]") -> None:
-    """Raise a `ContainerError` where a number is not finite; no codec writes such numbers."""
-    for name, values in tensors.items():
-        if values.is_floating_point() and not values.isfinite().all():
-            raise ContainerError(f"{path}: tensor {part}/{name} holds numbers that are not finite")
+def _not_finite(tensors: "dict[str, Tensor]") -> str:
+    """The first of some tensors with a number that is not finite; "" where there is none."""
+    return next((name for name, x in tensors.items() if x.is_floating_point() and not x.isfinite().all()), "")
 
 
 def _read(path: Path) -> bytes:
@@ -241,19 +239,15 @@ def _settings(value: object) -> bool:
     return plain and all(math.isfinite(setting) for setting in value.values() if isinstance(setting, float))
 
 
-def _hash(value: object) -> bool:
-    return isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value) is not None
-
-
 _FIELDS: dict[str, Callable[[Any], bool]] = {
     "format": _whole,
     "codec": lambda value: isinstance(value, str),
     "version": _whole,
     "settings": _settings,
-    "sha256": _hash,
+    "sha256": kinds.DIGITS.test,
     "kind": lambda value: value in (MATERIAL, SHARED),
     "scene": lambda value: isinstance(value, dict),
-    "shared": lambda value: value == "" or _hash(value),
+    "shared": lambda value: value == "" or kinds.DIGITS.test(value),
     "provenance": lambda value: isinstance(value, dict),
 }
 

@@ -27,20 +27,14 @@ def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample:
         raise InputError(f"--thin must be at least 0 and --downsample at least 1, not {thin}, {downsample}")
     btf = thinned(btf, thin)
     if crop:
-        btf = cropped(btf, *crop)
+        (H, W), (row, col, height, width) = btf.shape, crop
+        if min(row, col) < 0 or min(height, width) < 1 or row + height > H or col + width > W:
+            raise InputError(f"--crop {row},{col},{height},{width}: does not fit into {H} x {W} texels")
+        if (height, width) != (H, W):
+            btf = btf.crop(*crop)
     if downsample > min(btf.shape):
         raise InputError(f"--downsample {downsample}: the picture has {btf.shape[0]} x {btf.shape[1]} texels")
     return btf.downsample(downsample)
-
-
-def cropped(btf: BTF, row: int, col: int, height: int, width: int) -> BTF:
-    """The window of `height` × `width` texels whose upper left one is (row, col); it wraps around no longer."""
-    H, W = btf.shape
-    if min(row, col) < 0 or min(height, width) < 1 or row + height > H or col + width > W:
-        raise InputError(f"--crop {row},{col},{height},{width}: does not fit into {H} x {W} texels")
-    if (height, width) == (H, W):
-        return btf
-    return btf.crop(row, col, height, width)
 
 
 class _Watched(Source):

@@ -44,8 +44,8 @@ class Maps:
     normal: Map | None = None
 
     def __post_init__(self) -> None:
-        pictures = (np.shape(getattr(self, f.name))[:2] for f in fields(self) if _is_picture(self, f.name))
-        shape = next(pictures, (1, 1))
+        given = {f.name: np.shape(getattr(self, f.name)) for f in fields(self)}
+        shape = next((s[:2] for name, s in given.items() if len(s) == (2 if name in _SCALARS else 3)), (1, 1))
         for name in (f.name for f in fields(self)):
             value = getattr(self, name)
             if value is not None:
@@ -79,10 +79,6 @@ class Recipe(Protocol):
 
 
 _SCALARS = ("height", "roughness", "metalness", "specular", "anisotropy", "angle")
-
-
-def _is_picture(maps: Maps, name: str) -> bool:
-    return np.ndim(getattr(maps, name)) == (2 if name in _SCALARS else 3)
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:

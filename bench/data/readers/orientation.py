@@ -25,7 +25,8 @@ _TURNS: dict[int, Callable[[Array], Array]] = {
 
 def orientation(data: bytes, kind: str | None) -> int:
     """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 where none is noted, or none that is one."""
-    payload = next(_jpeg_notes(data), b"") if kind == "jpeg" else next(_png_notes(data), b"") if kind == "png" else b""
+    in_png = (content for name, content in png_chunks(data) if name == b"eXIf")
+    payload = next({"jpeg": _jpeg_notes(data), "png": in_png}.get(kind or "", iter(())), b"")
     if not payload:
         return 1
     from PIL import Image
@@ -59,11 +60,6 @@ def _jpeg_notes(data: bytes) -> Iterator[bytes]:
         if data[at + 1] == 0xE1 and data[at + 4 : at + 10] == MARK:
             yield data[at + 4 : at + 2 + size]
         at += 2 + max(2, size)
-
-
-def _png_notes(data: bytes) -> Iterator[bytes]:
-    """The EXIF chunks before the pixels of a PNG."""
-    return (content for name, content in png_chunks(data) if name == b"eXIf")
 
 
 def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
