@@ -67,6 +67,16 @@ def thin(directions: Array, count: int) -> Array:
     return np.sort(chosen)
 
 
+def product(views: Array, lights: Array) -> tuple[Array, Array]:
+    """`wo` and `wi` (V · L, 3) of every view with every light, view-major."""
+    return np.repeat(views, len(lights), 0), np.tile(lights, (len(views), 1))
+
+
+def thinned_product(directions: Array, views: int, lights: int) -> tuple[Array, Array]:
+    """The `product` of a set of directions, thinned to so many views and so many lights."""
+    return product(directions[thin(directions, views)], directions[thin(directions, lights)])
+
+
 def uniform(rng: np.random.Generator, count: int, theta_max_deg: float = 75.0) -> Array:
     """Directions (count, 3) float32 drawn uniformly in solid angle up to θ_max."""
     z = 1.0 - rng.random(count) * (1.0 - np.cos(np.radians(theta_max_deg)))

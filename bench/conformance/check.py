@@ -22,7 +22,7 @@ from bench.codec import Codec, Fit, Progress, SharedNetwork, TrainedNetwork, sil
 from bench.codecs import container, loading, shared
 from bench.conformance import counting, frame
 from bench.errors import CodecError, ContainerError, InputError, answered
-from bench.hemisphere import thin, ubo2003, uniform
+from bench.hemisphere import thinned_product, ubo2003, uniform
 from bench.material import Material, parameters, texel_centres
 from bench.threads import torch_threads
 
@@ -56,9 +56,7 @@ def raised(error: BaseException, codec: Codec) -> str:
 
 def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
     """A small smooth material in closed form: coloured checks, Lambert plus a broad highlight; periodic."""
-    directions = ubo2003()
-    grid = directions[thin(directions, views)], directions[thin(directions, lights)]
-    wo, wi = np.repeat(grid[0], lights, 0), np.tile(grid[1], (views, 1))
+    wo, wi = thinned_product(ubo2003(), views, lights)
     row, col = np.mgrid[:size, :size] / size
     values = tiny_radiance(row, col, wo[:, None, None], wi[:, None, None]).astype(np.float32)
     return BTF("check", wo, wi, ArraySource(values), periodic=True)

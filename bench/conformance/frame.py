@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF, ArraySource
-from bench.hemisphere import from_degrees
+from bench.hemisphere import from_degrees, product
 from bench.material import Material, texel_centres
 
 SHAPE = (8, 8)
@@ -49,8 +49,7 @@ def directions() -> np.ndarray:
 
 def material() -> BTF:
     """The material as a BTF, all views times all lights."""
-    side = directions()
-    wo, wi = np.repeat(side, len(side), 0), np.tile(side, (len(side), 1))
+    wo, wi = product(directions(), directions())
     uv = texel_centres(*SHAPE)
     pictures = [truth(uv, *(torch.from_numpy(w).expand(len(uv), 3) for w in pair)) for pair in zip(wo, wi, strict=True)]
     values = torch.stack(pictures).reshape(-1, *SHAPE, 3).numpy()

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 import numpy as np
 
 from bench.errors import InputError, did_you_mean
-from bench.hemisphere import DIRECTION_SETS, thin, uniform
+from bench.hemisphere import DIRECTION_SETS, thinned_product, uniform
 from bench.settings import Natural, Range, converted
 
 Array = np.ndarray
@@ -47,7 +47,6 @@ class Preparation:
                 f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {self.heldout} pairs are "
                 f"{needed / 2**30:,.0f} GiB, and {MOST >> 30} are the limit: lower size, views, lights or heldout"
             )
-
         if self.heldout < 0:
             raise InputError(f"heldout must be at least 0, not {self.heldout}")
         if self.split not in get_args(Split):
@@ -63,8 +62,7 @@ class Preparation:
             raise InputError(
                 f"views and lights must be between 1 and the {len(everything)} of {self.directions}, not {counts}"
             )
-        views, lights = (everything[thin(everything, count)] for count in counts)
-        return np.repeat(views, len(lights), 0), np.tile(lights, (len(views), 1))
+        return thinned_product(everything, *counts)
 
     def drawn(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
         """`wo` and `wi` (heldout, 3) float32, uniform in solid angle up to 75°; `draw` is of the test pairs."""

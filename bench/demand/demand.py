@@ -59,6 +59,10 @@ class Demand:
         """(n, 2) float32 where the queries meet a texture of `size` (H, W), which keeps its shape on the surface."""
         return np.mod(self.place * np.array(periods(size)), 1.0).astype(np.float32)
 
+    def queries(self, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """uv, ω_o, ω_i and footprint, as a material of a texture of `size` (H, W) is asked."""
+        return self.uv(size), self.wo, self.wi, self.footprint
+
     @property
     def importance(self) -> np.ndarray:
         """(n,) float64 that sum to 1: the luminance that each query would add if the material were a white diffuser."""

@@ -28,7 +28,7 @@ from bench.demand.needed_part import NeededPart
 from bench.demand.pair_weights import pair_weights, shares_from_weights
 from bench.density import Density
 from bench.material import Material
-from bench.metrics.display import to_display
+from bench.metrics.display import display_error, exposure
 from bench.metrics.psnr import psnr
 from bench.threads import torch_threads
 
@@ -229,8 +229,6 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
 
     It is of `OUTSIDE_PAIRS` pairs evenly among them.
     """
-    from bench.metrics.display import exposure
-
     untouched = np.flatnonzero(scorer.shares == 0)
     if not len(untouched):
         return None
@@ -238,8 +236,8 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
     btf, scale, errors = scorer.btf, exposure(scorer.btf), []
     for pair in some:
         decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
-        errors.append(np.square(to_display(btf[int(pair)], scale) - to_display(decoded, scale)).mean())
-    return float(psnr(np.mean(errors), peak=1.0))
+        errors.append(display_error(btf[int(pair)], decoded, scale))
+    return float(psnr(float(np.mean(errors)), peak=1.0))
 
 
 def rows(result: SearchResult, scorer: FrameScorer, threads: int) -> list[dict[str, Any]]:
@@ -268,8 +266,7 @@ def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, 
     order = np.random.default_rng(0).permutation(len(demand))[: timing.BATCH]
     first = next(iter(models.values())).material
     device, size = first.device, first.size
-    columns = (demand.uv(size), demand.wo, demand.wi, demand.footprint)
-    queries = [torch.from_numpy(column[order]).to(device) for column in columns]
+    queries = [torch.from_numpy(column[order]).to(device) for column in demand.queries(size)]
     calls = {name: partial(model.material.query, *queries) for name, model in models.items()}
     timings = timing.in_turns(calls, len(order), size, threads, device)
     return {name: timings[name].summary() for name in models}

@@ -5,7 +5,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import torch
 
 from bench import metrics as registry
 from bench import records
@@ -67,9 +66,7 @@ class FrameScorer:
 
     def frames(self, material: Material) -> Array:
         """The frames (frames, H, W, 3) that a decoded material makes."""
-        columns = (self.demand.uv(self.btf.shape), self.demand.wo, self.demand.wi, self.demand.footprint)
-        queries = (torch.from_numpy(column).to(material.device) for column in columns)
-        return self.demand.pictures(material.query(*queries).cpu().numpy())
+        return self.demand.pictures(material.query(*self.demand.queries(self.btf.shape)))
 
     def score(self, material: Material, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
         """Each metric of the frames over the pixels that show the material, pooled over frames.

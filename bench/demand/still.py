@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from bench.atomic import replacing
 from bench.btf import BTF
@@ -58,13 +57,7 @@ def changed(scene: Scene, lights: str | None, tiling: float, width: int | None) 
 
 def of_material(material: Material) -> Answers:
     """The answers of a decoded material."""
-
-    def answers(demand: Demand) -> Array:
-        columns = (demand.uv(material.size), demand.wo, demand.wi, demand.footprint)
-        radiance = material.query(*(torch.from_numpy(column).to(material.device) for column in columns))
-        return radiance.cpu().numpy()
-
-    return answers
+    return lambda demand: material.query(*demand.queries(material.size))
 
 
 def of_btf(btf: BTF) -> Answers:

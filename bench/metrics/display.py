@@ -60,6 +60,11 @@ def to_display(radiance: Array, exposure: float) -> Array:
     return encode_srgb(np.clip(np.multiply(radiance, exposure, dtype=np.float64), 0, 1))
 
 
+def display_error(radiance: Array, other: Array, exposure: float) -> float:
+    """The mean squared difference of two pictures of equal shape after the display transform."""
+    return float(np.square(to_display(radiance, exposure) - to_display(other, exposure)).mean())
+
+
 def to_log1p(radiance: Array, exposure: float) -> Array:
     """log1p(8 · exposure · radiance), negative radiance counting as 0; any shape, float64."""
     return np.log1p(np.maximum(np.multiply(radiance, LOG_SCALE * exposure, dtype=np.float64), 0))

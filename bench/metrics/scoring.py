@@ -17,7 +17,7 @@ from bench.btf import BTF, box_filter
 from bench.errors import InputError
 from bench.metrics.angular import as_number, bins, grazing, polar_map
 from bench.metrics.base import SliceMetric
-from bench.metrics.display import exposure_of, sample, to_display
+from bench.metrics.display import display_error, exposure_of, sample
 from bench.metrics.picture import Picture, check_radiance
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
 from bench.threads import cores
@@ -252,7 +252,7 @@ def footprint_errors(
         for factor, squared in errors.items():
             wanted = box_filter(truth, factor)
             test = _decoded(decode(pair, factor), wanted.shape, f"pair {pair} at footprint {factor}")
-            squared.append(float(np.square(to_display(wanted, exposure) - to_display(test, exposure)).mean()))
+            squared.append(display_error(wanted, test, exposure))
     return {factor: np.array(squared) for factor, squared in errors.items()}
 
 

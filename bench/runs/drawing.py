@@ -8,7 +8,7 @@ import torch
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Progress, followed, silent
 from bench.codecs.registry import load_codec
-from bench.hemisphere import thin, ubo2003, uniform
+from bench.hemisphere import thinned_product, ubo2003, uniform
 from bench.material import Material
 from bench.metrics.display import exposure, exposure_of
 from bench.program import Program
@@ -40,9 +40,7 @@ def drawable(material: Material) -> Drawable:
 
 def baked(material: Material, name: str, show: Progress = silent) -> BTF:
     """The slices of a material at `BAKED` × `BAKED` pairs: what stands in where there is no program."""
-    directions = ubo2003()
-    side = directions[thin(directions, BAKED)]
-    wo, wi = np.repeat(side, BAKED, 0), np.tile(side, (BAKED, 1))
+    wo, wi = thinned_product(ubo2003(), BAKED, BAKED)
     pairs = followed(show, zip(wo.tolist(), wi.tolist(), strict=True), f"baking {name}", len(wo))
     return BTF(name, wo, wi, ArraySource(np.stack([material.slice(*pair).numpy() for pair in pairs])))
 

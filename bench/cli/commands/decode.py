@@ -22,15 +22,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    import numpy as np
-
     from bench.btf import BTF
     from bench.cli.console import Console
     from bench.codecs.loading import DecodedSource, load
     from bench.data.convert import write_btf
     from bench.data.open import open_named
     from bench.errors import did_you_mean
-    from bench.hemisphere import DIRECTION_SETS, thin
+    from bench.hemisphere import DIRECTION_SETS, thinned_product
 
     header, material, _ = load(options.file, usable_device(options.device))
     with Console() as console:
@@ -44,8 +42,7 @@ def run(options: argparse.Namespace) -> int:
             directions = DIRECTION_SETS[options.directions]()
             if not 1 <= options.count <= len(directions):
                 raise InputError(f"--count {options.count}: must be between 1 and {len(directions)}")
-            side = directions[thin(directions, options.count)]
-            wo, wi = np.repeat(side, len(side), 0), np.tile(side, (len(side), 1))
+            wo, wi = thinned_product(directions, options.count, options.count)
         source = DecodedSource(material, wo, wi, header.sha256)
         write_btf(BTF(options.file.stem, wo, wi, source), options.out)
     console.say(f"{len(wo)} slices of {material.size[0]} × {material.size[1]} in {options.out}")

@@ -17,7 +17,7 @@ from bench.data.repair import repaired
 from bench.errors import InputError
 from bench.hemisphere import from_degrees
 from bench.material import HALF_MAX
-from bench.metrics.display import LOG_SCALE, exposure_of, to_display, to_log1p
+from bench.metrics.display import LOG_SCALE, display_error, exposure_of, to_log1p
 from bench.metrics.psnr import psnr
 
 Array = np.ndarray
@@ -151,7 +151,7 @@ def mean_squares(encoded: Encoded, ours: Array) -> dict[str, tuple[float, float]
     """By space, the mean squared error of slices (N, H, W, 3) and the square of the peak."""
     exposure = exposure_of(encoded.truth)
     return {
-        "display": (float(np.square(to_display(ours, exposure) - to_display(encoded.truth, exposure)).mean()), 1.0),
+        "display": (display_error(ours, encoded.truth, exposure), 1.0),
         "log": (
             float(np.square(to_log1p(ours, exposure) - to_log1p(encoded.truth, exposure)).mean()),
             math.log1p(LOG_SCALE) ** 2,

@@ -17,7 +17,7 @@ from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject
 from bench.conformance.stress.data import SAME_DB, firefly, ordinary
 from bench.conformance.stress.queries import Queries, described, grazing, spread
 from bench.material import HALF_MAX, Material
-from bench.metrics.display import exposure_of, to_display
+from bench.metrics.display import display_error, exposure_of
 from bench.metrics.psnr import psnr
 from bench.training.decoder import Decoder
 
@@ -179,14 +179,11 @@ def trained_with_firefly(subject: Subject) -> Measured:
     others = np.ones(ordinary().shape, bool)
     others[3, 5] = False
 
-    def apart(texels: np.ndarray, theirs: np.ndarray) -> float:
-        exposure = exposure_of(theirs)
-        return float(np.square(to_display(texels, exposure) - to_display(theirs, exposure)).mean())
-
     encoded, plain = subject.encode(firefly()), subject.usual
     truth = plain.truth[:, others]
-    floor = apart(np.broadcast_to(truth.mean(0), truth.shape), truth)
-    before, after = (apart(e.decoded[:, others], truth) for e in (plain, encoded))
+    colours = np.broadcast_to(truth.mean(0), truth.shape)
+    compared = (colours, *(each.decoded[:, others] for each in (plain, encoded)))
+    floor, before, after = (display_error(texels, truth, exposure_of(truth)) for texels in compared)
     db = float(psnr(after, 1.0)), float(psnr(floor, 1.0))
     require(
         after <= floor * 10 ** (SAME_DB / 10),

@@ -11,7 +11,7 @@ from bench.btf import BTF, ArraySource
 from bench.conformance.check import ROUNDING, CheckError
 from bench.conformance.stress.case import Subject, applicable, require
 from bench.conformance.stress.queries import BOUND, Queries, spread
-from bench.hemisphere import from_degrees, thin, ubo2003
+from bench.hemisphere import from_degrees, thinned_product, ubo2003
 
 NUMBERS = 9  # of a query: u v, ω_o, ω_i, footprint
 QUERIES_HOLD = "finite, not negative, bounded, 0 below the horizon, periodic, the same alone as among others"
@@ -47,11 +47,9 @@ def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
 
 def drawn(height: int, width: int, views: int, lights: int, exponent: int, seed: int) -> BTF:
     """A material of noise of that size, up to 10 to the power of `exponent`."""
-    directions = ubo2003()
-    wo, wi = (directions[thin(directions, count)] for count in (views, lights))
     noise = np.random.default_rng(seed).random((views * lights, height, width, 3)) * 10.0**exponent
     source = ArraySource(noise.astype(np.float32))
-    return BTF("drawn", np.repeat(wo, lights, 0), np.tile(wi, (views, 1)), source, periodic=True)
+    return BTF("drawn", *thinned_product(ubo2003(), views, lights), source, periodic=True)
 
 
 def data_hold(subject: Subject, numbers: Sequence[int]) -> float:

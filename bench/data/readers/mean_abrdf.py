@@ -8,7 +8,7 @@ from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.npz import NpzSource
 from bench.errors import InputError
-from bench.hemisphere import from_angles
+from bench.hemisphere import from_angles, product
 
 KEY = "rgb_geomean"
 
@@ -33,11 +33,9 @@ def opened(seen: Candidate) -> BTF | None:
     no_duplicates(directions, directions, lambda row: f"{path}: direction {row}")
     values = table.values()
     finite(values, f"{path}: {KEY}")
-    view, light = np.divmod(np.arange(count * count), count)
     return BTF(
         path.stem,
-        directions[view],
-        directions[light],
+        *product(directions, directions),
         NpzSource(values.reshape(-1, 1, 1, 3), path),
         provenance={
             "format": "mean ABRDF",

@@ -26,7 +26,7 @@ from bench.data.readers.files import FolderFiles
 from bench.data.readers.orientation import PNG_START
 from bench.data.readers.pictures import picture_size
 from bench.errors import InputError, readable
-from bench.hemisphere import ubo2003
+from bench.hemisphere import product, ubo2003
 from bench.metrics.display import decode_srgb
 
 Array = np.ndarray
@@ -62,13 +62,10 @@ def open_ubo2003_pca(folder: Path) -> BTF:
     files = FolderFiles(folder)
     size = _image_size(files)
     source = LocalPCA(files, size)
-    directions = ubo2003()
-    view, light = np.divmod(np.arange(VIEWS * LIGHTS), LIGHTS)
     place = folder.resolve()
     return BTF(
         place.parent.name if SPLIT.fullmatch(place.name) else place.name,
-        directions[view],
-        directions[light],
+        *product(ubo2003(), ubo2003()),
         source,
         provenance={
             "format": "UBO2003 as local PCA",

@@ -22,7 +22,7 @@ from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.files import file_digest
 from bench.errors import InputError
-from bench.hemisphere import from_angles
+from bench.hemisphere import from_angles, product
 
 Array = np.ndarray
 DFMF, FMF = b"!DFMF08FCR", b"!FMF12FCER"
@@ -139,13 +139,10 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _assemble(path: Path, signature: str, material: Factorisation, notes: dict[str, Any]) -> BTF:
-    wo, wi = from_angles(*material.views.T), from_angles(*material.lights.T)
-    view, light = np.divmod(np.arange(len(wo) * len(wi)), len(wi))
     ranks = [matrix.stored.shape[1] for matrix in material.pairs]
     return BTF(
         path.stem,
-        wo[view],
-        wi[light],
+        *product(from_angles(*material.views.T), from_angles(*material.lights.T)),
         FactorSource(path, material),
         provenance={
             "format": "UBO2014",
