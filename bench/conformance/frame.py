@@ -17,6 +17,7 @@ from torch import Tensor
 from bench.btf import BTF, ArraySource
 from bench.hemisphere import from_degrees, product
 from bench.material import Material, texel_centres
+from bench.metrics.display import decode_srgb, encode_srgb
 
 SHAPE = (8, 8)
 WRONG, RIGHT = 0.65, 0.35  # shares above and below these decide; between them a codec does not tell the two apart
@@ -86,14 +87,9 @@ def _channels(order: tuple[int, int, int]) -> Radiance:
     return lambda uv, wo, wi: truth(uv, wo, wi)[:, list(order)]
 
 
-def srgb(x: Tensor) -> Tensor:
-    """Linear radiance as sRGB, IEC 61966-2-1; values above 1 go on."""
-    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp_min(0.0031308).pow(1 / 2.4) - 0.055)
-
-
-def linear(x: Tensor) -> Tensor:
-    """The inverse of `srgb`."""
-    return torch.where(x <= 0.04045, x / 12.92, ((x.clamp_min(0.04045) + 0.055) / 1.055).pow(2.4))
+def _as(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
+    """The radiance through a curve; values above 1 go on."""
+    return lambda uv, wo, wi: torch.from_numpy(curve(truth(uv, wo, wi).numpy()))
 
 
 HALF = 0.5 / SHAPE[1], 0.5 / SHAPE[0]
@@ -134,8 +130,8 @@ DIRECTIONS = (
     Arrangement("with φ + 180° for φ of ω_i alone", lambda uv, wo, wi: truth(uv, wo, _turned(wi, *OPPOSITE))),
 )
 UNITS = (
-    Arrangement("as sRGB for linear radiance", lambda uv, wo, wi: srgb(truth(uv, wo, wi))),
-    Arrangement("with sRGB undone twice", lambda uv, wo, wi: linear(truth(uv, wo, wi))),
+    Arrangement("as sRGB for linear radiance", _as(encode_srgb)),
+    Arrangement("with sRGB undone twice", _as(decode_srgb)),
     Arrangement("without the cosine of ω_i", lambda uv, wo, wi: truth(uv, wo, wi) / wi[:, 2:]),
     Arrangement("with the cosine of ω_i twice", lambda uv, wo, wi: truth(uv, wo, wi) * wi[:, 2:]),
 )

@@ -32,6 +32,7 @@ COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "wi": (np.int16, (3,)),
     "weight": (np.float32, (3,)),
 }
+NAMES = ("place", "footprint", "wo", "wi", "weight", "pixel")  # the same in the order of a file
 
 
 @dataclass(frozen=True)
@@ -83,24 +84,17 @@ class Demand:
     def thinned(self, count: int, rng: np.random.Generator) -> "Demand":
         """A random subset of the queries, with weights scaled to keep the sum."""
         chosen = np.sort(rng.permutation(len(self))[:count])
-        columns = {name: getattr(self, name)[chosen] for name in ("place", "footprint", "wo", "wi", "weight", "pixel")}
+        columns = {name: getattr(self, name)[chosen] for name in NAMES}
         columns["weight"] = columns["weight"] * np.float32(len(self) / count)
         return Demand(**columns, frames=self.frames, provenance=self.provenance)
 
     def save(self, path: Path) -> None:
         """Write an `.npz`, whole or not at all."""
         text = json.dumps({"format": FORMAT, "frames": self.frames, "provenance": self.provenance}, sort_keys=True)
+        stored = {name: getattr(self, name) for name in NAMES}
+        stored |= {name: np.round(stored[name] * SNORM).astype(np.int16) for name in ("wo", "wi")}
         with replacing(path) as partial, open(partial, "wb") as file:
-            np.savez_compressed(
-                file,
-                about=np.frombuffer(text.encode(), np.uint8),
-                place=self.place,
-                footprint=self.footprint,
-                wo=np.round(self.wo * SNORM).astype(np.int16),
-                wi=np.round(self.wi * SNORM).astype(np.int16),
-                weight=self.weight,
-                pixel=self.pixel,
-            )
+            np.savez_compressed(file, about=np.frombuffer(text.encode(), np.uint8), **stored)
 
 
 def load(path: Path) -> Demand:

@@ -165,16 +165,16 @@ class Search:
             return SearchResult(full, None, "the scene needs everything", True, len(tried), seconds)
         return SearchResult(full, best, left_out(self.problem.needed, self.btf), True, len(tried), seconds)
 
-    def ladder(self, goal: Goal) -> Iterator[Model]:
-        """Fit models of the scene, bisecting their size, because quality rises with size."""
-        low, high = 1, steps_of(self.codec)
-        largest = self.model(sized(self.codec, high), f"scene{high}")
+    def ladder(self, goal: Goal, scene: bool = True) -> Iterator[Model]:
+        """Fit models of the scene or of the whole BTF, bisecting their size, because quality rises with size."""
+        low, high, name = 1, steps_of(self.codec), "scene" if scene else "whole"
+        largest = self.model(sized(self.codec, high, scene), f"{name}{high}")
         yield largest
         if not goal.met(largest):
             return
         while low < high:
             middle = (low + high) // 2
-            model = self.model(sized(self.codec, middle), f"scene{middle}")
+            model = self.model(sized(self.codec, middle, scene), f"{name}{middle}")
             yield model
             low, high = (low, middle) if goal.met(model) else (middle + 1, high)
 

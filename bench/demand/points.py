@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.demand.demand import FARTHEST, unit
+from bench.demand.demand import FARTHEST, NAMES, unit
 
 Array = np.ndarray
 
@@ -90,7 +90,5 @@ def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
         seen = (wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
         some = np.flatnonzero(seen)
         parts.append((points.uv[some], footprint[some], wo[some], wi[some], light.irradiance[some], points.pixel[some]))
-    names = ("place", "footprint", "wo", "wi", "weight", "pixel")
-    kinds = (np.float32,) * 5 + (np.int32,)
-    columns = zip(*parts, strict=True)
-    return {n: np.concatenate(c).astype(k) for n, c, k in zip(names, columns, kinds, strict=True)}
+    columns = {name: np.concatenate(each) for name, each in zip(NAMES, zip(*parts, strict=True), strict=True)}
+    return {name: each.astype(np.int32 if name == "pixel" else np.float32) for name, each in columns.items()}

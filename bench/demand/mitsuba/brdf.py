@@ -11,7 +11,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from bench.data.materials.brdf import DIELECTRIC_F0, MIN_ALPHA
+from bench.data.materials.brdf import DIELECTRIC_F0, MIN_ALPHA, fresnel
 
 Values = Any  # Dr.Jit arrays over points, colours mi.Color3f in linear Rec. 709
 
@@ -71,13 +71,6 @@ def sample(at: Shading, choice: Values, place: Values) -> tuple[Values, Values]:
 def at_least(low: float, x: Values) -> Values:
     """max(low, x), without Dr.Jit's maximum: LLVM 16 and older cannot compile it and end the process."""
     return dr.select(x > low, x, low)
-
-
-def fresnel(f0: Values, f90: Values, cos: Values) -> Values:
-    """Schlick's Fresnel term at the cosine of the angle to the (half) normal."""
-    grazing = 1 - cos
-    squared = grazing * grazing
-    return f0 + (f90 - f0) * (squared * squared * grazing)
 
 
 def _cosine(place: Values) -> Values:

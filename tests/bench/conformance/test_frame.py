@@ -13,7 +13,7 @@ from bench.codec import Fit
 from bench.codecs import container, loading, registry
 from bench.conformance import frame
 from bench.conformance.check import CheckError, CodecUnderTest, framed
-from bench.metrics.display import to_display
+from bench.metrics.display import decode_srgb, to_display
 
 
 def encoded(change):
@@ -110,7 +110,7 @@ PLANTED = {
     "of ω_o alone": turned(opposite, same),
     "of ω_i alone": turned(same, opposite),
     "sRGB for linear": answered(lambda rgb, wi: torch.from_numpy(to_display(rgb.numpy(), 1.0)).float()),
-    "sRGB undone twice": encoded(lambda picture: frame.linear(torch.from_numpy(picture)).numpy()),
+    "sRGB undone twice": encoded(decode_srgb),
     "without the cosine": answered(lambda rgb, wi: rgb / wi[:, 2:]),
     "cosine of ω_i twice": answered(lambda rgb, wi: rgb * wi[:, 2:]),
     "as 3.14 times the truth": answered(lambda rgb, wi: rgb * torch.pi),
