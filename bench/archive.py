@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF
+from bench.btf import BTF, Array
 from bench.errors import InputError, readable, refuse_pipe
 
-Array = np.ndarray
 MAX_FILE = 1 << 29
 LEAST, RATIO = 1 << 26, 64  # what is inflated of an entry: this many bytes, or times as many as it has
 STEP = 1 << 16

@@ -6,11 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.btf import BTF
+from bench.btf import BTF, Array
 
 CELLS = 16  # cells per side of the map of demanded directions, over the stereographic plane
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

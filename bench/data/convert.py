@@ -6,18 +6,14 @@ place under a temporary name, opened once to see that it can be read, and rename
 
 from pathlib import Path
 
-import numpy as np
-
 from bench import atomic
 from bench.archive import write_npz
-from bench.btf import BTF, Source
+from bench.btf import BTF, Array, Source
 from bench.codec import Progress, silent
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
 from bench.data.thinning import thinned
 from bench.errors import InputError, writable
-
-Array = np.ndarray
 
 
 def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample: int = 1, thin: int = 0) -> BTF:

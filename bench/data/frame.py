@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.btf import BTF, Layout
+from bench.btf import BTF, Array, Layout
 from bench.hemisphere import to_degrees
 
-Array = np.ndarray
 AZIMUTHS = 6  # of each side: 36 slices are read
 LEAST = 5  # azimuths a side; with fewer the two cannot be told apart
 HARMONICS = 2

@@ -5,9 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF, Source
-
-Array = np.ndarray
+from bench.btf import BTF, Array, Source
 
 
 class Joined(Source):

@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF, Layout, box_filter
+from bench.btf import BTF, Array, Layout, box_filter
 from bench.data import periodic
 from bench.data.frame import MeanLobe, mean_lobe
 from bench.errors import writable
 from bench.hemisphere import thin, to_degrees
 from bench.metrics.display import exposure_of, to_display
 
-Array = np.ndarray
 LIGHTS = 24  # slices of the view nearest the normal
 SHEET = (4, 6)  # views × lights of the contact sheet
 STEEP = 0.45  # least cos θ of the sheet's directions where possible, about 63°: beyond, highlights outshine the rest

@@ -8,7 +8,7 @@ import numpy as np
 
 from bench import metrics as registry
 from bench import records
-from bench.btf import BTF
+from bench.btf import BTF, Array
 from bench.codec import Progress, silent
 from bench.demand.demand import Demand
 from bench.demand.pair_weights import pair_shares
@@ -18,8 +18,6 @@ from bench.metrics.angular import as_number
 from bench.metrics.base import Prepared, SliceMetric
 from bench.metrics.display import exposure_of
 from bench.metrics.magma import magma
-
-Array = np.ndarray
 
 NAMES = registry.default_names(periodic=False)  # a frame has borders
 PSNR, FLIP = (records.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))

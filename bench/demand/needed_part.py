@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench.btf import BTF, Layout, periods
+from bench.btf import BTF, Array, Layout, periods
 from bench.codecs.window import CELLS, Window, cell_of, to_hex
 from bench.demand.demand import Demand
 from bench.demand.pair_weights import pair_shares, pair_weights, shares_from_weights
@@ -14,8 +14,6 @@ from bench.density import COVERED
 from bench.directions import Hemisphere
 
 FINEST = 0.01  # the share of the demand that may be finer than what is stored
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,11 @@
 import numpy as np
 import torch
 
-from bench.btf import Layout
+from bench.btf import Array, Layout
 from bench.demand.demand import Demand
 from bench.directions import PairInterpolator, Weights
 
 CHUNK = 8_192  # queries at once: scattered pairs are searched by their distances to all
-
-Array = np.ndarray
 
 
 def pair_weights(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:

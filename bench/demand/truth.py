@@ -7,13 +7,11 @@ bilinear and periodic within the two levels around a footprint, linear between t
 import numpy as np
 import torch
 
-from bench.btf import BTF, box_filter
+from bench.btf import BTF, Array, box_filter
 from bench.codec import Progress, silent
 from bench.demand.demand import Demand
 from bench.demand.pair_weights import pair_weights
 from bench.material import sample_texture
-
-Array = np.ndarray
 
 
 def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:

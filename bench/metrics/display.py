@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from bench.btf import BTF
-
-Array = np.ndarray
+from bench.btf import BTF, Array
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709, as the primaries of every BTF here
 LOG_SCALE = 8.0  # of log1p(8 · exposure · x), the curve that learned codecs predict

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from bench import metrics as registry
-from bench.btf import BTF, box_filter
+from bench.btf import BTF, Array, box_filter
 from bench.errors import InputError
 from bench.metrics.angular import as_number, bins, grazing, polar_map
 from bench.metrics.base import SliceMetric
@@ -22,7 +22,6 @@ from bench.metrics.picture import Picture, check_radiance
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
 from bench.threads import cores
 
-Array = np.ndarray
 Decode = Callable[[int], Array]
 
 FOOTPRINTS_VERSION = 2  # of `footprint_errors` and of the query positions in a box

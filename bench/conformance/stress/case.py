@@ -12,14 +12,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.btf import BTF
+from bench.btf import BTF, Array
 from bench.codec import Codec, Fit, Parts, settings_dict
 from bench.codecs import container, loading, shared
 from bench.conformance.check import CheckError, CodecUnderTest, raised
 from bench.material import Material
 from bench.threads import torch_threads
-
-Array = np.ndarray
 
 # A fit of the catalogue is short: whichever of these knobs a codec has is turned down to this from its default. `check`
 # fits as it is told to.

@@ -10,7 +10,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from bench.btf import BTF, ArraySource
+from bench.btf import BTF, Array, ArraySource
 from bench.conformance.check import CheckError, tiny_btf
 from bench.conformance.stress.case import Case, Encoded, Measured, Subject, require
 from bench.data.repair import repaired
@@ -19,8 +19,6 @@ from bench.hemisphere import from_degrees
 from bench.material import HALF_MAX
 from bench.metrics.display import LOG_SCALE, display_error, exposure_of, to_log1p
 from bench.metrics.psnr import psnr
-
-Array = np.ndarray
 
 CONSTANT = 0.1  # of a value; a codec that knows the mean alone is off by 1.5
 SAME_DB = 0.1  # two qualities within this are the same

@@ -11,8 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.btf import Array
 from bench.conformance.check import tiny_radiance
-from bench.conformance.stress.case import Array, Measured, Subject, require
+from bench.conformance.stress.case import Measured, Subject, require
 from bench.conformance.stress.data import values
 from bench.conformance.stress.queries import Queries, spread
 from bench.hemisphere import uniform

@@ -15,7 +15,7 @@ import numpy as np
 
 from bench import atomic
 from bench.atomic import cache_dir
-from bench.btf import BTF, RENDERED, ArraySource
+from bench.btf import BTF, RENDERED, Array, ArraySource
 from bench.data.joined import with_heldout
 from bench.data.materials.maps import Recipe
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
@@ -24,8 +24,6 @@ from bench.errors import InputError
 
 if TYPE_CHECKING:
     from bench.codec import Progress
-
-Array = np.ndarray
 
 
 class StoredSource(ArraySource):

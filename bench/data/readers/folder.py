@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bench.archive import inside
-from bench.btf import BTF
+from bench.btf import BTF, Array
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import angles_in_range, no_duplicates, view_major
 from bench.data.readers.files import FolderFiles
@@ -23,7 +23,6 @@ from bench.data.readers.pictures import PictureSource
 from bench.errors import NO_PLACE, InputError, readable
 from bench.hemisphere import from_degrees, to_degrees
 
-Array = np.ndarray
 LIST, NOTES = "pairs.csv", "btf.json"
 ANGLES = ("theta_o_deg", "phi_o_deg", "theta_i_deg", "phi_i_deg")
 COLUMNS = ("file", *ANGLES)

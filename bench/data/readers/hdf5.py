@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from bench.archive import LEAST, MAX_FILE, RATIO
-from bench.btf import BTF, Source, finite
+from bench.btf import BTF, Array, Source, finite
 from bench.data.joined import with_heldout
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, unit_directions
@@ -28,7 +28,6 @@ from bench.data.readers.files import file_digest
 from bench.data.readers.pictures import MAX_PIXELS
 from bench.errors import InputError, readable
 
-Array = np.ndarray
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COLOUR, VIEW, LIGHT = "ground_color", "ground_camera_dir", "ground_light"
 TRAINING, HELDOUT = re.compile(r"_full(?=[_.])"), "_random"

@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 
 from bench.archive import ZipFiles, stored
-from bench.btf import BTF, ArraySource, finite
+from bench.btf import BTF, Array, ArraySource, finite
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
 from bench.errors import InputError, readable
 
-Array = np.ndarray
 NOTES = 16 << 20  # bytes of a provenance, at most, four to a character
 
 

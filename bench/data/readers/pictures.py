@@ -16,13 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.btf import Source, finite
+from bench.btf import Array, Source, finite
 from bench.data.readers.files import Files, FolderFiles
 from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
 from bench.errors import InputError, readable, refuse_pipe
 from bench.metrics.display import decode_srgb
 
-Array = np.ndarray
 MAX_PIXELS = 1 << 26
 PIXELS_PER_BYTE = 8192
 SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"

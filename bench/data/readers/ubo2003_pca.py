@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF, Source
+from bench.btf import BTF, Array, Source
 from bench.data.readers.candidate import HEAD, Candidate
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.orientation import PNG_START
@@ -29,7 +29,6 @@ from bench.errors import InputError, readable
 from bench.hemisphere import product, ubo2003
 from bench.metrics.display import decode_srgb
 
-Array = np.ndarray
 NOTES, WEIGHTS = "meta.json", "R.png"
 COMPONENTS, VIEWS, LIGHTS, TOGETHER = 8, 81, 81, 3
 BLOCKS, COLUMNS = VIEWS // TOGETHER, TOGETHER * LIGHTS * 3

@@ -17,14 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF, Source, finite
+from bench.btf import BTF, Array, Source, finite
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import angles_in_range, no_duplicates
 from bench.data.readers.files import file_digest
 from bench.errors import InputError
 from bench.hemisphere import from_angles, product
 
-Array = np.ndarray
 DFMF, FMF = b"!DFMF08FCR", b"!FMF12FCER"
 UNSUPPORTED = (b"!FMF06FC", b"!PVF06FC", b"!BDIF06R2!")
 COLOUR_MODELS = {
