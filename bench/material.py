@@ -143,6 +143,17 @@ class Material:
         return self.query(uv, view, light, factor / max(height, width)).reshape(height // factor, width // factor, 3)
 
 
+class Around(Material):
+    """A material whose `evaluate` is computed in another way, or elsewhere, than that of the one inside."""
+
+    def __init__(self, inner: Material):
+        super().__init__(inner.size, inner.cost)
+        self.inner, self.device, self.dtype, self.chunk = inner, inner.device, inner.dtype, inner.chunk
+
+    def modules(self) -> list[nn.Module]:
+        return list(self.inner.modules())
+
+
 def parameters(material: Material) -> int:
     """Trainable parameters of the decoder networks, counted by torchinfo; 0 where there is no network."""
     from torchinfo import summary

@@ -4,17 +4,17 @@ import logging
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from bench.codecs.window import Window, cell_of, from_hex
-from bench.material import Material
+from bench.material import Around, Material
 
 log = logging.getLogger(__name__)
 
 FINER = 2.0  # a footprint smaller than the finest demanded one by this factor is far outside
 
 
-class SceneMaterial(Material):
+class SceneMaterial(Around):
     """Wraps the decoded material of a window of the texture; see `bench.demand.needed_part`.
 
     A query is far outside the scene's demand if its direction is over a map cell away from every demanded one, or its
@@ -27,16 +27,12 @@ class SceneMaterial(Material):
         window = Window((height, width), top, left, tall, wide, int(scene["factor"]))
         if inner.size != tuple(side // window.factor for side in window.sides):
             raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
-        super().__init__((height // window.factor, width // window.factor), inner.cost)
-        self.inner, self.window, self.name = inner, window, name
+        super().__init__(inner)
+        self.size, self.window, self.name = (height // window.factor, width // window.factor), window, name
         self.finest = float(scene["finest"]) / FINER
         self.views, self.lights = (torch.from_numpy(from_hex(scene[side])).flatten() for side in ("views", "lights"))
-        self.device, self.dtype, self.chunk = inner.device, inner.dtype, inner.chunk
         self.queried = self.outside = 0
         self.reports = True
-
-    def modules(self) -> list[nn.Module]:
-        return list(self.inner.modules())
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> Material:
         self.inner.to(device, dtype)

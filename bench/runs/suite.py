@@ -41,7 +41,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from bench.codecs.registry import COMMAND
+from bench.codecs.registry import COMMAND, load_codec, make_codec
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
 from bench.errors import CodecError, InputError, did_you_mean, shown
@@ -215,7 +215,6 @@ def canonical(suite: Suite) -> Suite:
 def _changed_settings(spec: CodecSpec) -> dict[str, Any]:
     """The settings of a codec that differ from its recipe's defaults, as the codec parses them."""
     from bench.codec import RECIPE, settings_dict
-    from bench.codecs.registry import make_codec
 
     recipe = {key: value for key, value in spec.settings.items() if key == RECIPE}
     try:
@@ -252,7 +251,6 @@ def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
 
 def _has(codec: str, scope: str, setting: str) -> bool:
     from bench.codec import setting_names
-    from bench.codecs.registry import load_codec
 
     try:
         return scope in ("", codec) and setting in setting_names(load_codec(codec))
@@ -262,7 +260,6 @@ def _has(codec: str, scope: str, setting: str) -> bool:
 
 def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
     from bench.codec import COMMON
-    from bench.codecs.registry import make_codec
 
     codec = make_codec(spec.codec, {setting: value})
     converted = getattr(codec if setting in COMMON else codec.settings, setting)

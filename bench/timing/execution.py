@@ -24,7 +24,7 @@ import torch._dynamo
 from torch import Tensor, nn
 
 from bench.errors import InputError, did_you_mean
-from bench.material import Material
+from bench.material import Around, Material
 from bench.program.llvm import drjit, unusable
 from bench.training.decoder import Decoder
 
@@ -158,18 +158,7 @@ def _whole(material: Material) -> Material:
     return fused
 
 
-class _Around(Material):
-    """A material whose `evaluate` is computed in another way."""
-
-    def __init__(self, inner: Material):
-        super().__init__(inner.size, inner.cost)
-        self.inner, self.device, self.dtype, self.chunk = inner, inner.device, inner.dtype, inner.chunk
-
-    def modules(self) -> list[nn.Module]:
-        return list(self.inner.modules())
-
-
-class _Compiled(_Around):
+class _Compiled(Around):
     """`evaluate` through torch.compile: a kernel of fixed size for whole chunks, and one of any size for the rest."""
 
     def __init__(self, inner: Material):
@@ -200,7 +189,7 @@ class _Compiled(_Around):
         return rgb
 
 
-class _Tf32(_Around):
+class _Tf32(Around):
     """Products of float32 numbers rounded as tf32."""
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

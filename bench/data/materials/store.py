@@ -75,7 +75,20 @@ def _rendered(
     sampled: dict[str, Any],
 ) -> BTF:
     """A surface at some pairs, `wo` and `wi`, which `sampled` describes: from the cache, or rendered into it."""
-    described = _describe(name, recipe, size, seed) | sampled
+    # Everything that determines the values; its hash is the cache key, and `BTF.provenance` holds it.
+    described: dict[str, Any] = {
+        "source": RENDERED,
+        "renderer_version": RENDERER_VERSION,
+        "material": name,
+        "recipe": type(recipe).__name__,
+        "parameters": asdict(recipe),  # type: ignore[call-overload]
+        "seed": seed,
+        "size": size,
+        "sub_points": SUB_POINTS,
+        "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
+        **DESCRIBED,
+        **sampled,
+    }
     key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
     path = cache_dir() / "materials" / f"{name}-{size}-{key[:24]}.npy"
     shape = (len(pairs[0]), size, size, 3)
@@ -89,22 +102,6 @@ def _rendered(
     if values is None:
         raise InputError(f"{path}: cannot be read back after writing it; is the disk full?")
     return BTF(name, *pairs, StoredSource(values, key), periodic=True, provenance=described)
-
-
-def _describe(name: str, recipe: Recipe, size: int, seed: int) -> dict[str, Any]:
-    """Everything but the pairs that determines the values; its hash is the cache key, and `BTF.provenance` holds it."""
-    return {
-        "source": RENDERED,
-        "renderer_version": RENDERER_VERSION,
-        "material": name,
-        "recipe": type(recipe).__name__,
-        "parameters": asdict(recipe),  # type: ignore[call-overload]
-        "seed": seed,
-        "size": size,
-        "sub_points": SUB_POINTS,
-        "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
-        **DESCRIBED,
-    }
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> Array | None:

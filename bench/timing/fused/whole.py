@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from bench.errors import InputError
-from bench.material import Material
+from bench.material import Around, Material
 from bench.program.backend import Value
 from bench.program.kernel import Kernel
 from bench.program.llvm import drjit
@@ -45,13 +45,13 @@ class Placeholder(Network):
         return answers
 
 
-class Whole(Material):
+class Whole(Around):
     """A material whose `evaluate` is one kernel. `InputError` where it cannot be recorded, or is too large."""
 
     def __init__(self, material: Material, marked: Material, decoders: list[Decoder]):
         """`marked` is a copy of the material, with placeholders for its networks."""
-        super().__init__(material.size, material.cost)
-        self.inner, self.dr = material, drjit()
+        super().__init__(material)
+        self.dr = drjit()
         self.networks = [DrJitNetwork(decoder) for decoder in decoders]
         program = program_of(marked)
         if (count := program.products()) > MOST_PRODUCTS:
@@ -66,9 +66,6 @@ class Whole(Material):
         half = self.dr.llvm.Float(0.5)
         self.traced([half] * 2, [half] * 3, [half] * 3, half)
         self.tables = [table for _, table in self.traced.tables.values()]
-
-    def modules(self) -> list[torch.nn.Module]:
-        return list(self.inner.modules())
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         return batched(self.kernels, self._kernel, (uv, wo, wi, footprint[:, None]), tables=self.tables)

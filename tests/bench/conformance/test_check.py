@@ -12,9 +12,8 @@ import torch
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench import cli
 from bench.codec import Codec, Parts
-from bench.conformance import stress
+from bench.conformance import stress, verdicts
 from bench.conformance.check import STAGES, encodes, framed
-from bench.conformance.stress import reference
 from bench.conformance.verdicts import check, codec_to_check
 from bench.material import DecoderCost, Material
 from bench.records import FILE, append
@@ -298,10 +297,10 @@ def test_a_bound_that_is_missed_comes_with_how_many_built_in_codecs_keep_it(tmp_
     met |= {"group": "data", "detail": "", "order": 1}
     for record in (met, met | {"subject": "vq"}, met | {"subject": "table", "verdict": "n/a"}):
         append(tmp_path, record)
-    monkeypatch.setattr(reference, "place", lambda: tmp_path / FILE)
-    reference._records.cache_clear()
-    assert reference.met_by_others("one row") == "; all 2 built-in codecs that it applies to pass"
+    monkeypatch.setattr(verdicts, "stress_reference", lambda: tmp_path / FILE)
+    verdicts._met.cache_clear()
+    assert verdicts.met_by_others("one row") == "; all 2 built-in codecs that it applies to pass"
     append(tmp_path, met | {"subject": "hsh", "verdict": "fail"})
-    reference._records.cache_clear()
-    assert reference.met_by_others("one row") == "; 2 of 3 built-in codecs that it applies to pass"
-    reference._records.cache_clear()
+    verdicts._met.cache_clear()
+    assert verdicts.met_by_others("one row") == "; 2 of 3 built-in codecs that it applies to pass"
+    verdicts._met.cache_clear()

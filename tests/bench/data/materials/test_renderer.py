@@ -158,9 +158,9 @@ def test_pictures_need_not_be_square():
 
 def test_the_number_of_threads_changes_nothing(rich, monkeypatch):
     wo, wi = np.repeat(random_pairs(4)[0], 4, 0), np.tile(random_pairs(4)[1], (4, 1))
-    monkeypatch.setattr(renderer, "_processors", lambda: 1)
+    monkeypatch.setattr(renderer, "cores", lambda: 1)
     one = render(rich, wo, wi, (16, 16))
-    monkeypatch.setattr(renderer, "_processors", lambda: 3)
+    monkeypatch.setattr(renderer, "cores", lambda: 3)
     np.testing.assert_array_equal(one, render(rich, wo, wi, (16, 16)))
 
 
