@@ -1,13 +1,29 @@
-"""Counts the processors, and limits the number of CPU threads of a block."""
+"""Counts the processors; limits the CPU threads of a block, and how it meets a signal."""
 
 import os
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 
 def cores() -> int:
     """The number of processors that this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def handling(number: int, handler: Any) -> Iterator[None]:
+    """Handle a signal by `handler` in this block. Processes that are started in it ignore what it ignores."""
+    if threading.current_thread() is not threading.main_thread():  # only that one can
+        yield
+        return
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
 
 
 @contextmanager

@@ -5,14 +5,13 @@ import os
 import signal
 import sys
 import textwrap
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import bench
 from bench.cli import commands
 from bench.codecs.registry import first_line
 from bench.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
+from bench.threads import handling
 
 WIDTH = 100  # maximal width of a help text, in columns
 EXAMPLES = "\n\nexamples:\n"  # text after this line of a command's docstring is shown unwrapped
@@ -33,7 +32,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        with _terminated_as_interrupted():
+        # Schedulers send SIGTERM: as after Ctrl-C, finished work is kept.
+        with handling(signal.SIGTERM, signal.default_int_handler):
             options = parser(words[:1]).parse_args(words)
             code: int = options.command(options)
             return code
@@ -55,19 +55,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         print("neubtf-bench: internal error: please report the lines above", file=sys.stderr)
         return INTERNAL
-
-
-@contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Treat SIGTERM, which schedulers send, as Ctrl-C: finished work is kept."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 from bench import atomic
 from bench.codecs.zstd import compressed, expanded
 from bench.errors import ContainerError, answered, refuse_pipe
+from bench.records import fields as described
 from bench.records import kinds
-from bench.records.fields import fault_of_scene
+from bench.records.schema import FileScene
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -220,7 +221,7 @@ def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         raise ContainerError(f"{path}: format {fields['format']} is newer than this version reads ({FORMAT}): upgrade")
     if wrong := next((name for name, sound in _FIELDS.items() if name in fields and not sound(fields[name])), ""):
         raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {wrong} is {fields[wrong]!r:.60}")
-    if fault := fault_of_scene(fields["scene"]) if fields.get("scene") else "":
+    if fault := described.fault_of(FileScene, fields["scene"]) if fields.get("scene") else "":
         raise ContainerError(f"{path}: the scene that it was fitted to is not sound: {fault}: encode it again")
     if missing := {"format", "codec", "version", "settings", "sha256"} - fields.keys():
         raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete: no {', '.join(sorted(missing))}")

@@ -33,7 +33,9 @@ def published(run: Run) -> str:
 def _job(job: Record, folder: Path) -> Record:
     line = kept(job, RESULTS)
     if "error" in line:
-        line["error"] = _public(str(line["error"]))[:_LONGEST_ERROR]
+        # The name of a home folder often is a person's.
+        home, error = Path.home(), str(line["error"])
+        line["error"] = (error.replace(str(home), "~") if len(home.parts) > 1 else error)[:_LONGEST_ERROR]
     if job["status"] != "ok":
         return line
     line["file"] = f"files/{Path(job['file']).name}"
@@ -46,9 +48,3 @@ def _job(job: Record, folder: Path) -> Record:
     if (slices := decibels(folder, job)) is not None:
         line["slices"] = {PSNR: packed(slices)}
     return line
-
-
-def _public(error: str) -> str:
-    """An error without the name of a home folder, which often is a person's."""
-    home = str(Path.home())
-    return error.replace(home, "~") if len(Path(home).parts) > 1 else error

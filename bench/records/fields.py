@@ -41,7 +41,8 @@ def kind_of(hint: Any) -> Kind:
 KINDS = {"run": Start, "job": Job, "timing": Timing, "stress": Stress}
 FIELDS: dict[str, Kind] = {name: kind_of(described) for name, described in KINDS.items()}
 FIELDS["rate"] = Fields({})  # of older runs, which nothing reads: rates are compared when a table is made
-_FACTS, _TRADE, _SCENE = kind_of(Facts), kind_of(Trade), kind_of(FileScene)
+_TRADE = kind_of(Trade)
+_OTHERS: dict[type, Kind] = {described: kind_of(described) for described in (Facts, FileScene)}
 
 
 def fault(record: Mapping[str, Any]) -> str:
@@ -63,14 +64,9 @@ def fault_of_trade(trade: Mapping[str, Any]) -> str:
     return ""
 
 
-def fault_of_facts(facts: Any) -> str:
-    """The same of the facts of a fit, which lie beside a codec file."""
-    return kinds.in_words(kinds.fault_of(_FACTS, facts))
-
-
-def fault_of_scene(scene: Any) -> str:
-    """The same of the scene that a codec file was fitted to."""
-    return kinds.in_words(kinds.fault_of(_SCENE, scene))
+def fault_of(described: type, value: Any) -> str:
+    """The same of the facts of a fit, or of the scene that a codec file was fitted to."""
+    return kinds.in_words(kinds.fault_of(_OTHERS[described], value))
 
 
 def kept(record: Record, use: Use) -> Record:

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 
 from bench.codecs.outside_codecs import EXPENDABLE
 from bench.errors import InputError
+from bench.threads import handling
 
 T = TypeVar("T")
 PATIENCE = "10s"  # how long to wait for the first answer of a scheduler
@@ -141,7 +142,8 @@ class Processes(Executor):
             given = (self.threads, self.gpus[seat] if self.gpus else None, theirs)
             self.pools[seat] = ProcessPoolExecutor(1, context, _prepare, given), ours
         pool = self.pools[seat][0]
-        with _deaf_to_interrupts():
+        # Worker processes ignore Ctrl-C: this one ends them and prints the message.
+        with handling(signal.SIGINT, signal.SIG_IGN):
             process = pool.submit(os.getpid) if self.limit else None
             inner = pool.submit(fn, *args, **kwargs)
         outer: Future[T] = Future()
@@ -204,19 +206,6 @@ def _follow(leash: Connection) -> None:
         leash.poll(None)
     finally:
         os._exit(1)
-
-
-@contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes started inside this block ignore Ctrl-C: the parent process ends them and prints the message."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _gpu_names(count: int) -> list[str]:

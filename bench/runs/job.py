@@ -32,8 +32,8 @@ from bench.codecs.command import Programs
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
 from bench.demand import fitting, require_demand
 from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
-from bench.records import Record
-from bench.records.fields import fault_of_facts
+from bench.records import Record, fields
+from bench.records.schema import Facts
 from bench.runs.evaluation import drawing, evaluate, score_key
 from bench.runs.identity import identity
 from bench.runs.job_folder import JobFolder
@@ -225,7 +225,7 @@ class Job:
         """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
         try:
             header, facts = container.read_header(path), json.loads(path.with_suffix(FACTS).read_text("utf-8"))
-            if fault := fault_of_facts(facts):
+            if fault := fields.fault_of(Facts, facts):
                 raise ValueError(f"{path.with_suffix(FACTS)}: {fault}")
             same = facts["fit_key"] == json.loads(json.dumps(self.fit_key))
         except (ContainerError, OSError, ValueError, RecursionError) as error:
