@@ -13,7 +13,9 @@ Array = np.ndarray
 class Picture:
     """Linear radiance (..., H, W, 3) of any float type, seen at an exposure.
 
-    Every space is planar, (3, ..., H, W) float64, so that each channel is contiguous; leading axes stack slices.
+    Every space is planar, (3, ..., H, W) float64, so that each channel is contiguous. Leading axes stack slices: a
+    small slice in a stack of 16 takes half the time. In single precision FLIP's powers of .5 and .7 would lift
+    rounding errors beyond 2e-5.
     Negative radiance counts as 0. `name` names the argument in errors.
 
     Raises `InputError` where the values are no floats, not finite, or shaped otherwise.

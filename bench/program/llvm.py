@@ -1,7 +1,9 @@
 """Says whether Dr.Jit can be trusted with the LLVM of this machine, by a trial in a process of its own.
 
 Dr.Jit ends its process at an operation that LLVM cannot compile: on x86, LLVM 16 and older know no maximum, minimum or
-arctangent of it. The suite's own kernels use none of these; the plug-ins of Mitsuba, which a scene names, do.
+arctangent of it. The suite's own kernels use none of these; the plug-ins of Mitsuba, which a scene names, do. What
+fails depends on Dr.Jit, LLVM and the processor, so it is tried, and no version is trusted. The trial has an empty
+kernel cache: Dr.Jit names a kernel by the processor alone, and would load one that another LLVM compiled.
 """
 
 import os
