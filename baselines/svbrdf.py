@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from baselines.relief import latents as coding
 from baselines.relief.pyramid import Pyramid
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
@@ -20,7 +19,7 @@ from bench.data.materials import brdf
 from bench.material import DecoderCost, Material
 from bench.metrics.display import decode_srgb, encode_srgb
 from bench.settings import BatchSize, Natural, Positive
-from bench.training import Batch, Loss, Objective, Samples, gain_of, train
+from bench.training import Batch, Loss, Objective, Samples, compress, expand, gain_of, train
 
 CHANNELS = 8  # of a texel that is looked up: linear base colour, normal, roughness, metalness
 STORED = 7  # the normal's z follows from x and y
@@ -51,11 +50,11 @@ class SVBRDF(Codec):
         train(fitting, fit, self.settings.steps, self.settings.patience)
         codes = codes_of(fitting.maps(fitting.free.detach())).reshape(*btf.shape, STORED)
         other = {"scale": fitting.scale.detach().exp().cpu(), "size": torch.tensor(btf.shape, dtype=torch.int32)}
-        return Parts(texture={"maps": coding.compress(codes, [8] * STORED)}, other=other)
+        return Parts(texture={"maps": compress(codes, [8] * STORED)}, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         height, width = parts.other["size"].tolist()
-        codes = coding.expand(parts.texture["maps"], (height, width, STORED))
+        codes = expand(parts.texture["maps"], (height, width, STORED))
         return MapsMaterial(codes, float(parts.other["scale"])).to(device)
 
 
