@@ -1,8 +1,8 @@
 """SVBRDF maps, what a studio makes of a surface without a BTF codec: base colour, normal, roughness, metalness a texel.
 
 The reflectance is that of the built-in materials (`bench.data.materials.brdf`: GGX and a Lambert base), so there are
-neither parallax nor cast shadows, and no anisotropy. The maps are fitted by the same loop as every learned codec, stored
-in eight bits as pictures are, and averaged for larger footprints: colours in linear light, normals as vectors.
+neither parallax nor cast shadows, and no anisotropy. The maps are fitted by the loop of every learned codec, stored in
+eight bits as pictures are, and averaged for larger footprints: colours in linear light, normals as vectors.
 """
 
 from dataclasses import dataclass
@@ -36,6 +36,7 @@ class SVBRDF(Codec):
     """SVBRDF maps: base colour, normal, roughness, metalness as 8-bit pictures, without a BTF codec."""
 
     name, version = "svbrdf", 1
+    physical = True
 
     @dataclass(frozen=True)
     class Settings:
@@ -144,6 +145,17 @@ class MapsMaterial(Material):
         cost = DecoderCost(0, CHANNELS, table.numel(), FLOPS + 2 * read, read * table.element_size())
         super().__init__(size, cost)
         self.pyramid, self.table, self.scale = pyramid, table, scale
+
+    def maps(self) -> tuple[dict[str, np.ndarray], float]:
+        codes = self.codes.cpu()
+        normal = maps_of(codes.flatten(0, 1))[:, 3:6].reshape(*self.size, 3)
+        pictures = {
+            "BaseColor": codes[..., :3],
+            "NormalGL": (255 * (normal + 1) / 2).round().to(torch.uint8),
+            "Roughness": codes[..., 5],
+            "Metalness": codes[..., 6],
+        }
+        return {name: picture.contiguous().numpy() for name, picture in pictures.items()}, self.scale
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         maps = self.pyramid.fetch(self.table, uv, self.pyramid.level(footprint)).to(wo.dtype)

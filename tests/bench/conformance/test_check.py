@@ -33,6 +33,7 @@ OURS = [
         "bcf",
         "ntc",
         "biplane",
+        "svbrdf",
     ),
 ]
 
