@@ -159,6 +159,7 @@ class Codec(Configured):
     network: ClassVar[type[SharedNetwork] | None] = None  # where the codec trains one network for all materials
     interpolates: ClassVar[bool] = False  # between pairs: a fit to a scene drops unused pairs
     sizes: ClassVar[tuple[str, ...]] = ()  # whole-number settings that grow the file; the first leads
+    physical: ClassVar[bool] = False  # answers by a model of reflectance: data that no surface reflects are beyond it
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit the training pairs of a BTF, and return the tensors for the file."""

@@ -66,6 +66,13 @@ class Material:
         networks = (value for value in vars(self).values() if isinstance(value, nn.Module))
         return [network for network in networks if next(network.parameters(), None) is not None]
 
+    def maps(self) -> tuple[dict[str, np.ndarray], float]:
+        """Ordinary PBR pictures by name, uint8 (H, W) or (H, W, 3), row 0 on top, and a factor on what they reflect.
+
+        Of a codec that is made of such maps; no others have any.
+        """
+        return {}, 1.0
+
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Material":
         """Move every tensor and network to a device, floating-point ones to a dtype, in place; returns itself.
 

@@ -16,7 +16,7 @@ from bench.threads import handling
 WIDTH = 100  # maximal width of a help text, in columns
 EXAMPLES = "\n\nexamples:\n"  # text after this line of a command's docstring is shown unwrapped
 EVERYDAY = """examples:
-  neubtf-bench run quick                                 ten codecs on two materials, in minutes
+  neubtf-bench run quick                                 eleven codecs on two materials, in minutes
   neubtf-bench run quick --material PATH --codec pca     one codec on a measured BTF
   neubtf-bench encode satin --codec pca -o satin.nbtf    one file
   neubtf-bench score satin.nbtf satin                    its bytes and quality

@@ -59,6 +59,17 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
         open_btf(partial)  # what the readers would refuse must not stand there as if it were done
 
 
+def write_maps(maps: dict[str, Array], out: Path) -> None:
+    """Write pictures, uint8 (H, W) or (H, W, 3), as a folder of PNG, each under its name; errors as of `write_btf`."""
+    from PIL import Image
+
+    check_place(out)
+    with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:
+        partial.mkdir()
+        for name, picture in maps.items():
+            Image.fromarray(picture).save(partial / f"{name}.png", format="png", optimize=True)
+
+
 def check_place(out: Path) -> None:
     """Raise `InputError` where `write_btf` could not write, before any work is spent on it."""
     if not out.absolute().parent.is_dir():

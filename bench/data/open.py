@@ -1,6 +1,8 @@
 """Opens a material of a suite, built in, measured or given as PBR maps, as a BTF."""
 
 import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from bench.btf import BTF
 from bench.codec import Progress, silent
@@ -9,19 +11,32 @@ from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.data.thinning import shrunk, thinned
 from bench.errors import InputError, MissingDataError
 
+if TYPE_CHECKING:
+    from bench.data.bake import PathTracer
 
-def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: int = 0) -> BTF:
+
+def open_material(
+    spec: MaterialSpec,
+    data: Preparation,
+    show: Progress,
+    draw: int = 0,
+    path_tracer: "Callable[[], PathTracer] | None" = None,
+) -> BTF:
     """Open a suite's material as a BTF, without the pairs that `data.split` hides.
 
     Its held-out pairs are validation or test pairs. A rendered material draws its test pairs by `draw`. The test pairs
     of a measured material are those its data declare, or else whole views and lights (`BTF.split`); with
     `split="validation"` the test pairs are left out, and `BTF.split` holds out whole views and lights of the rest.
+    `path_tracer` gives what `data.renderer = "mitsuba"` bakes folders of maps by.
     `MissingDataError` says where to get measured data that are not there.
     """
+    traced = data.renderer == "mitsuba"
     if not spec.path:
         from bench.data.materials import recipe
         from bench.data.materials.store import load_or_render
 
+        if traced:
+            raise InputError(f"data.renderer: mitsuba bakes folders of maps, and {spec.name} is built in")
         return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
     path = spec.existing()
     if path is None:
@@ -33,7 +48,11 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     if looks_like_maps(path):
         from bench.data.bake import open_svbrdf
 
-        return open_svbrdf(path, data, show, draw)
+        if traced and path_tracer is None:
+            raise InputError(
+                f"data.renderer: only a run bakes by mitsuba; for a file: neubtf-bench bake {path} --renderer mitsuba"
+            )
+        return open_svbrdf(path, data, show, draw, path_tracer() if traced and path_tracer else None)
     from bench.data.readers import open_btf
 
     btf = thinned(open_btf(path), data.pairs)

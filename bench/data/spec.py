@@ -20,6 +20,7 @@ from bench.settings import Natural, Range, converted
 
 Array = np.ndarray
 Split = Literal["test", "validation"]
+Renderer = Literal["builtin", "mitsuba"]
 MOST = 1 << 38  # bytes of the radiance of a rendered material, as float32
 Directions = Annotated[int, Range(1, 10_000)]
 
@@ -38,6 +39,7 @@ class Preparation:
     texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
     # At most so many training pairs are scored, always the same ones, and of whole held-out views and lights; 0: all.
     scored: Natural = 0
+    renderer: Renderer = "builtin"  # of folders of maps: "mitsuba" path-traces them, with inter-reflections
     repair: bool = False  # mask measured values that are not finite by the mean of their pair
 
     def __post_init__(self) -> None:

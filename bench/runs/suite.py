@@ -11,6 +11,7 @@
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
 
     [data]                           # how built-in materials are rendered; measured ones: pairs = 1000, texels = 128
+                                     # folders of maps: renderer = "mitsuba" path-traces them
     size = 64
     directions = "ubo2003"
     views = 25

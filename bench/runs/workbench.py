@@ -16,6 +16,7 @@ from bench.data.open import draw_of, open_material
 from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
 from bench.demand.frame_scorer import FrameScorer, table_of
+from bench.demand.mitsuba import load_path_tracer
 from bench.demand.pair_weights import pair_shares
 from bench.directions import PairInterpolator
 from bench.errors import InputError
@@ -148,7 +149,7 @@ def workbench(task: Task, show: Progress) -> Iterator[Workbench]:
         if key not in _latest:
             _latest.clear()
             demand = demand_of(task.run, task.demand) if task.demand else None
-            btf = open_material(task.material, task.data, show, draw)
+            btf = open_material(task.material, task.data, show, draw, load_path_tracer)
             if task.data.texels:
                 btf.gather([0], [0], [0])  # writes the scratch file, if there is one: its time is no fit's
             _latest[key] = Workbench(btf, task.material.name, task.scorers, demand, task.data.scored, task.metrics)

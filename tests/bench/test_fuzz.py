@@ -8,7 +8,7 @@ import pytest
 
 TARGETS = {target.name: target for module in (fuzz_codec_files, fuzz_readers, fuzz_inputs) for target in module.TARGETS}
 CODECS = ["mean-colour", "table", "pca", "vq", "rainer2019", "neumip", "neubtf-direct"]
-CODECS += ["bcf", "ntc", "relief", "biplane"]
+CODECS += ["bcf", "ntc", "relief", "biplane", "svbrdf"]
 READERS = ["folder-png", "rti-turned", "npz", "npz-compressed", "mean-abrdf", "ubo2014-log", "ubo2003", "utia-exr"]
 READERS += ["ubo2003-pca", "hdf5"]
 INPUTS = ["suites", "scenes", "demands", "records", "trades", "facts"]

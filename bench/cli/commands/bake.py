@@ -7,12 +7,8 @@ examples:
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from bench.errors import FINE, InputError
-
-if TYPE_CHECKING:
-    from bench.data.bake import PathTracer
+from bench.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,8 +35,9 @@ def run(options: argparse.Namespace) -> int:
     from bench.cli.console import Console
     from bench.data.bake import bake, read_surface, recognise, table
     from bench.data.spec import Preparation
+    from bench.demand.mitsuba import load_path_tracer
 
-    path_tracer = _mitsuba() if options.renderer == "mitsuba" else None
+    path_tracer = load_path_tracer() if options.renderer == "mitsuba" else None
     data = Preparation(options.size, options.directions, options.views, options.lights, options.heldout)
     with Console() as console:
         surface = read_surface(recognise(options.folder), data.size, options.depth)
@@ -49,14 +46,3 @@ def run(options: argparse.Namespace) -> int:
     pairs = data.views * data.lights + data.heldout
     console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}")
     return FINE
-
-
-def _mitsuba() -> "PathTracer":
-    try:
-        from bench.demand.mitsuba import path_tracer
-    except ImportError as error:
-        raise InputError(
-            f"the renderer mitsuba needs Mitsuba 3, which cannot be imported ({error}): "
-            'pip install "neubtf-bench[mitsuba]"'
-        ) from error
-    return path_tracer

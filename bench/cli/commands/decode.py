@@ -1,15 +1,20 @@
-"""decode a codec file into slices: a folder of EXR pictures with pairs.csv
+"""decode a codec file into slices: a folder of EXR pictures with pairs.csv; or one of svbrdf into its maps
 
 examples:
   neubtf-bench decode satin.nbtf -o slices
   neubtf-bench decode satin.nbtf --like satin -o slices
+  neubtf-bench decode satin.nbtf --maps -o satin_maps
 """
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.cli.commands import usable_device
 from bench.errors import FINE, InputError
+
+if TYPE_CHECKING:
+    from bench.material import Material
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,6 +22,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--like", help="decode the pairs of this BTF (a built-in material or a path)")
     parser.add_argument("--directions", default="ubo2003", help="else the product of this set's directions …")
     parser.add_argument("--count", type=int, default=9, help="… thinned to this many a side (default: 9)")
+    parser.add_argument("--maps", action="store_true", help="write its PBR maps as PNG instead: codec svbrdf has them")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the folder to write")
 
@@ -31,6 +37,8 @@ def run(options: argparse.Namespace) -> int:
     from bench.hemisphere import DIRECTION_SETS, thinned_product
 
     header, material, _ = load(options.file, usable_device(options.device))
+    if options.maps:
+        return _write_maps(material, header.codec, options)
     with Console() as console:
         if options.like:
             like = open_named(options.like, {}, console.show)
@@ -46,4 +54,16 @@ def run(options: argparse.Namespace) -> int:
         source = DecodedSource(material, wo, wi, header.sha256)
         write_btf(BTF(options.file.stem, wo, wi, source), options.out)
     console.say(f"{len(wo)} slices of {material.size[0]} × {material.size[1]} in {options.out}")
+    return FINE
+
+
+def _write_maps(material: "Material", codec: str, options: argparse.Namespace) -> int:
+    from bench.data.convert import write_maps
+
+    maps, factor = material.maps()
+    if options.like or not maps:
+        reason = "not with --like" if options.like else f"{options.file} is of codec {codec}, which has no maps"
+        raise InputError(f"--maps: {reason}")
+    write_maps({f"{options.file.stem}_{name}": picture for name, picture in maps.items()}, options.out)
+    print(f"{', '.join(maps)} in {options.out}; the radiance of the file is {factor:.6g} times what they reflect")
     return FINE

@@ -119,29 +119,37 @@ def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -
     return hashed.hexdigest()
 
 
-def open_svbrdf(folder: Path, data: Preparation, show: Progress, draw: int = 0) -> BTF:
+def open_svbrdf(
+    folder: Path, data: Preparation, show: Progress, draw: int = 0, path_tracer: PathTracer | None = None
+) -> BTF:
     """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` is of its test pairs.
 
     Training pairs and held-out pairs are separate files, so another draw does not bake the product again.
+    What a path tracer had finished when it was killed is kept beside them, and taken up by the next call.
     Raises `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
-    product = _cached(folder, data.size, Pairs(*data.product()), _sampled(data), show)
+    tracer = path_tracer.described() if path_tracer else {}
+    product = _cached(folder, data.size, Pairs(*data.product()), _sampled(data) | tracer, show, path_tracer)
     if not data.heldout:
         return product
     words = {"heldout": data.described(draw)}
     pairs = Pairs(*data.drawn(product.name, 0, draw))
-    return with_heldout(product, _cached(folder, data.size, pairs, words, show), **words)
+    heldout = _cached(folder, data.size, pairs, words | tracer, show, path_tracer)
+    return with_heldout(product, heldout, **words)
 
 
-def _cached(folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], show: Progress) -> BTF:
-    """A folder of maps at some pairs, which `sampled` describes: from the cache, or baked into it."""
+def _cached(
+    folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], show: Progress, path_tracer: PathTracer | None
+) -> BTF:
+    """A folder of maps at some pairs; `sampled` describes them and the tracer. From the cache, or baked into it."""
     maps, name = recognise(folder), folder.resolve().name
     path = cache_dir() / "materials" / f"{name}-{size}-{_key(maps, size, sampled)[:24]}.npz"
     if not path.exists():
-        surface = read_surface(maps, size)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        log.warning("baking %s\n%s", folder, table(surface))
-        _bake(surface, pairs, _described(surface, 0) | sampled, path, show)
+        with atomic.locked(path):  # two that bake at once would share what a killed one left
+            if not path.exists():
+                surface = read_surface(maps, size)
+                log.warning("baking %s\n%s", folder, table(surface))
+                _bake(surface, pairs, _described(surface, 0) | sampled, path, show, 0, path_tracer)
     btf = open_btf(path)
     btf.name = name
     return btf

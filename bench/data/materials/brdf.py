@@ -10,6 +10,8 @@ With t, b, n the components along tangent, bitangent and normal, h the unit half
 - f = F D V + (1 − F_d(o_n)) (1 − F_d(i_n)) (1 − metalness) · base / π, with F_d the dielectric's Fresnel term: what is
   reflected on the way in or out cannot be scattered below, which is reciprocal and keeps the albedo below one
   (Shirley et al. 1997; Ashikhmin and Shirley 2000).
+
+Arrays are NumPy's or PyTorch's, so a codec fits the very reflectance that the renderer has.
 """
 
 from dataclasses import dataclass
@@ -17,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-Array = np.ndarray
-Values = Any  # an array over points, or one number for all of them
+Array = Any  # over points: NumPy's, or a tensor
+Values = Any  # an array, or one number for all points
 DIELECTRIC_F0 = 0.04
 MIN_ALPHA = 1e-3  # keeps the peak 1 / (π α²) inside float16
 
@@ -41,12 +43,12 @@ class Points:
 
 def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
     """Prepare points for one view; `maps` holds `base` (3, ...), `roughness`, `metalness`, `specular`, `anisotropy`."""
-    alpha = np.maximum(maps["roughness"] ** 2, MIN_ALPHA)
-    stretch = np.sqrt(1 - 0.9 * maps["anisotropy"])
-    alpha_t, alpha_b = alpha / stretch, np.maximum(alpha * stretch, MIN_ALPHA)
+    alpha = _at_least(MIN_ALPHA, maps["roughness"] ** 2)
+    stretch = _root(1 - 0.9 * maps["anisotropy"])
+    alpha_t, alpha_b = alpha / stretch, _at_least(MIN_ALPHA, alpha * stretch)
     metal, specular = maps["metalness"], maps["specular"]
     dielectric = (1 - metal) * specular
-    o_n = np.maximum(o[2], 1e-3)
+    o_n = _at_least(1e-3, o[2])
     reflected = fresnel(DIELECTRIC_F0 * specular, specular, o_n)
     return Points(
         (o[0], o[1], o_n),
@@ -64,8 +66,8 @@ def reflect(at: Points, i: tuple[Array, Array, Array], cos_between: Values) -> t
 
     `i` is the light in the tangent frame, `cos_between` is ω_o · ω_i. Below the tangent plane both are 0.
     """
-    i_n = np.maximum(i[2], 0)
-    inverse_half = 1 / np.sqrt(np.maximum(2 + 2 * cos_between, 1e-12))
+    i_n = _at_least(0, i[2])
+    inverse_half = 1 / _root(_at_least(1e-12, 2 + 2 * cos_between))
     (o_t, o_b, o_n), (alpha_t, alpha_b) = at.o, at.alpha
     h_t, h_b, h_n = o_t + i[0], o_b + i[1], o_n + i_n
     h_t /= alpha_t
@@ -81,7 +83,7 @@ def reflect(at: Points, i: tuple[Array, Array, Array], cos_between: Values) -> t
 
 def specular_colour(at: Points, cos_between: Values) -> Values:
     """F (3, ...) of each point for one pair: every point shares the angle between view and half vector."""
-    return fresnel(at.f0, at.f90, np.sqrt(np.maximum((1 + cos_between) / 2, 0)))
+    return fresnel(at.f0, at.f90, _root(_at_least(0, (1 + cos_between) / 2)))
 
 
 def fresnel(f0: Values, f90: Values, cos: Values) -> Values:
@@ -94,4 +96,12 @@ def fresnel(f0: Values, f90: Values, cos: Values) -> Values:
 def _smith(alpha: tuple[Array, Array], x: tuple[Array, Array, Array]) -> Array:
     """Heitz's Λ-like length √(α_t² x_t² + α_b² x_b² + x_n²)."""
     t, b = alpha[0] * x[0], alpha[1] * x[1]
-    return np.sqrt(t * t + b * b + x[2] * x[2])
+    return _root(t * t + b * b + x[2] * x[2])
+
+
+def _at_least(low: float, values: Values) -> Values:
+    return values.clamp_min(low) if hasattr(values, "clamp_min") else np.maximum(values, low)
+
+
+def _root(values: Values) -> Values:
+    return values.sqrt() if hasattr(values, "sqrt") else np.sqrt(values)

@@ -1,1 +1,20 @@
 """Mitsuba 3: its scenes, codec files as its surfaces, and a path tracer that bakes. Imports nothing by itself."""
+
+from typing import TYPE_CHECKING
+
+from bench.errors import MissingDataError
+
+if TYPE_CHECKING:
+    from bench.data.bake import PathTracer
+
+
+def load_path_tracer() -> "PathTracer":
+    """The path tracer, for `bench.data.bake`. `MissingDataError` where Mitsuba is not installed."""
+    try:
+        from bench.demand.mitsuba import path_tracer
+    except ImportError as error:
+        raise MissingDataError(
+            f"the renderer mitsuba needs Mitsuba 3, which cannot be imported ({error}): "
+            'pip install "neubtf-bench[mitsuba]"'
+        ) from error
+    return path_tracer

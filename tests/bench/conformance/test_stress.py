@@ -53,6 +53,13 @@ def broken(material):
     return type("Faulty", (Broken,), {"material": material})
 
 
+def test_what_no_surface_looks_like_is_not_asked_of_a_model_of_reflectance(tmp_path, monkeypatch):
+    unphysical = ["two constants", "65,504 beside zeros", "highlights of 1e6", "lights only at grazing"]
+    physical = type("Physical", (MeanColour,), {"physical": True})
+    for name, verdict in verdicts(physical, [*unphysical, "all zero"], tmp_path, monkeypatch).items():
+        assert (verdict.verdict, name in unphysical) in (("n/a", True), ("pass", False))
+
+
 class Dark(MeanColourMaterial):
     def evaluate(self, uv, wo, wi, footprint):
         return super().evaluate(uv, wo, wi, footprint) * 0

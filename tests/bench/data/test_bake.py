@@ -265,6 +265,49 @@ def test_a_folder_of_maps_is_a_material_and_is_baked_once(tmp_path, monkeypatch,
         open_svbrdf(folder, SMALL, silent)
 
 
+class Tracer:
+    """A path tracer of grey: a launch has two slices, and the one after `left` of them is killed."""
+
+    def __init__(self, left=99):
+        self.left, self.started = left, []
+
+    def described(self):
+        return {"renderer": "grey"}
+
+    def launches(self, maps, wo, wi, size, sub_points, seed, *, start):
+        self.started.append(start)
+        for first in range(start, len(wo), 2):
+            if not self.left:
+                raise KeyboardInterrupt
+            self.left -= 1
+            yield np.full((len(wo[first : first + 2]), *size, 3), 0.25, np.float32)
+
+
+def test_a_suites_maps_are_path_traced_into_the_cache_and_resumed(tmp_path):
+    folder = save(tmp_path / "tiles", albedo=flat((0.5, 0.4, 0.3)), roughness=flat(0.4))
+    spec, data = MaterialSpec("tiles", str(folder)), replace(SMALL, renderer="mitsuba")
+    killed, next_one = Tracer(left=3), Tracer()
+    with pytest.raises(KeyboardInterrupt):
+        open_material(spec, data, silent, 0, lambda: killed)
+    btf = open_material(spec, data, silent, 0, lambda: next_one)
+    assert (killed.started, next_one.started) == ([0], [6, 0])  # goes on after six slices; then the held-out ones
+    assert {float(slice.max()) for slice in btf} == {0.25}
+    assert "grey" in str(btf.provenance)
+    assert open_material(spec, SMALL, silent).fingerprint != btf.fingerprint
+    once = Tracer(left=0)
+    assert open_material(spec, data, silent, 0, lambda: once).fingerprint == btf.fingerprint
+    assert not list((tmp_path / "cache" / "materials").glob(".*"))
+
+
+def test_what_cannot_be_path_traced_is_refused(tmp_path):
+    folder = save(tmp_path / "tiles", albedo=flat((0.5, 0.4, 0.3)), roughness=flat(0.4))
+    data = replace(SMALL, renderer="mitsuba")
+    with pytest.raises(InputError, match="satin is built in"):
+        open_material(MaterialSpec("satin"), data, silent, 0, Tracer)
+    with pytest.raises(InputError, match=r"neubtf-bench bake .*tiles --renderer mitsuba"):
+        open_material(MaterialSpec("tiles", str(folder)), data, silent)
+
+
 def test_bake_from_the_command_line(tmp_path, capsys):
     folder = save(tmp_path / "tiles", albedo=flat((0.5, 0.4, 0.3)), rough=flat(0.4))
     words = ["--size", "8", "--views", "3", "--lights", "2", "--heldout", "0"]

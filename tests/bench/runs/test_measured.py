@@ -1,10 +1,12 @@
-"""The suites of measured surfaces: what they name is there, opens at their size, and keeps pairs apart."""
+"""The suites of measured and path-traced surfaces: what they name is there, opens at their size, keeps pairs apart."""
 
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from ubo2003_pca_write import random_codes, write_ubo2003_pca
 
 from bench import cli, records
@@ -45,6 +47,25 @@ def test_the_small_suite_runs_on_what_is_there_and_reports_each_kind_of_new_pair
     assert {group.removeprefix("heldout, ") for group in jobs["wool"]["scores"]} >= GROUPS
     assert jobs["impalla"]["status"] == "unavailable"
     assert "docs/datasets.md says how to clone it" in jobs["impalla"]["error"]
+
+
+def test_the_path_traced_suite_asks_every_codec_and_says_what_it_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    standard, baked = (load_suite(name) for name in ("standard", "baked"))
+    assert [spec.label for spec in baked.codecs] == [spec.label for spec in standard.codecs]
+    for name in ("albedo", "roughness"):
+        (tmp_path / "svbrdf" / "rock").mkdir(parents=True, exist_ok=True)
+        Image.new("RGB", (8, 8), "grey").save(tmp_path / "svbrdf" / "rock" / f"{name}.png")
+    monkeypatch.setenv("NEUBTF_DATA", str(tmp_path))
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setitem(sys.modules, "bench.demand.mitsuba.path_tracer", None)
+    monkeypatch.delattr("bench.demand.mitsuba.path_tracer", raising=False)
+    words = ["run", "baked", "--material", "rock", "--codec", "mean-colour", "--out", str(tmp_path / "run")]
+    assert cli.main([*words, "--set", "data.size=4"]) == 4
+    (job,) = records.load_run(tmp_path / "run").jobs
+    assert job["status"] == "unavailable"
+    assert 'pip install "neubtf-bench[mitsuba]"' in job["error"]
 
 
 def test_choices_on_wool_see_no_test_pair(monkeypatch):

@@ -34,6 +34,7 @@ CODECS = {
     "neubtf-direct": {"steps": 5},
     "neumip": {"steps": 5},
     "relief": {"steps": 5, "batch": 64},
+    "svbrdf": {"steps": 5, "batch": 64},
 }
 
 

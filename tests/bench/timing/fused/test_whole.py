@@ -24,6 +24,7 @@ CODECS = {
     "zeltner2024": {"steps": 5, "width": 8},
     "triple-plane": {"steps": 5},
     "bcf": {},
+    "svbrdf": {"steps": 5},
     "pca": {"components": 3},
     "vq": {},
     "table": {},

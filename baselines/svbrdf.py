@@ -1,0 +1,162 @@
+"""SVBRDF maps, what a studio makes of a surface without a BTF codec: base colour, normal, roughness, metalness a texel.
+
+The reflectance is that of the built-in materials (`bench.data.materials.brdf`: GGX and a Lambert base), so there are
+neither parallax nor cast shadows, and no anisotropy. The maps are fitted by the loop of every learned codec, stored in
+eight bits as pictures are, and averaged for larger footprints: colours in linear light, normals as vectors.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from baselines.relief.pyramid import Pyramid
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.data.materials import brdf
+from bench.material import DecoderCost, Material
+from bench.metrics.display import decode_srgb, encode_srgb
+from bench.settings import BatchSize, Natural, Positive
+from bench.training import Batch, Loss, Objective, Samples, compress, expand, gain_of, train
+
+CHANNELS = 8  # of a texel that is looked up: linear base colour, normal, roughness, metalness
+STORED = 7  # the normal's z follows from x and y
+SEEN = 256  # pairs whose mean radiance the base colour starts from
+READ = 16  # of them at once
+ROUGHNESS, METALNESS = 0.7, 0.1  # of the start
+WHITE = 0.8  # base colour that the brightest tenth of the texels starts from
+DARK = 1e-30  # of black data
+SCALE_RATE = 0.1  # of the rate of the maps
+FLOPS = 150  # of the reflectance
+
+
+class SVBRDF(Codec):
+    """SVBRDF maps: base colour, normal, roughness, metalness as 8-bit pictures, without a BTF codec."""
+
+    name, version = "svbrdf", 1
+    physical = True
+
+    @dataclass(frozen=True)
+    class Settings:
+        steps: Natural = 2_500  # of the fit
+        batch: BatchSize = 4_096  # samples a step
+        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
+        rate: Positive = 3e-2  # highest learning rate
+        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        fitting = MapsObjective(Samples(btf, gain_of(btf, fit), fit), self.settings, fit.generator())
+        train(fitting, fit, self.settings.steps, self.settings.patience)
+        codes = codes_of(fitting.maps(fitting.free.detach())).reshape(*btf.shape, STORED)
+        other = {"scale": fitting.scale.detach().exp().cpu(), "size": torch.tensor(btf.shape, dtype=torch.int32)}
+        return Parts(texture={"maps": compress(codes, [8] * STORED)}, other=other)
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        height, width = parts.other["size"].tolist()
+        codes = expand(parts.texture["maps"], (height, width, STORED))
+        return MapsMaterial(codes, float(parts.other["scale"])).to(device)
+
+
+def shaded(maps: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+    """f_r · cos θ_i (n, 3) of texels' maps (n, `CHANNELS`); their normals are normalised here."""
+    normal = maps[:, 3:6] / maps[:, 3:6].square().sum(1, keepdim=True).clamp_min(1e-12).sqrt()
+    x, y, z = normal.unbind(1)
+    side = (1 - x * x).clamp_min(1e-6).sqrt()
+
+    def local(w: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """A direction along the tangent, x dropped onto the surface, the bitangent and the normal."""
+        n = (w * normal).sum(1)
+        return (w[:, 0] - x * n) / side, (z * w[:, 1] - y * w[:, 2]) / side, n
+
+    values: dict[str, Any] = {"base": maps[:, :3].T, "roughness": maps[:, 6], "metalness": maps[:, 7]}
+    at = brdf.points(local(wo), values | {"specular": 1.0, "anisotropy": 0.0})
+    between = (wo * wi).sum(1)
+    through, specular = brdf.reflect(at, local(wi), between)
+    return (at.diffuse * through + brdf.specular_colour(at, between) * specular).T
+
+
+class MapsObjective(Objective):
+    """Seven free numbers a texel: logits of base colour, roughness and metalness, and two slopes of the normal."""
+
+    def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
+        super().__init__(samples)
+        self.settings = settings
+        albedo = _albedo(samples, generator)
+        bright = float(np.percentile(albedo.cpu().numpy(), 90)) or float(albedo.max())
+        # Measured data have any unit: the factor on what the maps reflect is fitted with them.
+        self.scale = nn.Parameter(torch.tensor([max(bright, DARK) / WHITE]).log())
+        base = (albedo * (WHITE / max(bright, DARK))).clamp(0.01, 0.99).logit()
+        rest = torch.tensor([0, 0, *torch.tensor([ROUGHNESS, METALNESS]).logit()]).expand(len(base), 4)
+        self.free = nn.Parameter(torch.cat([base.cpu(), rest], 1))
+
+    def groups(self) -> list[dict[str, Any]]:
+        rate = self.settings.rate
+        return [{"params": [self.free], "lr": rate}, {"params": [self.scale], "lr": SCALE_RATE * rate}]
+
+    def maps(self, free: Tensor) -> Tensor:
+        """The maps (n, `CHANNELS`) of free numbers (n, 7); normals are not normalised."""
+        return torch.cat([free[:, :3].sigmoid(), free[:, 3:5], torch.ones_like(free[:, :1]), free[:, 5:].sigmoid()], 1)
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        maps = self.maps(self.free.index_select(0, batch.texel))
+        radiance = shaded(maps, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
+        return (self.samples.gain * self.scale.exp() * radiance).log1p()
+
+
+def _albedo(samples: Samples, generator: torch.Generator) -> Tensor:
+    """The factor on a rough white plane (texels, 3) that comes nearest to the texels, over some pairs."""
+    pairs = torch.randperm(samples.pairs, generator=generator)[:SEEN].sort().values.to(samples.device)
+    white = torch.tensor([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0], device=samples.device).expand(len(pairs), CHANNELS)
+    seen = shaded(white, samples.wo[pairs], samples.wi[pairs])[:, 0]
+    total = torch.zeros(samples.texels, 3, device=samples.device)
+    for pair, weight in zip(pairs.split(READ), (seen / seen.square().sum()).split(READ), strict=True):
+        total += (samples.slices(pair).expm1() * weight[:, None]).sum(1)
+    return total / samples.gain
+
+
+def codes_of(maps: Tensor) -> Tensor:
+    """The codes (n, `STORED`), whole numbers up to 255, of maps (n, `CHANNELS`): base colour as sRGB."""
+    normal = nn.functional.normalize(maps[:, 3:6], dim=1)
+    colour = torch.from_numpy(encode_srgb(maps[:, :3].cpu().numpy()))
+    shares = torch.cat([colour, (normal[:, :2].cpu() + 1) / 2, maps[:, 6:].cpu()], 1)
+    return (255 * shares).round().clamp(0, 255)
+
+
+def maps_of(codes: Tensor) -> Tensor:
+    """The maps (n, `CHANNELS`) float32 of codes (n, `STORED`)."""
+    shares = codes.float() / 255
+    colour = torch.from_numpy(decode_srgb(shares[:, :3].numpy())).float()
+    xy = 2 * shares[:, 3:5] - 1
+    z = (1 - xy.square().sum(1, keepdim=True)).clamp_min(1e-4).sqrt()
+    return torch.cat([colour, xy, z, shares[:, 5:]], 1)
+
+
+class MapsMaterial(Material):
+    """Maps and their averages over larger boxes, looked up trilinearly; `scale` is on the radiance."""
+
+    def __init__(self, codes: Tensor, scale: float):
+        size = (codes.shape[0], codes.shape[1])
+        self.codes = codes.to(torch.uint8)
+        pyramid = Pyramid(size)
+        table = pyramid.table(maps_of(codes.flatten(0, 1)))
+        read = 8 * CHANNELS
+        cost = DecoderCost(0, CHANNELS, table.numel(), FLOPS + 2 * read, read * table.element_size())
+        super().__init__(size, cost)
+        self.pyramid, self.table, self.scale = pyramid, table, scale
+
+    def maps(self) -> tuple[dict[str, np.ndarray], float]:
+        codes = self.codes.cpu()
+        normal = maps_of(codes.flatten(0, 1))[:, 3:6].reshape(*self.size, 3)
+        pictures = {
+            "BaseColor": codes[..., :3],
+            "NormalGL": (255 * (normal + 1) / 2).round().to(torch.uint8),
+            "Roughness": codes[..., 5],
+            "Metalness": codes[..., 6],
+        }
+        return {name: picture.contiguous().numpy() for name, picture in pictures.items()}, self.scale
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        maps = self.pyramid.fetch(self.table, uv, self.pyramid.level(footprint)).to(wo.dtype)
+        return self.scale * shaded(maps, wo, wi)
