@@ -6,6 +6,7 @@ a matrix and an offset that colour the decoder's answer; they are fitted while t
 authors' code, which answers with radiance up to 1; here log radiance is answered. See docs/recipes.md.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,7 @@ from bench.training import (
     Samples,
     TextureObjective,
     WeightPrecision,
+    distance,
     gain_of,
     load_vector,
     pack,
@@ -111,11 +113,14 @@ class Biplane(Codec):
 
 
 class Pool(Samples):
-    """Some texels and pairs of many BTFs: texel t is of BTF `material[t]`, which has `PAIRS` rows of `wo` and `wi`."""
+    """Some texels and pairs of many BTFs: texel t is of BTF `material[t]`, which has `PAIRS` rows of `wo` and `wi`.
+
+    Those of `fit.unseen` come last: planes are fitted to them too, but the decoder does not learn from them.
+    """
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
         generator, abrdfs, wo, wi, material = fit.generator(), [], [], [], []
-        for number, btf in enumerate(fit.progress(btfs, "materials")):
+        for number, btf in enumerate(fit.progress([*btfs, *fit.unseen], "materials")):
             texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
             pair = order[torch.arange(PAIRS) % len(btf)]
@@ -126,6 +131,7 @@ class Pool(Samples):
             material += [number] * len(texel)
         self.device, self.table, self.pairs = fit.device, torch.cat(abrdfs), PAIRS
         self.texels, self.material = len(material), torch.tensor(material, device=fit.device)
+        self.trained = int((self.material < len(btfs)).sum())
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
 
 
@@ -163,6 +169,17 @@ class BiplaneObjective(TextureObjective):
     def planes(self) -> Tensor:
         """The planes (materials, SIDE, SIDE, 6) over half vectors, blurred."""
         return blurred(self.free, self.kernel)
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss of one step, and that of as large a share of the texels that the decoder does not learn from."""
+        trained, texels, settings = self.samples.trained, self.samples.texels, self.settings
+        loss = super().loss(generator, progress)
+        if count := math.ceil(settings.batch * (texels / trained - 1)):
+            batch = self.samples.draw_unseen(count, generator)
+            self.network.requires_grad_(False)
+            loss = loss + distance(self.predict(batch, progress), batch.target, settings.loss)
+            self.network.requires_grad_(True)
+        return loss
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         material = self.material[batch.texel]

@@ -194,17 +194,20 @@ class Resampler(torch.nn.Module):
 class Pool(Samples):
     """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at other pairs to answer for.
 
+    Those of `fit.unseen` come last, for the curve alone.
     Texel t is of BTF `material[t]`; pair p of that BTF has the decoder's coordinates `where[material[t], p]`.
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
         generator, device = fit.generator(), fit.device
-        drawn = [_drawn(btf, canonical, most, generator, fit) for btf in fit.progress(btfs, "materials")]
+        every = fit.progress([*btfs, *fit.unseen], "materials")
+        drawn = [_drawn(btf, canonical, most, generator, fit) for btf in every]
         inputs, targets, where = zip(*drawn, strict=True)
         self.device, self.inputs, self.table = device, torch.cat(inputs), torch.cat(targets)
         self.texels, self.pairs = len(self.inputs), TARGETS
         self.where = torch.stack(where)
         counts = torch.tensor([len(texels) for texels in inputs], device=device)
+        self.trained = int(counts[: len(btfs)].sum())
         self.material = torch.arange(len(drawn), device=device).repeat_interleave(counts)
 
     def abrdfs(self, texel: Tensor) -> Tensor:

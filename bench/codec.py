@@ -52,6 +52,7 @@ class Fit:
     history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; stored in the record
     density: "Density | None" = None  # the demand of the scene that is fitted to; None: uniform
     network: "TrainedNetwork | None" = None  # the network that the codec shares over materials, if any
+    unseen: Sequence[BTF] = ()  # materials that a shared network is not trained on: its curve is of them
 
     def shared(self, name: str) -> "TrainedNetwork":
         """The network that codec `name` shares over materials. `MissingDataError` where this fit has none."""

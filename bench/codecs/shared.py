@@ -99,7 +99,8 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     before = container.read_header(path) if path.exists() else None  # fail now on an unreadable file
     path.parent.mkdir(parents=True, exist_ok=True)
     fingerprints, origins = [btf.fingerprint for btf in btfs], [origin(btf) for btf in btfs]
-    state = path.with_name(f"{path.stem}-{_key(network, fit, fingerprints)[:12]}.state")
+    seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]
+    state = path.with_name(f"{path.stem}-{_key(network, fit, seen)[:12]}.state")
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
     parts.other.update(fingerprints=_digests(fingerprints), origins=_digests(origins))
     if before:
