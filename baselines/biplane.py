@@ -9,6 +9,7 @@ authors' code, which answers with radiance up to 1; here log radiance is answere
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -59,6 +60,7 @@ class BiplaneNetwork(SharedNetwork):
     """The decoder of all materials."""
 
     name, version = "biplane", 1
+    shipped = Path(__file__).parent / "networks/biplane.nbtf"
 
     @dataclass(frozen=True)
     class Settings(PlaneSettings):
@@ -71,9 +73,6 @@ class BiplaneNetwork(SharedNetwork):
         pool, decoder = Pool(btfs, self.settings.kept, fit), BiplaneDecoder(fit.generator())
         train(BiplaneObjective(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
         return Parts(decoder=pack("weights", to_vector(decoder), self.settings.weights))
-
-    def brief(self) -> "BiplaneNetwork":
-        return BiplaneNetwork(**(vars(self.settings) | {"steps": 300, "batch": 256}))
 
 
 class Biplane(Codec):

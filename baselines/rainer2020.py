@@ -8,6 +8,7 @@ that no available text confirms are settings or constants here and in `baselines
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -57,6 +58,7 @@ class Rainer2020Network(SharedNetwork):
     """The encoder and the decoder of all materials."""
 
     name, version = "rainer2020", 1
+    shipped = Path(__file__).parent / "networks/rainer2020.nbtf"
 
     @dataclass(frozen=True)
     class Settings(RainerSettings):
@@ -76,9 +78,6 @@ class Rainer2020Network(SharedNetwork):
             decoder=pack("weights", to_vector(fitting.decoder), self.settings.weights),
             encoder=pack("weights", to_vector(fitting.encoder), self.settings.weights) | pack_layout(canonical),
         )
-
-    def brief(self) -> "Rainer2020Network":
-        return Rainer2020Network(**(vars(self.settings) | {"steps": 300, "texels": 8, "rate": 1e-2}))
 
 
 class Rainer2020(Codec):

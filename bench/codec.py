@@ -59,7 +59,7 @@ class Fit:
         if self.network is None:
             raise MissingDataError(
                 f"codec {name} needs the network that it shares over materials: give it as `Fit(network=...)`, from "
-                f"`bench.codecs.shared.find({name!r})`; `neubtf-bench pretrain {name}` makes it"
+                f"`bench.codecs.shared.find_for(codec)`; `neubtf-bench pretrain {name}` makes it"
             )
         return self.network
 
@@ -145,12 +145,10 @@ class SharedNetwork(Configured):
     `name` and `version` are the codec's.
     """
 
+    shipped: ClassVar[Path | None] = None  # the file of a trained one that comes with the codec
+
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         """Fit some BTFs, training pairs and held-out ones; the tensors that the shared file will hold."""
-        raise NotImplementedError
-
-    def brief(self) -> "SharedNetwork":
-        """The same network with a training short enough for `neubtf-bench check` to take seconds."""
         raise NotImplementedError
 
 

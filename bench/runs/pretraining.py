@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench import atomic
 from bench.btf import BTF
 from bench.codec import Fit, SharedNetwork
 from bench.codecs import shared
@@ -22,7 +21,8 @@ def pretrain(
 ) -> Header:
     """Train a network on the first `materials` variations and on the BTFs in `added`, and write its file.
 
-    Its curve, in `fit.history`, is the PSNR on variations that it is not trained on. The default needs no data, so that everybody can make the same file. `InputError` if there is nothing to train on.
+    Its curve, in `fit.history`, is the PSNR on variations that it is not trained on. The default needs no data, so that
+    everybody can make the same file. `InputError` if there is nothing to train on.
     """
     if materials < 0 or materials + len(added) < 1:
         raise InputError(f"a network needs at least one material to be trained on, not {materials}")
@@ -31,12 +31,3 @@ def pretrain(
     fit = dataclasses.replace(fit, unseen=btfs[materials:])
     with torch_threads(fit.threads):
         return shared.make(network, [*btfs[:materials], *added], fit, path)
-
-
-def ready(network: SharedNetwork, fit: Fit) -> Path:
-    """The path of a network's file; trains the network first if the file does not exist."""
-    path = shared.place(network.name)
-    with atomic.locked(path):
-        if not path.exists():
-            pretrain(network, fit, path)
-    return path

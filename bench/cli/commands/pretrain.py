@@ -2,8 +2,8 @@
 
 The training set is procedural, so that it needs no data: variations of the built-in materials and random surfaces,
 none of which a suite holds. The file lies where encoding and decoding look for it: in $NEUBTF_SHARED, else in shared/
-under the cache folder. A training that was killed goes on from where it was. The curve that is printed at the end is the
-PSNR on surfaces of the same kinds that are not trained on.
+under the cache folder, and is preferred to one that comes with the codec. A training that was killed goes on from where
+it was. The curve that is printed at the end is of surfaces of the same kinds that are not trained on.
 
 examples:
   neubtf-bench pretrain rainer2020
