@@ -64,7 +64,7 @@ class BiplaneNetwork(SharedNetwork):
 
     @dataclass(frozen=True)
     class Settings(PlaneSettings):
-        steps: Natural = 4_000  # of the training
+        steps: Natural = 10_000  # of the training
         kept: Count = 128  # texels of each material that are trained on
         rate: Positive = 2e-3  # highest learning rate of the decoder
         weights: WeightPrecision = "half"  # of the stored decoder
