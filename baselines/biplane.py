@@ -6,8 +6,10 @@ a matrix and an offset that colour the decoder's answer; they are fitted while t
 authors' code, which answers with radiance up to 1; here log radiance is answered. See docs/recipes.md.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -27,6 +29,7 @@ from bench.training import (
     Samples,
     TextureObjective,
     WeightPrecision,
+    distance,
     gain_of,
     load_vector,
     pack,
@@ -57,10 +60,11 @@ class BiplaneNetwork(SharedNetwork):
     """The decoder of all materials."""
 
     name, version = "biplane", 1
+    shipped = Path(__file__).parent / "networks/biplane.nbtf"
 
     @dataclass(frozen=True)
     class Settings(PlaneSettings):
-        steps: Natural = 4_000  # of the training
+        steps: Natural = 10_000  # of the training
         kept: Count = 128  # texels of each material that are trained on
         rate: Positive = 2e-3  # highest learning rate of the decoder
         weights: WeightPrecision = "half"  # of the stored decoder
@@ -69,9 +73,6 @@ class BiplaneNetwork(SharedNetwork):
         pool, decoder = Pool(btfs, self.settings.kept, fit), BiplaneDecoder(fit.generator())
         train(BiplaneObjective(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
         return Parts(decoder=pack("weights", to_vector(decoder), self.settings.weights))
-
-    def brief(self) -> "BiplaneNetwork":
-        return BiplaneNetwork(**(vars(self.settings) | {"steps": 300, "batch": 256}))
 
 
 class Biplane(Codec):
@@ -111,11 +112,14 @@ class Biplane(Codec):
 
 
 class Pool(Samples):
-    """Some texels and pairs of many BTFs: texel t is of BTF `material[t]`, which has `PAIRS` rows of `wo` and `wi`."""
+    """Some texels and pairs of many BTFs: texel t is of BTF `material[t]`, which has `PAIRS` rows of `wo` and `wi`.
+
+    Those of `fit.unseen` come last: planes are fitted to them too, but the decoder does not learn from them.
+    """
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
         generator, abrdfs, wo, wi, material = fit.generator(), [], [], [], []
-        for number, btf in enumerate(fit.progress(btfs, "materials")):
+        for number, btf in enumerate(fit.progress([*btfs, *fit.unseen], "materials")):
             texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
             pair = order[torch.arange(PAIRS) % len(btf)]
@@ -126,6 +130,7 @@ class Pool(Samples):
             material += [number] * len(texel)
         self.device, self.table, self.pairs = fit.device, torch.cat(abrdfs), PAIRS
         self.texels, self.material = len(material), torch.tensor(material, device=fit.device)
+        self.trained = int((self.material < len(btfs)).sum())
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
 
 
@@ -163,6 +168,17 @@ class BiplaneObjective(TextureObjective):
     def planes(self) -> Tensor:
         """The planes (materials, SIDE, SIDE, 6) over half vectors, blurred."""
         return blurred(self.free, self.kernel)
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss of one step, and that of as large a share of the texels that the decoder does not learn from."""
+        trained, texels, settings = self.samples.trained, self.samples.texels, self.settings
+        loss = super().loss(generator, progress)
+        if count := math.ceil(settings.batch * (texels / trained - 1)):
+            batch = self.samples.draw_unseen(count, generator)
+            self.network.requires_grad_(False)
+            loss = loss + distance(self.predict(batch, progress), batch.target, settings.loss)
+            self.network.requires_grad_(True)
+        return loss
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         material = self.material[batch.texel]

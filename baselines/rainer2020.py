@@ -8,6 +8,7 @@ that no available text confirms are settings or constants here and in `baselines
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -57,6 +58,7 @@ class Rainer2020Network(SharedNetwork):
     """The encoder and the decoder of all materials."""
 
     name, version = "rainer2020", 1
+    shipped = Path(__file__).parent / "networks/rainer2020.nbtf"
 
     @dataclass(frozen=True)
     class Settings(RainerSettings):
@@ -76,9 +78,6 @@ class Rainer2020Network(SharedNetwork):
             decoder=pack("weights", to_vector(fitting.decoder), self.settings.weights),
             encoder=pack("weights", to_vector(fitting.encoder), self.settings.weights) | pack_layout(canonical),
         )
-
-    def brief(self) -> "Rainer2020Network":
-        return Rainer2020Network(**(vars(self.settings) | {"steps": 300, "texels": 8, "rate": 1e-2}))
 
 
 class Rainer2020(Codec):
@@ -194,17 +193,20 @@ class Resampler(torch.nn.Module):
 class Pool(Samples):
     """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at other pairs to answer for.
 
+    Those of `fit.unseen` come last, for the curve alone.
     Texel t is of BTF `material[t]`; pair p of that BTF has the decoder's coordinates `where[material[t], p]`.
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
         generator, device = fit.generator(), fit.device
-        drawn = [_drawn(btf, canonical, most, generator, fit) for btf in fit.progress(btfs, "materials")]
+        every = fit.progress([*btfs, *fit.unseen], "materials")
+        drawn = [_drawn(btf, canonical, most, generator, fit) for btf in every]
         inputs, targets, where = zip(*drawn, strict=True)
         self.device, self.inputs, self.table = device, torch.cat(inputs), torch.cat(targets)
         self.texels, self.pairs = len(self.inputs), TARGETS
         self.where = torch.stack(where)
         counts = torch.tensor([len(texels) for texels in inputs], device=device)
+        self.trained = int(counts[: len(btfs)].sum())
         self.material = torch.arange(len(drawn), device=device).repeat_interleave(counts)
 
     def abrdfs(self, texel: Tensor) -> Tensor:

@@ -52,13 +52,14 @@ class Fit:
     history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; stored in the record
     density: "Density | None" = None  # the demand of the scene that is fitted to; None: uniform
     network: "TrainedNetwork | None" = None  # the network that the codec shares over materials, if any
+    unseen: Sequence[BTF] = ()  # materials that a shared network is not trained on: its curve is of them
 
     def shared(self, name: str) -> "TrainedNetwork":
         """The network that codec `name` shares over materials. `MissingDataError` where this fit has none."""
         if self.network is None:
             raise MissingDataError(
                 f"codec {name} needs the network that it shares over materials: give it as `Fit(network=...)`, from "
-                f"`bench.codecs.shared.find({name!r})`; `neubtf-bench pretrain {name}` makes it"
+                f"`bench.codecs.shared.find_for(codec)`; `neubtf-bench pretrain {name}` makes it"
             )
         return self.network
 
@@ -144,12 +145,10 @@ class SharedNetwork(Configured):
     `name` and `version` are the codec's.
     """
 
+    shipped: ClassVar[Path | None] = None  # the file of a trained one that comes with the codec
+
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         """Fit some BTFs, training pairs and held-out ones; the tensors that the shared file will hold."""
-        raise NotImplementedError
-
-    def brief(self) -> "SharedNetwork":
-        """The same network with a training short enough for `neubtf-bench check` to take seconds."""
         raise NotImplementedError
 
 

@@ -48,7 +48,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     if not header.network:
         network = None
     elif network is None or network.sha256 != header.network:
-        network = shared.named_by(header)
+        network = shared.named_by(header, codec_class.network.shipped if codec_class.network else None)
     parts = dataclasses.replace(parts, network=network)
     numbers = _numbers(parts) + (_numbers(network.parts) if network else 0)
     try:

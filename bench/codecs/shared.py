@@ -1,8 +1,9 @@
 """Networks that a codec trains once for all materials: each has its own file, which a material's file names by hash.
 
 The file is a codec file of kind "shared": the network in its parts `decoder` and `encoder`, and in `other` two hashes
-of each BTF it was trained on, the `fingerprint` and the `origin`. It is stored as `CODEC.nbtf` in `$NEUBTF_SHARED`,
-else in `shared/` under the cache folder; a replaced file stays beside it under a name with its hash.
+of each BTF it was trained on, the `fingerprint` and the `origin`. A codec may ship one. One's own is stored as
+`CODEC.nbtf` in `$NEUBTF_SHARED`, else in `shared/` under the cache folder, and is preferred; a replaced file stays
+beside it under a name with its hash.
 """
 
 import dataclasses
@@ -31,7 +32,7 @@ def folder() -> Path:
 
 
 def place(codec: str) -> Path:
-    """The file of a codec's shared network, used to encode new materials."""
+    """The file of one's own network of a codec."""
     return folder() / f"{codec}{container.SUFFIX}"
 
 
@@ -65,8 +66,11 @@ def find(codec: str, path: Path | None = None) -> TrainedNetwork:
 
 
 def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
-    """Read a codec's shared network from its default place; None for a codec without one."""
-    return find(codec.name) if codec.network else None
+    """Read the network that a codec encodes with: one's own, else the one that it ships; None for a codec without."""
+    if codec.network is None:
+        return None
+    shipped = codec.network.shipped
+    return find(codec.name, shipped if shipped and not place(codec.name).exists() else None)
 
 
 def missing(codec: str, path: Path | None = None) -> MissingDataError:
@@ -77,11 +81,12 @@ def missing(codec: str, path: Path | None = None) -> MissingDataError:
     )
 
 
-def named_by(header: container.Header) -> TrainedNetwork:
+def named_by(header: container.Header, shipped: Path | None) -> TrainedNetwork:
     """Find the network that a material's file names by hash: beside the file or in `folder()`, under the hashed name or
-    any of the codec's. `ContainerError` says where to put it."""
+    the codec's, else the one `shipped`. `ContainerError` says where to put it."""
     names = (hashed_name(header.codec, header.network), f"{header.codec}{container.SUFFIX}")
-    for path in (place / name for place in (header.path.parent, folder()) for name in names):
+    places = [place / name for place in (header.path.parent, folder()) for name in names]
+    for path in (*places, *([shipped] if shipped else [])):
         if path.is_file() and (contents := container.read_parts(path))[0].sha256 == header.network:
             return _trained(*contents)
     raise ContainerError(
@@ -99,7 +104,8 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     before = container.read_header(path) if path.exists() else None  # fail now on an unreadable file
     path.parent.mkdir(parents=True, exist_ok=True)
     fingerprints, origins = [btf.fingerprint for btf in btfs], [origin(btf) for btf in btfs]
-    state = path.with_name(f"{path.stem}-{_key(network, fit, fingerprints)[:12]}.state")
+    seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]
+    state = path.with_name(f"{path.stem}-{_key(network, fit, seen)[:12]}.state")
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
     parts.other.update(fingerprints=_digests(fingerprints), origins=_digests(origins))
     if before:

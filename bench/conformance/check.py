@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF, ArraySource
-from bench.codec import Codec, Fit, Progress, SharedNetwork, TrainedNetwork, silent
+from bench.codec import Codec, Fit, Progress, TrainedNetwork, silent
 from bench.codecs import container, loading, shared
 from bench.conformance import counting, frame
 from bench.errors import CodecError, ContainerError, InputError, answered
@@ -86,7 +86,7 @@ class CodecUnderTest:
 
     codec: Codec
     folder: Path
-    trainable: SharedNetwork | None = None  # a network to share, to be trained; else the one at its place
+    trained: TrainedNetwork | None = None  # the network that it shares; else the one that it is used with
     show: Progress = silent
 
     @cached_property
@@ -95,21 +95,13 @@ class CodecUnderTest:
 
     @cached_property
     def network(self) -> TrainedNetwork | None:
-        """The network that the codec shares, trained on other materials; None where it shares none."""
-        return self._network(self.btf, self.folder)
+        """The network that the codec shares over materials; None where it shares none."""
+        return self.trained or shared.find_for(self.codec)
 
-    def _network(self, btf: BTF, folder: Path) -> TrainedNetwork | None:
-        """A network trained on a BTF in other colours, its file in that folder, or the one at its place."""
-        if self.trainable is None:
-            return shared.find_for(self.codec)
-        path = folder / f"{self.codec.name}{container.SUFFIX}"
-        with torch_threads(1):
-            return shared.read(shared.make(self.trainable, others(btf), Fit(seed=1, show=self.show), path).path)
-
-    def encode(self, name: str, btf: BTF | None = None, network: TrainedNetwork | None = None) -> container.Header:
+    def encode(self, name: str, btf: BTF | None = None) -> container.Header:
         """Encode a BTF, by default the small material, into a file of that name."""
         with torch_threads(1), torch.enable_grad():  # whatever asks for it first
-            fit = Fit(seed=1, network=network or self.network, show=self.show)
+            fit = Fit(seed=1, network=self.network, show=self.show)
             return container.save(self.folder / name, self.codec, self.codec.encode(btf or self.btf, fit))
 
     @cached_property
@@ -125,10 +117,9 @@ class CodecUnderTest:
         """The codec's answers on the material that tells every arrangement apart."""
         btf, folder = frame.material(), self.folder / "frame"
         folder.mkdir(parents=True)
-        network = self._network(btf, folder)
-        header = self.encode(f"frame/a{container.SUFFIX}", btf, network)
+        header = self.encode(f"frame/a{container.SUFFIX}", btf)
         with torch_threads(1):
-            return frame.FrameAnswers.at_texel_centres(loading.load(header.path, network=network)[1], btf)
+            return frame.FrameAnswers.at_texel_centres(loading.load(header.path, network=self.network)[1], btf)
 
     @cached_property
     def queries(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:

@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from bench.codec import Codec, Progress, SharedNetwork, followed, silent
+from bench.codec import Codec, Progress, followed, silent
 from bench.codecs.registry import load_codec
 from bench.conformance import stress
 from bench.conformance.check import STAGES, Check, CheckError, CodecUnderTest, raised
@@ -28,18 +28,15 @@ class Result:
     note: str = ""
 
 
-def check(codec: Codec, network: SharedNetwork | None = None, show: Progress = silent) -> Iterator[Result]:
+def check(codec: Codec, show: Progress = silent) -> Iterator[Result]:
     """Run the checks against a codec, yielding each result; what a codec itself raises is a failed check.
 
     They come in stages: it encodes and answers, the answers are the material's, a renderer's promises, and the quick
     extremes of `bench.conformance.stress`. The first stage in which one fails is the last that is tried: what comes
-    after would fail for the same reason. A codec that shares a network over materials is tried with a small one of its
-    own, or that of `network`.
+    after would fail for the same reason.
     """
-    if network is None and codec.network is not None:
-        network = codec.network().brief()
     with tempfile.TemporaryDirectory() as folder:
-        tested = CodecUnderTest(codec, Path(folder), network, show)
+        tested = CodecUnderTest(codec, Path(folder), show=show)
         stages = [*(partial(_stage, tested, stage) for stage in STAGES), partial(_extremes, tested)]
         for number, stage in enumerate(stages):
             show("stages of the check", number, len(stages))
@@ -116,7 +113,7 @@ def count(name: str) -> Record:
         settings["recipe"] = "paper"
     codec = codec_class(**settings)
     with tempfile.TemporaryDirectory() as folder:
-        material = CodecUnderTest(codec, Path(folder), codec.network().brief() if codec.network else None).material
+        material = CodecUnderTest(codec, Path(folder)).material
     return {
         "codec": name,
         "label": name,

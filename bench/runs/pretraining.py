@@ -1,9 +1,9 @@
 """Trains the network that a codec shares over materials, on surfaces that no suite contains."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench import atomic
 from bench.btf import BTF
 from bench.codec import Fit, SharedNetwork
 from bench.codecs import shared
@@ -12,7 +12,8 @@ from bench.data.materials.variations import load_variation
 from bench.errors import InputError
 from bench.threads import torch_threads
 
-MATERIALS = 160  # variations that a network is trained on
+MATERIALS = 224  # variations that a network is trained on
+UNSEEN = range(100_000, 100_016)  # those that its curve is measured on
 
 
 def pretrain(
@@ -20,20 +21,13 @@ def pretrain(
 ) -> Header:
     """Train a network on the first `materials` variations and on the BTFs in `added`, and write its file.
 
-    The default needs no data, so that everybody can make the same file. `InputError` if there is nothing to train on.
+    Its curve, in `fit.history`, is the PSNR on variations that it is not trained on. The default needs no data, so that
+    everybody can make the same file. `InputError` if there is nothing to train on.
     """
     if materials < 0 or materials + len(added) < 1:
         raise InputError(f"a network needs at least one material to be trained on, not {materials}")
-    numbers = fit.progress(range(materials), "rendering materials to train on")
+    numbers = fit.progress([*range(materials), *UNSEEN], "rendering materials to train on")
     btfs = [load_variation(number) for number in numbers]
+    fit = dataclasses.replace(fit, unseen=btfs[materials:])
     with torch_threads(fit.threads):
-        return shared.make(network, [*btfs, *added], fit, path)
-
-
-def ready(network: SharedNetwork, fit: Fit) -> Path:
-    """The path of a network's file; trains the network first if the file does not exist."""
-    path = shared.place(network.name)
-    with atomic.locked(path):
-        if not path.exists():
-            pretrain(network, fit, path)
-    return path
+        return shared.make(network, [*btfs[:materials], *added], fit, path)

@@ -20,19 +20,18 @@ from typing import Any
 import torch
 
 from bench import atomic, records
-from bench.codec import REMARK, Codec, Fit, Progress, silent
+from bench.codec import REMARK, Codec, Progress, silent
 from bench.codecs import container, shared
 from bench.codecs.command import Programs, permit
 from bench.codecs.registry import from_outside, make_codec
 from bench.data.spec import MaterialSpec
 from bench.demand import require_demand
-from bench.errors import CodecError, InputError
+from bench.errors import CodecError, InputError, MissingDataError
 from bench.records import Record, Run
 from bench.runs.estimate import Estimate
 from bench.runs.executors import Workers, in_process, processes
 from bench.runs.job import FACTS, FRESH_STATE, STATE, Answer, Result, Stands, WantsFiles, attributed, failed, work
 from bench.runs.lock import locked
-from bench.runs.pretraining import ready
 from bench.runs.provenance import provenance
 from bench.runs.suite import Suite, canonical
 from bench.runs.task import Task
@@ -77,7 +76,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         demand_of(run_id, str(Path(suite.demand).absolute()))  # a bad demand file stops here
     with locked(options.folder, run_id):
         _tidy(options.folder)
-        session = _Session(suite, options, run_id, _networks(suite, codecs, options), faults)
+        session = _Session(suite, options, run_id, _networks(codecs, options), faults)
         try:
             with (options.workers or _workers(suite))() as workers:
                 session.start()
@@ -109,18 +108,19 @@ def _workers(suite: Suite) -> Callable[[], AbstractContextManager[Workers]]:
     return in_process
 
 
-def _networks(suite: Suite, codecs: list[Codec], options: Options) -> dict[str, tuple[str, bytes]]:
+def _networks(codecs: list[Codec], options: Options) -> dict[str, tuple[str, bytes]]:
     """The network file of each codec that shares a network over materials: its name in files/ and its content.
 
-    Trains missing networks that the suite lists under `pretrain`; other missing ones are left out. Writes the files
-    into the run's folder, so that the folder can be decoded wherever it is copied.
+    Missing ones are left out. Writes the files into the run's folder, so that the folder can be decoded wherever it is
+    copied.
     """
     networks: dict[str, tuple[str, bytes]] = {}
-    for name, network in {codec.name: codec.network for codec in codecs}.items():
-        if network and name in suite.pretrain:
-            ready(network(), Fit(torch.device(options.device), suite.threads, show=options.show))
-        if network and shared.place(name).exists():
-            trained = shared.find(name)
+    for name, codec in {codec.name: codec for codec in codecs}.items():
+        try:
+            trained = shared.find_for(codec)
+        except MissingDataError:
+            continue  # each of its jobs says so
+        if trained:
             networks[name] = (shared.hashed_name(name, trained.sha256), trained.path.read_bytes())
             atomic.write(options.folder / "files" / networks[name][0], networks[name][1])
     return networks

@@ -1,7 +1,6 @@
 """Reads a suite: a TOML file of materials × codecs × settings × seeds, each combination of which is a job.
 
     description = "what it is for"
-    pretrain = ["rainer2020"]        # codecs whose shared network is trained first if it is missing
     variants = ["eager bfloat16"]    # executions and precisions that `trade` tries besides `eager float32`
     threads = 1                      # CPU threads of a fit and of timing; the bytes of a file depend on it
     seeds = [0]                      # repetitions
@@ -93,7 +92,6 @@ class Suite:
     data: Preparation = field(default_factory=Preparation)
     materials: tuple[MaterialSpec, ...] = ()
     codecs: tuple[CodecSpec, ...] = ()
-    pretrain: Words = ()
     variants: Words = ()
     demand: str = ""  # path of a demand file
     uniform: Share = UNIFORM
@@ -150,8 +148,6 @@ def _check(file: str, suite: Suite) -> None:
         raise InputError(f"{file}: {twice!r} appears twice")
     if foreign := {name for spec in suite.codecs for name in spec.materials} - {spec.name for spec in suite.materials}:
         raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
-    if absent := set(suite.pretrain) - {spec.codec for spec in suite.codecs}:
-        raise InputError(f"{file}: pretrain names {min(absent)!r}, which is not a codec of this suite")
     _check_jobs(file, len(suite.materials) * len(suite.codecs) * len(suite.seeds))
 
 

@@ -89,6 +89,7 @@ class Samples:
         self.btf, self.gain, self.device = btf, gain, fit.device
         self.shape, self.pairs = btf.shape, len(btf)
         self.texels = btf.shape[0] * btf.shape[1]
+        self.trained = self.texels  # these come first; any others are of materials kept for the curve
         self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
         self.density = fit.density
         if self.density:  # the scene's directions follow those of the pairs
@@ -123,7 +124,7 @@ class Samples:
         """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
         if self.density:
             return self._between(*(drawn.to(self.device) for drawn in self.density.draw(count, self.shape, generator)))
-        flat = torch.randint(self.texels * self.pairs, (count,), generator=generator).to(self.device)
+        flat = torch.randint(self.trained * self.pairs, (count,), generator=generator).to(self.device)
         texel = flat.div(self.pairs, rounding_mode="floor")
         return self.at(texel, flat - texel * self.pairs)
 
@@ -133,6 +134,11 @@ class Samples:
             _, *drawn = self.density.draw(len(texel), self.shape, generator)
             return self._between(texel, *(each.to(self.device) for each in drawn))
         return self.at(texel, torch.randint(self.pairs, (len(texel),), generator=generator).to(self.device))
+
+    def draw_unseen(self, count: int, generator: torch.Generator) -> Batch:
+        """Draw `count` samples of the texels that are not trained on."""
+        texel = self.trained + torch.randint(self.texels - self.trained, (count,), generator=generator)
+        return self.draw_at(texel.to(self.device), generator)
 
     def mean(self, generator: torch.Generator) -> Tensor:
         """The mean log radiance (3,), of a random sample."""
@@ -276,7 +282,9 @@ class _Loop:
         self.optimisers = Optimisers(objective.groups(), fit.device)
         self.highest, self.parameters = self.optimisers.highest, self.optimisers.parameters
         self.step, self.halvings, self.curve = 0, 0, list[tuple[int, float, float]]()
-        self.probe = objective.samples.draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
+        samples = objective.samples
+        probe = samples.draw_unseen if samples.trained < samples.texels else samples.draw
+        self.probe = probe(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
         self.started = self.saved = self.shown = time.perf_counter()
         self.good = self._state()
 

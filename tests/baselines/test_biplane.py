@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.biplane import PAIRS, Biplane, BiplaneNetwork, Pool
+from baselines.biplane import PAIRS, Biplane, BiplaneNetwork, BiplaneObjective, Pool
+from baselines.biplane_decoder import BiplaneDecoder
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, TrainedNetwork
@@ -130,6 +131,27 @@ def test_the_training_sees_each_material_at_its_own_pairs() -> None:
             truth = np.log1p(gain * btf[int(np.flatnonzero(same)[0])]).reshape(-1, 3)
             ours = pool.at(torch.tensor([10 * number + 3]), torch.tensor([pair])).target.numpy()
             assert np.abs(truth - ours).max(1).min() < 2e-3  # halves
+
+
+def test_the_decoder_learns_nothing_from_what_is_kept_for_the_curve() -> None:
+    seen, unseen = others(tiny_btf())[:2]
+    pool, settings = Pool([seen], 10, Fit(unseen=[unseen])), BiplaneNetwork(batch=64).settings
+    assert (pool.texels, pool.trained) == (20, 10)
+    gradients = []
+    for scale in (1, 5):
+        generator = torch.Generator().manual_seed(0)
+        fitting = BiplaneObjective(pool, BiplaneDecoder(generator), settings, generator)
+        assert pool.table is not None
+        pool.table[10:] *= scale
+        fitting.loss(generator, 0).backward()
+        decoder = torch.cat([p.grad.flatten() for p in fitting.network.parameters() if p.grad is not None])
+        assert len(decoder) == 136_451
+        assert fitting.texture.grad is not None
+        gradients.append((decoder, *fitting.texture.grad.split(10)))
+    (decoder, trained, kept), (same, again, changed) = gradients
+    assert decoder.equal(same)
+    assert trained.equal(again)
+    assert not kept.equal(changed)
 
 
 @pytest.mark.parametrize("setting", ["batch", "kept"])

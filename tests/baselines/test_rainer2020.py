@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.rainer2020 import Pool, Rainer2020, Rainer2020Network, Resampler, canonical_pairs
+from baselines.rainer2020 import Pool, Rainer2020, Rainer2020Network, Rainer2020Objective, Resampler, canonical_pairs
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, TrainedNetwork
 from bench.codecs import container, loading, shared
@@ -25,7 +25,8 @@ def network(**settings: Any) -> Rainer2020Network:
 def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainedNetwork:
     """The file of a network that saw a few small materials."""
     path = tmp_path_factory.mktemp("shared") / "rainer2020.nbtf"
-    return shared.read(shared.make(Rainer2020Network().brief(), others(tiny_btf()), Fit(), path).path)
+    ours = Rainer2020Network(steps=300, texels=8, rate=1e-2)
+    return shared.read(shared.make(ours, others(tiny_btf()), Fit(), path).path)
 
 
 def test_the_decoder_is_the_published_one_and_lies_in_the_shared_file(trained: TrainedNetwork, tmp_path: Path) -> None:
@@ -134,6 +135,19 @@ def test_what_is_asked_in_training_are_the_pairs_declared_held_out() -> None:
     assert len(pool.where[0].unique(dim=0)) == 3
     assert len(pool.where[1].unique(dim=0)) == 81
     assert pool.inputs.shape == (20, 625, 3)
+
+
+def test_the_training_is_watched_on_what_it_does_not_see() -> None:
+    seen, unseen = others(tiny_btf())[:2]
+    pool = Pool([seen], canonical_pairs(), 10, Fit(unseen=[unseen]))
+    assert (pool.texels, pool.trained) == (20, 10)
+    generator = torch.Generator().manual_seed(0)
+    assert pool.draw_unseen(100, generator).texel.min() == 10
+    objective = Rainer2020Objective(pool, network().settings, Fit())
+    taken = []
+    objective.latents = lambda texel: taken.append(texel) or torch.zeros(len(texel), 32)  # type: ignore[func-returns-value,method-assign]
+    objective.loss(generator, 0)
+    assert int(torch.cat(taken).max()) < 10
 
 
 def test_texels_that_are_alike_share_their_latents(trained: TrainedNetwork) -> None:

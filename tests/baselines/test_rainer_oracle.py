@@ -102,8 +102,7 @@ def test_rainer2019_is_its_equations() -> None:
 
 def test_rainer2020_is_its_equations(tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("shared") / "rainer2020.nbtf"
-    brief = Rainer2020Network().brief().settings
-    maker = Rainer2020Network(**(vars(brief) | {"steps": 60, "weights": "float32"}))
+    maker = Rainer2020Network(steps=60, texels=8, rate=1e-2, weights="float32")
     trained = shared.read(shared.make(maker, others(tiny_btf()), Fit(), path).path)
     btf = tiny_btf(views=25, lights=25)  # the canonical pairs: nothing is resampled
     codec = Rainer2020(precision="float32")

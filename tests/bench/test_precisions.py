@@ -7,8 +7,10 @@ from typing import get_args, get_type_hints
 import pytest
 import torch
 
+from bench.codec import Fit
+from bench.codecs import container, shared
 from bench.codecs.registry import codec_entries, load_codec
-from bench.conformance.check import CodecUnderTest, batches, counted, slices, wraps
+from bench.conformance.check import CodecUnderTest, batches, counted, others, slices, tiny_btf, wraps
 
 BRIEF = {"steps": 3, "texels": 4, "pairs": 4, "batch": 64, "kept": 8, "components": 4}
 
@@ -37,6 +39,12 @@ def order(precision):
     return ("float32", "half", "int8", "").index(precision)
 
 
+def trained(codec, weights, folder):
+    """The shared network of a codec with its weights so stored."""
+    network, path = settings(codec.network, weights=weights), folder / f"{codec.name}{container.SUFFIX}"
+    return shared.read(shared.make(network, others(tiny_btf()), Fit(seed=1), path).path)
+
+
 @pytest.mark.parametrize(
     ("name", "precisions"), list(ladder()), ids=lambda value: value if isinstance(value, str) else ""
 )
@@ -44,10 +52,9 @@ def test_every_precision_keeps_the_promises_and_answers_nearly_as_the_finest(nam
     answers = []
     for precision, weights in precisions:
         codec = settings(load_codec(name), precision=precision, weights=weights)
-        network = settings(codec.network, weights=weights) if codec.network else None
         folder = tmp_path / f"{precision} {weights}"
         folder.mkdir()
-        tested = CodecUnderTest(codec, folder, network)
+        tested = CodecUnderTest(codec, folder, trained(codec, weights, folder) if codec.network else None)
         for promise in (batches, slices, wraps, counted):
             promise(tested)
         answers.append((tested.header.file_bytes, tested.answers.log1p()))

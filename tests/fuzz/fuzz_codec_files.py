@@ -43,7 +43,7 @@ def small(name: str, folder: Path) -> None:
     kind, fit = load_codec(name), Fit(seed=1)
     codec = kind(**short(kind) | ({"steps": 1} if "steps" in short(kind) else {}))
     if kind.network:
-        network = kind.network(**vars(kind.network().brief().settings) | {"steps": 1})
+        network = kind.network(**short(kind.network) | {"steps": 1})
         shared.make(network, [tiny_btf(4, 3, 3)], fit, folder / f"{name}.nbtf")
         fit = Fit(seed=1, network=shared.read(folder / f"{name}.nbtf"))
     container.save(folder / f"small-{name}.nbtf", codec, codec.encode(tiny_btf(5, 3, 3), fit))

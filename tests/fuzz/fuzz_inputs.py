@@ -129,7 +129,6 @@ codec = "mean-colour"
 """
 SUITE = """
 description = "a test"
-pretrain = ["pca"]
 variants = ["eager bfloat16"]
 threads = 1
 seeds = [0, 1]

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF, Array
-from bench.codec import Codec, Fit, Parts, settings_dict
-from bench.codecs import container, loading, shared
+from bench.codec import Codec, Configured, Fit, Parts, settings_dict
+from bench.codecs import container, loading
 from bench.conformance.check import CheckError, CodecUnderTest, raised
 from bench.material import Material
 from bench.threads import torch_threads
@@ -140,18 +140,12 @@ class Subject:
 
 
 def subject_of(kind: type[Codec], folder: Path) -> Subject:
-    """A codec under stress with its default settings but for short fits; its files go into a folder.
-
-    One that shares a network over materials is tried with the one that is there, else with one trained in seconds.
-    """
-    network = None
-    if kind.network is not None and not shared.place(kind.name).exists():
-        network = kind.network().brief()
-    return Subject(CodecUnderTest(kind(**short(kind)), folder, network))
+    """A codec under stress with its default settings but for short fits; its files go into a folder."""
+    return Subject(CodecUnderTest(kind(**short(kind)), folder))
 
 
-def short(kind: type[Codec]) -> dict[str, Any]:
-    """The settings that make the fits of a codec short: `SHORT`, or its defaults where these are less."""
+def short(kind: type[Configured]) -> dict[str, Any]:
+    """The settings that make fits short: `SHORT`, or the defaults where these are less."""
     defaults = settings_dict(kind())
     return {name: min(defaults[name], most) for name, most in SHORT.items() if name in defaults}
 

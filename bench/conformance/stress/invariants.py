@@ -10,11 +10,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from bench.codec import Configured, settings_dict
+from bench.codec import Configured
 from bench.codecs import container, shared
 from bench.conformance import check
 from bench.conformance.check import CheckError
-from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, require
+from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, require, short
 from bench.conformance.stress.data import ordinary
 from bench.conformance.stress.networks import SHORT_FLOATS, sound
 from bench.conformance.stress.physics import CONSERVES, RECIPROCAL, energy, reciprocity
@@ -150,7 +150,7 @@ def _fit_wildly(subject: Subject, path: Path) -> None:
         wild_codec = subject.codec(**wild)
         container.save(path, wild_codec, wild_codec.encode(ordinary(), subject.fit()))
     elif network is not None and (wild := wild_rates(network)):
-        wild_network = network(**settings_dict(network().brief()) | wild)
+        wild_network = network(**short(network) | wild)
         shared.make(wild_network, check.others(ordinary()), subject.fit(), path)
     else:
         raise NotApplicable("no learning rate")

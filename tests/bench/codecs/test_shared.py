@@ -21,7 +21,7 @@ from bench.data.spec import MaterialSpec
 from bench.errors import ContainerError, InputError, MissingDataError
 from bench.records import Record
 from bench.runs import library
-from bench.runs.pretraining import pretrain, ready
+from bench.runs.pretraining import MATERIALS, UNSEEN, pretrain
 from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
 
@@ -161,14 +161,26 @@ def test_the_origin_of_baked_maps_is_that_of_their_files_and_of_measured_data_th
     assert shared.origin(like) == shared.origin(like.subset([3])) != shared.origin(others(like)[0])
 
 
-def test_a_suite_s_network_is_made_once(monkeypatch):
+def test_a_network_is_trained_on_variations_and_watched_on_others(monkeypatch):
     monkeypatch.setattr("bench.runs.pretraining.load_variation", lambda number: others(tiny_btf(4, 3, 3))[number % 5])
-    path = ready(Tint(), Fit())
-    assert len(shared.read(path).parts.other["origins"]) == 160
-    first = path.stat().st_mtime_ns
-    assert ready(Tint(), Fit()).stat().st_mtime_ns == first
+    asked, path = [], shared.place("tinted")
+    monkeypatch.setattr(Tint, "train", lambda self, btfs, fit: asked.append((len(btfs), len(fit.unseen))) or Parts())
+    pretrain(Tint(), Fit(), path)
+    assert asked == [(MATERIALS, len(UNSEEN))]
+    assert not set(range(MATERIALS)) & set(UNSEEN)
+    assert len(shared.read(path).parts.other["origins"]) == MATERIALS
     with pytest.raises(InputError, match="at least one material"):
         pretrain(Tint(), Fit(), path, materials=0)
+
+
+def test_a_codec_encodes_with_the_network_that_it_ships_unless_there_is_another(tmp_path, monkeypatch):
+    monkeypatch.setattr(Tint, "shipped", make().path.rename(tmp_path / "shipped.nbtf"))
+    shipped, header = shared.read(Tint.shipped), encoded(tmp_path / "file.nbtf")
+    assert header.network == shipped.sha256
+    before = loading.load(header.path)[1]
+    own = make(bright=0.5)
+    assert own.sha256 == encoded(tmp_path / "other.nbtf").network != shipped.sha256
+    assert loading.load(header.path)[1].texture.equal(before.texture)
 
 
 SUITE = Suite("test", "", materials=(MaterialSpec("tiny"),), codecs=(CodecSpec("tinted"),))
@@ -176,23 +188,23 @@ SUITE = Suite("test", "", materials=(MaterialSpec("tiny"),), codecs=(CodecSpec("
 
 @pytest.fixture
 def tiny(monkeypatch):
-    """The material of the suite; 160 others to train on."""
+    """The material of the suite."""
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 4, 4))
-    monkeypatch.setattr("bench.runs.pretraining.load_variation", lambda number: others(tiny_btf(4, 3, 3))[number % 5])
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
 
 
-def job(folder, **suite) -> Record:
-    (outcome,) = run(dataclasses.replace(SUITE, **suite), Options(folder))
+def job(folder) -> Record:
+    (outcome,) = run(SUITE, Options(folder))
     return outcome.record
 
 
 @pytest.mark.usefixtures("tiny")
-def test_a_run_without_the_network_says_how_to_get_it_and_one_that_may_makes_it(tmp_path):
+def test_a_run_without_the_network_says_how_to_get_it_and_takes_the_one_that_is_shipped(tmp_path, monkeypatch):
     missing = job(tmp_path / "run")
     assert missing["status"] == "unavailable"
     assert "neubtf-bench pretrain tinted" in missing["error"]
-    assert job(tmp_path / "run", pretrain=("tinted",))["status"] == "ok"
+    monkeypatch.setattr(Tint, "shipped", make().path.rename(tmp_path / "shipped.nbtf"))
+    assert job(tmp_path / "run")["status"] == "ok"
 
 
 @pytest.mark.usefixtures("tiny")

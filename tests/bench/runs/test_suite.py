@@ -46,12 +46,6 @@ def test_a_codec_may_be_run_on_some_of_the_materials_but_the_command_line_asks_f
     assert len(with_changes(suite, ["satin"], [], {}, None).cells) == 5 * 2
 
 
-def test_the_standard_suite_pretrains_what_it_needs_and_quick_takes_what_is_there():
-    assert load_suite("standard").pretrain == ("rainer2020", "biplane")
-    assert load_suite("quick").pretrain == ()
-    assert "rainer2020" in {spec.codec for spec in load_suite("quick").codecs}
-
-
 @pytest.mark.parametrize("name", builtin_suites())
 def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
     from bench.data.materials import names
@@ -75,13 +69,12 @@ def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
         (('codec = "mean-colour"', "half = true"), "codecs.codec must be a word, not None"),
         (('"satin", ', '"satin", "satin", '), "'satin' appears twice"),
         (("threads = 1", "threads ="), "not TOML"),
-        (("threads = 1", 'pretrain = ["pco"]'), "pretrain names 'pco', which is not a codec of this suite"),
         (
             ('"mean-colour"', '"mean-colour"\nmaterials = ["silk"]'),
             "codecs.materials names 'silk', which is not a material",
         ),
         (('"mean-colour"', '"mean-colour"\nmaterials = [1]'), "codecs.materials must be a word, not 1"),
-        (("threads = 1", "pretrain = [1]"), "pretrain must be a word, not 1"),
+        (("threads = 1", "variants = [1]"), "variants must be a word, not 1"),
     ],
 )
 def test_a_bad_suite_is_explained_by_file_and_key(tmp_path, change, message):
@@ -250,7 +243,7 @@ ATTACKS = [
     ('"mean-colour"', '"vq"\nstages = 1e400', "codecs.stages must be a finite number, not inf"),
     ('"mean-colour"', '"neumip"\nchannels = -1', "setting channels of codec neumip must be a whole number"),
     ("materials = [", "materials = [7, ", "materials must be a table, not 7"),
-    ("threads = 1", "pretrain = " + "'" + "x" * (1 << 20) + "'", "larger than 1 MiB"),
+    ("threads = 1", "variants = " + "'" + "x" * (1 << 20) + "'", "larger than 1 MiB"),
     (
         "components = [2, 4]",
         "\n".join(f"{name} = {list(range(100))}" for name in "abcde"),
