@@ -4,15 +4,17 @@
 which codec to take, one line a question.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
+from statistics import fmean
 
 from bench.compare.budgets import BITS, BYTES, QUIET, Budget, Budgets, apart, budgets, mean_over, shown
 from bench.compare.paired import Interval
 from bench.records import FLIP, PSNR, SSIM, Record, Run, stats_of
 from bench.records.choosing import MUCH, Rung
 from reports.best_cells import best_cells
-from reports.numbers import NONE, fixed, integer, significant
+from reports.numbers import EXACT, NONE, fixed, integer, significant
 from reports.rows import fused_times
 from reports.table import Table
 
@@ -50,9 +52,11 @@ def budgets_table(run: Run) -> Iterator[Table]:
 
 
 def rung_tables(run: Run) -> Iterator[Table]:
-    """For each material, the rungs that were chosen, at which budgets, and what they are worth."""
+    """The rungs that were chosen on each material, at which budgets, and what they are worth; first their means."""
     result = found(run)
-    headers = [("codec", ""), ("rung", ""), ("at bits, × floor" if result.times else "at bits a texel", "")]
+    if result.materials[1:]:
+        yield from _over_materials(run, result)
+    headers = [("codec", ""), ("rung", ""), _at(result)]
     headers += [("total", "bytes"), ("validation", "dB"), ("PSNR pooled", "dB"), ("SSIM", ""), ("FLIP", "")]
     headers += [(kind, "× floor") for kind in result.times]
     for material in result.materials:
@@ -65,6 +69,24 @@ def rung_tables(run: Run) -> Iterator[Table]:
         if rows:
             title = f"{material}: the rung of each budget"
             yield Table("rungs", title, headers, rows, [*notes, *_common(run, result)], words=3, material=material)
+
+
+def _over_materials(run: Run, result: Budgets) -> Iterator[Table]:
+    """Bytes, PSNR, SSIM and FLIP of each codec at each budget, means over the materials."""
+    rows: dict[tuple[str, ...], list[Budget]] = {}  # by all but the budgets that they are of
+    for line in _means(result):
+        for budget, picked in result.picks.items():
+            rungs = list(picked.get(line, {}).values())
+            values = [mean_over(result.materials, picked.get(line, {}), family) for family in (PSNR, SSIM, FLIP)]
+            if values[0] is not None:
+                size = fmean(max(job["bytes"]["total"] for job in rung.of) for rung in rungs)
+                numbers = [_number(value, digits) for value, digits in zip(values, (2, 3, 3), strict=True)]
+                rows.setdefault((line, integer(round(size)), *numbers), []).append(budget)
+    headers = [("codec", ""), _at(result), ("total", "bytes"), ("PSNR pooled", "dB"), ("SSIM", ""), ("FLIP", "")]
+    cells = [[line, _span(at), *numbers] for (line, *numbers), at in rows.items()]
+    if cells:
+        title = f"Means over {len(result.materials)} materials, of the rung of each budget"
+        yield Table("rungs", title, headers, cells, [_CHOICE, *_common(run, result)], words=2)
 
 
 def when_table(run: Run) -> Iterator[Table]:
@@ -129,7 +151,11 @@ def _header(run: Run, result: Budgets, budget: Budget) -> tuple[str, str]:
 
 
 def _cell(value: float | None, told: bool) -> str:
-    return NONE if value is None else f"{fixed(value, 2)}{'*' * told}"
+    return f"{_number(value, 2)}{'*' * told}"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return EXACT if value == math.inf else fixed(value, digits)
 
 
 def _missing(count: int) -> str:
@@ -150,17 +176,22 @@ def _chosen(result: Budgets, material: str) -> Iterator[tuple[str, Rung, list[Bu
 
 
 def _rung_row(result: Budgets, line: str, rung: Rung, at: list[Budget]) -> list[str]:
-    words = [_span([each.most for each in at if each.kind == BYTES])]
-    words += [f"{each.most:g} × {each.kind}" for each in at if each.kind != BYTES]
-    numbers = [integer(max(job["bytes"]["total"] for job in rung.of)), fixed(rung.score, 2)]
-    numbers += [fixed(shown(rung, family), 2 if family == PSNR else 3) for family in (PSNR, SSIM, FLIP)]
+    numbers = [integer(max(job["bytes"]["total"] for job in rung.of)), _number(rung.score, 2)]
+    numbers += [_number(shown(rung, family), 2 if family == PSNR else 3) for family in (PSNR, SSIM, FLIP)]
     times = [result.times[kind].by_job.get(rung.of[0]["job"]) for kind in result.times]
-    return [line, rung.name, ", ".join(filter(None, words)), *numbers, *map(significant, times)]
+    return [line, rung.name, _span(at), *numbers, *map(significant, times)]
 
 
-def _span(bits: list[float]) -> str:
-    """Neighbouring budgets as their ends: 32–128."""
-    return "–".join(f"{each:g}" for each in dict.fromkeys([*bits[:1], *bits[-1:]]))
+def _at(result: Budgets) -> tuple[str, str]:
+    return ("at bits, × floor" if result.times else "at bits a texel"), ""
+
+
+def _span(at: list[Budget]) -> str:
+    """Budgets in words, neighbouring ones of bytes as their ends: 32–128, 8 × eager."""
+    bits = [f"{each.most:g}" for each in at if each.kind == BYTES]
+    ends = "–".join(dict.fromkeys([*bits[:1], *bits[-1:]]))
+    times = [f"{each.most:g} × {each.kind}" for each in at if each.kind != BYTES]
+    return ", ".join(filter(None, [ends, *times]))
 
 
 def _by_budget(run: Run, result: Budgets) -> Iterator[list[str]]:
@@ -200,7 +231,10 @@ def _by_metric(result: Budgets) -> Iterator[list[str]]:
 
 
 def _answer(question: str, ranked: list[tuple[float, str]], unit: str, digits: int, told: str = NONE) -> list[str]:
-    words, numbers = [line for _, line in ranked[:2]], [f"{value:.{digits}f} {unit}".strip() for value, _ in ranked[:2]]
+    words, numbers = (
+        [line for _, line in ranked[:2]],
+        [f"{_number(value, digits)} {unit}".strip() for value, _ in ranked[:2]],
+    )
     gap = [NONE] * (2 - len(words))
     return [question, *words, *gap, *numbers, *gap, told]
 

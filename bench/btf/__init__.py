@@ -247,8 +247,7 @@ class BTF:
     Every read checks that the values are finite; if not, it raises a `NotFiniteError` with their number and place.
 
     `wo` and `wi` are (N, 3) float32, `shape` is (H, W), `len(btf)` is N and `btf[i]` the slice (H, W, 3) float32.
-    `heldout`, where the data declare it, is an (N,) mask of pairs that no codec may train on. `validation`, where it is
-    set, is one of further such pairs, by which settings are chosen.
+    `heldout`, where declared, is an (N,) mask of pairs that no codec may train on; `validation`, of those that choose.
     `periodic` says that the picture wraps around without a seam, as every rendered material does.
     """
 
@@ -356,8 +355,7 @@ class BTF:
         digest.update(self.pairs.astype(np.int64).tobytes())
         digest.update(self.wo.tobytes() + self.wi.tobytes())
         digest.update(json.dumps([self.heldout is not None and self.heldout.tolist(), self.periodic]).encode())
-        if self.validation is not None and self.validation.any():
-            digest.update(self.validation.tobytes())
+        digest.update(self.validation.tobytes() if self.validation is not None and self.validation.any() else b"")
         return digest.hexdigest()
 
     def split(self, seed: int = 0, fraction: float = 0.125) -> Split:
@@ -366,7 +364,6 @@ class BTF:
         A declared split is kept as the one group `heldout`. Otherwise whole views and whole lights are held out
         (`fraction` of each, by seed), so that the training pairs of a product stay a product; the groups are
         `new view`, `new light` and `both new`. A side with fewer than four directions holds out none.
-        `validation` pairs are neither.
         """
         everything = np.arange(len(self))
         chosen_by = np.zeros(len(self), bool) if self.validation is None else self.validation
