@@ -131,13 +131,10 @@ def test_choosing_reads_no_test_field():
 
 
 def test_other_test_scores_change_no_choice(tmp_path):
-    names = [f"a x={i}" for i in range(5)]
-    runs = [
-        run_of(
-            tmp_path / str(sign), *(job(name, 900 * i, 30.0 + i % 3, 30.0 + sign * i) for i, name in enumerate(names))
-        )
-        for sign in (-1, 1)
-    ]
+    def jobs(sign):
+        return [job(f"a x={i}", 900 * i, 30.0 + i % 3, 30.0 + sign * i) for i in range(5)]
+
+    runs = [run_of(tmp_path / str(sign), *jobs(sign)) for sign in (-1, 1)]
     first, second = ({budget: picks(run, budget) for budget in budgets(run, {}).picks} for run in runs)
     assert first == second
 
