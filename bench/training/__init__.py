@@ -2,6 +2,7 @@
 
 from bench.training.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
 from bench.training.fitting import (
+    ROUNDING_SAMPLES,
     Batch,
     DivergedError,
     Loss,
@@ -44,6 +45,7 @@ from bench.training.texture_fit import DirectedObjective, FitSettings, TextureOb
 from bench.training.texture_material import TextureMaterial
 
 __all__ = [
+    "ROUNDING_SAMPLES",
     "COUNTS",
     "HALF_PEAKS",
     "LEAK",
