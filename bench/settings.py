@@ -159,7 +159,9 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     """The converted value, or None where it is out of range; raises where it is of another type."""
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
-        return value if isinstance(value, str | int) and value in get_args(plain) else None
+        if words and value not in get_args(plain):
+            value = int(value)
+        return value if type(value) in (str, int) and value in get_args(plain) else None
     if get_origin(plain) is tuple:
         return _several(what, get_args(plain), value, words)
     if dataclasses.is_dataclass(plain):

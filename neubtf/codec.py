@@ -16,7 +16,7 @@ from torch import Tensor
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
-from bench.training import Samples, gain_of, train
+from bench.training import Samples, gain_of, round_after, train
 from neubtf.autoencoder import FAINT, STRIDE, Autoencoder
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
 from neubtf.renderer import load, store
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 class NeuBTF(Codec):
     """NeuBTF, our recipe: an autoencoder makes the neural texture from a guidance image."""
 
-    name, version = "neubtf", 3
+    name, version = "neubtf", 4
     sizes = ("latents", "width")
     recipes: ClassVar = {"paper": PAPER}
 
@@ -52,7 +52,14 @@ class NeuBTF(Codec):
         staged = Staged(samples, settings, encoder, guidance, generator)
         train(staged, fit, settings.steps)
         stored = store_encoder(encoder, picture)
-        parts = store(staged.renderer, texture_of(stored, settings.latents, fit.device), gain, settings)
+        texture = texture_of(stored, settings.latents, fit.device)
+        batch = samples.draw(settings.batch, fit.generator())
+
+        def answers(texture: Tensor) -> Tensor:
+            return staged.rendered(texture.flatten(0, 1), batch.texel, batch.pair)
+
+        rounding = round_after(texture, settings.bits, answers, batch.target)
+        parts = store(staged.renderer, texture, rounding, gain, settings)
         return dataclasses.replace(parts, encoder=stored if settings.keep_encoder else {})
 
     def decode(self, parts: Parts, device: torch.device) -> Material:

@@ -13,16 +13,18 @@ from torch import Tensor, nn
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
-from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, gain_of, train
+from bench.training import Batch, DirectedObjective, FitSettings, Rounding, Samples, first_latents, gain_of, train
 from neubtf.renderer import RendererSettings, load, store
 
 
 class NeuBTFDirect(Codec):
     """NeuBTF's texture and renderer, fitted without the autoencoder: faster to fit, cannot be re-textured."""
 
-    name, version = "neubtf-direct", 2
+    name, version = "neubtf-direct", 3
     sizes = ("latents", "width")
-    recipes: ClassVar = {"paper": {"directions": "xy", "start": "random", "optimiser": "adam", "steps": 10_000}}
+    recipes: ClassVar = {
+        "paper": {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "steps": 10_000}
+    }
 
     @dataclass(frozen=True)
     class Settings(FitSettings, RendererSettings):
@@ -32,7 +34,7 @@ class NeuBTFDirect(Codec):
         gain = gain_of(btf, fit)
         direct = Direct(Samples(btf, gain, fit), self.settings, fit.generator())
         train(direct, fit, self.settings.steps, self.settings.patience)
-        return store(direct.network, direct.texture.reshape(*btf.shape, -1), gain, self.settings)
+        return store(direct.network, direct.texture.reshape(*btf.shape, -1), direct.rounding, gain, self.settings)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         return load(parts, self.settings).to(device)
@@ -44,6 +46,7 @@ class Direct(DirectedObjective):
     def __init__(self, samples: Samples, settings: NeuBTFDirect.Settings, generator: torch.Generator):
         super().__init__(samples, settings, generator)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
+        self.rounding = Rounding(settings.latents, settings.bits)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        return self.answers(self.texture.index_select(0, batch.texel), batch.pair)
+        return self.answers(self.rounding(self.texture).index_select(0, batch.texel), batch.pair)

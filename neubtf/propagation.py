@@ -16,7 +16,7 @@ from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE
-from bench.training import pack
+from bench.training import store_alike
 from neubtf.autoencoder import HALO, STRIDE, Pooled, surrounded
 from neubtf.codec import NeuBTF
 from neubtf.encoder import Encoder, read_encoder
@@ -49,8 +49,8 @@ class FittedMaterial:
     def guided(self, texture: Tensor) -> tuple[NeuBTF, Parts]:
         """The file of this material with another neural texture (H, W, D), and without the encoder."""
         codec = NeuBTF(**self.header.settings | {"keep_encoder": False, "scene": False})
-        packed = pack("latents", texture, codec.settings.precision)
-        return codec, Parts(decoder=self.parts.decoder, texture=packed, other=self.parts.other)
+        stored = store_alike("latents", texture, self.parts.texture)
+        return codec, Parts(decoder=self.parts.decoder, texture=stored, other=self.parts.other)
 
 
 def propagate(

@@ -15,14 +15,17 @@ from bench.settings import Layers, Positive, Width
 from bench.training import (
     COUNTS,
     Architecture,
+    Bits,
     Decoder,
     Directions,
-    Precision,
+    Rounding,
     TextureMaterial,
     WeightPrecision,
     direction_inputs,
+    load_texture,
     load_vector,
     pack,
+    store_texture,
     to_vector,
     unpack,
 )
@@ -40,7 +43,7 @@ class RendererSettings:
     omega: Positive = 2.0  # frequency of the sine; without the layer norm SIREN's is 30
     norm: bool = True  # layer norm before each activation
     residual: bool = True  # residual connections between layers of equal width
-    precision: Precision = "int8"  # of the stored neural texture
+    bits: Bits = 0  # of a stored latent on average; 0: as few as add little to the error; 16, 32: floats
     weights: WeightPrecision = "half"  # of the stored renderer
 
     @property
@@ -60,11 +63,11 @@ def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor, direction
     return renderer(torch.cat([latents, *direction_inputs(wo, wi, directions)], 1))
 
 
-def store(renderer: Decoder, texture: Tensor, gain: float, settings: RendererSettings) -> Parts:
+def store(renderer: Decoder, texture: Tensor, rounding: Rounding, gain: float, settings: RendererSettings) -> Parts:
     """A NeuBTF file: the weights as one vector, the neural texture (H, W, D), and the gain of its log radiance."""
     return Parts(
         decoder=pack("weights", to_vector(renderer), settings.weights),
-        texture=pack("latents", texture, settings.precision),
+        texture=store_texture("latents", texture, rounding),
         other={"gain": torch.tensor([gain])},
     )
 
@@ -73,7 +76,7 @@ def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
     """The material of the parts that `store` gave."""
     renderer = Decoder(settings.architecture)
     load_vector(unpack("weights", parts.decoder), renderer)
-    texture, gain = unpack("latents", parts.texture), float(parts.other["gain"])
+    texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
     return NeuBTFMaterial(renderer, texture, gain, settings.directions)
 
 

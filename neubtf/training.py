@@ -71,6 +71,7 @@ class StagedSettings(RendererSettings):
 
 # What the paper states of the training; docs/neubtf.md lists what it leaves open.
 PAPER = {
+    "bits": 8,
     "directions": "xy",
     "direct": 0.0,
     "taught": 0.0,

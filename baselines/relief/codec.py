@@ -11,7 +11,6 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from baselines.relief import latents as coding
 from baselines.relief import sweep
 from baselines.relief.fitting import HIGHEST, ReliefObjective
 from baselines.relief.geometry import Surface
@@ -29,6 +28,9 @@ from bench.training import (
     Samples,
     Start,
     WeightPrecision,
+    compress,
+    expand,
+    expand_texture,
     gain_of,
     load_vector,
     pack,
@@ -70,13 +72,13 @@ class Relief(Codec):
         levels = Samples.levels(btf, _levels(btf, fit), gain, fit)
         fitting = ReliefObjective(levels, self._height(btf, gain, fit), self.settings, fit)
         train(fitting, fit, self.settings.steps)
-        codes, low, step = fitting.coded()
-        latents = coding.compress(codes.reshape(*btf.shape, -1), fitting.bits.tolist())
-        texture = {"latents": latents, "low": low, "step": step}
+        rounding = fitting.rounding
+        codes = compress(rounding.codes(fitting.latents), rounding.bits.tolist())
+        texture = {"latents": codes, "low": rounding.low, "step": rounding.step}
         if fitting.height is not None:
             codes, extent, _ = stepped(fitting.height.detach().cpu())
             bits = max(1, int(codes.max()).bit_length())
-            texture |= {"height": coding.compress(codes[..., None], [bits]), "height.range": extent}
+            texture |= {"height": compress(codes[..., None], [bits]), "height.range": extent}
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         return Parts(pack("weights", to_vector(fitting.network), self.settings.weights), texture, other=other)
 
@@ -89,14 +91,13 @@ class Relief(Codec):
         height, width = parts.other["size"].tolist()
         surface = None
         if "height" in parts.texture:
-            codes = coding.expand(parts.texture["height"], (height, width, 1))[..., 0]
+            codes = expand(parts.texture["height"], (height, width, 1))[..., 0]
             # Heights beyond those that are looked for were altered: a search through them must end all the same.
             surface = Surface(restored(codes, parts.texture["height.range"]).nan_to_num(0).clamp(-HIGHEST, HIGHEST))
         network = Network(self.settings, surface is not None)
         load_vector(unpack("weights", parts.decoder), network)
-        shape = (height, width, self.settings.latents)
-        latents = coding.expand(parts.texture["latents"], shape)
-        latents = latents * parts.texture["step"] + parts.texture["low"]
+        texture = parts.texture
+        latents = expand_texture(texture["latents"], texture["low"], texture["step"], (height, width))
         gain = float(parts.other["gain"])
         return ReliefMaterial(network, (height, width), latents.flatten(0, 1), surface, gain).to(device)
 

@@ -6,7 +6,6 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from baselines.relief import latents as coding
 from baselines.relief.geometry import Surface, slope, wrapped
 from baselines.relief.height import smoothed, stepped
 from baselines.relief.material import answer
@@ -15,12 +14,9 @@ from baselines.relief.planes import REACH
 from baselines.relief.pyramid import Pyramid
 from bench.codec import Fit
 from bench.material import sample_texture
-from bench.training import Batch, Objective, Samples, distance, first_latents, groups_of
+from bench.training import Batch, Objective, Rounding, Samples, distance, first_latents, groups_of
 
 COARSE_SHARE = 8  # one sample in so many is of a coarser level
-ROUNDED_FROM = 0.5  # of the steps: from there on the latents are those that the file will hold
-BEARABLE = 0.005  # share of the fit's squared error that rounding may add, where the bits are left to the fit
-PROBED = 4  # bits that a channel is rounded to alone, to see what its rounding adds
 # Of the steps. Before, latents are still apart from where they belong, and would pull the height with them.
 REFINED_FROM = 0.5
 RENEWED = 10  # steps between two surfaces that are marched, while the height is refined
@@ -63,14 +59,7 @@ class ReliefObjective(Objective):
         self.moved = False  # the surface that is marched is not the one that was found
         source = self.samples if height is None else Rectified(self.samples, height)
         self.latents = nn.Parameter(first_latents(source, settings.latents, settings.start, generator))
-        # How the latents are rounded, once they are: lowest value and step of each channel; a step of 0 says not yet.
-        self.register_buffer("low", torch.zeros(settings.latents))
-        self.register_buffer("step", torch.zeros(settings.latents))
-        self.register_buffer("bits", torch.zeros(settings.latents, dtype=torch.long))
-
-    low: Tensor
-    step: Tensor
-    bits: Tensor
+        self.rounding = Rounding(settings.latents, settings.bits)
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
@@ -93,55 +82,15 @@ class ReliefObjective(Objective):
         if height is not None and height.isfinite().all():  # else the fit diverges, which its loop mends
             self.relief = Surface(stepped(height)[2]).to(self.latents.device)
 
-    def table(self, progress: float) -> Tensor:
-        """The pyramid as it is looked up at some progress of the fit."""
-        latents: Tensor = self.latents
-        if progress >= ROUNDED_FROM:
-            if not self.step.any():
-                self.bits.copy_(self._bits())
-                low, step = coding.steps_for(latents, self.bits)
-                self.low.copy_(low)
-                self.step.copy_(step)
-            latents = coding.rounded(latents, self.low, self.step, self.bits)
-        return self.pyramid.table(latents)
-
-    @torch.no_grad()
-    def _bits(self) -> Tensor:
-        """How many bits each channel is rounded to. The error that one adds grows with the square of its rounding."""
-        batch = self.samples.draw(self.settings.batch, self.fit.generator())
-        queries = next(self._queries([(0, batch)]))
-
-        def answers(latents: Tensor) -> Tensor:
-            return answer(self.network, self.pyramid, self.relief, self.pyramid.table(latents), queries)
-
-        changes = [self._rounding(bits) for bits in range(1, coding.MOST_BITS + 1)]
-        exact, felt = answers(self.latents), list[Tensor]()
-        for channel in range(self.settings.latents):
-            moved = self.latents.clone()
-            moved[:, channel] += changes[PROBED - 1][:, channel]
-            felt.append((answers(moved) - exact).square().mean())
-        spread = torch.stack([change.square().mean(0) for change in changes], 1)
-        noise = spread * (torch.stack(felt) / spread[:, PROBED - 1].clamp_min(1e-30))[:, None]
-        bits = self.settings.bits
-        bearable = 0.0 if bits else BEARABLE * float((exact - batch.target).square().mean())
-        return coding.shared_out(noise.cpu(), (bits or coding.MOST_BITS) * len(noise), bearable)
-
-    def _rounding(self, bits: int) -> Tensor:
-        """The change of the latents when each channel is rounded to some bits."""
-        counts = torch.full_like(self.bits, bits)
-        return coding.rounded(self.latents, *coding.steps_for(self.latents, counts), counts) - self.latents
-
-    @torch.no_grad()
-    def coded(self) -> tuple[Tensor, Tensor, Tensor]:
-        """The codes (H · W, D) of the latents, and lowest value and step of each channel."""
-        self.table(1.0)
-        return coding.codes_of(self.latents, self.low, self.step, self.bits), self.low, self.step
+    def table(self) -> Tensor:
+        """The pyramid as it is looked up: from half of the fit on that of the file."""
+        return self.pyramid.table(self.rounding(self.latents))
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         if progress == 1 and self.offset is not None:
             self.renew()
         queries = next(self._queries([(0, batch)]))
-        return answer(self.network, self.pyramid, self.relief, self.table(progress), queries)
+        return answer(self.network, self.pyramid, self.relief, self.table(), queries)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         coarse = self.settings.batch // COARSE_SHARE if len(self.levels) > 1 else 0
@@ -157,7 +106,7 @@ class ReliefObjective(Objective):
         if (height is not None or self.moved) and round(progress * self.settings.steps) % RENEWED == 0:
             self.renew()
             self.moved = height is not None
-        ours = answer(self.network, self.pyramid, self.relief, self.table(progress), (uv, wo, wi, level_of), height)
+        ours = answer(self.network, self.pyramid, self.relief, self.table(), (uv, wo, wi, level_of), height)
         return distance(ours, torch.cat([batch.target for _, batch in batches]), self.settings.loss)
 
     def _queries(self, batches: list[tuple[int, Batch]]) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor]]:

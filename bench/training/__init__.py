@@ -2,6 +2,7 @@
 
 from bench.training.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
 from bench.training.fitting import (
+    ROUNDING_SAMPLES,
     Batch,
     DivergedError,
     Loss,
@@ -28,11 +29,23 @@ from bench.training.quantise import (
     unpack_bits,
 )
 from bench.training.reading import blocks
+from bench.training.stored_texture import (
+    Bits,
+    Rounding,
+    choose_bits,
+    expand_texture,
+    load_texture,
+    round_after,
+    store_alike,
+    store_texture,
+)
 from bench.training.svd import Factors, strongest, truncated_svd
+from bench.training.texture_codes import compress, expand
 from bench.training.texture_fit import DirectedObjective, FitSettings, TextureObjective
 from bench.training.texture_material import TextureMaterial
 
 __all__ = [
+    "ROUNDING_SAMPLES",
     "COUNTS",
     "HALF_PEAKS",
     "LEAK",
@@ -40,6 +53,7 @@ __all__ = [
     "Activation",
     "Architecture",
     "Batch",
+    "Bits",
     "Decoder",
     "DirectedObjective",
     "Directions",
@@ -52,24 +66,33 @@ __all__ = [
     "Objective",
     "Optimiser",
     "Precision",
+    "Rounding",
     "Samples",
     "Start",
     "TextureMaterial",
     "TextureObjective",
     "WeightPrecision",
     "blocks",
+    "choose_bits",
     "components",
+    "compress",
     "direction_inputs",
     "display_psnr",
     "distance",
+    "expand",
+    "expand_texture",
     "first_latents",
     "gain_of",
     "groups_of",
     "half_scale",
+    "load_texture",
     "load_vector",
     "pack",
     "pack_bits",
     "rate",
+    "round_after",
+    "store_alike",
+    "store_texture",
     "strongest",
     "to_vector",
     "train",

@@ -26,6 +26,7 @@ from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
 from bench.training.optimiser import Optimisers
+from bench.training.stored_texture import Rounding, choose_bits
 
 if TYPE_CHECKING:
     from bench.density import Density
@@ -41,6 +42,8 @@ KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
 SHOW_SECONDS = 1.0  # between two moves of the progress bar
 SAVE_SECONDS = 5.0  # least seconds between two states on disk: the loss of a killed fit, beside KEEP_EVERY steps
 RESCUES = 3
+ROUNDED_FROM = 0.5  # of the steps: from there on textures are those that the file will hold
+ROUNDING_SAMPLES = 4_096  # that tell what the rounding of a channel adds
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
 AWAY = 10.0  # root mean square error of log radiance of a diverged fit: a factor of 22,000
 
@@ -216,6 +219,14 @@ class Objective(nn.Module):
         batch = self.samples.draw(self.settings.batch, generator)
         return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
+    @torch.no_grad()
+    def round_textures(self, fit: Fit, progress: float) -> None:
+        """Choose how each texture that goes through a `Rounding` is rounded from now on, where it is not chosen yet."""
+        roundings = [each for each in self.modules() if isinstance(each, Rounding) and each.undecided]
+        if roundings:
+            batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
+            choose_bits(roundings, lambda: self.predict(batch, progress), batch.target)
+
 
 def display_psnr(level: Tensor, target: Tensor) -> float:
     """Display-space PSNR in dB of log radiance against its target."""
@@ -248,6 +259,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     loop.resume()
     while loop.step < steps and not (patience and loop.flat(patience)):
         loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
+    objective.round_textures(fit, loop.step / steps)  # in a fit that ended before
     if loop.step < steps:
         log.info("ended at step %d of %d: the curve is flat", loop.step, steps)
         fit.history[-1]["ended"] = 1.0
@@ -325,6 +337,8 @@ class _Loop:
         """Step up to `end`, then save the state, or go back to the last good one."""
         total = torch.zeros((), device=self.fit.device)
         while self.step < end:
+            if self.step >= ROUNDED_FROM * self.steps:
+                self.objective.round_textures(self.fit, self.step / self.steps)
             shares = (self.objective.rate(self.step, self.steps, i) for i in range(len(self.highest)))
             loss = self.objective.loss(self.generator, self.step / self.steps)
             loss.backward()

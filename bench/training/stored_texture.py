@@ -1,0 +1,200 @@
+"""How the texture of every codec is stored: each channel in as few bits as matter, which the fit knows of.
+
+From half of the fit on a texture is looked up as its file will hold it, and what is fitted beside it makes up for the
+rounding. Which channel takes how many bits is chosen by what its rounding adds to the error of the fit; a texture that
+no fit of steps makes is rounded in the same way once it is there. See docs/decisions/0091.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from bench.errors import InputError
+from bench.training.quantise import pack, unpack
+from bench.training.texture_codes import MOST_BITS, compress, expand
+
+Bits = Literal[0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 32]  # of a stored number, on average; 0: left to the fit, 16, 32: floats
+
+BEARABLE = 0.015  # share of the fit's squared error that rounding may add, where the bits are left to the fit
+PROBED = 4  # bits that a channel is rounded to alone, to see what its rounding adds
+MEASURED = 1 << 16  # texels whose rounding is measured, of larger textures
+RANGES = 29  # shares of a channel's range, from 0.3 to all of it, that are tried: rounding finer, clipping more
+
+
+class Rounding(nn.Module):
+    """How the channels of a texture (…, C) are rounded: not at all, until `choose_bits` has chosen their bits.
+
+    A codec calls it with the whole texture, looks up what comes back, and stores the texture by `store_texture`. The
+    gradient passes as if nothing were rounded. Textures of 16 and 32 bits are stored as floats, and never rounded.
+    """
+
+    low: Tensor  # the lowest value (C,) of each channel
+    step: Tensor  # from one code to the next (C,)
+    bits: Tensor  # (C,), 0: not chosen
+
+    def __init__(self, channels: int, bits: int):
+        super().__init__()
+        self.wanted = bits
+        self.register_buffer("low", torch.zeros(channels))
+        self.register_buffer("step", torch.zeros(channels))
+        self.register_buffer("bits", torch.zeros(channels, dtype=torch.long))
+        self.trial: Callable[[Tensor], Tensor] | None = None  # what is tried while bits are being chosen
+
+    @property
+    def undecided(self) -> bool:
+        """Whether bits are still to be chosen."""
+        return self.wanted <= MOST_BITS and not self.bits.any()
+
+    def forward(self, values: Tensor) -> Tensor:
+        if self.trial is not None:
+            return self.trial(values)
+        return rounded(values, self.low, self.step, self.bits) if self.bits.any() else values
+
+    def codes(self, values: Tensor) -> Tensor:
+        """The codes (…, C), as floats, of values (…, C)."""
+        return codes_of(values.detach(), self.low, self.step, self.bits)
+
+    def set(self, values: Tensor, bits: Tensor) -> None:
+        """Round to bits (C,) from now on, by steps for these values (…, C)."""
+        low, step = steps_for(values, bits.to(self.bits))
+        for ours, chosen in ((self.low, low), (self.step, step), (self.bits, bits)):
+            ours.copy_(chosen)
+
+
+@torch.no_grad()
+def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], target: Tensor) -> None:
+    """Choose the bits of textures by what rounding a channel alone changes of the `answers`, which should be `target`.
+
+    `answers()` looks the textures up through their roundings. The squared error that a channel adds grows with the
+    square of its rounding. All roundings want the same bits; their textures share them.
+    """
+    roundings = [each for each in roundings if each.undecided]
+    if not roundings:
+        return
+    seen: dict[Rounding, Tensor] = {}
+    for each in roundings:
+        each.trial = partial(_noted, seen, each)
+    exact, noise, sizes = answers(), list[Tensor](), list[int]()
+    for each in roundings:
+        each.trial = None
+    for each, values in seen.items():
+        change, felt = _change(values, PROBED), list[Tensor]()
+        for channel in range(values.shape[-1]):
+            alone = torch.zeros_like(values)
+            alone[..., channel] = change[..., channel]
+            each.trial = partial(torch.add, alone)
+            felt.append((answers() - exact).square().mean())
+        each.trial = None
+        flat = values.flatten(0, -2)
+        some = flat[:: -(-len(flat) // MEASURED)]
+        spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(1, MOST_BITS + 1)], 1)
+        noise.append(spread * (torch.stack(felt) / spread[:, PROBED - 1].clamp_min(1e-30))[:, None])
+        sizes += [len(flat)] * len(felt)
+    wanted = roundings[0].wanted
+    bearable = 0.0 if wanted else BEARABLE * float((exact - target).square().mean())
+    bits = shared_out(torch.cat(noise).cpu(), torch.tensor(sizes), (wanted or MOST_BITS) * sum(sizes), bearable)
+    for (each, values), chosen in zip(seen.items(), bits.split([v.shape[-1] for v in seen.values()]), strict=True):
+        each.set(values, chosen)
+
+
+def round_after(texture: Tensor, bits: int, answers: Callable[[Tensor], Tensor], target: Tensor) -> Rounding:
+    """How a texture (…, C) is rounded that is there before its rounding; `answers(texture)` should be `target`."""
+    rounding = Rounding(texture.shape[-1], bits).to(texture.device)
+    choose_bits([rounding], lambda: answers(rounding(texture)), target)
+    return rounding
+
+
+def _noted(seen: dict[Rounding, Tensor], rounding: Rounding, values: Tensor) -> Tensor:
+    seen[rounding] = values.detach()
+    return values
+
+
+def _change(values: Tensor, bits: int) -> Tensor:
+    """The change of values (…, C) when each channel is rounded to some bits."""
+    counts = torch.full((values.shape[-1],), bits, device=values.device)
+    return rounded(values, *steps_for(values, counts), counts) - values
+
+
+def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
+    """Lowest value and step (C,) of values (…, C) that round them to bits (C,) with the least squared error of each."""
+    values = values.detach().flatten(0, -2)
+    low, high = values.amin(0), values.amax(0)
+    middle, half, top = (low + high) / 2, (high - low) / 2, 2**bits - 1
+    best = torch.full_like(middle, torch.inf)
+    chosen = low.clone(), (2 * half / top).clamp_min(1e-12)
+    for share in torch.linspace(0.3, 1, RANGES).tolist():
+        tried = middle - share * half, (2 * share * half / top).clamp_min(1e-12)
+        error = (rounded(values, *tried, bits) - values).square().mean(0)
+        better = error < best
+        best = torch.where(better, error, best)
+        chosen = torch.where(better, tried[0], chosen[0]), torch.where(better, tried[1], chosen[1])
+    return chosen
+
+
+def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float) -> Tensor:
+    """The bits (C,) of each channel, 1 to `MOST_BITS`, of what rounding it to 1, 2 … bits adds to an error (C, 8).
+
+    Each bit goes to the channel that adds most for each of the numbers (C,) it has, until all together add no more than
+    is bearable, or `total` bits of numbers are spent.
+    """
+    bits = torch.ones(len(noise), dtype=torch.long)
+    while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):
+        added = noise.gather(1, bits[:, None] - 1)[:, 0]
+        if added.sum() <= bearable:
+            break
+        bits[torch.where(bits < MOST_BITS, added / sizes, -torch.inf).argmax()] += 1
+    return bits
+
+
+def codes_of(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
+    """Codes, as floats, of values (…, C)."""
+    return ((values - low) / step).round().clamp_min(0).minimum(2.0**bits - 1)
+
+
+def rounded(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
+    """Values (…, C) as they come back from a file; the gradient passes as if they were not rounded."""
+    with torch.no_grad():
+        change = low + step * codes_of(values, low, step, bits) - values
+    return values + change
+
+
+@torch.no_grad()
+def store_texture(name: str, values: Tensor, rounding: Rounding) -> dict[str, Tensor]:
+    """A texture (…, C) as named tensors: codes, their steps, and the size of the texture; or floats."""
+    if rounding.wanted > MOST_BITS:
+        return pack(name, values, "half" if rounding.wanted == 16 else "float32")
+    return {
+        name: compress(rounding.codes(values), rounding.bits.tolist()),
+        f"{name}.low": rounding.low,
+        f"{name}.step": rounding.step,
+        f"{name}.size": torch.tensor(values.shape[:-1], dtype=torch.int32),
+    }
+
+
+def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str, Tensor]:
+    """A texture (…, C) as named tensors, in as many bits a channel as those of another that `store_texture` gave."""
+    if f"{name}.step" not in other:
+        return pack(name, values, "half" if other[name].dtype == torch.float16 else "float32")
+    rounding = Rounding(values.shape[-1], MOST_BITS)
+    rounding.set(values, other[name][1 : 1 + values.shape[-1]])
+    return store_texture(name, values, rounding)
+
+
+def load_texture(name: str, tensors: dict[str, Tensor]) -> Tensor:
+    """The texture (…, C), float32, that `store_texture` stored. `InputError` where the bytes hold no such texture."""
+    if f"{name}.step" not in tensors:
+        return unpack(name, tensors)
+    size = tensors[f"{name}.size"].tolist()
+    return expand_texture(tensors[name], tensors[f"{name}.low"], tensors[f"{name}.step"], size)
+
+
+def expand_texture(data: Tensor, low: Tensor, step: Tensor, size: Sequence[int]) -> Tensor:
+    """The values (*size, C), float32, of compressed codes, and the lowest value and step (C,) of each channel."""
+    if step.ndim != 1 or low.shape != step.shape:  # others would be spread over all codes
+        raise InputError(
+            f"a texture of this file has steps {tuple(step.shape)} from {tuple(low.shape)}: encode it again"
+        )
+    return expand(data, (*size, len(step))) * step + low
