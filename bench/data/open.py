@@ -43,8 +43,7 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     if data.split == "validation":
         btf = without_test(btf)
     elif data.validation:
-        train, rest = btf.split().train, without_test(btf).split()
-        btf.validation = np.isin(np.arange(len(btf)), np.delete(train, rest.train))
+        hold_validation(btf)
     return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
 
 
@@ -70,6 +69,12 @@ def without_test(btf: BTF) -> BTF:
     left = btf.subset(btf.split().train)
     left.heldout = None
     return left
+
+
+def hold_validation(btf: BTF) -> None:
+    """Hold validation pairs out of a measured BTF beside its test pairs: whole views and lights of the rest."""
+    train, rest = btf.split().train, without_test(btf).split()
+    btf.validation = np.isin(np.arange(len(btf)), np.delete(train, rest.train))
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:
