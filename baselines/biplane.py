@@ -24,15 +24,18 @@ from bench.settings import BatchSize, Count, Natural, NotNegative, Positive
 from bench.training import (
     RANDOM_SPREAD,
     Batch,
+    Bits,
     Loss,
-    Precision,
+    Rounding,
     Samples,
     TextureObjective,
     WeightPrecision,
     distance,
     gain_of,
+    load_texture,
     load_vector,
     pack,
+    store_texture,
     to_vector,
     train,
     unpack,
@@ -83,10 +86,10 @@ class Biplane(Codec):
 
     @dataclass(frozen=True)
     class Settings(PlaneSettings):
-        precision: Precision = "int8"  # of the stored planes, matrices and offsets
+        bits: Bits = 0  # of a stored number of planes, matrices and offsets on average; 0: as few as add little to the error; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        network, gain, precision = fit.shared(self.name), gain_of(btf, fit), self.settings.precision
+        network, gain = fit.shared(self.name), gain_of(btf, fit)
         decoder = BiplaneDecoder()
         load_vector(unpack("weights", network.parts.decoder), decoder)
         decoder.requires_grad_(False)
@@ -94,8 +97,8 @@ class Biplane(Codec):
         train(fitting, fit, self.settings.steps)
         texture = torch.cat([fitting.texture, fitting.stored_colours()], 1).reshape(*btf.shape, -1)
         return Parts(
-            decoder=pack("half", fitting.planes()[0], precision),
-            texture=pack("texels", texture, precision),
+            decoder=store_texture("half", fitting.planes()[0], fitting.rounded_planes),
+            texture=store_texture("texels", texture, fitting.rounded_texels),
             other={"gain": torch.tensor([gain])},
             network=network,
         )
@@ -105,7 +108,7 @@ class Biplane(Codec):
             raise ValueError("the file names no shared network")
         decoder = BiplaneDecoder()
         load_vector(unpack("weights", parts.network.parts.decoder), decoder)
-        texture, half = unpack("texels", parts.texture), unpack("half", parts.decoder)
+        texture, half = load_texture("texels", parts.texture), load_texture("half", parts.decoder)
         if texture.shape[2] != FEATURES + COLOURS or half.shape[2] != FEATURES:
             raise ValueError(f"planes of {half.shape[2]} and {texture.shape[2]} channels")
         return BiplaneMaterial(decoder, texture, half, float(parts.other["gain"]), self.settings.difference).to(device)

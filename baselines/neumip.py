@@ -24,11 +24,12 @@ from bench.training import (
     RANDOM_SPREAD,
     Architecture,
     Batch,
+    Bits,
     Decoder,
     Directions,
     Objective,
     Optimiser,
-    Precision,
+    Rounding,
     Samples,
     Start,
     WeightPrecision,
@@ -36,8 +37,10 @@ from bench.training import (
     first_latents,
     gain_of,
     groups_of,
+    load_texture,
     load_vector,
     pack,
+    store_texture,
     to_vector,
     train,
     unpack,
@@ -59,10 +62,10 @@ LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.
 class NeuMIP(Codec):
     """NeuMIP: a pyramid of latents, a parallax offset and a decoder; answers at any footprint."""
 
-    name, version = "neumip", 3
+    name, version = "neumip", 4
     sizes = ("channels",)
     recipes: ClassVar = {
-        "paper": {"directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
+        "paper": {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
     }
 
     @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class NeuMIP(Codec):
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = False  # blur the textures at first, less and less, as the authors do
         loss: Literal["both", "l1", "balanced", "highlights"] = "both"  # log errors; the last two are the authors'
-        precision: Precision = "int8"  # of the stored textures
+        bits: Bits = 0  # of a stored number of the textures on average; 0: as few as add little to the error; 16, 32: floats
         weights: WeightPrecision = "half"  # of the stored networks
 
         def __post_init__(self) -> None:
@@ -98,9 +101,9 @@ class NeuMIP(Codec):
         progress = train(objective, fit, self.settings.steps, self.settings.patience)
         pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=progress))
         assert pyramid is not None
-        texture = pack("pyramid", pyramid, self.settings.precision)
-        if offset is not None:
-            texture |= pack("offset", offset.reshape(*btf.shape, -1), self.settings.precision)
+        texture = store_texture("pyramid", pyramid, objective.rounded_table)
+        if offset is not None and objective.rounded_offset is not None:
+            texture |= store_texture("offset", offset, objective.rounded_offset)
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         if count < level_count(btf.shape):
             other["levels"] = torch.tensor([count], dtype=torch.uint8)
@@ -111,8 +114,8 @@ class NeuMIP(Codec):
         networks = Networks(self.settings)
         load_vector(unpack("weights", parts.decoder), networks)
         height, width = parts.other["size"].tolist()
-        offset = unpack("offset", parts.texture).flatten(0, 1) if self.settings.offset else None
-        table = unpack("pyramid", parts.texture)
+        offset = load_texture("offset", parts.texture) if self.settings.offset else None
+        table = load_texture("pyramid", parts.texture)
         levels = int(parts.other["levels"]) if "levels" in parts.other else None
         if min(height, width) < 1 or not 1 <= (levels or 1) <= level_count((height, width)):
             raise ValueError(f"a pyramid of {levels} levels over {height} × {width} texels")
@@ -247,6 +250,8 @@ class NeuMIPObjective(Objective):
         # What tells texels apart tells their heights apart, too: from zeros the offset is found late or never.
         first = torch.zeros_like(finest) if settings.start == "random" else finest.clone()
         self.offset = nn.Parameter(first) if settings.offset else None
+        self.rounded_table = Rounding(settings.channels, settings.bits)
+        self.rounded_offset = Rounding(settings.channels, settings.bits) if settings.offset else None
 
     def _levels(self, finest: Tensor, generator: torch.Generator) -> Tensor:
         """The first latents of all levels: box averages of the finest ones, or random as they are."""
@@ -275,9 +280,16 @@ class NeuMIPObjective(Objective):
             offset = blur(offset, self.samples.shape, max(sigma, OFFSET_BLUR))
         return table, offset
 
+    def textures(self, progress: float) -> tuple[Tensor, Tensor | None]:
+        """The same, rounded as the file will hold it."""
+        table, offset = self.blurred(progress)
+        if offset is not None and self.rounded_offset is not None:
+            offset = self.rounded_offset(offset)
+        return self.rounded_table(table), offset
+
     def predict(self, batch: Batch, progress: float) -> Tensor:
         queries = self._queries(self.samples, batch, 0)
-        return _log(answer(self.networks, self.pyramid, *self.blurred(progress), queries))
+        return _log(answer(self.networks, self.pyramid, *self.textures(progress), queries))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         coarse = self.settings.batch // COARSE_SHARE if len(self.levels) > 1 else 0
@@ -289,7 +301,7 @@ class NeuMIPObjective(Objective):
             further = self._queries(self.levels[level], batch, level)
             queries = tuple(torch.cat(both) for both in zip(queries, further, strict=True))
             target = torch.cat([target, batch.target])
-        ours = answer(self.networks, self.pyramid, *self.blurred(progress), queries)
+        ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
         squared, log, linear = LOSSES[self.settings.loss]
         loss = squared * functional.mse_loss(_log(ours), target) + log * functional.l1_loss(_log(ours), target)
         return loss + linear * functional.l1_loss(ours, target.expm1()) / LOG_SCALE

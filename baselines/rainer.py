@@ -129,6 +129,11 @@ class Fitted(Objective):
         """Log radiance (n, 3) of latents (n, D) at the texels and pairs of a batch."""
         return radiance(self.decoder, latents, self.statistics[batch.texel].flatten(1), self.where(batch))
 
+    def answers(self, texture: Tensor, batch: Batch) -> Tensor:
+        """Log radiance (n, 3) of a texture (texels, D + 6) of latents and statistics, at the pairs of a batch."""
+        latents, stats = texture.index_select(0, batch.texel).tensor_split([-STATISTICS], dim=1)
+        return radiance(self.decoder, latents, stats, self.where(batch))
+
 
 class Autoencoder(Fitted):
     """Encoder and decoder, fitted on a few texels and a few pairs of each a step."""

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from baselines.rainer import (
+    STATISTICS,
     Activation,
     Autoencoder,
     Directions,
@@ -28,18 +29,23 @@ from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.settings import Natural, Positive, Width
 from bench.training import (
+    ROUNDING_SAMPLES,
     Architecture,
     Batch,
+    Bits,
     Decoder,
-    Precision,
+    Rounding,
     Samples,
     WeightPrecision,
     distance,
     first_latents,
     gain_of,
     groups_of,
+    load_texture,
     load_vector,
     pack,
+    round_after,
+    store_texture,
     to_vector,
     train,
     unpack,
@@ -49,10 +55,10 @@ from bench.training import (
 class Rainer2019(Codec):
     """Rainer 2019: an encoder from ABRDFs to latents and a wide decoder, one pair of networks a material."""
 
-    name, version = "rainer2019", 2
+    name, version = "rainer2019", 3
     sizes = ("latents",)
     recipes: ClassVar = {
-        "paper": {"directions": "stereographic", "start": "encoder", "optimiser": "adam", "steps": 10_000}
+        "paper": {"bits": 8, "directions": "stereographic", "start": "encoder", "optimiser": "adam", "steps": 10_000}
     }
 
     @dataclass(frozen=True)
@@ -65,7 +71,7 @@ class Rainer2019(Codec):
         latents: Width = 8  # channels that the encoder makes
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
         activation: Activation = "leaky-relu"  # of the decoder's hidden layers
-        precision: Precision = "int8"  # of the stored latents, means and deviations
+        bits: Bits = 0  # of a stored latent, mean or deviation on average; 0: as few as add little to the error; 16, 32: floats
         weights: WeightPrecision = "half"  # of the stored decoder
 
         @property
@@ -77,29 +83,38 @@ class Rainer2019(Codec):
         samples = Samples(btf, gain, fit)
         fitting = (Encoded if self.settings.start == "encoder" else Free)(samples, self.settings, fit)
         train(fitting, fit, self.settings.steps, self.settings.patience)
-        texels = torch.arange(fitting.samples.texels, device=fit.device)
-        texture = torch.cat([fitting.encode(texels), fitting.statistics.flatten(1)], 1)
+        texture, rounding = fitting.stored(fit)
         return Parts(
             decoder=pack("weights", to_vector(fitting.decoder), self.settings.weights),
-            texture=pack("latents", texture.reshape(*btf.shape, -1), self.settings.precision),
+            texture=store_texture("latents", texture.reshape(*btf.shape, -1), rounding),
             other={"gain": torch.tensor([gain])},
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         decoder = Decoder(self.settings.architecture)
         load_vector(unpack("weights", parts.decoder), decoder)
-        texture, gain = unpack("latents", parts.texture), float(parts.other["gain"])
+        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
         return RainerMaterial(decoder, texture, gain, self.settings.directions).to(device)
 
 
 class Encoded(Autoencoder):
     """Encoder and decoder of one material, as published."""
 
+    settings: Rainer2019.Settings
+
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
         generator = fit.generator()
         encoder = Encoder(samples.pairs, settings.latents, generator)
         super().__init__(samples, encoder, Decoder(settings.architecture, generator), settings, fit)
         self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
+
+    def stored(self, fit: Fit) -> tuple[Tensor, Rounding]:
+        """The texture (texels, D + 6) that the encoder made in the end, and its rounding."""
+        texels = torch.arange(self.samples.texels, device=fit.device)
+        texture = torch.cat([self.encode(texels), self.statistics.flatten(1)], 1)
+        batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
+        bits = self.settings.bits
+        return texture, round_after(texture, bits, lambda values: self.answers(values, batch), batch.target)
 
 
 class Free(Fitted):
@@ -112,17 +127,23 @@ class Free(Fitted):
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, "components", generator))
         self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
+        self.rounding = Rounding(settings.latents + STATISTICS, settings.bits)
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
         decoder = groups_of([self.decoder], settings.rate, settings.optimiser, settings.hidden_rate)
         return [*decoder, {"params": [self.texture], "lr": settings.latent_rate}]
 
-    def encode(self, texel: Tensor) -> Tensor:
-        return self.texture.detach()[texel]
+    def whole(self) -> Tensor:
+        """The texture (texels, D + 6) of latents and statistics."""
+        return torch.cat([self.texture, self.statistics.flatten(1)], 1)
+
+    def stored(self, fit: Fit) -> tuple[Tensor, Rounding]:
+        """That texture, and its rounding, which the fit knew."""
+        return self.whole(), self.rounding
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        return self.decode(self.texture.index_select(0, batch.texel), batch)
+        return self.answers(self.rounding(self.whole()), batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         batch = self.samples.draw(self.settings.texels * self.settings.pairs, generator)

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from baselines.rainer import (
     BLOCK,
+    STATISTICS,
     Activation,
     Autoencoder,
     Encoder,
@@ -34,15 +35,19 @@ from bench.hemisphere import thin, ubo2003
 from bench.material import Material
 from bench.settings import Count, Natural, Width
 from bench.training import (
+    ROUNDING_SAMPLES,
     Batch,
+    Bits,
     Decoder,
     Optimiser,
-    Precision,
     Samples,
     WeightPrecision,
     gain_of,
+    load_texture,
     load_vector,
     pack,
+    round_after,
+    store_texture,
     to_vector,
     train,
     unpack,
@@ -88,7 +93,7 @@ class Rainer2020(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        precision: Precision = "int8"  # of the stored latents, means and deviations
+        bits: Bits = 0  # of a stored latent, mean or deviation on average; 0: as few as add little to the error; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         network, gain = fit.shared(self.name), gain_of(btf, fit)
@@ -96,9 +101,17 @@ class Rainer2020(Codec):
         coder = Coder(network, samples).to(fit.device)
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
         rows = [coder(samples.abrdfs(block)) for block in fit.progress(blocks, "encoding")]
-        texture = torch.cat(rows).reshape(*btf.shape, -1)
+        texture = torch.cat(rows)
+        batch = samples.draw(ROUNDING_SAMPLES, fit.generator())
+        where = coordinates(samples.wo, samples.wi)[batch.pair]
+
+        def answers(texture: Tensor) -> Tensor:
+            latents, stats = texture.index_select(0, batch.texel).tensor_split([-STATISTICS], dim=1)
+            return radiance(coder.decoder, latents, stats, where)
+
+        rounding = round_after(texture, self.settings.bits, answers, batch.target)
         return Parts(
-            texture=pack("latents", texture, self.settings.precision),
+            texture=store_texture("latents", texture.reshape(*btf.shape, -1), rounding),
             other={"gain": torch.tensor([gain])},
             network=network,
         )
@@ -107,7 +120,7 @@ class Rainer2020(Codec):
         if parts.network is None:
             raise ValueError("the file names no shared network")
         decoder = decoder_of(parts.network)
-        return RainerMaterial(decoder, unpack("latents", parts.texture), float(parts.other["gain"])).to(device)
+        return RainerMaterial(decoder, load_texture("latents", parts.texture), float(parts.other["gain"])).to(device)
 
 
 def canonical_pairs() -> Layout:

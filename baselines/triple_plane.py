@@ -20,10 +20,11 @@ from bench.training import (
     RANDOM_SPREAD,
     Architecture,
     Batch,
+    Bits,
     Decoder,
     Loss,
     Optimiser,
-    Precision,
+    Rounding,
     Samples,
     Start,
     TextureObjective,
@@ -31,24 +32,25 @@ from bench.training import (
     first_latents,
     gain_of,
     groups_of,
+    load_texture,
     load_vector,
     pack,
+    store_texture,
     to_vector,
     train,
     unpack,
 )
 
 WIDTHS = (32, 32, 32)
-PLANES = ("half", "difference")  # of directions
 
 
 class TriplePlane(Codec):
     """Triple plane: planes of features over texels, half and difference vectors, and a small network."""
 
-    name, version = "triple-plane", 1
+    name, version = "triple-plane", 2
     sizes = ("channels", "resolution")
     recipes: ClassVar = {
-        "paper": {"difference": "rusinkiewicz", "blur": 0.0, "start": "random", "optimiser": "adam", "steps": 10_000}
+        "paper": {"bits": 8, "difference": "rusinkiewicz", "blur": 0.0, "start": "random", "optimiser": "adam", "steps": 10_000}
     }
 
     @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class TriplePlane(Codec):
         rate: Positive = 1e-2  # highest learning rate of the network
         plane_rate: Positive = 1e-2  # highest learning rate of the planes
         loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
-        precision: Precision = "int8"  # of the stored planes
+        bits: Bits = 0  # of a stored number of the planes on average; 0: as few as add little to the error; 16, 32: floats
         weights: WeightPrecision = "half"  # of the stored network
 
         @property
@@ -75,20 +77,19 @@ class TriplePlane(Codec):
             return Architecture(3 * self.channels, WIDTHS)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain, precision = gain_of(btf, fit), self.settings.precision
+        gain = gain_of(btf, fit)
         fitting = TriplePlaneObjective(Samples(btf, gain, fit), self.settings, fit.generator())
         train(fitting, fit, self.settings.steps, self.settings.patience)
         decoder = pack("weights", to_vector(fitting.network), self.settings.weights)
-        for name, plane in zip(PLANES, fitting.planes(), strict=True):
-            decoder |= pack(name, plane, precision)
-        texture = pack("latents", fitting.texture.reshape(*btf.shape, -1), precision)
+        decoder |= store_texture("planes", fitting.planes(), fitting.rounded_planes)
+        texture = store_texture("latents", fitting.texture.reshape(*btf.shape, -1), fitting.rounded_texture)
         return Parts(decoder=decoder, texture=texture, other={"gain": torch.tensor([gain])})
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         network = Decoder(self.settings.architecture)
         load_vector(unpack("weights", parts.decoder), network)
-        planes = [unpack(name, parts.decoder) for name in PLANES]
-        texture, gain = unpack("latents", parts.texture), float(parts.other["gain"])
+        planes = list(load_texture("planes", parts.decoder))
+        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
         return TriplePlaneMaterial(network, texture, planes, gain, self.settings.difference).to(device)
 
 
@@ -107,6 +108,7 @@ class TriplePlaneObjective(TextureObjective):
             place = torch.stack([at.expand(side, side), -at[:, None].expand(side, side)], 2)
             first[..., : min(2, channels)] = place[..., :channels]
         self.free = nn.Parameter(first)
+        self.rounded_texture, self.rounded_planes = (Rounding(channels, settings.bits) for _ in range(2))
         self.kernel: Tensor
         self.register_buffer("kernel", blurring(side, settings.blur), persistent=False)
         uv = [places(w, side).cpu() for w in half_and_difference(samples.wo, samples.wi, settings.difference)]
@@ -128,9 +130,10 @@ class TriplePlaneObjective(TextureObjective):
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         texel, weight = self.texel[batch.pair], self.weight[batch.pair]
-        rows = self.planes().flatten(0, 2).index_select(0, texel.flatten()).unflatten(0, texel.shape)
+        texture = self.rounded_texture(self.texture)
+        rows = self.rounded_planes(self.planes()).flatten(0, 2).index_select(0, texel.flatten()).unflatten(0, texel.shape)
         features = (rows * weight[..., None]).sum(2).flatten(1)
-        level: Tensor = self.network(torch.cat([self.texture.index_select(0, batch.texel), features], 1))
+        level: Tensor = self.network(torch.cat([texture.index_select(0, batch.texel), features], 1))
         return level
 
 

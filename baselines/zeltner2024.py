@@ -20,17 +20,20 @@ from bench.training import (
     Activation,
     Architecture,
     Batch,
+    Bits,
     Decoder,
     FitSettings,
     Frames,
-    Precision,
+    Rounding,
     Samples,
     TextureObjective,
     WeightPrecision,
     first_latents,
     gain_of,
+    load_texture,
     load_vector,
     pack,
+    store_texture,
     to_vector,
     train,
     unpack,
@@ -40,10 +43,10 @@ from bench.training import (
 class Zeltner2024(Codec):
     """Zeltner 2024: eight latents, directions turned into two learned shading frames, a small network."""
 
-    name, version = "zeltner2024", 1
+    name, version = "zeltner2024", 2
     sizes = ("latents", "width")
     recipes: ClassVar = {
-        "paper": {"halfway": False, "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}
+        "paper": {"bits": 8, "halfway": False, "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}
     }
 
     @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Zeltner2024(Codec):
         layers: Count = 2  # hidden layers of the network
         width: Count = 32  # channels of each hidden layer
         activation: Activation = "leaky-relu"  # of the hidden layers
-        precision: Precision = "int8"  # of the stored texture
+        bits: Bits = 0  # of a stored latent on average; 0: as few as add little to the error; 16, 32: floats
         weights: WeightPrecision = "half"  # of the stored network
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
@@ -64,14 +67,15 @@ class Zeltner2024(Codec):
         train(fitting, fit, self.settings.steps, self.settings.patience)
         return Parts(
             decoder=pack("weights", to_vector(fitting.network), self.settings.weights),
-            texture=pack("latents", fitting.texture.reshape(*btf.shape, -1), self.settings.precision),
+            texture=store_texture("latents", fitting.texture.reshape(*btf.shape, -1), fitting.rounding),
             other={"gain": torch.tensor([gain])},
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         network = FramedNetwork(self.settings)
         load_vector(unpack("weights", parts.decoder), network)
-        return Zeltner2024Material(network, unpack("latents", parts.texture), float(parts.other["gain"])).to(device)
+        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
+        return Zeltner2024Material(network, texture, gain).to(device)
 
 
 class FramedNetwork(nn.Module):
@@ -101,9 +105,10 @@ class Zeltner2024Objective(TextureObjective):
         self.network = FramedNetwork(settings, generator)
         self.network.decoder.start_at(samples.mean(generator))
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
+        self.rounding = Rounding(settings.latents, settings.bits)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        latents = self.texture.index_select(0, batch.texel)
+        latents = self.rounding(self.texture).index_select(0, batch.texel)
         level: Tensor = self.network(latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
         return level
 

@@ -22,7 +22,9 @@ class NeuBTFDirect(Codec):
 
     name, version = "neubtf-direct", 3
     sizes = ("latents", "width")
-    recipes: ClassVar = {"paper": {"directions": "xy", "start": "random", "optimiser": "adam", "steps": 10_000}}
+    recipes: ClassVar = {
+        "paper": {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "steps": 10_000}
+    }
 
     @dataclass(frozen=True)
     class Settings(FitSettings, RendererSettings):

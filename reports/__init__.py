@@ -14,7 +14,14 @@ if TYPE_CHECKING:
 
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
+_NO_VALIDATION = (
+    "no job of this run has a score of validation pairs to choose by: measure it with `validation = true` under "
+    "[data], as `neubtf-bench run ladders` does"
+)
 WHY_EMPTY = {
+    "budgets": _NO_VALIDATION,
+    "when": _NO_VALIDATION,
+    "rungs": _NO_VALIDATION,
     "summary": "fewer than two codecs have numbers that can be compared: `neubtf-bench table main` says why",
     "main": _NO_NUMBERS,
     "slices": _NO_NUMBERS,
@@ -22,7 +29,6 @@ WHY_EMPTY = {
     "radiance": _NO_NUMBERS,
     "footprints": _NO_NUMBERS,
     "scene": "the run was not judged by a scene: give `run` the --demand of one",
-    "rate": "no two codecs were measured at three rates or more: sweep a setting of each, as `latents = [4, 8, 14]`",
     "fits": "no fit left a curve: codecs that are fitted in steps leave one",
     "trade": "no trade was measured: `neubtf-bench trade` does, into the folder of its run",
     "paper": "none of the materials of the paper's table is in this run: `neubtf-bench run paper` asks for them",
@@ -31,6 +37,7 @@ WHY_EMPTY = {
     "unfinished": "every job has a result",
 }
 KINDS = tuple(WHY_EMPTY)
+BY_BUDGET = ("budgets", "when", "rungs")  # of the records that have a score of validation pairs
 
 
 @dataclass(frozen=True)
@@ -45,12 +52,14 @@ def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", ki
     """The tables of a run, or of several together, as `text`, `markdown`, `latex` or `csv`.
 
     `kind` picks one kind of table, of `KINDS`; by default all are given, the text of them in a shorter form.
-    A CSV has one row a job and every number of its record, whatever the kind, but of `trade`: one row a choice.
+    A CSV has one row a job and every number of its record, whatever the kind, but of `trade`: one row a choice, and of
+    budgets: the cells of the tables.
     Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
     """
     from bench.records import load_together
+    from bench.records.choosing import has_validation
     from reports import text, trade
-    from reports.csv_tables import results_csv
+    from reports.csv_tables import results_csv, table_csv
     from reports.latex import latex
     from reports.tables import all_tables
     from reports.terminal import terminal
@@ -58,7 +67,10 @@ def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", ki
     writers: dict[str, Callable[..., str]] = {"markdown": text.markdown, "latex": latex, "text": text.plain}
     if format not in (*writers, "csv") or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
-    run = load_together([runs] if isinstance(runs, str | Path) else runs)
+    wanted = {"wanted": has_validation} if kind in BY_BUDGET else {}
+    run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted)
+    if format == "csv" and kind in BY_BUDGET:
+        return table_csv(all_tables(run, kind=kind))
     if format == "csv":
         return trade.choices_csv(run.folder) if kind == "trade" else results_csv(run)
     if format == "text" and kind is None:

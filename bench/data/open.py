@@ -4,6 +4,8 @@ import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bench.btf import BTF
 from bench.codec import Progress, silent
 from bench.data.repair import repaired
@@ -28,6 +30,7 @@ def open_material(
     of a measured material are those its data declare, or else whole views and lights (`BTF.split`); with
     `split="validation"` the test pairs are left out, and `BTF.split` holds out whole views and lights of the rest.
     `path_tracer` gives what `data.renderer = "mitsuba"` bakes folders of maps by.
+    With `validation` both are there: those whole views and lights of the rest are `BTF.validation`.
     `MissingDataError` says where to get measured data that are not there.
     """
     traced = data.renderer == "mitsuba"
@@ -56,9 +59,10 @@ def open_material(
     from bench.data.readers import open_btf
 
     btf = thinned(open_btf(path), data.pairs)
-    if data.split == "validation":  # without the test pairs; the pairs held out of the rest are validation pairs
-        btf = btf.subset(btf.split().train)
-        btf.heldout = None
+    if data.split == "validation":
+        btf = without_test(btf)
+    elif data.validation:
+        hold_validation(btf)
     return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
 
 
@@ -77,6 +81,19 @@ def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
     path = spec.existing() if spec.path else None
     rendered = not spec.path or (path is not None and looks_like_maps(path))
     return repetition if rendered and data.split == "test" else 0
+
+
+def without_test(btf: BTF) -> BTF:
+    """The BTF without its test pairs; the pairs held out of the rest are validation pairs."""
+    left = btf.subset(btf.split().train)
+    left.heldout = None
+    return left
+
+
+def hold_validation(btf: BTF) -> None:
+    """Hold validation pairs out of a measured BTF beside its test pairs: whole views and lights of the rest."""
+    train, rest = btf.split().train, without_test(btf).split()
+    btf.validation = np.isin(np.arange(len(btf)), np.delete(train, rest.train))
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:

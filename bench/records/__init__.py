@@ -24,6 +24,7 @@ from bench.records.meaning import (
     PSNR,
     RMSE,
     SSIM,
+    VALIDATION,
     by_row,
     flattened,
     gate,

@@ -14,14 +14,14 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, overload
 
 from bench.errors import InputError, writable
 from bench.records import fields
-from bench.records.schema import ARTEFACT, Record
+from bench.records.schema import Record
 
 FILE = "records.jsonl"
 TRADE = "trade.json"  # beside the records: the measurements of `neubtf-bench trade`; see `bench.runs.trade`
@@ -152,27 +152,26 @@ def load_run(folder: str | Path) -> Run:
     return run
 
 
-def load_together(sources: Sequence[str | Path]) -> Run:
+def load_together(sources: Sequence[str | Path], wanted: Callable[[Record], bool] = lambda job: True) -> Run:
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
     Of a job that two of them measured, the later one counts. `InputError` where it was measured on other data there.
+    Jobs with a result that are not `wanted` are kept aside: they stand in nobody's place.
     """
     runs = [load_run(path) for source in sources for path in _files_of(Path(source))]
     if len(runs) == 1:
         return runs[0]
     together = Run(runs[-1].folder)
-    for run in runs:
+    for number, run in enumerate(runs):
         together.starts.extend(run.starts)
+        aside = {job["job"] for job in run.jobs if job["status"] == "ok" and not wanted(job)}
         for job in run.jobs:
-            known = together.job(job["job"]) or {}
-            mine, theirs = (each.get("score_key", {}).get("btf") for each in (job, known))
-            if mine and theirs and mine != theirs:
-                told = "was measured on other data than in the runs before: give fewer runs"
-                raise InputError(f"{run.folder}: {job['job']} {told}")
-            names = [name for name in fields.field_names(ARTEFACT) if isinstance(job.get(name), str)]
-            paths = {name: str(run.folder.absolute() / job[name]) for name in names}
-            together.jobs.put(job["job"], job | paths)
-        for timing in run.timings:
+            if job["job"] in aside:
+                together.jobs.put((number, job["job"]), job)
+                continue
+            _refuse_other_data(together.job(job["job"]), job, run.folder)
+            together.jobs.put(job["job"], _with_absolute_paths(job, run.folder))
+        for timing in (each for each in run.timings if each["job"] not in aside):
             together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)
     return together

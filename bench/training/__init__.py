@@ -2,6 +2,7 @@
 
 from bench.training.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
 from bench.training.fitting import (
+    ROUNDING_SAMPLES,
     Batch,
     DivergedError,
     Loss,
@@ -48,6 +49,7 @@ __all__ = [
     "HALF_PEAKS",
     "LEAK",
     "RANDOM_SPREAD",
+    "ROUNDING_SAMPLES",
     "Activation",
     "Architecture",
     "Batch",

@@ -58,3 +58,46 @@ def test_what_the_data_declare_held_out_are_test_pairs(tmp_path):
 
 def test_a_name_too_long_for_a_file_is_no_path():
     assert MaterialSpec("a", "x" * 4000).existing() is None
+
+
+def pairs_of(btf, pairs):
+    return np.concatenate([btf.wo[pairs], btf.wi[pairs]], 1)
+
+
+def test_validation_pairs_of_measured_data_stand_beside_the_test_pairs_and_no_fit_sees_them(tmp_path):
+    convert.write_btf(tiny_btf(4, 9, 9), tmp_path / "a.npz")
+    spec = MaterialSpec("a", str(tmp_path / "a.npz"))
+    plain, both, choosing = (
+        open_material(spec, Preparation(**more), silent) for more in ({}, {"validation": True}, {"split": "validation"})
+    )
+    split, other = both.split(), choosing.split()
+    assert split.heldout.keys() == plain.split().heldout.keys()
+    for name, pairs in split.heldout.items():
+        np.testing.assert_array_equal(pairs, plain.split().heldout[name])
+    np.testing.assert_array_equal(pairs_of(both, split.train), pairs_of(choosing, other.train))
+    chosen_by = np.sort(np.concatenate([*other.heldout.values()]))
+    np.testing.assert_array_equal(pairs_of(both, split.validation), pairs_of(choosing, chosen_by))
+    everything = np.concatenate([split.train, split.validation, *split.heldout.values()])
+    np.testing.assert_array_equal(np.sort(everything), np.arange(len(both)))
+    assert both.fingerprint != plain.fingerprint
+
+
+def test_validation_pairs_of_rendered_materials_change_neither_training_nor_test_pairs(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    small = {"size": 8, "views": 4, "lights": 4, "heldout": 3}
+    plain, both, choosing = (
+        open_material(MaterialSpec("satin"), Preparation(**small, **more), silent)
+        for more in ({}, {"validation": True}, {"split": "validation"})
+    )
+    split = both.split()
+    assert both.subset(split.train).fingerprint == plain.subset(plain.split().train).fingerprint  # one fit serves both
+    for theirs, ours in ((plain, split.heldout["heldout"]), (choosing, split.validation)):
+        heldout = theirs.split().heldout["heldout"]
+        np.testing.assert_array_equal(pairs_of(both, ours), pairs_of(theirs, heldout))
+        np.testing.assert_array_equal(both[int(ours[0])], theirs[int(heldout[0])])
+
+
+@pytest.mark.parametrize("wrong", [{"split": "validation"}, {"heldout": 0}])
+def test_validation_beside_nothing_is_refused(wrong):
+    with pytest.raises(InputError, match="validation = true scores further pairs"):
+        Preparation(validation=True, **wrong)

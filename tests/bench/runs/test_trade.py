@@ -11,10 +11,12 @@ import torch
 from bench import cli, timing
 from bench.cli.commands import choose as choose_command
 from bench.conformance.check import tiny_btf
+from bench.data.open import hold_validation
 from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
 from bench.material import DecoderCost
 from bench.records import append, load_run, load_trade
+from bench.records.choosing import scores
 from bench.runs import choose, trade
 from bench.runs.runner import Options, Outcome, run
 from bench.runs.suite import CodecSpec, Suite
@@ -25,6 +27,7 @@ from reports import table_text, write_report
 SUITE = Suite(
     "test",
     "",
+    data=Preparation(validation=True),
     materials=(MaterialSpec("tiny"),),
     codecs=(
         CodecSpec("mean-colour"),
@@ -33,6 +36,12 @@ SUITE = Suite(
     ),
     variants=("eager bfloat16", "fused float32", "fused bfloat16", "compiled tf32"),  # the last two are of GPUs
 )
+
+
+def opened(*_):
+    btf = tiny_btf(12, 6, 6)
+    hold_validation(btf)
+    return btf
 
 
 def without_drjit():
@@ -44,7 +53,7 @@ def measured(tmp_path_factory):
     """A run of the suite, and what was measured of it."""
     folder = tmp_path_factory.mktemp("trade")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
+        patch.setattr("bench.runs.workbench.open_material", opened)
         patch.setattr("bench.timing.execution.drjit", without_drjit)
         patch.setattr(timing, "SAMPLES", 3)
         patch.setattr("bench.timing.clock.SPAN_NS", 10_000)
@@ -80,6 +89,10 @@ def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_fil
     assert half["psnr"] != plain["psnr"]
     assert half["psnr"] == pytest.approx(plain["psnr"], abs=0.3)
     assert plain["worst"] < plain["psnr"]
+    of_record = record["scores"]["validation"]["metrics"]["psnr_display"]
+    assert plain["validation"]["pooled"] == of_record["pooled"]
+    assert half["validation"]["slices"] == of_record["slices"]
+    assert half["validation"]["pooled"] == pytest.approx(of_record["pooled"], abs=0.3)
 
 
 def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
@@ -154,6 +167,7 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
         {"label": "poor", "psnr": 39.4, "ns_per_sample": 1.0, "bytes": 1},
     ]
     rows = [row | {"material": "m", "execution": "eager", "precision": "float32"} for row in rows]
+    rows = [row | {"validation": {"pooled": row["psnr"], "mean": row["psnr"], "slices": 9}} for row in rows]
     best, fastest, smallest = choose.answers("m", rows)
     assert "the best is big: 40.00 dB, 1,000 bytes, 100 ns" in best
     assert "the fastest is fast" in fastest
@@ -342,7 +356,7 @@ def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_p
         trade.write(options.folder, trade.merged(one, result | {"choices": rows, "profiles": []}))
 
     monkeypatch.setattr("bench.runs.trade.run_and_measure", measure)
-    best = max(choose.usable(result["choices"], "tiny"), key=choose.psnr)["psnr"]
+    best = max(scores(choose.usable(result["choices"], "tiny")))
     assert choosing(monkeypatch, tmp_path, min_psnr=1.0) == 0  # what is there meets it
     assert measured_materials == []
     assert choosing(monkeypatch, tmp_path, min_psnr=best - 0.01) == 0
@@ -354,6 +368,6 @@ def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_p
 
 
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
-    small = replace(SUITE, data=Preparation(size=12, repair=True))
+    small = replace(SUITE, data=Preparation(size=12, repair=True, validation=True))
     assert choosing(monkeypatch, measured[0], small, min_psnr=1.0) == 0
     assert " --set data.size=12 --set data.repair=true -o tiny.nbtf" in capsys.readouterr().out

@@ -1,6 +1,6 @@
 import pytest
 import torch
-from baselines.relief.latents import MOST_BITS, codes_of, compress, expand, rounded, shared_out, steps_for
+
 
 from bench.errors import InputError
 

@@ -1,0 +1,102 @@
+"""The tables of budgets, on records made by hand."""
+
+import pytest
+
+from bench.records import load_run
+from reports import table_text
+from reports.budgets import TABLES
+
+SIZE = 8 * 8 // 8  # bytes of one bit a texel
+
+
+@pytest.fixture
+def ladder(made):
+    """Two codecs with rungs on two materials, and one of them as published."""
+
+    def job(label, material, size, validation, psnr):
+        known = made._group(psnr)
+        scores = {"heldout": known, "train": known}
+        if validation:
+            scores["validation"] = made._group(validation)
+        recipe = {"recipe": "paper"} if "recipe=paper" in label else {}
+        settings = {"label": label} | recipe
+        made.job(label, material, psnr=psnr, bytes={"total": size * SIZE}, scores=scores, settings=settings)
+
+    for material, more in (("satin", 0.0), ("brick", 1.0)):
+        job("pca components=2", material, 16, 25.0, 24.0 + more)
+        job("pca components=4", material, 33, 26.0, 25.0 + more)
+        job("relief bits=2", material, 30, 28.0, 29.0 + more)
+        job("relief", material, 300, 30.0, 31.0 + 2 * more)
+        job("relief recipe=paper", material, 60, 27.0, 26.0 + more)
+    job("vq", "satin", 20, None, 40.0)
+    return made.folder
+
+
+GOLDEN = """\
+Budgets over 2 materials (satin, brick): test PSNR, dB
+
+codec                 16 bits  32 bits  64 bits  128 bits  256 bits  512 bits
+                      0.13 kB  0.26 kB  0.51 kB    1.0 kB    2.0 kB    4.1 kB
+--------------------  -------  -------  -------  --------  --------  --------
+relief                      —    29.50    29.50     29.50     29.50     32.00
+relief, as published        —        —   26.50*    26.50*    26.50*     26.50
+pca                     24.50   24.50*   25.50*    25.50*    25.50*     25.50
+"""
+
+
+def test_the_headline_is_a_row_a_codec_and_a_column_a_budget(ladder):
+    text = table_text(ladder, kind="budgets")
+    assert text[: len(GOLDEN)] == GOLDEN
+    assert "Without a score of validation pairs, so nothing is chosen among them: 1 of made." in text
+    assert "No budgets of time" in text
+
+
+def test_the_rungs_are_named_by_material(ladder):
+    means, satin, _ = TABLES["rungs"](load_run(ladder))
+    assert means.rows[0] == ["pca", "16–32", "128", "24.50", "0.750", "0.750"]
+    assert satin.material == "satin"
+    assert satin.rows == [
+        ["pca", "components=2", "16–32", "128", "25.00", "24.00", "0.750", "0.750"],
+        ["pca", "components=4", "64–512", "264", "26.00", "25.00", "0.750", "0.750"],
+        ["relief", "bits=2", "32–256", "240", "28.00", "29.00", "0.750", "0.750"],
+        ["relief", "default", "512", "2,400", "30.00", "31.00", "0.750", "0.750"],
+        ["relief, as published", "default", "64–512", "480", "27.00", "26.00", "0.750", "0.750"],
+    ]
+
+
+def test_which_codec_when_is_a_question_a_row(ladder):
+    (when,) = TABLES["when"](load_run(ladder))
+    assert when.rows[0] == ["best quality in 16 bits a texel", "pca", "—", "24.50 dB", "—", "—"]
+    assert when.rows[1][:5] == ["best quality in 32 bits a texel", "relief", "pca", "29.50 dB", "24.50 dB"]
+    assert [row[0] for row in when.rows if row[0].startswith("fewest")] == [
+        "fewest bytes within 0.5 dB of the best: 512 bits a texel"
+    ]
+    best_here = next(row for row in when.rows if row[0] == "best on brick in 64 bits a texel")
+    assert best_here[1:5] == ["relief", "relief, as published", "30.00 dB", "27.00 dB"]
+
+
+@pytest.mark.parametrize("kind", TABLES)
+@pytest.mark.parametrize("format", ["markdown", "latex", "csv"])
+def test_every_format_has_them(ladder, kind, format):
+    assert "relief" in table_text(ladder, format, kind)
+
+
+def test_times_of_a_quiet_machine_are_columns_and_the_title_names_it(ladder, run_maker):
+    maker = run_maker(ladder)
+    for material in ("satin", "brick"):
+        maker.timing("pca components=2", material, ratio_to_floor=3.5, floors=2)
+        maker.timing("relief", material, ratio_to_floor=12.0, floors=2)
+    text = table_text(ladder, kind="budgets")
+    assert "eager times of 1, a processor, 2 cores" in text.splitlines()[0]
+    (table,) = TABLES["budgets"](load_run(ladder))
+    assert [name for name, unit in table.headers if unit == "eager"] == [f"{most} × floor" for most in (4, 8, 16, 32)]
+    assert next(row for row in table.rows if row[0] == "relief")[7:] == ["—", "—", "32.00", "32.00"]
+
+
+def test_a_run_without_validation_has_none(made):
+    made.job()
+    assert table_text(made.folder, kind="budgets") == ""
+
+
+def test_budgets_open_the_report(ladder):
+    assert table_text(ladder).startswith("Budgets over 2 materials")
