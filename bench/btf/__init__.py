@@ -270,6 +270,11 @@ class BTF:
         if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
             raise ValueError(f"wo and wi must be ({len(self.pairs)}, 3), not {self.wo.shape}, {self.wi.shape}")
 
+    def __repr__(self) -> str:
+        height, width = self.shape
+        held = "" if self.heldout is None else f", {int(self.heldout.sum()):,} of them held out"
+        return f"<BTF {self.name}: {height} × {width} texels, {len(self):,} pairs{held}>"
+
     @property
     def shape(self) -> tuple[int, int]:
         return self.source.shape
