@@ -142,7 +142,9 @@ def load_run(folder: str | Path) -> Run:
     """
     path = Path(folder) if str(folder).endswith(".jsonl") else Path(folder) / FILE
     if not path.is_file():
-        raise InputError(f"{folder}: no run here (no {FILE}): give the folder that `neubtf-bench run` wrote")
+        absent = "no such file" if path == Path(folder) else "no such folder"
+        what = f"no run here (no {FILE})" if Path(folder).exists() else absent
+        raise InputError(f"{folder}: {what}: give the folder that `neubtf-bench run` wrote, or a file of its records")
     run = Run(path.parent)
     try:
         with open(path, "rb") as file:

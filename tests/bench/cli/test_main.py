@@ -157,7 +157,7 @@ def test_info_of_a_btf_says_what_it_is(folder, capsys):
         (["info", "/no/such/file"], "/no/such/file"),
         (["check", "pca", "--set", "components=few"], "must be a whole number"),
         (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "its folder is not there"),
-        (["table", "/no/such/run"], "no run here"),
+        (["table", "/no/such/run"], "no such folder"),
         (["table", "rate"], "there is no run under runs/"),
         (["table", "rate", "main"], "one kind of table"),
     ],

@@ -59,7 +59,7 @@ def test_nothing_measured_is_an_empty_frame(tmp_path):
     append(tmp_path, {"kind": "run", "run": "1"})
     assert bench.load_runs(tmp_path).empty
     assert cli.main(["history", str(tmp_path)]) == 4
-    with pytest.raises(InputError, match="no run here"):
+    with pytest.raises(InputError, match="none: no such folder"):
         bench.load_runs([tmp_path, tmp_path / "none"])
 
 
