@@ -42,24 +42,30 @@ class Report:
 
 
 def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", kind: str | None = None) -> str:
-    """The tables of a run, or of several together, as `text`, `markdown`, `latex` or `csv`.
+    """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
     `kind` picks one kind of table, of `KINDS`; by default all are given, the text of them in a shorter form.
-    A CSV has one row a job and every number of its record, whatever the kind, but of `trade`: one row a choice.
+    `csv` has the cells of the tables. `raw`, a CSV too, has one row a job and every number of its record, whatever the
+    kind, but of `trade`: one row a choice.
     Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
     """
     from bench.records import load_together
     from reports import text, trade
-    from reports.csv_tables import results_csv
+    from reports.csv_tables import results_csv, table_csv
     from reports.latex import latex
     from reports.tables import all_tables
     from reports.terminal import terminal
 
-    writers: dict[str, Callable[..., str]] = {"markdown": text.markdown, "latex": latex, "text": text.plain}
-    if format not in (*writers, "csv") or kind not in (None, *KINDS):
+    writers: dict[str, Callable[..., str]] = {
+        "markdown": text.markdown,
+        "latex": latex,
+        "text": text.plain,
+        "csv": table_csv,
+    }
+    if format not in (*writers, "raw") or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     run = load_together([runs] if isinstance(runs, str | Path) else runs)
-    if format == "csv":
+    if format == "raw":
         return trade.choices_csv(run.folder) if kind == "trade" else results_csv(run)
     if format == "text" and kind is None:
         return terminal(run)
@@ -74,7 +80,8 @@ def parameters_text(jobs: Sequence["Record"], format: str = "text") -> str:
     from reports.latex import latex
     from reports.parameters import parameters_table
 
-    writers = {"markdown": text.markdown, "latex": latex, "text": text.plain, "csv": table_csv}
+    writers = {"markdown": text.markdown, "latex": latex, "text": text.plain}
+    writers |= {"csv": table_csv, "raw": table_csv}
     table = parameters_table(jobs)
     return writers[format]([table] if table else [])
 

@@ -27,7 +27,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help=f"one kind of table ({', '.join(KINDS)}; default: "
         "all) and folders of runs or files of records (default: the newest run under runs/)",
     )
-    parser.add_argument("--format", default="text", choices=["text", "markdown", "latex", "csv"])
+    parser.add_argument(
+        "--format",
+        default="text",
+        choices=["text", "markdown", "latex", "csv", "raw"],
+        help="raw: a CSV of every number of every job (default: text)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
