@@ -139,6 +139,19 @@ def test_what_is_no_name_or_path_is_told_where_arrays_go_and_not_printed():
     )
 
 
+def test_a_setting_that_a_material_has_not_is_told_with_the_one_it_has(folder, capsys):
+    with pytest.raises(InputError, match=r"data\.size: btf is measured, which has no such setting: give data\.texels"):
+        bench.open(folder, size=8)
+    with pytest.raises(InputError, match=r"data\.texels: satin is rendered, .*: give data\.size"):
+        bench.open("satin", texels=8)
+    words = ["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out", "run"]
+    assert cli.main([*words, "--set", "data.size=8"]) == 2
+    assert "--set data.size: btf is measured" in capsys.readouterr().err
+    assert cli.main([*words, "--material", "satin", "--set", "data.size=8"]) == 0, "satin has a size"
+    said = "--set data.size=8: btf is measured, which has no such setting: give data.texels"
+    assert said in capsys.readouterr().out
+
+
 def test_a_material_and_a_folder_of_slices_score_as_the_file_they_come_from(folder, capsys):
     btf = bench.open(folder)
     bench.encode(btf, "pca", "a.nbtf", components=3)

@@ -11,8 +11,8 @@ examples:
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from bench.cli.commands import assignments, threads, usable_device
 from bench.errors import FINE, InputError, writable
@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.codecs.container import read_header
     from bench.data.open import open_named
     from bench.runs.library import score
-    from bench.runs.suite import CodecSpec
+    from bench.runs.suite import CodecSpec, changed_settings
     from reports import score_text
 
     changes = assignments(options.set)
@@ -51,25 +51,13 @@ def run(options: argparse.Namespace) -> int:
             device=usable_device(options.device),
             show=console.show,
         )
-    label = CodecSpec(scores["codec"], _changed(scores["codec"], scores["settings"])).label
+    spec = CodecSpec(scores["codec"], scores["settings"])
+    label = replace(spec, settings=changed_settings(spec)).label if spec.settings else spec.label
     job = {"kind": "job", "job": str(options.file), "material": btf.name, "label": label, "status": "ok", "run": ""}
     print(score_text(job | scores))
     if options.json:
         _write(options.json, scores)
     return FINE
-
-
-def _changed(codec: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings of a file that are not its codec's defaults."""
-    from bench.codec import RECIPE, settings_dict
-    from bench.codecs.registry import load_codec
-
-    if not settings:
-        return {}
-    made = load_codec(codec)
-    recipe = {RECIPE: settings[RECIPE]} if settings.get(RECIPE) != getattr(made().settings, RECIPE, None) else {}
-    defaults = settings_dict(made(**recipe))
-    return recipe | {key: value for key, value in settings.items() if defaults.get(key, False) != value}
 
 
 def _write(path: Path, scores: dict[str, object]) -> None:
