@@ -253,6 +253,16 @@ def test_every_example_of_every_help_text_is_a_command_that_parses(capsys):
     assert tried > 40
 
 
+def test_without_a_command_all_are_listed_in_groups(capsys):
+    assert cli.main([]) == 2
+    out = capsys.readouterr().out
+    for group, names in commands.GROUPS.items():
+        block = out.partition(f"\n{group}:\n")[2].partition(":\n")[0]
+        assert all(re.search(rf"^  {name} +\w", block, re.M) for name in names), group
+    assert {name for names in commands.GROUPS.values() for name in names} <= set(commands.modules())
+    assert all(re.search(rf"^  {name} +\w", out, re.M) for name in commands.modules())
+
+
 def test_help_shows_the_examples_as_they_stand(capsys):
     with pytest.raises(SystemExit):
         cli.main(["run", "--help"])
