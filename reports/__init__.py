@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bench.records import Record, Run
+    from reports.choice import Choice
 
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
@@ -41,10 +42,16 @@ class Report:
     files: list[Path]
 
 
-def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", kind: str | None = None) -> str:
+def table_text(
+    runs: str | Path | Sequence[str | Path],
+    format: str = "text",
+    kind: str | None = None,
+    choice: "Choice | None" = None,
+) -> str:
     """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
     `kind` picks one kind of table, of `KINDS`; by default all are given, the text of them in a shorter form.
+    A `choice` shows some codecs and columns, and calls them otherwise; the text is then of whole tables, too.
     `csv` has the cells of the tables. `raw`, a CSV too, has one row a job and every number of its record, whatever the
     kind, but of `trade`: one row a choice.
     Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
@@ -65,15 +72,18 @@ def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", ki
     if format not in (*writers, "raw") or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     run = load_together([runs] if isinstance(runs, str | Path) else runs)
+    if choice:
+        run = choice.of_run(run)
     if format == "raw":
         return trade.choices_csv(run.folder) if kind == "trade" else results_csv(run)
-    if format == "text" and kind is None:
+    if format == "text" and kind is None and not choice:
         return terminal(run)
-    tables = all_tables(run, narrow=format == "latex", kind=kind)
-    return writers[format]([table for table in tables if kind in (None, table.kind)])
+    tables = all_tables(run, narrow=format == "latex" and not (choice and choice.columns), kind=kind)
+    shown = [table for table in tables if kind in (None, table.kind)]
+    return writers[format](choice.of_tables(shown) if choice else shown)
 
 
-def parameters_text(jobs: Sequence["Record"], format: str = "text") -> str:
+def parameters_text(jobs: Sequence["Record"], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
     from reports import text
     from reports.csv_tables import table_csv
@@ -83,7 +93,8 @@ def parameters_text(jobs: Sequence["Record"], format: str = "text") -> str:
     writers = {"markdown": text.markdown, "latex": latex, "text": text.plain}
     writers |= {"csv": table_csv, "raw": table_csv}
     table = parameters_table(jobs)
-    return writers[format]([table] if table else [])
+    tables = [table] if table else []
+    return writers[format](choice.of_tables(tables) if choice else tables)
 
 
 def score_text(record: "Record") -> str:
