@@ -115,14 +115,16 @@ def stress_text(records: Sequence["Record"], format: str = "text") -> str:
     return (text.markdown if format == "markdown" else text.plain)(tables(records))
 
 
-def write_report(run_folder: str | Path) -> Report:
+def write_report(run_folder: str | Path, vector: bool = False) -> Report:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file whole or not at all.
+
+    `vector`: every figure as SVG and PDF, too.
 
     The same records give the same files. Raises `InputError` where the folder holds no run.
     """
     from reports.write import write
 
-    return write(Path(run_folder))
+    return write(Path(run_folder), vector)
 
 
 def write_history(runs: Sequence["Run"], folder: Path) -> list[Path]:

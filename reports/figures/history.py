@@ -6,7 +6,7 @@ from pathlib import Path
 from statistics import fmean
 
 from bench.records import PSNR, Record, Records, Run, shown_label, stats_of
-from reports.figures.canvas import Figure, legend, log_ticks, new, png, style, svg
+from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
 from reports.styles import Styles
 
 Measured = tuple[Record, Record | None]  # a job and its timing
@@ -41,7 +41,7 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
                     axes.set_title(title, loc="left")
                     legend(axes, handles, _names(codecs))
             axes.set_xticks(range(len(order)), _ticks(order, starts), rotation=30, ha="right")
-            yield Figure(material, "history", title, png(drawing), svg(drawing))
+            yield Figure(material, "history", title, png(drawing), drawing)
 
 
 def _together(runs: Sequence[Run]) -> Run:

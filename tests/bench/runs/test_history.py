@@ -120,7 +120,7 @@ def test_the_package_offers_it_without_importing_it():
 
 def test_plots_show_quality_bytes_and_time_over_the_revisions(runs, tmp_path, capsys):
     assert cli.main(["history", *map(str, runs), "--plot", str(tmp_path / "plots")]) == 0
-    names = ["history-satin.png", "history-satin.svg", "history.html"]
+    names = ["history-satin.png", "history-satin.svg", "history-satin.pdf", "history.html"]
     assert capsys.readouterr().out.splitlines() == [f"wrote {tmp_path / 'plots' / name}" for name in names]
     first = {name: (tmp_path / "plots" / name).read_bytes() for name in names}
     assert first["history-satin.png"].startswith(b"\x89PNG")
