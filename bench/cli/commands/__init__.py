@@ -17,7 +17,7 @@ from bench.settings import Threads, converted
 GROUP = "neubtf_bench.commands"
 GROUPS = {  # how the list of commands is divided; those of other packages follow
     "measure": ("run", "score", "trade", "choose", "demand"),
-    "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export"),
+    "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export", "new"),
     "data": ("info", "bake", "convert", "cache"),
     "look": ("view", "render", "table", "report", "history"),
     "judge": ("check", "stress", "compare", "reference"),
