@@ -1,6 +1,7 @@
 """The walk-through of docs/adding-a-codec.md, taken from the page itself and installed as a package of its own."""
 
 import importlib
+import inspect
 import os
 import re
 import subprocess
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bench import cli
+from bench import cli, training
 from bench.runs.suite import load_suite
 from tests.bench.outside import install
 
@@ -101,3 +102,14 @@ def test_new_files_of_ci_are_a_suite_and_a_workflow(tmp_path, capsys):
     assert "tracking.toml: is there already" in capsys.readouterr().err
     assert cli.main(["new", "codec", "pca"]) == 2
     assert cli.main(["new", "codec", "My Codec"]) == 2
+
+
+def test_the_page_has_the_signature_of_every_function_of_training():
+    functions = {name: each for name in training.__all__ if inspect.isfunction(each := getattr(training, name))}
+    listed = dict(re.findall(r"^- `(\w+)(\(.*?\))`: ", PAGE.read_text(encoding="utf-8"), re.M))
+    bare = {"annotation": inspect.Parameter.empty}
+    for name, function in functions.items():
+        signature = inspect.signature(function)
+        parameters = [each.replace(**bare) for each in signature.parameters.values()]
+        assert listed.get(name) == str(inspect.Signature(parameters)), name
+    assert len(functions) > 15
