@@ -15,7 +15,14 @@ if TYPE_CHECKING:
 
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
+_NO_VALIDATION = (
+    "no job of this run has a score of validation pairs to choose by: measure it with `validation = true` under "
+    "[data], as `neubtf-bench run ladders` does"
+)
 WHY_EMPTY = {
+    "budgets": _NO_VALIDATION,
+    "when": _NO_VALIDATION,
+    "rungs": _NO_VALIDATION,
     "summary": "fewer than two codecs have numbers that can be compared: `neubtf-bench table main` says why",
     "main": _NO_NUMBERS,
     "slices": _NO_NUMBERS,
@@ -23,7 +30,6 @@ WHY_EMPTY = {
     "radiance": _NO_NUMBERS,
     "footprints": _NO_NUMBERS,
     "scene": "the run was not judged by a scene: give `run` the --demand of one",
-    "rate": "no two codecs were measured at three rates or more: sweep a setting of each, as `latents = [4, 8, 14]`",
     "fits": "no fit left a curve: codecs that are fitted in steps leave one",
     "trade": "no trade was measured: `neubtf-bench trade` does, into the folder of its run",
     "paper": "none of the materials of the paper's table is in this run: `neubtf-bench run paper` asks for them",
@@ -32,6 +38,7 @@ WHY_EMPTY = {
     "unfinished": "every job has a result",
 }
 KINDS = tuple(WHY_EMPTY)
+BY_BUDGET = ("budgets", "when", "rungs")  # of the records that have a score of validation pairs
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,7 @@ def table_text(
     Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
     """
     from bench.records import load_together
+    from bench.records.choosing import has_validation
     from reports import text, trade
     from reports.csv_tables import results_csv, table_csv
     from reports.latex import latex
@@ -71,7 +79,8 @@ def table_text(
     }
     if format not in (*writers, "raw") or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
-    run = load_together([runs] if isinstance(runs, str | Path) else runs)
+    wanted = {"wanted": has_validation} if kind in BY_BUDGET else {}
+    run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted)
     if choice:
         run = choice.of_run(run)
     if format == "raw":

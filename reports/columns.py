@@ -107,7 +107,6 @@ _BITS = Column(
 )
 _TRAIN = _pooled("PSNR train", "dB ↑", PSNR, "train")
 HELDOUT = _pooled("PSNR pooled", "dB ↑", PSNR)
-RATES = (_TOTAL, _BITS, HELDOUT)
 PER_SLICE = _spread("PSNR per slice", "dB ↑", PSNR)
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")

@@ -26,7 +26,8 @@ from reports.table import Table
 from reports.viewer.page import as_json, fragment, hash_source
 
 INTERACTIVE = {"rate", "speed", "fits", "footprints"}  # figures that the page draws itself
-OPEN = {"summary", "main", "unfinished"}  # kinds of tables that are not folded away
+FIRST = ("budgets", "when", "summary")  # kinds of tables that open the page
+OPEN = {*FIRST, "main", "unfinished"}  # kinds of tables that are not folded away
 GAPS = {
     "speed": "No speed and accuracy: no codec was timed here, or not under the conditions of the others.",
     "fits": "No quality over seconds: no fit left a curve; codecs that are fitted in steps leave one.",
@@ -95,7 +96,7 @@ class _Page:
         yield self._contents()
         yield _CODECS
         yield '<h2 id="summary">Summary</h2>'
-        summary = [table for table in self.tables if table.kind == "summary"]
+        summary = [table for kind in FIRST for table in self.tables if table.kind == kind]
         yield from (self._table(table) for table in summary)
         if not summary:
             yield note("No summary: fewer than two codecs of this run have numbers.")
@@ -103,7 +104,7 @@ class _Page:
         yield from (details(figure.title, _image(figure)) for figure in self.figures if not figure.material)
         for number, material in enumerate(self.materials):
             yield from self._material(number, material)
-        rest = [table for table in self.tables if not table.material and table.kind != "summary"]
+        rest = [table for table in self.tables if not table.material and table.kind not in FIRST]
         if rest:
             yield '<h2 id="more">More</h2>'
             yield from (self._table(table) for table in rest)
@@ -112,7 +113,7 @@ class _Page:
 
     def _contents(self) -> str:
         links = [("summary", "Summary"), *((f"m{i}", each.name) for i, each in enumerate(self.materials))]
-        links += [("more", "More")] if any(not t.material and t.kind != "summary" for t in self.tables) else []
+        links += [("more", "More")] if any(not t.material and t.kind not in FIRST for t in self.tables) else []
         links += [("records", "Records and provenance")]
         items = "".join(f'<li><a href="#{escape(to)}">{escape(name)}</a></li>' for to, name in links)
         return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'

@@ -191,7 +191,7 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
     timings = {job["job"]: run.timing(job) for job in scored}
     latest: Record = max((t for t in timings.values() if t), key=lambda timing: str(timing["run"]), default={})
     seeds = {job.get("seed") for job in jobs}
-    fused = _fused(run)
+    fused = fused_times(run)
     for job in jobs:
         label = shown_label(job)
         name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
@@ -203,7 +203,7 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
 
 
 @lru_cache(maxsize=1)
-def _fused(run: Run) -> dict[str, Record]:
+def fused_times(run: Run) -> dict[str, Record]:
     """The time of each job as one fused kernel in float32, as `neubtf-bench trade` measured it."""
     choices = (load_trade(run.folder) or {"choices": []})["choices"]
     fused = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))

@@ -1,9 +1,9 @@
 """Builds the tables of a run as cells of text: columns, rows and footnotes. Other modules format them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import chain
 
 from bench.records import Record, Run
+from bench.records.choosing import has_validation
 from reports import KINDS, columns
 from reports.best_cells import best_cells
 from reports.columns import Column
@@ -13,7 +13,6 @@ from reports.notes import common_notes, cost_notes, main_notes, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.paper import paper_table
 from reports.parameters import parameters_table
-from reports.rates import compared, rate_tables
 from reports.rows import CodecRows, MaterialRows, materials
 from reports.stress import stress_tables
 from reports.summary import summary_table
@@ -35,6 +34,15 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[
 def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table | None:
     """Cost, quality and time of each codec; None where nothing was measured."""
     return _table("main", material, "", chosen or columns.main(material), main_notes(material))
+
+
+def budget_tables(run: Run, kind: str) -> list[Table]:
+    """The tables of `reports.budgets` of a kind; none where no job was scored at validation pairs."""
+    if not any(map(has_validation, run.jobs)):
+        return []
+    from reports import budgets  # loads NumPy, which most tables do without
+
+    return list(budgets.TABLES[kind](run))
 
 
 def scene_table(material: MaterialRows) -> Table | None:
@@ -142,8 +150,10 @@ _QUALITY = _each("main", "quality", columns.quality, quality_notes)
 _COST = _each("main", "size and time", lambda _: (*columns.SIZE, *columns.time()), cost_notes)
 _RELATIVE = "(…): relative to the mean radiance of the same pairs, because dark slices flatter an absolute error."
 _BOXES = "Answers over a square of so many texels a side, against box-filtered truth."
-_POINTS = _each("rate", "rates", lambda material: columns.RATES if compared(material) else ())
 _OF_KIND: dict[str, Maker] = {
+    "budgets": lambda run, _: budget_tables(run, "budgets"),
+    "when": lambda run, _: budget_tables(run, "when"),
+    "rungs": lambda run, _: budget_tables(run, "rungs"),
     "summary": lambda run, _: [summary_table(run)],
     "main": _each("main", "", columns.main, main_notes),
     "slices": _each("slices", "as papers report it, mean ± std over slices", columns.papers, quality_notes),
@@ -151,7 +161,6 @@ _OF_KIND: dict[str, Maker] = {
     "radiance": _each("radiance", "error of radiance by direction", _of_first(columns.radiance_bands), note=_RELATIVE),
     "footprints": _each("footprints", "display PSNR by footprint", _of_first(columns.footprints), note=_BOXES),
     "scene": lambda _, rows: map(scene_table, rows),
-    "rate": lambda run, rows: chain(_POINTS(run, rows), *map(rate_tables, rows)),
     "fits": lambda run, _: fit_tables(run),
     "trade": lambda run, _: trade_tables(run.folder),
     "paper": lambda run, _: [paper_table(run)],

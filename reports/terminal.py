@@ -1,27 +1,25 @@
 """A run for a terminal of 120 columns: the main tables in short, where the error lies, what failed."""
 
 from dataclasses import replace
-from itertools import chain
 
 from bench.records import Run
 from reports import columns
 from reports.notes import run_notes
-from reports.rates import rate_tables
 from reports.rows import MaterialRows, materials
 from reports.stress import summary
 from reports.summary import summary_table
 from reports.table import Table
-from reports.tables import main_table, scene_table, unfinished_table
+from reports.tables import budget_tables, main_table, scene_table, unfinished_table
 from reports.text import plain, wrapped
 
 
 def terminal(run: Run) -> str:
     """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
     run_materials = materials(run)
-    tables = [summary_table(run, intervals=False)] if len(run_materials) > 1 else []
+    tables: list[Table | None] = [*budget_tables(run, "budgets")]
+    tables += [summary_table(run, intervals=False)] if len(run_materials) > 1 else []
     for material in run_materials:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
-    tables += chain.from_iterable(map(rate_tables, run_materials))
     shown = [table for table in (*tables, unfinished_table(run)) if table]
     main = [table.notes for table in shown if table.kind == "main"]
     shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []

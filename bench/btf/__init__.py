@@ -234,10 +234,11 @@ class Layout:
 
 @dataclass(frozen=True)
 class Split:
-    """Disjoint pair indices: what a codec may train on, and the held-out groups by name."""
+    """Disjoint pair indices: what a codec may train on, the held-out groups by name, and those that choose settings."""
 
     train: Array
     heldout: dict[str, Array] = field(default_factory=dict)
+    validation: Array = field(default_factory=lambda: np.empty(0, int))
 
 
 class BTF:
@@ -246,7 +247,7 @@ class BTF:
     Every read checks that the values are finite; if not, it raises a `NotFiniteError` with their number and place.
 
     `wo` and `wi` are (N, 3) float32, `shape` is (H, W), `len(btf)` is N and `btf[i]` the slice (H, W, 3) float32.
-    `heldout`, where the data declare it, is an (N,) mask of pairs that no codec may train on.
+    `heldout`, where declared, is an (N,) mask of pairs that no codec may train on; `validation`, of those that choose.
     `periodic` says that the picture wraps around without a seam, as every rendered material does.
     """
 
@@ -266,6 +267,7 @@ class BTF:
         self.wo, self.wi = np.asarray(wo, np.float32), np.asarray(wi, np.float32)
         self.pairs = np.arange(source.count) if pairs is None else pairs
         self.heldout = None if heldout is None else np.asarray(heldout, bool)
+        self.validation: Array | None = None
         self.provenance = dict(provenance or {})
         if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
             raise ValueError(f"wo and wi must be ({len(self.pairs)}, 3), not {self.wo.shape}, {self.wi.shape}")
@@ -303,7 +305,7 @@ class BTF:
     def _with(self, pairs: Array, source: Source, **changes: Any) -> "BTF":
         provenance = self.provenance | changes
         heldout = None if self.heldout is None else self.heldout[pairs]
-        return BTF(
+        btf = BTF(
             self.name,
             self.wo[pairs],
             self.wi[pairs],
@@ -313,6 +315,8 @@ class BTF:
             provenance=provenance,
             pairs=self.pairs[pairs],
         )
+        btf.validation = None if self.validation is None else self.validation[pairs]
+        return btf
 
     def subset(self, pairs: ArrayLike) -> "BTF":
         """The same BTF at some of its pairs, given by index."""
@@ -356,6 +360,7 @@ class BTF:
         digest.update(self.pairs.astype(np.int64).tobytes())
         digest.update(self.wo.tobytes() + self.wi.tobytes())
         digest.update(json.dumps([self.heldout is not None and self.heldout.tolist(), self.periodic]).encode())
+        digest.update(self.validation.tobytes() if self.validation is not None and self.validation.any() else b"")
         return digest.hexdigest()
 
     def split(self, seed: int = 0, fraction: float = 0.125) -> Split:
@@ -366,8 +371,10 @@ class BTF:
         `new view`, `new light` and `both new`. A side with fewer than four directions holds out none.
         """
         everything = np.arange(len(self))
+        chosen_by = np.zeros(len(self), bool) if self.validation is None else self.validation
         if self.heldout is not None:
-            return Split(everything[~self.heldout], {"heldout": everything[self.heldout]})
+            train = everything[~self.heldout & ~chosen_by]
+            return Split(train, {"heldout": everything[self.heldout]}, everything[chosen_by])
         rng = np.random.default_rng(seed)
         new_view = _held(rng, len(self.layout.views), fraction)[self.layout.view]
         new_light = _held(rng, len(self.layout.lights), fraction)[self.layout.light]
@@ -376,7 +383,8 @@ class BTF:
             "new light": everything[~new_view & new_light],
             "both new": everything[new_view & new_light],
         }
-        return Split(everything[~new_view & ~new_light], {k: v for k, v in groups.items() if len(v)})
+        train = everything[~new_view & ~new_light & ~chosen_by]
+        return Split(train, {k: v for k, v in groups.items() if len(v)}, everything[chosen_by])
 
 
 def _held(rng: np.random.Generator, count: int, fraction: float) -> Array:

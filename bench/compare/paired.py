@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -68,16 +69,22 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
     Codecs are left out where there is nothing to compare, or where slices cannot be read. Those of `first` are read
     once.
     """
-    jobs = {(job["material"], job["seed"], shown_label(job)): job for job in run.jobs if job["status"] == "ok"}
-    ours = {(material, seed): job for (material, seed, label), job in jobs.items() if label == first}
-    read = cache(lambda key: decibels(run.folder, ours[key]))
+    jobs: dict[str, dict[tuple[str, int], Record]] = {first: {}, **{label: {} for label in others}}
+    for job in run.jobs:
+        if job["status"] == "ok" and (label := shown_label(job)) in jobs:
+            jobs[label][job["material"], job["seed"]] = job
+    return against_jobs(run.folder, first, jobs)
+
+
+def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Record]]) -> Against:
+    """The same of any jobs, which are given by name, then by material and seed."""
+    ours = jobs[first]
+    read = cache(lambda key: decibels(folder, ours[key]))
     differences = Against(first, {}, {})
-    for label in others:
-        both = [(key, job, jobs[*key, label]) for key, job in ours.items() if (*key, label) in jobs]
+    for label in (name for name in jobs if name != first):
+        both = [(key, job, jobs[label][key]) for key, job in ours.items() if key in jobs[label]]
         try:
-            every = [
-                _cell(job, read(key), decibels(run.folder, other)) for key, job, other in both if _same(job, other)
-            ]
+            every = [_cell(job, read(key), decibels(folder, other)) for key, job, other in both if _same(job, other)]
         except InputError:
             continue
         cells = [cell for cell in every if cell]

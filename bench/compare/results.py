@@ -10,7 +10,7 @@ from pathlib import Path
 from bench.compare.reference import rounded
 from bench.compare.slices import decibels, packed
 from bench.errors import InputError
-from bench.records import PSNR, RESULTS, Record, Run, gate, kept
+from bench.records import PSNR, RESULTS, VALIDATION, Record, Run, gate, kept
 
 _LONGEST_ERROR = 500  # characters of an error
 
@@ -41,7 +41,7 @@ def _job(job: Record, folder: Path) -> Record:
     line["scores"] = {
         name: group
         for name, group in job["scores"].items()
-        if name in (decides, "train", "scene") or name.startswith(f"{decides}, ")
+        if name in (decides, "train", VALIDATION, "scene") or name.startswith(f"{decides}, ")
     }
     if (slices := decibels(folder, job)) is not None:
         line["slices"] = {PSNR: packed(slices)}

@@ -47,7 +47,7 @@ class Joined(Source):
 
     def only(self, pairs: Array) -> Source:
         first = self.parts[0]
-        return first if len(pairs) and int(pairs.max()) < first.count else self
+        return first.only(pairs) if len(pairs) and int(pairs.max()) < first.count else self
 
     def fingerprint(self) -> str:
         return hashlib.sha256(" and ".join(part.fingerprint() for part in self.parts).encode()).hexdigest()
@@ -64,3 +64,11 @@ def with_heldout(product: BTF, drawn: BTF, **provenance: Any) -> BTF:
         periodic=product.periodic,
         provenance=product.provenance | provenance,
     )
+
+
+def with_validation(btf: BTF, drawn: BTF, words: str) -> BTF:
+    """A BTF with declared held-out pairs, and after it further pairs of the surface, by which settings are chosen."""
+    joined = with_heldout(btf, drawn, validation=words)
+    joined.validation = joined.heldout
+    joined.heldout = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])
+    return joined

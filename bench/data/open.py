@@ -2,6 +2,8 @@
 
 import os
 
+import numpy as np
+
 from bench.btf import BTF
 from bench.codec import Progress, silent
 from bench.data.repair import repaired
@@ -16,6 +18,7 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     Its held-out pairs are validation or test pairs. A rendered material draws its test pairs by `draw`. The test pairs
     of a measured material are those its data declare, or else whole views and lights (`BTF.split`); with
     `split="validation"` the test pairs are left out, and `BTF.split` holds out whole views and lights of the rest.
+    With `validation` both are there: those whole views and lights of the rest are `BTF.validation`.
     `MissingDataError` says where to get measured data that are not there.
     """
     if not spec.path:
@@ -39,6 +42,9 @@ def open_material(spec: MaterialSpec, data: Preparation, show: Progress, draw: i
     btf = thinned(open_btf(path), data.pairs)
     if data.split == "validation":
         btf = without_test(btf)
+    elif data.validation:
+        train, rest = btf.split().train, without_test(btf).split()
+        btf.validation = np.isin(np.arange(len(btf)), np.delete(train, rest.train))
     return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
 
 

@@ -34,6 +34,7 @@ class Preparation:
     lights: Directions = 25
     heldout: Annotated[int, Range(0, 100_000)] = 150  # further random pairs, uniform in solid angle up to 75°
     split: Split = "test"  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
+    validation: bool = False  # score validation pairs beside the test pairs; of measured data no fit sees them then
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
     # At most so many training pairs are scored, always the same ones, and of whole held-out views and lights; 0: all.
@@ -52,6 +53,8 @@ class Preparation:
             raise InputError(f"heldout must be at least 0, not {self.heldout}")
         if self.split not in get_args(Split):
             raise InputError(f"split must be {' or '.join(get_args(Split))}, not {self.split!r}")
+        if self.validation and (self.split != "test" or not self.heldout):
+            raise InputError('validation = true scores further pairs: it needs split = "test" and heldout above 0')
 
     def product(self) -> tuple[Array, Array]:
         """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, view-major."""
@@ -79,6 +82,10 @@ class Preparation:
         """`wo` and `wi` of the training pairs, then of the held-out ones."""
         wo, wi = (np.concatenate(both) for both in zip(self.product(), self.drawn(material, seed), strict=True))
         return wo, wi
+
+    def of_validation(self) -> "Preparation":
+        """The same, with validation pairs alone as those held out."""
+        return dataclasses.replace(self, split="validation", validation=False)
 
     def described(self, draw: int = 0) -> str:
         """The held-out pairs in words, for a provenance."""

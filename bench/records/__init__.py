@@ -24,6 +24,7 @@ from bench.records.meaning import (
     PSNR,
     RMSE,
     SSIM,
+    VALIDATION,
     flattened,
     gate,
     metric_of,

@@ -14,7 +14,7 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, overload
@@ -157,21 +157,26 @@ def load_run(folder: str | Path) -> Run:
     return run
 
 
-def load_together(sources: Sequence[str | Path]) -> Run:
+def load_together(sources: Sequence[str | Path], wanted: Callable[[Record], bool] = lambda job: True) -> Run:
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
     Of a job that two of them measured, the later one counts. `InputError` where it was measured on other data there.
+    Jobs with a result that are not `wanted` are kept aside: they stand in nobody's place.
     """
     runs = [load_run(path) for source in sources for path in _files_of(Path(source))]
     if len(runs) == 1:
         return runs[0]
     together = Run(runs[-1].folder)
-    for run in runs:
+    for number, run in enumerate(runs):
         together.starts.extend(run.starts)
+        aside = {job["job"] for job in run.jobs if job["status"] == "ok" and not wanted(job)}
         for job in run.jobs:
+            if job["job"] in aside:
+                together.jobs.put((number, job["job"]), job)
+                continue
             _refuse_other_data(together.job(job["job"]), job, run.folder)
             together.jobs.put(job["job"], _with_absolute_paths(job, run.folder))
-        for timing in run.timings:
+        for timing in (each for each in run.timings if each["job"] not in aside):
             together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)
     return together

@@ -10,6 +10,7 @@ from bench.records.schema import APART, Record, Timing
 
 PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
 
+VALIDATION = "validation"  # the group of pairs by which settings are chosen
 OUTSIDE = "outside the scene"  # the group of pairs that the demand of a scene does not touch
 SAME_EXPOSURE = 1e-4  # relative, 0.0004 dB of a gain: records are published rounded, machines differ in a last bit
 

@@ -330,6 +330,7 @@ class Choice(TypedDict, total=False):
     psnr: Number | None
     worst: Number | None
     flip: Number | None
+    validation: Statistics
     bytes: Count
     parameters: Count
     batch: Count

@@ -1,14 +1,15 @@
-"""Picks the measured choice that meets given wishes, or the nearest one. `bench.runs.trade` measures the choices.
+"""The measured choices of a trade as rungs to choose among. `bench.runs.trade` measures them, `bench.records.choosing`
+chooses.
 
 Imports no PyTorch, so that an answer from stored measurements comes at once.
 """
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from bench.errors import InputError
+from bench.records.choosing import Rung, scores, validated
 
 Choice = dict[str, Any]
 PLAIN = "eager float32"  # the default execution and precision
@@ -16,53 +17,19 @@ NEAR_DB = 0.5  # a choice within this many dB of the best counts as equally good
 _SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
 
 
-@dataclass(frozen=True)
-class Wishes:
-    """Limits that a choice must meet; None: no limit."""
-
-    min_psnr: float | None = None  # dB, held-out
-    max_bytes: int | None = None
-    max_ns: float | None = None  # a sample, whole query
-
-    def met(self, row: Choice) -> bool:
-        """Whether a choice meets every wish."""
-        return all(miss <= 0 for miss in self.misses(row).values())
-
-    def misses(self, row: Choice) -> dict[str, float]:
-        """By how much a choice misses each wish, as a share of it (of PSNR: dB / 10); ≤ 0 where it is met."""
-        misses = {}
-        if self.min_psnr is not None:
-            misses["psnr"] = (self.min_psnr - psnr(row)) / 10
-        if self.max_bytes is not None:
-            misses["bytes"] = row["bytes"] / self.max_bytes - 1
-        if self.max_ns is not None:
-            misses["ns"] = row["ns_per_sample"] / self.max_ns - 1
-        return misses
-
-
 def psnr(row: Choice) -> float:
     """dB; infinite without any error."""
     return float("inf") if row["psnr"] is None else float(row["psnr"])
 
 
-def usable(choices: list[Choice], material: str) -> list[Choice]:
-    """The choices of a material that were measured."""
-    return [row for row in choices if row["material"] == material and "bytes" in row and "error" not in row]
-
-
-def choose(rows: list[Choice], wishes: Wishes) -> Choice | None:
-    """The best choice that meets the wishes: the smallest file if they name a PSNR, else the highest PSNR."""
-    met = [row for row in rows if wishes.met(row)]
-    if not met:
-        return None
-    if wishes.min_psnr is not None:
-        return min(met, key=lambda row: (row["bytes"], row["ns_per_sample"]))
-    return max(met, key=lambda row: (psnr(row), -row["ns_per_sample"]))
-
-
-def nearest(rows: list[Choice], wishes: Wishes) -> Choice:
-    """The choice that misses the wishes least."""
-    return min(rows, key=lambda row: sum(max(0.0, miss) for miss in wishes.misses(row).values()))
+def usable(choices: list[Choice], material: str) -> list[Rung]:
+    """The choices of a material that were measured, at validation pairs too: bytes, ns a sample, and the choice."""
+    rungs = (
+        validated(row["validation"], name=named(row), size=row["bytes"], time=row["ns_per_sample"], of=row)
+        for row in choices
+        if row["material"] == material and "validation" in row and "error" not in row
+    )
+    return [rung for rung in rungs if rung]
 
 
 def parse_bytes(text: str) -> int:
@@ -74,20 +41,24 @@ def parse_bytes(text: str) -> int:
 
 
 def answers(material: str, choices: list[Choice]) -> Iterator[str]:
-    """Sentences that name the best choice, and the fastest and the smallest one within `NEAR_DB` of it."""
-    rows = usable(choices, material)
-    if not rows:
+    """Sentences that name the best choice, and the fastest and the smallest one within `NEAR_DB` of it.
+
+    Validation pairs choose them; the figures are of test pairs.
+    """
+    rungs = usable(choices, material)
+    if not rungs:
         return
-    best = max(rows, key=psnr)
-    near = [row for row in rows if psnr(row) >= psnr(best) - NEAR_DB]
-    yield f"{material}: the best is {described(best)}."
-    for word, key in (("faster", "ns_per_sample"), ("smaller", "bytes")):
-        least = min(near, key=lambda row: (row[key], row["ns_per_sample"]))
+    judged = list(zip(rungs, scores(rungs), strict=True))
+    best, most = max(judged, key=lambda each: each[1])
+    near = [rung for rung, score in judged if score >= most - NEAR_DB]
+    yield f"{material}: the best is {described(best.of)}."
+    for word, key in (("faster", "time"), ("smaller", "size")):
+        least = min(near, key=lambda rung: (getattr(rung, key), rung.time))
         within = f"{material}: within {NEAR_DB} dB of it,"
-        if least[key] == best[key]:
+        if getattr(least, key) == getattr(best, key):
             yield f"{within} none is {word}."
         else:
-            yield f"{within} the {word[:-1]}st is {described(least)}."
+            yield f"{within} the {word[:-1]}st is {described(least.of)}."
 
 
 def named(row: Choice) -> str:

@@ -18,6 +18,7 @@
     heldout = 150
     scored = 0                       # so many training pairs, and of whole views and lights held out; 0: all
     split = "test"                   # held-out pairs to score: test, for tables, or validation, to choose settings
+    validation = false               # true: score validation pairs beside the test pairs, as budgets need
 
     [[codecs]]
     codec = "pca"

@@ -30,6 +30,7 @@ from bench.records import (
     PSNR,
     TRADE,
     TRADE_FORMAT,
+    VALIDATION,
     Record,
     Run,
     gate,
@@ -38,6 +39,7 @@ from bench.records import (
     metric_of,
     metrics_of,
 )
+from bench.records.choosing import validation_of
 from bench.runs import runner
 from bench.runs.choose import answers, psnr
 from bench.runs.evaluation import Slices, recorded
@@ -231,29 +233,32 @@ def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
     return min(limit_ns(cost, c) for c in ceilings if c["threads"] == threads and c["dtype"] in usable)
 
 
-def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, float | None]:
-    """PSNR, FLIP and worst-slice PSNR of the held-out pairs, from a job's record."""
+def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, Any]:
+    """PSNR, FLIP and worst-slice PSNR of the held-out pairs, and PSNR of validation pairs, from a job's record."""
     slices = read_arrays(run.folder / job["slices"], MAX_FILE)
     raw = slices[PSNR][slices["heldout"]] if gate(job["scores"]) == "heldout" else slices[PSNR]
-    return _figures(metrics_of(job), raw)
+    return _figures(job, raw)
 
 
-def _score(bench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, float | None]:
-    """PSNR, FLIP and worst-slice PSNR of a material in another execution or precision, scored now."""
-    decides = gate(bench.groups)
+def _score(bench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, Any]:
+    """The same of a material in another execution or precision, scored now."""
+    groups = {gate(bench.groups): bench.deciding} | {
+        name: np.intersect1d(bench.scored, pairs) for name, pairs in bench.groups.items() if name == VALIDATION
+    }
     with torch_threads(threads):
-        scores = bench.scorer.score(bench.deciding, Slices(bench, material, show).slice)
-    metrics = summarise(scores, bench.btf.wo, bench.btf.wi, {decides: bench.deciding})[decides]["metrics"]
-    return _figures(metrics, scores.raw[PSNR])
+        scores = bench.scorer.score(np.unique(np.concatenate([*groups.values()])), Slices(bench, material, show).slice)
+    summary = summarise(scores, bench.btf.wo, bench.btf.wi, groups)
+    return _figures({"scores": summary}, scores.raw[PSNR][np.isin(scores.pairs, bench.deciding)])
 
 
-def _figures(metrics: dict[str, Any], squared: np.ndarray) -> dict[str, float | None]:
+def _figures(job: Record, squared: np.ndarray) -> dict[str, Any]:
+    metrics, validation = metrics_of(job), validation_of(job)
     flip = metric_of(metrics, FLIP)
     return {
         "psnr": metrics[PSNR]["pooled"],
         "flip": metrics[flip]["mean"] if flip else None,
         "worst": as_number(float(decibels(squared.max()))),
-    }
+    } | ({"validation": dict(validation)} if validation else {})
 
 
 def _path_tracer() -> ModuleType:

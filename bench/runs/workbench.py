@@ -22,7 +22,7 @@ from bench.errors import InputError
 from bench.hemisphere import to_degrees
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
-from bench.records import OUTSIDE, gate
+from bench.records import OUTSIDE, VALIDATION, gate
 from bench.runs.task import Task
 
 STORED = 16  # slices that are stored as pictures, for the slice viewer of a report
@@ -81,6 +81,7 @@ class Workbench:
             directions = (torch.from_numpy(w[heldout]) for w in (self.btf.wo, self.btf.wi))
             outside = PairInterpolator(self.training.layout).outside(*directions).numpy()
             groups |= {"heldout, inside hull": heldout[~outside], "heldout, outside hull": heldout[outside]}
+        groups[VALIDATION] = self.split.validation
         if self.scene_shares is not None:
             groups[OUTSIDE] = np.flatnonzero(self.scene_shares == 0)
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
@@ -94,8 +95,10 @@ class Workbench:
         """
         if self.demand or not self.most_scored:
             return self.groups["all"]
-        heldout, declared = self.groups.get("heldout", np.empty(0, int)), self.btf.heldout is not None
-        return np.union1d(self._drawn(self.split.train), heldout if declared else self._drawn(heldout))
+        apart = [self.groups.get(name, np.empty(0, int)) for name in ("heldout", VALIDATION)]
+        if self.btf.heldout is None:
+            apart = list(map(self._drawn, apart))
+        return np.unique(np.concatenate([self._drawn(self.split.train), *apart]))
 
     def _drawn(self, pairs: np.ndarray) -> np.ndarray:
         if len(pairs) <= self.most_scored:

@@ -18,13 +18,13 @@ from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
     from bench.data.spec import Preparation
-    from bench.runs.choose import Choice
+    from bench.records.choosing import Rung
     from bench.runs.suite import Suite
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("material", help="a built-in material or the path of a BTF")
-    parser.add_argument("--min-psnr", type=float, metavar="DB", help="the held-out PSNR to reach")
+    parser.add_argument("--min-psnr", type=float, metavar="DB", help="the PSNR to reach, at validation pairs")
     parser.add_argument("--max-bytes", metavar="BYTES", help="what the file may take: 300k, 1.5M, 20000")
     parser.add_argument("--max-ns", type=float, metavar="NS", help="what a sample may take, as a whole query")
     parser.add_argument("--suite", default="trade", help="what is fitted where it is missing (default: trade)")
@@ -33,29 +33,34 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.runs.choose import Wishes, choose, described, nearest, parse_bytes
+    from bench.records.choosing import Limits, chosen, nearest
+    from bench.runs.choose import described, parse_bytes
     from bench.runs.suite import load_suite, with_changes
 
     size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
-    wishes = Wishes(options.min_psnr, size, options.max_ns)
-    if wishes == Wishes():
+    wishes = Limits(size, options.max_ns, options.min_psnr)
+    if wishes == Limits():
         raise InputError("choose: give a wish: --min-psnr, --max-bytes or --max-ns")
     suite = with_changes(load_suite(options.suite), [options.material], [], {}, None)
     folder, material = options.out or Path("runs") / suite.name, suite.materials[0].name
-    rows, missing = _measured(folder, suite, options.device)
-    best = choose(rows, wishes)
+    if not suite.data.validation:
+        raise InputError(
+            f"choose: suite {suite.name} has no validation pairs to choose by: add `validation = true` to [data]"
+        )
+    rungs, missing = _measured(folder, suite, options.device)
+    best = chosen(rungs, wishes)
     if best is None and missing:
-        rows, _ = _measure(folder, suite, options.device, missing)
-        best = choose(rows, wishes)
-    if not rows:
+        rungs, _ = _measure(folder, suite, options.device, missing)
+        best = chosen(rungs, wishes)
+    if not rungs:
         print(f"{material}: nothing could be measured; the reasons are in {folder}")
         return FAILED
     if best is None:
-        print(f"{material}: no setting meets that; the nearest is {described(nearest(rows, wishes))}")
+        print(f"{material}: no setting meets that; the nearest is {described(nearest(rungs, wishes).of)}")
         return NO
-    print(f"{material}: {described(best)}")
-    words = ["encode", options.material, "--codec", best["codec"]]
-    for key, value in (best["settings"] | _changed(suite.data)).items():
+    print(f"{material}: {described(best.of)}")
+    words = ["encode", options.material, "--codec", best.of["codec"]]
+    for key, value in (best.of["settings"] | _changed(suite.data)).items():
         words += ["--set", f"{key}={value}"]
     words += ["-o", f"{material}.nbtf"]
     print(f"neubtf-bench {shlex.join(words)}")
@@ -63,24 +68,25 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _changed(data: "Preparation") -> dict[str, object]:
-    """The settings of a suite's data that are not the defaults, as `--set` takes them."""
+    """The settings of a suite's data that are not the defaults, as `--set` takes them; an `encode` scores no pairs."""
     changed = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
+    changed.pop("validation", None)
     return {f"data.{key}": str(value).lower() if value is True else value for key, value in changed.items()}
 
 
-def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Choice"], list[str]]:
+def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], list[str]]:
     """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
     from bench.records import load_trade
     from bench.runs.choose import usable
 
     material = suite.materials[0].name
     trade = load_trade(folder) or {"choices": []}
-    rows = [row for row in usable(trade["choices"], material) if row["device"] == device]
-    tried = {row["label"] for row in trade["choices"] if row["material"] == material and row["device"] == device}
-    return rows, [codec.label for codec in suite.codecs if codec.label not in tried]
+    rows = [row for row in trade["choices"] if row["material"] == material and row["device"] == device]
+    tried = {row["label"] for row in rows if "validation" in row or "error" in row}
+    return usable(rows, material), [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
-def _measure(folder: Path, suite: "Suite", device: str, missing: list[str]) -> tuple[list["Choice"], list[str]]:
+def _measure(folder: Path, suite: "Suite", device: str, missing: list[str]) -> tuple[list["Rung"], list[str]]:
     """The same, after a trade over the suite, which fits only what is missing."""
     from bench.cli.console import Console
     from bench.runs.runner import Options

@@ -80,7 +80,7 @@ def _written(path: Path, writes: bool) -> bool:
 
 def _table(path: Path, words: str) -> str:
     """What a command prints, as Markdown: plain text in a fence, or a Markdown table as it is."""
-    from reports import KINDS, table_text
+    from reports import KINDS, WHY_EMPTY, table_text
 
     command, *rest = shlex.split(words)
     markdown = rest[-2:] == ["--format", "markdown"]
@@ -89,4 +89,6 @@ def _table(path: Path, words: str) -> str:
     if command != "table" or len(kinds) > 1 or not sources or any(word.startswith("-") for word in sources):
         raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
     text = table_text(sources, "markdown" if markdown else "text", kinds[0] if kinds else None)
+    if kinds and not text.strip():
+        text = f"No such table yet: {WHY_EMPTY[kinds[0]]}"
     return f"{text}\n" if markdown else f"```\n{text}\n```\n"

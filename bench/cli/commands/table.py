@@ -5,7 +5,7 @@ did not measure are counted in a small file that is made for it, so that it need
 
 examples:
   neubtf-bench table
-  neubtf-bench table rate runs/rd
+  neubtf-bench table budgets runs/ladders
   neubtf-bench table main runs/quick --format latex
   neubtf-bench table summary docs/results/quick.jsonl runs/mine
   neubtf-bench table summary --format latex --codec neubtf-direct --codec pca --column "PSNR pooled" --column total

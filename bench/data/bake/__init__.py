@@ -22,7 +22,7 @@ from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
 from bench.data.bake.partial import Partial
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
-from bench.data.joined import with_heldout
+from bench.data.joined import with_heldout, with_validation
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
@@ -130,7 +130,12 @@ def open_svbrdf(folder: Path, data: Preparation, show: Progress, draw: int = 0) 
         return product
     words = {"heldout": data.described(draw)}
     pairs = Pairs(*data.drawn(product.name, 0, draw))
-    return with_heldout(product, _cached(folder, data.size, pairs, words, show), **words)
+    btf = with_heldout(product, _cached(folder, data.size, pairs, words, show), **words)
+    if not data.validation:
+        return btf
+    chosen_by = data.of_validation()
+    text, pairs = chosen_by.described(), Pairs(*chosen_by.drawn(product.name, 0))
+    return with_validation(btf, _cached(folder, data.size, pairs, {"heldout": text}, show), text)
 
 
 def _cached(folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], show: Progress) -> BTF:

@@ -16,7 +16,7 @@ import numpy as np
 from bench import atomic
 from bench.atomic import cache_dir
 from bench.btf import BTF, RENDERED, ArraySource
-from bench.data.joined import with_heldout
+from bench.data.joined import with_heldout, with_validation
 from bench.data.materials.maps import Recipe
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
 from bench.data.spec import Preparation
@@ -63,7 +63,12 @@ def load_or_render(
     if not data.heldout:
         return product
     words = {"heldout": data.described(draw)}
-    return with_heldout(product, rendered(data.drawn(name, seed, draw), words), **words)
+    btf = with_heldout(product, rendered(data.drawn(name, seed, draw), words), **words)
+    if not data.validation:
+        return btf
+    chosen_by = data.of_validation()
+    text = chosen_by.described()
+    return with_validation(btf, rendered(chosen_by.drawn(name, seed), {"heldout": text}), text)
 
 
 def _rendered(

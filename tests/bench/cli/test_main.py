@@ -49,8 +49,8 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     assert "mean-colour" in capsys.readouterr().out
     assert cli.main(["report", str(tmp_path / "run")]) == 0
     capsys.readouterr()
-    assert cli.main(["table", "rate", str(tmp_path / "run")]) == 4
-    assert "no such table: no two codecs were measured at three rates" in capsys.readouterr().err
+    assert cli.main(["table", "budgets", str(tmp_path / "run")]) == 4
+    assert "no such table: no job of this run has a score of validation pairs" in capsys.readouterr().err
     assert cli.main(["table", "unfinished", str(tmp_path / "run")]) == 0
     assert "every job has a result" in capsys.readouterr().err
     (tmp_path / "runs").mkdir()
@@ -158,8 +158,8 @@ def test_info_of_a_btf_says_what_it_is(folder, capsys):
         (["check", "pca", "--set", "components=few"], "must be a whole number"),
         (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "its folder is not there"),
         (["table", "/no/such/run"], "no such folder"),
-        (["table", "rate"], "there is no run under runs/"),
-        (["table", "rate", "main"], "one kind of table"),
+        (["table", "budgets"], "there is no run under runs/"),
+        (["table", "budgets", "main"], "one kind of table"),
     ],
 )
 def test_bad_usage_is_one_line_and_exit_code_2(words, message, tmp_path, monkeypatch, capsys):

@@ -1,0 +1,165 @@
+"""What each codec is worth at budgets of bytes and of time: the rung that its validation pairs choose, at test pairs.
+
+A *line* is a codec, or a codec as published (`recipe=paper`); its rungs are all its settings that were measured.
+`bench.records.choosing` chooses one for each budget and material. Test pairs are only shown.
+"""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from statistics import fmean
+from typing import NamedTuple
+
+from bench.compare.paired import Interval, against_jobs
+from bench.records import Record, Run, scored_unlike, stats_of
+from bench.records.choosing import Limits, Rung, chosen, has_validation, over_seeds, validated, validation_of
+
+BITS = (16, 32, 64, 128, 256, 512)  # of the whole file, a texel
+TIMES = (4, 8, 16, 32)  # of a query, × floor
+BYTES, EAGER, FUSED = "bytes", "eager", "fused"
+QUIET = 0.9  # share of a run's times without unrest from which its machine was quiet
+PUBLISHED = ", as published"
+
+Ladders = dict[tuple[str, str], list[Rung]]  # by material and line; a rung is of its jobs, one a seed
+
+
+class Budget(NamedTuple):
+    """A limit: of bits a texel (`bytes`), or of a query's time, as multiple of the floor (`eager`, `fused`)."""
+
+    kind: str
+    most: float
+
+    @property
+    def limits(self) -> Limits:
+        return Limits(size=self.most) if self.kind == BYTES else Limits(time=self.most)
+
+
+@dataclass(frozen=True)
+class Times:
+    """The times of a run on a quiet machine, as multiples of the floor, by job."""
+
+    run: str
+    by_job: dict[str, float]
+    unquiet: int = 0  # of its times, which are left out
+
+
+@dataclass(frozen=True)
+class Budgets:
+    """The chosen rungs of a run by budget, line and material; `without` and `unlike` are jobs that had no chance."""
+
+    materials: list[str]
+    picks: dict[Budget, dict[str, dict[str, Rung]]]
+    times: dict[str, Times] = field(default_factory=dict)  # by kind, where a machine was quiet
+    without: list[Record] = field(default_factory=list)  # a score of validation pairs
+    unlike: list[Record] = field(default_factory=list)  # what was measured last of their material
+
+    @property
+    def rungs(self) -> list[tuple[str, Rung]]:
+        """Material and rung of everything that was chosen, each once."""
+        every = (item for lines in self.picks.values() for rungs in lines.values() for item in rungs.items())
+        return list({(material, rung.of[0]["job"]): (material, rung) for material, rung in every}.values())
+
+
+def budgets(run: Run, fused: Mapping[str, Record]) -> Budgets:
+    """The rung of each line for each budget and material; `fused` are times as one kernel, by job, if there are."""
+    done = [job for job in run.jobs if job["status"] == "ok"]
+    judged = [job for job in done if has_validation(job)]
+    alike = list(_alike(judged))
+    names = {job["job"] for job in alike}
+    taken = {EAGER: [t for t in run.timings if t["job"] in names], FUSED: [fused[n] for n in fused if n in names]}
+    times = {kind: quiet for kind, each in taken.items() if (quiet := _quiet(each))}
+    every = [Budget(BYTES, bits) for bits in BITS] + [Budget(kind, most) for kind in times for most in TIMES]
+    ladders = {kind: _ladders(alike, times.get(kind)) for kind in dict.fromkeys(each.kind for each in every)}
+    return Budgets(
+        list(dict.fromkeys(job["material"] for job in alike)),
+        {budget: _picked(ladders[budget.kind], budget) for budget in every},
+        times,
+        [job for job in done if not has_validation(job)],
+        [job for job in judged if job["job"] not in names],
+    )
+
+
+def line_of(job: Record) -> str:
+    """The line of a job: its codec's name, apart where it is as published."""
+    published = job.get("settings", {}).get("recipe") == "paper"
+    return str(job["label"]).split()[0] + PUBLISHED * published
+
+
+def rung_of(job: Record) -> str:
+    """The settings of a job in words; those of its line are left out."""
+    words = [word for word in str(job["label"]).split()[1:] if word != "recipe=paper"]
+    return " ".join(words) or "default"
+
+
+def shown(rung: Rung, family: str) -> float | None:
+    """The number of a metric's family over test pairs, mean over seeds; infinite dB without error, None of none."""
+    every = [stats_of(job, family) for job in rung.of]
+    exact = [stats.get("pooled") is None and stats.get("exact") for stats in every]
+    return _mean([math.inf if each else stats.get("pooled") for each, stats in zip(exact, every, strict=True)])
+
+
+def mean_over(materials: Sequence[str], rungs: Mapping[str, Rung], family: str) -> float | None:
+    """The mean over materials of what a line shows; None unless it has a rung on each of them."""
+    return _mean([shown(rungs[name], family) if name in rungs else None for name in materials])
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return fmean(known) if known and len(known) == len(values) else None
+
+
+def apart(run: Run, lines: Mapping[str, Mapping[str, Rung]], best: str) -> dict[str, Interval]:
+    """The paired differences of lines to the best one at a budget, each with whether it is told apart from it."""
+    jobs = {
+        line: {(job["material"], job["seed"]): job for job in chain(*(rung.of for rung in rungs.values()))}
+        for line, rungs in lines.items()
+    }
+    return against_jobs(run.folder, best, jobs).over
+
+
+def _alike(jobs: list[Record]) -> Iterator[Record]:
+    """The jobs that may be compared with the newest of their material and seed."""
+    newest = {(job["material"], job["seed"]): job["score_key"] for job in sorted(jobs, key=lambda job: str(job["run"]))}
+    yield from (job for job in jobs if not scored_unlike(job["score_key"], newest[job["material"], job["seed"]]))
+
+
+def _quiet(times: Sequence[Record]) -> Times | None:
+    """The times of the latest run on a machine that was quiet, without those that were not; None of no such run."""
+    by_run: dict[str, list[Record]] = {}
+    for time in times:
+        if "ratio_to_floor" in time:
+            by_run.setdefault(str(time.get("run", "")), []).append(time)
+    for run, every in sorted(by_run.items(), reverse=True):
+        quiet = {time["job"]: float(time["ratio_to_floor"]) for time in every if not time.get("unrest")}
+        if len(quiet) >= QUIET * len(every):
+            return Times(run, quiet, len(every) - len(quiet))
+    return None
+
+
+def _ladders(jobs: Sequence[Record], times: Times | None) -> Ladders:
+    by_rung: dict[tuple[str, str, str], list[Rung]] = {}
+    for job in jobs:
+        name, (height, width) = (job["material"], line_of(job), _settings(job)), job["shape"]
+        size, time = 8 * job["bytes"]["total"] / (height * width), times and times.by_job.get(job["job"])
+        rung = validated(validation_of(job), name=rung_of(job), size=size, time=time, of=job)
+        if rung:
+            by_rung.setdefault(name, []).append(rung)
+    ladders: Ladders = {}
+    for (material, line, _), seeds in by_rung.items():
+        ladders.setdefault((material, line), []).append(over_seeds(seeds))
+    return ladders
+
+
+def _settings(job: Record) -> str:
+    return json.dumps(job["settings"], sort_keys=True)
+
+
+def _picked(ladders: Ladders, budget: Budget) -> dict[str, dict[str, Rung]]:
+    picks: dict[str, dict[str, Rung]] = {}
+    for (material, line), rungs in ladders.items():
+        rung = chosen(rungs, budget.limits)
+        if rung:
+            picks.setdefault(line, {})[material] = rung
+    return picks

@@ -1,0 +1,112 @@
+"""Chooses among measured settings the best that fits a budget, by validation pairs alone: no test pair chooses.
+
+A *rung* is a codec at some settings, with what it costs and its error of validation pairs. Its score is the pooled
+display PSNR of those; where one slice holds over a tenth of the squared error of any rung in question, the mean over
+slices of all. Tables of budgets and `neubtf-bench choose` answer from here. Imports nothing heavy.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import fmean
+from typing import Any
+
+from bench.records.meaning import PSNR, VALIDATION, gate, metric_of
+from bench.records.schema import Record
+
+MUCH = 0.1  # of the squared error, for one slice
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A codec at some settings: its name, its cost, and its display PSNR of validation pairs; infinite if exact."""
+
+    name: str
+    size: float  # of the whole file, in the unit of the limit
+    pooled: float  # dB, of the squared error of all slices
+    mean: float  # dB, over slices
+    largest: float = 0.0  # the largest share of the squared error that one slice holds
+    time: float | None = None  # of a query, in the unit of the limit; None: not measured
+    of: Any = None  # what it stands for
+    score: float | None = None  # by which it was chosen
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a rung may cost, and the score that it must reach; None: no limit."""
+
+    size: float | None = None
+    time: float | None = None
+    score: float | None = None
+
+    def misses(self, rung: Rung, score: float) -> list[float]:
+        """By how much a rung misses each limit, as a share of it (of a score: dB / 10); ≤ 0 where it meets it."""
+        misses = [] if self.size is None else [rung.size / self.size - 1]
+        misses += [] if self.time is None else [math.inf if rung.time is None else rung.time / self.time - 1]
+        return misses + ([] if self.score is None else [(self.score - score) / 10])
+
+
+def validated(stats: Mapping[str, Any], **known: Any) -> Rung | None:
+    """A rung from its statistics of validation pairs, as records hold them; None where there are none."""
+    if not stats.get("slices"):
+        return None
+    pooled, mean = (math.inf if stats.get(name) is None else float(stats[name]) for name in ("pooled", "mean"))
+    return Rung(pooled=pooled, mean=mean, largest=stats.get("largest") or 0.0, **known)
+
+
+def validation_of(job: Record) -> Mapping[str, Any]:
+    """The statistics of a job's display PSNR over validation pairs; empty where it was not scored at any."""
+    metrics = job.get("scores", {}).get(VALIDATION, {}).get("metrics", {})
+    stats: Mapping[str, Any] = metrics.get(metric_of(metrics, PSNR), {})
+    return stats
+
+
+def has_validation(job: Record) -> bool:
+    """Whether a job may be chosen: it has a score of validation pairs, and one of test pairs to show."""
+    return bool(validation_of(job).get("slices")) and gate(job["scores"]) == "heldout"
+
+
+def over_seeds(rungs: Sequence[Rung]) -> Rung:
+    """One rung of those of several seeds: means of its scores, the largest file and the mean time."""
+    times = [rung.time for rung in rungs if rung.time is not None]
+    return Rung(
+        rungs[0].name,
+        max(rung.size for rung in rungs),
+        fmean(rung.pooled for rung in rungs),
+        fmean(rung.mean for rung in rungs),
+        max(rung.largest for rung in rungs),
+        fmean(times) if times else None,
+        [rung.of for rung in rungs],
+    )
+
+
+def scores(rungs: Sequence[Rung]) -> list[float]:
+    """The score of each rung, alike for all: pooled, or the mean over slices where one slice decides a pooled one."""
+    by_slice = any(rung.largest > MUCH for rung in rungs)
+    return [rung.mean if by_slice else rung.pooled for rung in rungs]
+
+
+def chosen(rungs: Sequence[Rung], limits: Limits) -> Rung | None:
+    """The rung that meets the limits with the highest score or, if they ask for a score, with the smallest file.
+
+    Equals go to the smaller file, then to the faster query, then to the first. None where no rung meets the limits.
+    """
+    met = [(r, score) for r, score in zip(rungs, scores(rungs), strict=True) if max(limits.misses(r, score)) <= 0]
+    if not met:
+        return None
+    enough = limits.score is not None
+    best, score = min(met, key=lambda each: (0.0 if enough else -each[1], each[0].size, _time(each[0])))
+    return replace(best, score=score)
+
+
+def nearest(rungs: Sequence[Rung], limits: Limits) -> Rung:
+    """The rung that misses the limits least."""
+
+    def missed(each: tuple[Rung, float]) -> float:
+        return sum(max(0.0, miss) for miss in limits.misses(*each))
+
+    return min(zip(rungs, scores(rungs), strict=True), key=missed)[0]
+
+
+def _time(rung: Rung) -> float:
+    return math.inf if rung.time is None else rung.time

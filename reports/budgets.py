@@ -1,0 +1,281 @@
+"""Tables of what each codec is worth at budgets of bytes and of time; `bench.compare.budgets` chooses the rungs.
+
+`budgets` sets the codecs side by side over all materials, `rungs` names what was chosen on each, and `when` answers
+which codec to take, one line a question.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from statistics import fmean
+
+from bench.compare.budgets import BITS, BYTES, QUIET, Budget, Budgets, apart, budgets, mean_over, shown
+from bench.compare.paired import Interval
+from bench.records import FLIP, PSNR, SSIM, Record, Run, stats_of
+from bench.records.choosing import MUCH, Rung
+from reports.best_cells import best_cells
+from reports.numbers import EXACT, NONE, fixed, integer, significant
+from reports.rows import fused_times
+from reports.table import Table
+
+NEAR_DB = 0.5  # within this many dB of the best counts as equally good
+ENOUGH = Budget(BYTES, 64)  # the budget at which questions of one are asked
+_CHOICE = (
+    "Each codec by the rung, its settings, with the best PSNR of validation pairs that fits (the mean over slices "
+    "where one slice holds over a tenth of their squared error); the numbers are of its test pairs. Bits of the whole "
+    "file a texel, without a network that is shared over materials."
+)
+
+
+@lru_cache(maxsize=1)
+def found(run: Run) -> Budgets:
+    """What was chosen of a run."""
+    return budgets(run, fused_times(run))
+
+
+def budgets_table(run: Run) -> Iterator[Table]:
+    """A row a codec, a column a budget: pooled PSNR, mean over materials."""
+    result = found(run)
+    means = {line: values for line, values in _means(result).items() if any(value is not None for value in values)}
+    if not means:
+        return
+    lines = sorted(means, key=lambda line: [-(value or 0.0) for value in reversed(means[line][: len(BITS)])])
+    told, notes = _told(run, result) if result.materials[1:] else (set(), [])
+    rows = [[line, *(_cell(value, (line, i) in told) for i, value in enumerate(means[line]))] for line in lines]
+    headers = [("codec", ""), *(_header(run, result, budget) for budget in result.picks)]
+    count = len(result.materials)
+    title = f"Budgets over {count} material{'s' * (count > 1)} ({', '.join(result.materials)}): test PSNR, dB"
+    title += "".join(f"; {kind} times of {_machine(run, times.run)}" for kind, times in result.times.items())
+    notes = [f"{_CHOICE} {_missing(count)}", *notes, *_resting(result), *_common(run, result)]
+    marks = best_cells(rows, [[None, *means[line]] for line in lines])
+    yield Table("budgets", title, headers, rows, notes, marks=marks)
+
+
+def rung_tables(run: Run) -> Iterator[Table]:
+    """The rungs that were chosen on each material, at which budgets, and what they are worth; first their means."""
+    result = found(run)
+    if result.materials[1:]:
+        yield from _over_materials(run, result)
+    headers = [("codec", ""), ("rung", ""), _at(result)]
+    headers += [("total", "bytes"), ("validation", "dB"), ("PSNR pooled", "dB"), ("SSIM", ""), ("FLIP", "")]
+    headers += [(kind, "× floor") for kind in result.times]
+    for material in result.materials:
+        picked = list(_chosen(result, material))
+        rows = [_rung_row(result, line, rung, at) for line, rung, at in picked]
+        resting = [f"{line} {rung.name}" for line, rung, _ in picked if _rests(rung)]
+        notes = [_CHOICE]
+        if resting:
+            notes.append(f"Test PSNR rests on a single slice, over a tenth of the squared error: {', '.join(resting)}.")
+        if rows:
+            title = f"{material}: the rung of each budget"
+            yield Table("rungs", title, headers, rows, [*notes, *_common(run, result)], words=3, material=material)
+
+
+def _over_materials(run: Run, result: Budgets) -> Iterator[Table]:
+    """Bytes, PSNR, SSIM and FLIP of each codec at each budget, means over the materials."""
+    rows: dict[tuple[str, ...], list[Budget]] = {}  # by all but the budgets that they are of
+    for line in _means(result):
+        for budget, picked in result.picks.items():
+            rungs = list(picked.get(line, {}).values())
+            values = [mean_over(result.materials, picked.get(line, {}), family) for family in (PSNR, SSIM, FLIP)]
+            if values[0] is not None:
+                size = fmean(max(job["bytes"]["total"] for job in rung.of) for rung in rungs)
+                numbers = [_number(value, digits) for value, digits in zip(values, (2, 3, 3), strict=True)]
+                rows.setdefault((line, integer(round(size)), *numbers), []).append(budget)
+    headers = [("codec", ""), _at(result), ("total", "bytes"), ("PSNR pooled", "dB"), ("SSIM", ""), ("FLIP", "")]
+    cells = [[line, _span(at), *numbers] for (line, *numbers), at in rows.items()]
+    if cells:
+        title = f"Means over {len(result.materials)} materials, of the rung of each budget"
+        yield Table("rungs", title, headers, cells, [_CHOICE, *_common(run, result)], words=2)
+
+
+def when_table(run: Run) -> Iterator[Table]:
+    """Which codec when: a question a row, its answer with numbers, and the next best."""
+    result = found(run)
+    rows = [*_by_budget(run, result), *_smallest(result), *_by_material(result), *_by_metric(result)]
+    headers = [("question", ""), ("best", ""), ("then", ""), ("best", ""), ("then", ""), ("told apart", "")]
+    notes = [f"{_CHOICE} Told apart: the two, by the rule of the table of budgets."]
+    if rows:
+        yield Table("when", "Which codec when", headers, rows, notes, words=3)
+
+
+TABLES = {"budgets": budgets_table, "when": when_table, "rungs": rung_tables}
+
+
+def _means(result: Budgets, family: str = PSNR) -> dict[str, list[float | None]]:
+    """By line, the mean over materials at each budget."""
+    lines = dict.fromkeys(line for by_line in result.picks.values() for line in by_line)
+    return {
+        line: [mean_over(result.materials, by_line.get(line, {}), family) for by_line in result.picks.values()]
+        for line in lines
+    }
+
+
+def _ranked(result: Budgets, budget: Budget, materials: list[str], family: str = PSNR) -> list[tuple[float, str]]:
+    """The lines with a rung on each material at a budget, with what they show, the best first."""
+    picked = result.picks.get(budget, {})
+    values = [(mean_over(materials, rungs, family), line) for line, rungs in picked.items()]
+    return sorted(((value, line) for value, line in values if value is not None), key=lambda each: -each[0])
+
+
+def _told(run: Run, result: Budgets) -> tuple[set[tuple[str, int]], list[str]]:
+    """The cells, by line and column, that are told apart from the best of their column, and a note on how."""
+    told: set[tuple[str, int]] = set()
+    seeds = 1
+    for column, budget in enumerate(result.picks):
+        for line, each in _against(run, result, budget).items():
+            told |= {(line, column)} if each.apart else set()
+            seeds = max(seeds, each.seeds)
+    fits = f"{seeds} seeds" if seeds > 1 else "1 seed: how much another fit would differ is not known apart"
+    return told, [
+        f"* told apart from the best of its column, by Student's t over material means of paired differences of PSNR a "
+        f"slice ({fits}), with Holm's correction over all pairs of codecs of the column: {len(told)} in all."
+    ]
+
+
+def _against(run: Run, result: Budgets, budget: Budget) -> Mapping[str, Interval]:
+    """The paired differences to the best line at a budget of the others that have a rung on each material."""
+    ranked = [line for _, line in _ranked(result, budget, result.materials)]
+    picked = result.picks.get(budget, {})
+    return apart(run, {line: picked[line] for line in ranked}, ranked[0]) if ranked[1:] else {}
+
+
+def _header(run: Run, result: Budgets, budget: Budget) -> tuple[str, str]:
+    if budget.kind != BYTES:
+        return f"{budget.most:g} × floor", budget.kind
+    shapes = {tuple(job["shape"]) for _, rung in result.rungs for job in rung.of}
+    if len(shapes) > 1:
+        return f"{budget.most:g} bits", "a texel"
+    height, width = next(iter(shapes))
+    return f"{budget.most:g} bits", f"{significant(budget.most * height * width / 8000, 2)} kB"
+
+
+def _cell(value: float | None, told: bool) -> str:
+    return f"{_number(value, 2)}{'*' * told}"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return EXACT if value == math.inf else fixed(value, digits)
+
+
+def _missing(count: int) -> str:
+    return f"{NONE}: no rung fits{' on each material' * (count > 1)}. As published: the rungs of the paper's recipe."
+
+
+def _chosen(result: Budgets, material: str) -> Iterator[tuple[str, Rung, list[Budget]]]:
+    """Line, rung and budgets of each rung that was chosen on a material."""
+    at: dict[tuple[str, str], tuple[Rung, list[Budget]]] = {}
+    for budget, lines in result.picks.items():
+        for line, rungs in lines.items():
+            if material in rungs:
+                rung = rungs[material]
+                at.setdefault((line, rung.of[0]["job"]), (rung, []))[1].append(budget)
+    order = list(dict.fromkeys(line for line, _ in at))
+    for (line, _), (rung, budgets_of) in sorted(at.items(), key=lambda each: order.index(each[0][0])):
+        yield line, rung, budgets_of
+
+
+def _rung_row(result: Budgets, line: str, rung: Rung, at: list[Budget]) -> list[str]:
+    numbers = [integer(max(job["bytes"]["total"] for job in rung.of)), _number(rung.score, 2)]
+    numbers += [_number(shown(rung, family), 2 if family == PSNR else 3) for family in (PSNR, SSIM, FLIP)]
+    times = [result.times[kind].by_job.get(rung.of[0]["job"]) for kind in result.times]
+    return [line, rung.name, _span(at), *numbers, *map(significant, times)]
+
+
+def _at(result: Budgets) -> tuple[str, str]:
+    return ("at bits, × floor" if result.times else "at bits a texel"), ""
+
+
+def _span(at: list[Budget]) -> str:
+    """Budgets in words, neighbouring ones of bytes as their ends: 32–128, 8 × eager."""
+    bits = [f"{each.most:g}" for each in at if each.kind == BYTES]
+    ends = "–".join(dict.fromkeys([*bits[:1], *bits[-1:]]))
+    times = [f"{each.most:g} × {each.kind}" for each in at if each.kind != BYTES]
+    return ", ".join(filter(None, [ends, *times]))
+
+
+def _by_budget(run: Run, result: Budgets) -> Iterator[list[str]]:
+    for budget in result.picks:
+        ranked = _ranked(result, budget, result.materials)
+        if ranked:
+            unit = "bits a texel" if budget.kind == BYTES else f"× floor, {budget.kind}"
+            told = _against(run, result, budget).get(ranked[1][1]) if ranked[1:] else None
+            answer = NONE if told is None or told.materials < 2 else "yes" if told.apart else "no"
+            yield _answer(f"best quality in {budget.most:g} {unit}", ranked, "dB", 2, answer)
+
+
+def _smallest(result: Budgets) -> Iterator[list[str]]:
+    """The least budget of bytes within `NEAR_DB` of the best of all."""
+    by_budget = {budget: _ranked(result, budget, result.materials) for budget in result.picks if budget.kind == BYTES}
+    best = max((ranked[0][0] for ranked in by_budget.values() if ranked), default=0.0)
+    for budget, ranked in by_budget.items():
+        near = [each for each in ranked if each[0] >= best - NEAR_DB]
+        if near:
+            question = f"fewest bytes within {NEAR_DB:g} dB of the best: {budget.most:g} bits a texel"
+            yield _answer(question, near, "dB", 2)
+            return
+
+
+def _by_material(result: Budgets) -> Iterator[list[str]]:
+    for material in result.materials if result.materials[1:] else []:
+        ranked = _ranked(result, ENOUGH, [material])
+        if ranked:
+            yield _answer(f"best on {material} in {ENOUGH.most:g} bits a texel", ranked, "dB", 2)
+
+
+def _by_metric(result: Budgets) -> Iterator[list[str]]:
+    for family, name, sign in ((SSIM, "SSIM", 1), (FLIP, "FLIP", -1)):
+        ranked = sorted(_ranked(result, ENOUGH, result.materials, family), key=lambda each: -sign * each[0])
+        if ranked:
+            yield _answer(f"best {name} in {ENOUGH.most:g} bits a texel", ranked, "", 3)
+
+
+def _answer(question: str, ranked: list[tuple[float, str]], unit: str, digits: int, told: str = NONE) -> list[str]:
+    words, numbers = (
+        [line for _, line in ranked[:2]],
+        [f"{_number(value, digits)} {unit}".strip() for value, _ in ranked[:2]],
+    )
+    gap = [NONE] * (2 - len(words))
+    return [question, *words, *gap, *numbers, *gap, told]
+
+
+def _rests(rung: Rung) -> bool:
+    return any((stats_of(job, PSNR).get("largest") or 0.0) > MUCH for job in rung.of)
+
+
+def _resting(result: Budgets) -> Iterator[str]:
+    every = result.rungs
+    count = sum(_rests(rung) for _, rung in every)
+    if count:
+        yield f"Test PSNR of {count} of {len(every)} chosen rungs rests on a single slice: `table rungs` names them."
+
+
+def _common(run: Run, result: Budgets) -> Iterator[str]:
+    """Notes on times, and on the records that had no chance."""
+    for kind, times in result.times.items():
+        left = f"; {times.unquiet} times with unrest are left out" if times.unquiet else ""
+        yield f"Times, {kind}, × floor: {_machine(run, times.run)}{left}."
+    if not result.times:
+        quiet = f"{100 * QUIET:.0f} % of its times without unrest"
+        yield f"No budgets of time: no run here was timed on a quiet machine ({quiet})."
+    if result.without:
+        yield f"Without a score of validation pairs, so nothing is chosen among them: {_by_suite(run, result.without)}."
+    if result.unlike:
+        yield f"Not comparable with what ran last, and left out: {_by_suite(run, result.unlike)}."
+
+
+def _machine(run: Run, name: str) -> str:
+    start: Record = next((each for each in reversed(run.starts) if not name or each.get("run") == name), {})
+    machine = start.get("machine", {})
+    parts = [start.get("run"), machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
+    return ", ".join(str(part) for part in parts if part)
+
+
+def _by_suite(run: Run, jobs: list[Record]) -> str:
+    """How many records of which suites."""
+    suites = {start.get("run"): str(start.get("suite", "")) for start in run.starts}
+    counts: dict[str, int] = {}
+    for job in jobs:
+        suite = suites.get(job.get("run"), "")
+        counts[suite] = counts.get(suite, 0) + 1
+    return ", ".join(f"{count} of {suite or 'no suite'}" for suite, count in counts.items())

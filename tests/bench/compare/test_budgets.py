@@ -1,0 +1,193 @@
+"""The rung of each budget: chosen by validation pairs alone, on records made by hand."""
+
+import json
+
+import pytest
+
+from bench.compare.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, rung_of, shown
+from bench.records import PSNR, append, load_run, load_together
+from bench.records.choosing import Limits, Rung, chosen, has_validation, validated, validation_of
+
+SIDE = 64
+METRICS = {PSNR: {"unit": "dB", "direction": "higher", "space": "display", "version": 1}}
+
+
+def rung(name, size, pooled, mean=0.0, largest=0.05, time=None):
+    return Rung(name, size, pooled, mean or pooled, largest, time)
+
+
+def group(psnr, **more):
+    return {"slices": 4, "metrics": {PSNR: {"pooled": psnr, "mean": psnr, "exact": 0, "slices": 4} | more}}
+
+
+def job(label, size, validation, test=20.0, material="satin", seed=0, **more):
+    scores = {"heldout": group(test), "train": group(50.0)}
+    scores |= {} if validation is None else {"validation": group(validation, largest=more.pop("largest", 0.05))}
+    recipe = {"recipe": "paper"} if "recipe=paper" in label else {}
+    key = {"btf": "f", "exposure": 1.0, "sha256": "0", "metrics": {PSNR: 1}}
+    record = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": "1", "material": material, "label": label}
+    record |= {"codec": label.split()[0], "seed": seed, "status": "ok", "shape": [SIDE, SIDE], "score_key": key}
+    record |= {"settings": {"label": label} | recipe, "bytes": {"total": size}, "parameters": 1, "metrics": METRICS}
+    return record | {"scores": scores} | more
+
+
+def timing(job, ratio, **more):
+    known = {"kind": "timing", "job": job, "run": "1", "ns_per_sample": 1.0, "interval95_ns": [1.0, 1.0]}
+    return known | {"ratio_to_floor": ratio, "floors": 2} | more
+
+
+def run_of(folder, *records):
+    folder.mkdir(exist_ok=True)
+    machine = {"processor": "a processor", "cores": 2}
+    append(folder, {"kind": "run", "run": "1", "suite": "made", "machine": machine})
+    for record in records:
+        append(folder, record)
+    return load_run(folder)
+
+
+def picks(run, budget, material="satin", fused=()):
+    by_line = budgets(run, dict(fused)).picks.get(budget, {})
+    return {line: rungs[material].name for line, rungs in by_line.items() if material in rungs}
+
+
+def test_the_best_that_fits_is_chosen_and_one_that_is_a_byte_too_large_is_not(tmp_path):
+    fits = 16 * SIDE * SIDE // 8
+    run = run_of(tmp_path / "run", job("a x=1", fits, 30.0), job("a x=2", fits + 1, 40.0), job("a x=3", 10, 20.0))
+    assert picks(run, Budget(BYTES, 16)) == {"a": "x=1"}
+    assert picks(run, Budget(BYTES, 32)) == {"a": "x=2"}
+
+
+def test_a_line_without_a_rung_that_fits_has_none(tmp_path):
+    run = run_of(tmp_path / "run", job("a", 10**6, 30.0), job("b", 10, 10.0))
+    assert picks(run, Budget(BYTES, 512)) == {"b": "default"}
+
+
+def test_records_without_validation_are_never_chosen_and_are_told(tmp_path):
+    run = run_of(tmp_path / "run", job("a x=1", 10, None, test=99.0), job("a x=2", 10, 10.0))
+    assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
+    assert [each["label"] for each in budgets(run, {}).without] == ["a x=1"]
+
+
+def test_one_slice_that_dominates_any_rung_makes_the_mean_over_slices_decide():
+    pooled, steady = rung("pooled", 1, 40.0, 30.0), rung("steady", 1, 35.0, 33.0)
+    assert chosen([pooled, steady], Limits(size=1)).name == "pooled"
+    dominated = rung("dominated", 1, 20.0, 20.0, largest=0.11)
+    assert chosen([pooled, steady, dominated], Limits(size=1)).name == "steady"
+    assert chosen([pooled, steady, dominated], Limits(size=1)).score == 33.0
+    assert chosen([pooled, steady, rung("at the limit", 1, 20.0, largest=0.1)], Limits(size=1)).name == "pooled"
+
+
+def test_a_rung_that_does_not_fit_changes_no_criterion_between_budgets(tmp_path):
+    large = job("a x=3", 10**7, 20.0, largest=0.5)  # fits nowhere, and decides all the same
+    small = [job("a x=1", 10, 40.0), job("a x=2", 10, 35.0)]
+    small[0]["scores"]["validation"]["metrics"][PSNR]["mean"] = 30.0
+    run = run_of(tmp_path / "run", large, *small)
+    assert {name for budget in budgets(run, {}).picks for name in picks(run, budget).values()} == {"x=2"}
+
+
+def test_what_is_as_published_is_a_line_of_its_own(tmp_path):
+    run = run_of(tmp_path / "run", job("a x=1", 10, 30.0), job("a recipe=paper x=1", 10, 40.0))
+    assert picks(run, Budget(BYTES, 16)) == {"a": "x=1", "a, as published": "x=1"}
+    assert line_of(job("a recipe=paper", 1, 1.0)) == "a, as published"
+    assert rung_of(job("a recipe=paper", 1, 1.0)) == "default"
+
+
+def test_equals_go_to_the_smaller_file_then_to_the_faster_then_to_the_first():
+    several = [rung("large", 3, 30.0, time=1.0), rung("slow", 2, 30.0, time=9.0), rung("fast", 2, 30.0, time=5.0)]
+    assert chosen([*several, rung("unknown", 2, 30.0)], Limits(size=9)).name == "fast"
+    assert chosen([rung("first", 2, 30.0), rung("second", 2, 30.0)], Limits(size=9)).name == "first"
+
+
+def test_an_exact_rung_beats_every_other():
+    exact = validated({"pooled": None, "mean": None, "exact": 4, "slices": 4, "largest": None}, name="exact", size=2)
+    assert chosen([rung("near", 1, 99.0), exact], Limits(size=2)).name == "exact"
+
+
+def test_seeds_make_one_rung_of_their_means_that_fits_where_the_largest_file_does(tmp_path):
+    fits = 16 * SIDE * SIDE // 8
+    seeds = [job("a x=1", fits, 30.0, 20.0), job("a x=1", fits + 1, 40.0, 30.0, seed=1), job("a x=2", fits, 34.0)]
+    run = run_of(tmp_path / "run", *seeds)
+    assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
+    assert picks(run, Budget(BYTES, 32)) == {"a": "x=1"}
+    assert shown(budgets(run, {}).picks[Budget(BYTES, 32)]["a"]["satin"], PSNR) == 25.0
+
+
+class Sealed(dict):
+    """A part of a record that nothing may look into."""
+
+    def __getitem__(self, name):
+        raise AssertionError(f"{name} of test pairs was read")
+
+    get = items = values = __iter__ = __getitem__
+
+
+def test_choosing_reads_no_test_field():
+    sealed = [job(f"a x={i}", 10 * i, 30.0 + i, test=50.0 - i) for i in (1, 2, 3)]
+    for each in sealed:
+        each["scores"] = {"validation": each["scores"]["validation"], "heldout": Sealed(), "train": Sealed()}
+    assert all(map(has_validation, sealed))
+    rungs = [validated(validation_of(each), name=rung_of(each), size=each["bytes"]["total"]) for each in sealed]
+    assert chosen(rungs, Limits(size=25)).name == "x=2"
+
+
+def test_other_test_scores_change_no_choice(tmp_path):
+    def jobs(sign):
+        return [job(f"a x={i}", 900 * i, 30.0 + i % 3, 30.0 + sign * i) for i in range(5)]
+
+    runs = [run_of(tmp_path / str(sign), *jobs(sign)) for sign in (-1, 1)]
+    first, second = ({budget: picks(run, budget) for budget in budgets(run, {}).picks} for run in runs)
+    assert first == second
+
+
+def test_budgets_of_time_are_of_one_run_on_a_quiet_machine(tmp_path):
+    jobs = [job(f"a x={i}", 10, 30.0 + i) for i in range(10)]
+    times = [timing(each["job"], 3.0 + i) for i, each in enumerate(jobs)]
+    run = run_of(tmp_path / "run", *jobs, *times)
+    assert picks(run, Budget(EAGER, 4)) == {"a": "x=1"}
+    assert picks(run, Budget(EAGER, 32)) == {"a": "x=9"}
+    times[9]["unrest"] = "others used 2 cores"
+    run = run_of(tmp_path / "once", *jobs, *times)  # one in ten: left out
+    assert picks(run, Budget(EAGER, 32)) == {"a": "x=8"}
+    assert budgets(run, {}).times[EAGER].unquiet == 1
+    times[8]["unrest"] = "others used 2 cores"
+    run = run_of(tmp_path / "twice", *jobs, *times)
+    assert not budgets(run, {}).times
+    assert Budget(EAGER, 32) not in budgets(run, {}).picks
+
+
+def test_fused_times_have_budgets_of_their_own(tmp_path):
+    run = run_of(tmp_path / "run", job("a", 10, 30.0), timing("satin/a/0", 9.0))
+    fused = {"satin/a/0": {"job": "satin/a/0", "ratio_to_floor": 3.0}}
+    assert picks(run, Budget(FUSED, 4), fused=fused.items()) == {"a": "default"}
+    assert picks(run, Budget(EAGER, 8), fused=fused.items()) == {}
+
+
+def test_what_was_measured_on_other_data_than_last_is_left_out(tmp_path):
+    old = job("a x=1", 10, 40.0)
+    newest = job("a x=2", 10, 30.0, run="2")
+    newest["score_key"] = newest["score_key"] | {"btf": "other"}
+    run = run_of(tmp_path / "run", old, newest)
+    assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
+    assert [each["label"] for each in budgets(run, {}).unlike] == ["a x=1"]
+
+
+def test_runs_without_validation_stand_in_nobodys_place(tmp_path):
+    other = job("a", 10, None) | {"score_key": {"btf": "other"}}
+    run_of(tmp_path / "new", job("a", 10, 30.0), timing("satin/a/0", 3.0))
+    run_of(tmp_path / "old", other, timing("satin/a/0", 99.0, run="0"))
+    together = load_together([tmp_path / "new", tmp_path / "old"], has_validation)
+    assert picks(together, Budget(EAGER, 4)) == {"a": "default"}
+    assert len(budgets(together, {}).without) == 1
+
+
+@pytest.mark.parametrize("limits", [Limits(size=1), Limits(time=1)])
+def test_nothing_fits_nothing_is_chosen(limits):
+    assert chosen([rung("a", 2, 30.0)], limits) is None
+
+
+def test_choosing_imports_nothing_heavy():
+    import subprocess
+    import sys
+
+    code = "import sys, json, bench.records.choosing; print(json.dumps([m in sys.modules for m in ('torch', 'numpy')]))"
+    assert json.loads(subprocess.run([sys.executable, "-c", code], capture_output=True).stdout) == [False, False]
