@@ -26,7 +26,6 @@ from bench.training import (
     Batch,
     Bits,
     Loss,
-    Rounding,
     Samples,
     TextureObjective,
     WeightPrecision,

@@ -1,12 +1,13 @@
 """The suite: what a BTF is, what a codec must do, how it is measured, run, stored and compared.
 
-`bench.open`, `encode`, `load`, `score` and `load_runs` are what scripts call: see docs/api.md.
+`bench.open`, `from_arrays`, `encode`, `load`, `score` and `load_runs` are what scripts call: see docs/api.md.
 """
 
 import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bench.data.arrays import from_arrays as from_arrays
     from bench.runs.history import load_runs as load_runs
     from bench.runs.library import encode as encode
     from bench.runs.library import load as load
@@ -15,7 +16,10 @@ if TYPE_CHECKING:
 
     __version__: str
 
-_LAZY = dict.fromkeys(("open", "encode", "load", "score"), "bench.runs.library") | {"load_runs": "bench.runs.history"}
+_LAZY = dict.fromkeys(("open", "encode", "load", "score"), "bench.runs.library") | {
+    "from_arrays": "bench.data.arrays",
+    "load_runs": "bench.runs.history",
+}
 
 
 def __getattr__(name: str) -> Any:

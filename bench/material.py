@@ -54,6 +54,12 @@ class Material:
         self.size, self.cost = size, cost
         self.device, self.dtype, self.chunk = torch.device("cpu"), torch.float32, CHUNK
 
+    def __repr__(self) -> str:
+        height, width = self.size
+        cost, dtype = self.cost, str(self.dtype).removeprefix("torch.")
+        numbers = f"{cost.texture_channels} texture channels, {cost.parameters:,} parameters"
+        return f"<{type(self).__name__}: {height} × {width} texels, {numbers}, {dtype}, {self.device}>"
+
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """RGB (n, 3) of valid queries above the horizon: uv (n, 2), wo and wi (n, 3), footprint (n,). Pure.
 

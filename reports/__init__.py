@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bench.records import Record, Run
+    from reports.choice import Choice
 
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
@@ -48,12 +49,18 @@ class Report:
     files: list[Path]
 
 
-def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", kind: str | None = None) -> str:
-    """The tables of a run, or of several together, as `text`, `markdown`, `latex` or `csv`.
+def table_text(
+    runs: str | Path | Sequence[str | Path],
+    format: str = "text",
+    kind: str | None = None,
+    choice: "Choice | None" = None,
+) -> str:
+    """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
     `kind` picks one kind of table, of `KINDS`; by default all are given, the text of them in a shorter form.
-    A CSV has one row a job and every number of its record, whatever the kind, but of `trade`: one row a choice, and of
-    budgets: the cells of the tables.
+    A `choice` shows some codecs and columns, and calls them otherwise; the text is then of whole tables, too.
+    `csv` has the cells of the tables. `raw`, a CSV too, has one row a job and every number of its record, whatever the
+    kind, but of `trade`: one row a choice.
     Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
     """
     from bench.records import load_together
@@ -64,31 +71,39 @@ def table_text(runs: str | Path | Sequence[str | Path], format: str = "text", ki
     from reports.tables import all_tables
     from reports.terminal import terminal
 
-    writers: dict[str, Callable[..., str]] = {"markdown": text.markdown, "latex": latex, "text": text.plain}
-    if format not in (*writers, "csv") or kind not in (None, *KINDS):
+    writers: dict[str, Callable[..., str]] = {
+        "markdown": text.markdown,
+        "latex": latex,
+        "text": text.plain,
+        "csv": table_csv,
+    }
+    if format not in (*writers, "raw") or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     wanted = {"wanted": has_validation} if kind in BY_BUDGET else {}
     run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted)
-    if format == "csv" and kind in BY_BUDGET:
-        return table_csv(all_tables(run, kind=kind))
-    if format == "csv":
+    if choice:
+        run = choice.of_run(run)
+    if format == "raw":
         return trade.choices_csv(run.folder) if kind == "trade" else results_csv(run)
-    if format == "text" and kind is None:
+    if format == "text" and kind is None and not choice:
         return terminal(run)
-    tables = all_tables(run, narrow=format == "latex", kind=kind)
-    return writers[format]([table for table in tables if kind in (None, table.kind)])
+    tables = all_tables(run, narrow=format == "latex" and not (choice and choice.columns), kind=kind)
+    shown = [table for table in tables if kind in (None, table.kind)]
+    return writers[format](choice.of_tables(shown) if choice else shown)
 
 
-def parameters_text(jobs: Sequence["Record"], format: str = "text") -> str:
+def parameters_text(jobs: Sequence["Record"], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
     from reports import text
     from reports.csv_tables import table_csv
     from reports.latex import latex
     from reports.parameters import parameters_table
 
-    writers = {"markdown": text.markdown, "latex": latex, "text": text.plain, "csv": table_csv}
+    writers = {"markdown": text.markdown, "latex": latex, "text": text.plain}
+    writers |= {"csv": table_csv, "raw": table_csv}
     table = parameters_table(jobs)
-    return writers[format]([table] if table else [])
+    tables = [table] if table else []
+    return writers[format](choice.of_tables(tables) if choice else tables)
 
 
 def score_text(record: "Record") -> str:
@@ -109,14 +124,16 @@ def stress_text(records: Sequence["Record"], format: str = "text") -> str:
     return (text.markdown if format == "markdown" else text.plain)(tables(records))
 
 
-def write_report(run_folder: str | Path) -> Report:
+def write_report(run_folder: str | Path, vector: bool = False) -> Report:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file whole or not at all.
+
+    `vector`: every figure as SVG and PDF, too.
 
     The same records give the same files. Raises `InputError` where the folder holds no run.
     """
     from reports.write import write
 
-    return write(Path(run_folder))
+    return write(Path(run_folder), vector)
 
 
 def write_history(runs: Sequence["Run"], folder: Path) -> list[Path]:

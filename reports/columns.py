@@ -139,8 +139,8 @@ def time() -> list[Column]:
 
 def scored(material: MaterialRows) -> list[Column]:
     """Columns of a file that was scored alone, without a record of its fit."""
-    train = replace(_TRAIN, name="train")
-    return [_PARAMETERS, _CHANNELS, _TOTAL, _BITS, train, HELDOUT, *_others(material, _pooled)]
+    size = [_PARAMETERS, _CHANNELS, _TOTAL, _BITS] if all(row.job["bytes"] for row in material.measured) else []
+    return [*size, replace(_TRAIN, name="train"), HELDOUT, *_others(material, _pooled)]
 
 
 def short(material: MaterialRows) -> list[Column]:

@@ -2,12 +2,16 @@
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from bench.records import Run, flattened
+from reports.numbers import NONE
 from reports.rows import Row, materials
 from reports.table import Table
+
+_NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
 
 
 def results_csv(run: Run) -> str:
@@ -31,9 +35,22 @@ def results_csv(run: Run) -> str:
 
 
 def table_csv(tables: Sequence[Table]) -> str:
-    """The cells of tables as they are shown, each with a line of headers."""
-    headers = ([" ".join(words).strip() for words in table.headers] for table in tables)
-    return as_csv(row for table, header in zip(tables, headers, strict=True) for row in (header, *table.rows))
+    """The cells of tables as they are shown, numbers without separators; a line of headers wherever they change."""
+    lines: list[Sequence[str | None]] = []
+    header: list[str] = []
+    for table in tables:
+        first = ["material"] if table.material else []
+        if header != (header := [*first, *(" ".join(words).strip() for words in table.headers)]):
+            lines.append(header)
+        lines += [[*([table.material] if table.material else []), *map(_plain, row)] for row in table.rows]
+    return as_csv(lines)
+
+
+def _plain(cell: str) -> str | None:
+    """A cell as programs read it: 42584 for 42,584, -1.5 for −1.5, and nothing where no number is."""
+    if cell == NONE:
+        return None
+    return cell.replace(",", "").replace("−", "-") if _NUMBER.fullmatch(cell) else cell
 
 
 def as_csv(rows: Iterable[Sequence[Any]]) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
+PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
 _SPECIAL = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
     "\\": r"\textbackslash{}",
@@ -34,8 +35,16 @@ _SPECIAL = {
 
 
 def latex(tables: Sequence[Table]) -> str:
-    """Tables to be `\\input`, each a `table*` with its notes below it."""
-    return "\n".join(map(_latex, tables))
+    """Tables to be `\\input`, each a `table*` with its notes below it.
+
+    The one table of a kind over all materials is `tab:summary`; see `label` for the others.
+    """
+    kinds = [table.kind for table in tables]
+    labels = [
+        f"tab:{each.kind}" if kinds.count(each.kind) == 1 and not each.material else label(each) for each in tables
+    ]
+    written = (_latex(table, called) for table, called in zip(tables, labels, strict=True))
+    return "\n".join([PACKAGES, *written]) if tables else ""
 
 
 def escaped(text: str) -> str:
@@ -45,11 +54,11 @@ def escaped(text: str) -> str:
     return text.replace("\0o", r"\ensuremath{\theta_o}").replace("\0i", r"\ensuremath{\theta_i}")
 
 
-def _latex(table: Table) -> str:
+def _latex(table: Table, called: str) -> str:
     align = "".join("l" if i < table.words else "r" for i in range(len(table.headers)))
     if table.words == len(table.headers):
         align = align[:-1] + r"p{0.5\textwidth}"
-    lines = [r"\begin{table*}", r"\centering", rf"\caption{{{escaped(table.title)}}}", rf"\label{{{label(table)}}}"]
+    lines = [r"\begin{table*}", r"\centering", rf"\caption{{{escaped(table.title)}}}", rf"\label{{{called}}}"]
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
     lines += [r"\toprule", *_head(table), r"\midrule", *(_row(row, i, table) for i, row in enumerate(table.rows))]
     lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]

@@ -1,6 +1,7 @@
 """Writes the report of a run: tables, figures, and one page that holds both."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from bench.atomic import replacing
 from bench.records import Run, load_run
 from reports import KINDS, Report, figures, trade
 from reports.csv_tables import results_csv
+from reports.figures.canvas import Figure
 from reports.figures.history import history_figures
 from reports.latex import latex
 from reports.page import page
@@ -16,19 +18,20 @@ from reports.tables import all_tables
 from reports.terminal import terminal
 from reports.text import markdown
 
+VECTOR = ("svg", "pdf")
 
-def write(folder: Path) -> Report:
+
+def write(folder: Path, vector: bool = False) -> Report:
     """See `reports.write_report`."""
     run = load_run(folder)
-    drawn = [figure for draw in figures.ALL for figure in draw(run)]
+    drawn, pictures = [], []
+    for figure in (figure for draw in figures.ALL for figure in draw(run)):
+        pictures += _write_figure(figure, folder / "figures", VECTOR if vector else ())
+        drawn.append(replace(figure, drawing=None))  # what it was drawn from takes memory
     tables = all_tables(run)
     narrow = [*(table for table in tables if table.kind != "main"), *all_tables(run, narrow=True, kind="main")]
     files = _write_tables(run, folder / "tables", tables, narrow)
-    for figure in drawn:
-        path = folder / "figures" / figure.name
-        files.append(put(path, figure.png))
-        if figure.svg:
-            files.append(put(path.with_suffix(".svg"), figure.svg))
+    files += pictures
     _remove_old_figures(folder / "figures", files)
     files.append(folder / "report.html")
     with replacing(files[-1]) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
@@ -40,12 +43,17 @@ def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
     """See `reports.write_history`."""
     files, pieces = [], []
     for figure in history_figures(runs):
-        path = folder / figure.name
-        files += [put(path, figure.png), put(path.with_suffix(".svg"), figure.svg)]
-        inline = "<svg" + figure.svg.decode().partition("<svg")[2]  # without its XML declaration
+        files += _write_figure(figure, folder, VECTOR)
+        inline = "<svg" + figure.vector("svg").decode().partition("<svg")[2]  # without its XML declaration
         pieces.append(f"<h2>{escape(figure.material)}</h2>\n{inline}")
     page = _HISTORY.format("\n".join(pieces))
     return [*files, put(folder / "history.html", page.encode())]
+
+
+def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[Path]:
+    path = folder / figure.name
+    vectors = [put(path.with_suffix(f".{format}"), figure.vector(format)) for format in formats]
+    return [put(path, figure.png), *vectors]
 
 
 _HISTORY = """<!doctype html>
@@ -80,7 +88,7 @@ def _remove_old_figures(folder: Path, files: Sequence[Path]) -> None:
     for kind in figures.KINDS:
         old = {
             path
-            for suffix in ("png", "svg")
+            for suffix in ("png", *VECTOR)
             for name in (kind, f"{kind}-*")
             for path in folder.glob(f"{name}.{suffix}")
         }

@@ -277,6 +277,10 @@ class BTF:
         if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
             raise ValueError(f"wo and wi must be ({len(self.pairs)}, 3), not {self.wo.shape}, {self.wi.shape}")
 
+    def __repr__(self) -> str:
+        held = "" if self.heldout is None else f", {int(self.heldout.sum()):,} of them held out"
+        return f"<BTF {self.name}: {self.shape[0]} × {self.shape[1]} texels, {len(self):,} pairs{held}>"
+
     @property
     def shape(self) -> tuple[int, int]:
         return self.source.shape
@@ -305,16 +309,8 @@ class BTF:
     def _with(self, pairs: Array, source: Source, **changes: Any) -> "BTF":
         provenance = self.provenance | changes
         heldout = None if self.heldout is None else self.heldout[pairs]
-        btf = BTF(
-            self.name,
-            self.wo[pairs],
-            self.wi[pairs],
-            source,
-            heldout=heldout,
-            periodic=self.periodic,
-            provenance=provenance,
-            pairs=self.pairs[pairs],
-        )
+        wo, wi, kept, periodic = self.wo[pairs], self.wi[pairs], self.pairs[pairs], self.periodic
+        btf = BTF(self.name, wo, wi, source, heldout=heldout, periodic=periodic, provenance=provenance, pairs=kept)
         btf.validation = None if self.validation is None else self.validation[pairs]
         return btf
 

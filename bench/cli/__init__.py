@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import bench
 from bench.cli import commands
-from bench.codecs.registry import first_line
 from bench.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
 from bench.threads import handling
 
@@ -34,6 +33,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         # Schedulers send SIGTERM: as after Ctrl-C, finished work is kept.
         with handling(signal.SIGTERM, signal.default_int_handler):
+            if not words:
+                parser(words).print_help()
+                return USAGE
             options = parser(words[:1]).parse_args(words)
             code: int = options.command(options)
             return code
@@ -58,27 +60,28 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
-    """Build the parser of the wanted command; the others are only listed by name, not imported.
+    """Build the parser of the wanted command; the others are only listed, not imported.
 
     `InputError` where there is no such command.
     """
+    known = commands.modules()
+    about = "Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample."
     top = argparse.ArgumentParser(
         prog="neubtf-bench",
-        description="Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample.",
+        description=about if wanted and wanted[0] in known else f"{about}\n\n{commands.grouped(known)}",
         epilog=EVERYDAY,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action="version", version=f"neubtf-bench {bench.__version__}")
-    known = commands.modules()
     if wanted and not wanted[0].startswith("-") and wanted[0] not in known:
         raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
-    listing = top.add_subparsers(required=True, metavar="COMMAND")
+    listing = top.add_subparsers(required=True, metavar="COMMAND", help="one of these")
     for name in known:
         module = known[name]
         if name in wanted:
             _add(listing, name, module)
         else:
-            listing.add_parser(name, help="" if wanted and wanted[0] in known else first_line(module))
+            listing.add_parser(name)
     return top
 
 

@@ -76,11 +76,7 @@ def outlined(spec: MaterialSpec, data: Preparation, draw: int = 0) -> BTF:
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
     """The draw of test pairs for a repetition; 0 where all repetitions share one."""
-    from bench.data.bake.naming import looks_like_maps
-
-    path = spec.existing() if spec.path else None
-    rendered = not spec.path or (path is not None and looks_like_maps(path))
-    return repetition if rendered and data.split == "test" else 0
+    return repetition if spec.rendered and data.split == "test" else 0
 
 
 def without_test(btf: BTF) -> BTF:
@@ -97,6 +93,10 @@ def hold_validation(btf: BTF) -> None:
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:
-    """The BTF of a built-in material or a path, with `data.KEY` settings changed."""
+    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` where it has no such."""
+    spec = named(name)
     data = changed(Preparation(), {key: value for key, value in changes.items() if key.startswith("data.")})
-    return open_material(named(name), data, show)
+    for key in changes:
+        if reason := spec.ignores(key):
+            raise InputError(f"{key}: {reason}")
+    return open_material(spec, data, show)

@@ -32,9 +32,10 @@ CLIPPED = 1e-3  # share of values exactly at the maximum that no unclipped data 
 class Look:
     """The findings from a few slices of a BTF.
 
-    `values` (n, 3) are texels of all slices looked at; `power` is the exponent of cos θ_i with which the median of a
-    slice falls, or None if undefined; `seams` are the gradients across the left–right and the top–bottom
-    border, each over the mean and over the largest inside; `lobe` checks the azimuths, where that is possible.
+    `values` (slices, n, 3) are the same n texels of each slice looked at; `power` is the exponent of cos θ_i with which
+    the median of a slice falls, or None if undefined; `seams` are the gradients across the left–right and the
+    top–bottom border, each over the mean and over the largest inside; `lobe` checks the azimuths, where that is
+    possible.
     """
 
     btf: BTF
@@ -53,9 +54,16 @@ class Look:
 
     @property
     def clipped(self) -> float:
-        """The share of values that lie exactly at the maximum; 0 where they are few, or all values are equal."""
-        at_top = int((self.values == self.values.max()).sum())
-        return at_top / self.values.size if 10 <= at_top < self.values.size else 0.0
+        """The share of values that lie exactly at the maximum; 0 where they are few, or of a flat tile."""
+        top = self.values == self.values.max()
+        return top.mean() if 10 <= top.sum() < top.size and not self._alike(top.any(2)) else 0.0
+
+    def _alike(self, top: Array) -> bool:
+        """Whether the texels at the maximum (slices, n) equal each other in most other slices too: a flat tile."""
+        where = top[top.sum(1).argmax()]
+        below = self.values[~top[:, where].any(1)][:, where]
+        lit = below[below.any((1, 2))]
+        return bool(where.sum() > 1 and len(lit) and (lit == lit[:, :1]).all((1, 2)).mean() > 0.5)
 
     @property
     def missing(self) -> int:
@@ -96,10 +104,12 @@ def look(btf: BTF) -> Look:
     rng = np.random.default_rng(0)
     sheet, row = _sheet(btf), _row(btf)
     values, thumbs, medians, seams = [], {}, {}, []
+    count = btf.shape[0] * btf.shape[1]
+    chosen = rng.integers(0, count, TEXELS) if count > TEXELS else np.arange(count)
     for pair in dict.fromkeys([*sheet, *row]):
         picture = btf[pair]
         texels = picture.reshape(-1, 3)
-        values.append(texels[rng.integers(0, len(texels), TEXELS)] if len(texels) > TEXELS else texels)
+        values.append(texels[chosen])
         medians[pair] = float(np.median(texels.mean(1)))
         seams.append(periodic.seams(picture))
         if pair in sheet:
@@ -107,7 +117,7 @@ def look(btf: BTF) -> Look:
     power = _power(btf.wi[row, 2], np.array([medians[pair] for pair in row]))
     ratios = np.mean(seams, 0)
     seen = [(float(r[0] / max(r[1], 1e-12)), float(r[0] / max(r[2], 1e-12))) for r in ratios]
-    return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.concatenate(values), power, seen, mean_lobe(btf))
+    return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.stack(values), power, seen, mean_lobe(btf))
 
 
 def _sheet(btf: BTF) -> list[int]:
@@ -186,7 +196,7 @@ def _draw_values(axes: Any, values: Array) -> None:
     if lit.size:
         bins = np.geomspace(lit.min(), max(lit.max(), lit.min() * 1.01), 80)
         for channel, colour in enumerate(("tab:red", "tab:green", "tab:blue")):
-            axes.hist(values[:, channel], bins, histtype="step", color=colour, log=True)
+            axes.hist(values[..., channel].ravel(), bins, histtype="step", color=colour, log=True)
         axes.set_xscale("log")
     dark = 1 - lit.size / values.size
     axes.set_title("sampled values" + (f"; {dark:.1%} are 0 or less" if dark >= 5e-4 else ""), fontsize=9)

@@ -93,6 +93,17 @@ class Preparation:
         return f"{self.heldout} {which}, uniform in solid angle, theta_deg <= 75"
 
 
+# What to give in place of a setting that only a material of the other kind has.
+_OF_RENDERED = {
+    "data.size": "give data.texels",
+    "data.directions": "leave it out",
+    "data.views": "give data.pairs",
+    "data.lights": "give data.pairs",
+    "data.heldout": "whole views and lights are held out",
+}
+_OF_MEASURED = {"data.texels": "give data.size"}
+
+
 @dataclass(frozen=True)
 class MaterialSpec:
     """A material of a suite: built in where `path` is empty."""
@@ -100,6 +111,24 @@ class MaterialSpec:
     name: str
     path: str = ""
     where: str = ""  # where to get the data
+
+    @property
+    def rendered(self) -> bool:
+        """Whether the suite renders it: built in, or a folder of maps."""
+        if not self.path:
+            return True
+        from bench.data.bake.naming import looks_like_maps
+
+        path = self.existing()
+        return path is not None and looks_like_maps(path)
+
+    def ignores(self, key: str) -> str:
+        """Why `data.KEY` changes nothing of this material, and what does; "" where it does, or where no data are."""
+        if not self.rendered and not self.existing():
+            return ""
+        kind, others = ("rendered", _OF_MEASURED) if self.rendered else ("measured", _OF_RENDERED)
+        instead = others.get(key)
+        return f"{self.name} is {kind}, which has no such setting: {instead}" if instead else ""
 
     def existing(self) -> Path | None:
         """The path of measured data on this machine, or None."""

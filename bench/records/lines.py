@@ -21,7 +21,7 @@ from typing import NamedTuple, overload
 
 from bench.errors import InputError, writable
 from bench.records import fields
-from bench.records.schema import Record
+from bench.records.schema import ARTEFACT, Record
 
 FILE = "records.jsonl"
 TRADE = "trade.json"  # beside the records: the measurements of `neubtf-bench trade`; see `bench.runs.trade`
@@ -139,7 +139,9 @@ def load_run(folder: str | Path) -> Run:
     """
     path = Path(folder) if str(folder).endswith(".jsonl") else Path(folder) / FILE
     if not path.is_file():
-        raise InputError(f"{folder}: no run here (no {FILE}): give the folder that `neubtf-bench run` wrote")
+        absent = "no such file" if path == Path(folder) else "no such folder"
+        what = f"no run here (no {FILE})" if Path(folder).exists() else absent
+        raise InputError(f"{folder}: {what}: give the folder that `neubtf-bench run` wrote, or a file of its records")
     run = Run(path.parent)
     try:
         with open(path, "rb") as file:
@@ -169,8 +171,14 @@ def load_together(sources: Sequence[str | Path], wanted: Callable[[Record], bool
             if job["job"] in aside:
                 together.jobs.put((number, job["job"]), job)
                 continue
-            _refuse_other_data(together.job(job["job"]), job, run.folder)
-            together.jobs.put(job["job"], _with_absolute_paths(job, run.folder))
+            known = together.job(job["job"]) or {}
+            mine, theirs = (each.get("score_key", {}).get("btf") for each in (job, known))
+            if mine and theirs and mine != theirs:
+                told = "was measured on other data than in the runs before: give fewer runs"
+                raise InputError(f"{run.folder}: {job['job']} {told}")
+            names = [name for name in fields.field_names(ARTEFACT) if isinstance(job.get(name), str)]
+            paths = {name: str(run.folder.absolute() / job[name]) for name in names}
+            together.jobs.put(job["job"], job | paths)
         for timing in (each for each in run.timings if each["job"] not in aside):
             together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)

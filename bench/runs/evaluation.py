@@ -46,13 +46,16 @@ def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
     """Everything that the figures of a file depend on. A file is not scored again if a record has the same key."""
     codec = registry.load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
     code = identity(codec, __name__, *(type(metric).__module__ for metric in bench.scorer.metrics.values()))["code"]
+    return {"sha256": header.sha256, "code": code} | conditions(bench)
+
+
+def conditions(bench: Workbench) -> dict[str, Any]:
+    """What scores depend on besides the file: the part of a score key that comparable rows share."""
     key = {
-        "sha256": header.sha256,
         "btf": bench.btf.fingerprint,
         "exposure": bench.exposure,
         "metrics": {name: get_metric(name).version for name in bench.scorer.names},
         "footprints": FOOTPRINTS_VERSION,
-        "code": code,
     }
     if bench.demand:
         key |= {"demand": bench.demand.fingerprint}
@@ -70,7 +73,12 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
     """
     if file.network:
         shared.refuse(file.network, bench.btf)
-    header, material = file.header, unreported(file.material)
+    figures = scored(bench, unreported(file.material), file.header.path.stem, threads, keep, show)
+    return {"settings": file.header.settings, "bytes": _bytes(file)} | figures
+
+
+def scored(bench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Record:
+    """Score a material, wherever it comes from: its record but settings and bytes; `name` is that of kept files."""
     decoder = Slices(bench, material, show)
     groups, decides = dict(bench.groups), gate(bench.groups)
     if decides != "all" and len(bench.scored) < len(bench.btf):
@@ -95,8 +103,6 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
         "shape": list(bench.btf.shape),
         "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
         "provenance": bench.btf.provenance,
-        "settings": header.settings,
-        "bytes": _bytes(file),
         "parameters": None if material.opaque else parameters(material),
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: {word: getattr(get_metric(name), word) for word in DESCRIBED} for name in bench.scorer.names},
@@ -104,9 +110,9 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
         "footprints": {"1": one} | summarise_footprints(coarse),
         **({"scene": scene} if scene else {}),
         **program,
-        "slices": keep(f"slices/{header.path.stem}.npz", _slices(bench, scores) | _footprints(bench, coarse)),
-        "angular": keep(f"angular/{header.path.stem}.json", angular),
-        "pictures": keep(f"pictures/{header.path.stem}.npz", pictures),
+        "slices": keep(f"slices/{name}.npz", _slices(bench, scores) | _footprints(bench, coarse)),
+        "angular": keep(f"angular/{name}.json", angular),
+        "pictures": keep(f"pictures/{name}.npz", pictures),
     }
 
 

@@ -3,6 +3,7 @@
 The commands of `neubtf-bench` call the same code, so that a script measures the same as a run.
 """
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,15 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Progress, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
+from bench.codecs.slices_material import SlicesMaterial
 from bench.data.open import open_named
+from bench.data.readers import open_btf
 from bench.demand import fitting, require_demand
 from bench.demand.demand import load as load_demand
 from bench.errors import InputError
 from bench.material import Material
 from bench.records import ARTEFACT, Record, field_names
-from bench.runs.evaluation import evaluate, score_key
+from bench.runs.evaluation import conditions, evaluate, score_key, scored
 from bench.runs.workbench import Workbench
 
 
@@ -29,6 +32,11 @@ def open(name: str | Path, **data: Any) -> BTF:
     `directions`; measured ones have `pairs` and `repair`. `split` chooses the held-out pairs: "test" for reported
     figures, "validation" for choosing settings. `InputError` says what cannot be opened, and why.
     """
+    if not isinstance(name, str | os.PathLike):
+        raise InputError(
+            f"bench.open: give the name of a material or a path, not a {type(name).__name__}: "
+            "arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
+        )
     changes = {
         f"data.{key}": str(value).lower() if isinstance(value, bool) else str(value) for key, value in data.items()
     }
@@ -64,7 +72,7 @@ def load(file: str | Path, device: str = "cpu") -> Material:
 
 
 def score(
-    file: str | Path,
+    decoded: str | Path | Material | BTF,
     btf: BTF,
     *,
     demand: str | Path | None = None,
@@ -72,20 +80,46 @@ def score(
     device: str = "cpu",
     show: Progress = silent,
 ) -> Record:
-    """Decode a codec file and score it against its BTF, as a run does; returns the numbers of a job's record.
+    """Score against its BTF what was decoded, as a run does; returns the numbers of a job's record.
+
+    `decoded` is a codec file, which is decoded here; or slices at the pairs of the BTF, as a folder with `pairs.csv` or
+    a BTF; or a material. The last two have no file: no bytes are counted.
 
     `scores` holds every metric over groups of pairs (`heldout`, `train`, `all`, …), `footprints` the PSNR at footprints
     of several texels; `bytes`, `parameters` and `cost` are those of the file. `demand` is the demand file of a scene to
     judge by as well. Raises `ContainerError` for a bad file, `InputError` if the BTF has another resolution.
     """
-    loaded = loading.load(Path(file), device)
-    if loaded.material.size != btf.shape:
-        decoded, wanted = (" × ".join(map(str, sides)) for sides in (loaded.material.size, btf.shape))
-        raise InputError(
-            f"{file}: decodes to {decoded} texels, and {btf.name} has {wanted}: open the BTF as it was encoded"
-        )
     bench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
-    figures = evaluate(bench, loaded, threads, lambda name, content: name, show)
-    for name in field_names(ARTEFACT):  # a run keeps these files, `score` does not
-        figures.pop(name, None)
-    return {"codec": loaded.header.codec, "score_key": score_key(bench, loaded.header)} | figures
+    if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
+        loaded = loading.load(Path(decoded), device)
+        _same_size(str(decoded), loaded.material.size, btf)
+        figures = {"codec": loaded.header.codec, "score_key": score_key(bench, loaded.header)}
+        figures |= evaluate(bench, loaded, threads, lambda name, content: name, show)
+    else:
+        name, material = _material(decoded, btf)
+        if demand and isinstance(material, SlicesMaterial):
+            raise InputError(f"{name}: slices cannot be judged by a scene, which asks for more pairs: no demand")
+        figures = {"codec": name, "settings": {}, "bytes": {}, "score_key": conditions(bench)}
+        figures |= scored(bench, material, name, threads, lambda name, content: name, show)
+    for field in field_names(ARTEFACT):  # a run keeps these files, `score` does not
+        figures.pop(field, None)
+    return figures
+
+
+def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Material]:
+    """The name and the material of what was decoded elsewhere."""
+    if isinstance(decoded, Material):
+        name, size = type(decoded).__name__, decoded.size
+        _same_size(name, size, btf)
+        return name, decoded
+    slices = decoded if isinstance(decoded, BTF) else open_btf(decoded)
+    _same_size(slices.name, slices.shape, btf)
+    return slices.name, SlicesMaterial(slices, btf)
+
+
+def _same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
+    if size != btf.shape:
+        decoded, wanted = (" × ".join(map(str, sides)) for sides in (size, btf.shape))
+        raise InputError(
+            f"{name}: decodes to {decoded} texels, and {btf.name} has {wanted}: open the BTF as it was encoded"
+        )

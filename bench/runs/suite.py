@@ -200,7 +200,7 @@ def canonical(suite: Suite) -> Suite:
     """
     unique: dict[str, CodecSpec] = {}
     try:
-        specs = [dataclasses.replace(spec, settings=_changed_settings(spec)) for spec in suite.codecs]
+        specs = [dataclasses.replace(spec, settings=changed_settings(spec)) for spec in suite.codecs]
     except InputError as error:
         raise InputError(f"suite {suite.name}: {error}") from error
     for spec in specs:
@@ -210,7 +210,7 @@ def canonical(suite: Suite) -> Suite:
     return dataclasses.replace(suite, codecs=tuple(unique.values()))
 
 
-def _changed_settings(spec: CodecSpec) -> dict[str, Any]:
+def changed_settings(spec: CodecSpec) -> dict[str, Any]:
     """The settings of a codec that differ from its recipe's defaults, as the codec parses them."""
     from bench.codec import RECIPE, settings_dict
 
@@ -228,7 +228,10 @@ def _changed_settings(spec: CodecSpec) -> dict[str, Any]:
 def _change(suite: Suite, key: str, value: str) -> Suite:
     scope, _, name = key.rpartition(".")
     if scope == "data":
-        return dataclasses.replace(suite, data=changed(suite.data, {key: value}))
+        suite = dataclasses.replace(suite, data=changed(suite.data, {key: value}))
+        if all(reasons := [spec.ignores(key) for spec in suite.materials]):
+            raise InputError(f"--set {key}: {reasons[0]}")
+        return suite
     codecs = [_set(spec, name, value) if _has(spec.codec, scope, name) else spec for spec in suite.codecs]
     if codecs == list(suite.codecs) and not any(_has(spec.codec, scope, name) for spec in codecs):
         raise InputError(f"--set {key}: no codec of this run has a setting {name!r} (or write data.{name})")
@@ -237,11 +240,13 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
 
 
 def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
-    """One line for each change of a setting that names the codecs it changes; no line for `data.KEY`."""
+    """One line for each change of a setting that names the codecs it changes, or the materials that ignore it."""
     codecs, lines = dict.fromkeys(spec.codec for spec in suite.codecs), []
     for key, value in changes.items():
         scope, _, name = key.rpartition(".")
-        if scope != "data":
+        if scope == "data":
+            lines += [f"--set {key}={value}: {reason}" for spec in suite.materials if (reason := spec.ignores(key))]
+        else:
             reached = [codec for codec in codecs if _has(codec, scope, name)]
             lines.append(f"--set {key}={value} changes {', '.join(reached)}")
     return lines

@@ -36,7 +36,7 @@ def _figure(material: MaterialRows, maps: list[tuple[str, np.ndarray]]) -> Figur
         bar = sheet.scale(sheet.width - _BAR, _TOP, (14, min(rows * cell[1] - 40, 300)), "cividis", norm=scale)
         log_ticks(bar.ax.yaxis)
         bar.set_label("mean squared error of log1p, all pairs", fontsize=8)
-        return Figure(material.name, "abrdf", title, sheet.png())
+        return Figure(material.name, "abrdf", title, sheet.png(), sheet)
 
 
 _EDGE, _BAR, _TOP = 14, 100, 54

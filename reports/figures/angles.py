@@ -36,7 +36,7 @@ def angle_curves(run: Run) -> Iterator[Figure]:
             panels[0].set_title(f"{title}\n{material.split}", loc="left")
             names = [f"{row.label} (no error)" if row.psnr is None else row.label for row, _ in curves]
             legend(panels[1], handles, names)
-            yield Figure(material.name, "angles", title, png(drawing))
+            yield Figure(material.name, "angles", title, png(drawing), drawing)
 
 
 def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:

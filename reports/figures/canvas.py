@@ -1,4 +1,4 @@
-"""Common parts of all figures: file name, style, axes, PNG and SVG output."""
+"""Common parts of all figures: file name, style, axes, PNG, SVG and PDF output."""
 
 import hashlib
 import io
@@ -22,13 +22,13 @@ DPI = 110
 
 @dataclass(frozen=True)
 class Figure:
-    """A drawn figure: the material it shows, "" for all; its kind, its title, its PNG; its SVG, where it is kept."""
+    """A drawn figure: the material it shows, "" for all; its kind, its title, its PNG; and what it was drawn from."""
 
     material: str
     kind: str
     title: str
     png: bytes
-    svg: bytes = b""
+    drawing: "Drawing | Sheet | None" = None
 
     @property
     def name(self) -> str:
@@ -37,6 +37,16 @@ class Figure:
         if plain != self.material:
             plain += f"-{hashlib.sha256(self.material.encode()).hexdigest()[:6]}"
         return f"{self.kind}-{plain}.png" if self.material else f"{self.kind}.png"
+
+    def vector(self, format: str) -> bytes:
+        """The figure as "svg" or "pdf"; the same drawing gives the same bytes."""
+        drawing = self.drawing.layered() if isinstance(self.drawing, Sheet) else self.drawing
+        assert drawing
+        unnamed = ("Date", "Creator") if format == "svg" else ("CreationDate", "Creator", "Producer")
+        out = io.BytesIO()
+        with style():
+            drawing.savefig(out, format=format, metadata=dict.fromkeys(unnamed))
+        return out.getvalue()
 
 
 @contextmanager
@@ -53,6 +63,7 @@ def style() -> Iterator[None]:
         "legend.frameon": False,
         "text.parse_math": False,
         "svg.hashsalt": "",  # names inside an SVG are the same each time
+        "pdf.fonttype": 42,  # journals refuse fonts of type 3
         "axes.unicode_minus": True,
     }
     with matplotlib.rc_context(settings), warnings.catch_warnings():
@@ -100,12 +111,19 @@ class Sheet:
         self.drawing.patch.set_alpha(0)
         self.drawing.canvas.draw()
         drawn = np.asarray(self.drawing.canvas.buffer_rgba())  # type: ignore[attr-defined]
-        used = drawn[..., 3] > 0
+        used, pixels = drawn[..., 3] > 0, self.pixels.copy()
         alpha = drawn[used][:, 3:] / 255
-        self.pixels[used] = np.round(drawn[used][:, :3] * alpha + self.pixels[used] * (1 - alpha)).astype(np.uint8)
+        pixels[used] = np.round(drawn[used][:, :3] * alpha + pixels[used] * (1 - alpha)).astype(np.uint8)
         out = io.BytesIO()
-        Image.fromarray(self.pixels).convert(mode).save(out, "png", compress_level=4)
+        Image.fromarray(pixels).convert(mode).save(out, "png", compress_level=4)
         return out.getvalue()
+
+    def layered(self) -> Drawing:
+        """The sheet as one drawing: its pictures, unchanged, below its texts."""
+        axes = self.drawing.add_axes((0, 0, 1, 1), zorder=-1)
+        axes.imshow(self.pixels, interpolation="none", aspect="auto")
+        axes.set_axis_off()
+        return self.drawing
 
 
 def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:
@@ -124,13 +142,6 @@ def png(drawing: Drawing) -> bytes:
     """The figure as PNG; the same drawing gives the same bytes."""
     out = io.BytesIO()
     drawing.savefig(out, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
-    return out.getvalue()
-
-
-def svg(drawing: Drawing) -> bytes:
-    """The figure as SVG; the same drawing gives the same bytes."""
-    out = io.BytesIO()
-    drawing.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     return out.getvalue()
 
 

@@ -56,7 +56,7 @@ def _sheet(material: MaterialRows, rows: list[tuple[Row, Arrays]], run: Run) -> 
                     sheet.picture(left + cell[0] + 2, top, enlarged(pictures["flip"][k], factor))
                     sheet.number(left + 2 * cell[0], top + cell[1], means[k])
         sheet.magma(_LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
-        return Figure(material.name, "contact", title, sheet.png())
+        return Figure(material.name, "contact", title, sheet.png(), sheet)
 
 
 def _angles(side: str, degrees: np.ndarray) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from bench.records import Run
-from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style, svg
+from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.fits import GOALS_DB, FitCurve, curves_by_material
 from reports.styles import Styles
 
@@ -15,7 +15,7 @@ def fit_curves(run: Run) -> Iterator[Figure]:
         with style():
             title = f"{name}: how soon a fit is good"
             drawing = _drawn(title, curves, Styles(run))
-            yield Figure(name, "fits", title, png(drawing), svg(drawing))
+            yield Figure(name, "fits", title, png(drawing), drawing)
 
 
 def _drawn(title: str, curves: list[FitCurve], styles: Styles) -> Any:

@@ -36,4 +36,4 @@ def _figure(material: MaterialRows, curves: dict[str, list[tuple[int, float]]], 
     if absent := [codec.label for codec in material.codecs if codec.exact and codec.measured]:
         drawing.supxlabel("not drawn, without any error: " + ", ".join(absent), fontsize=8)
     legend(axes, handles, list(curves))
-    return Figure(material.name, "footprints", title, png(drawing))
+    return Figure(material.name, "footprints", title, png(drawing), drawing)

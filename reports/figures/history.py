@@ -6,11 +6,11 @@ from pathlib import Path
 from statistics import fmean
 
 from bench.records import PSNR, Record, Records, Run, shown_label, stats_of
-from reports.figures.canvas import Figure, legend, log_ticks, new, png, style, svg
+from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
 from reports.styles import Styles
 
 Measured = tuple[Record, Record | None]  # a job and its timing
-Codecs = dict[str, dict[str, list[Measured]]]  # by label and start
+Codecs = dict[tuple[str, str], dict[str, list[Measured]]]  # by label and kind of held-out pairs, then by start
 QUANTITIES = ("display PSNR, dB", "bytes of the file", "time a sample, × floor")
 
 
@@ -29,20 +29,19 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
                 zip(drawing.subplots(3, 1, sharex=True), QUANTITIES, strict=True)
             ):
                 handles = []
-                for label, by_start in codecs.items():
+                for (label, pairs), by_start in codecs.items():
                     values = [_mean(number, by_start.get(when, [])) for when in order]
-                    handles += axes.plot(range(len(order)), values, **styles.of_codec(label), markersize=4, linewidth=1)
+                    drawn = styles.of_codec(label) | ({"linestyle": ":"} if pairs == "validation" else {})
+                    handles += axes.plot(range(len(order)), values, **drawn, markersize=4, linewidth=1)
                 axes.set_ylabel(quantity, fontsize=8)
                 if number:
                     axes.set_yscale("log")
                     log_ticks(axes.yaxis, "B" if number == 1 else "")
                 else:
                     axes.set_title(title, loc="left")
-                    legend(axes, handles, list(codecs))
-            axes.set_xticks(
-                range(len(order)), [_name(starts.get(when, {}), when) for when in order], rotation=30, ha="right"
-            )
-            yield Figure(material, "history", title, png(drawing), svg(drawing))
+                    legend(axes, handles, _names(codecs))
+            axes.set_xticks(range(len(order)), _ticks(order, starts), rotation=30, ha="right")
+            yield Figure(material, "history", title, png(drawing), drawing)
 
 
 def _together(runs: Sequence[Run]) -> Run:
@@ -59,7 +58,8 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
     for run in runs:
         for job in run.jobs:
             if job["status"] == "ok":
-                codec = by_material.setdefault(job["material"], {}).setdefault(shown_label(job), {})
+                codecs = by_material.setdefault(job["material"], {})
+                codec = codecs.setdefault((shown_label(job), str(job.get("split", ""))), {})
                 codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job)))
     return by_material
 
@@ -79,6 +79,21 @@ def _value(number: int, job: Record, timing: Record | None) -> float | None:
     return timing.get("ratio_to_floor") if timing else None
 
 
-def _name(start: Record, when: str) -> str:
-    """The name of a start on an axis: its revision, or the day of its time."""
-    return str(start.get("git") or when[:8])[:12]
+def _names(codecs: Codecs) -> list[str]:
+    """The label of each line, with its kind of held-out pairs where there are several kinds."""
+    several = len({pairs for _, pairs in codecs}) > 1
+    return [f"{label}, {pairs} pairs" if several and pairs else label for label, pairs in codecs]
+
+
+def _ticks(order: Sequence[str], starts: dict[str, Record]) -> list[str]:
+    """The names of starts on an axis: the revision, or the day, with the time of day where several have the same."""
+    names = [str(starts.get(when, {}).get("git") or when[:8])[:12] for when in order]
+    return [
+        f"{name}, {_time(when)}" if names.count(name) > 1 else name for name, when in zip(names, order, strict=True)
+    ]
+
+
+def _time(when: str) -> str:
+    """The day and time of a start's name: 11-23 09:31 of 20251123T093106."""
+    digits = "".join(character for character in when[:16] if character.isdigit())
+    return f"{digits[4:6]}-{digits[6:8]} {digits[8:10]}:{digits[10:12]}" if len(digits) >= 12 else when

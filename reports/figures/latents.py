@@ -77,7 +77,7 @@ def _figure(material: MaterialRows, codecs: Sequence[tuple[str, Textures]]) -> F
                 line, column = divmod(number, _LINE)
                 sheet.picture(_LEFT + column * cell, top + line * cell, picture[..., None].repeat(3, -1))
             top += height * (cell + _GAP)
-        return Figure(material.name, "latents", title, sheet.png("L"))
+        return Figure(material.name, "latents", title, sheet.png("L"), sheet)
 
 
 def _counted(textures: Textures) -> str:

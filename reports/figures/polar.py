@@ -46,7 +46,7 @@ def _figure(material: MaterialRows, maps: list[tuple[str, dict[str, Any]]]) -> F
             sheet.picture(left, row + 4, _disc(maps[i][1][side], value, scale))
         bar = sheet.scale(sheet.width - _BAR, _TOP, (14, 260), "cividis", norm=scale)
         bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
-        return Figure(material.name, "polar", title, sheet.png())
+        return Figure(material.name, "polar", title, sheet.png(), sheet)
 
 
 _SIDE = 140  # of a disc, in pixels

@@ -42,7 +42,7 @@ def _scatter(
         if absent:
             drawing.supxlabel("not drawn, without any error: " + ", ".join(absent), fontsize=8)
         legend(axes, handles, list(curves))
-        yield Figure(material.name, kind, title, png(drawing))
+        yield Figure(material.name, kind, title, png(drawing), drawing)
 
 
 Point = tuple[Span, float]  # on the x axis, and the quality

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from bench.records import Run
-from reports.figures.canvas import Figure, new, png, short, style, svg
+from reports.figures.canvas import Figure, new, png, short, style
 from reports.numbers import interval
 from reports.ranking import against_the_best
 from reports.rows import materials
@@ -36,7 +36,7 @@ def _figure(material: str, where: str, best: str, differences: "Differences", st
         _draw(axes, best, differences, styles)
         drawing.text(0.012, 1 - 0.18 / height, title, va="center")
         drawing.text(0.012, 0.1 / height, _caption(differences), fontsize=8, color="0.3", va="bottom")
-        return Figure(material, "significance", title, png(drawing), svg(drawing))
+        return Figure(material, "significance", title, png(drawing), drawing)
 
 
 def _draw(axes: Any, best: str, differences: "Differences", styles: Styles) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bench.records import Run, load_trade
-from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style, svg
+from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.styles import Styles
 
 Choice = dict[str, Any]
@@ -18,7 +18,7 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
         if rows:
             with style():
                 drawing = _fronts(material, rows, Styles(run))
-                yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), svg(drawing))
+                yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
 
 
 def _fronts(material: str, rows: Sequence[Choice], styles: Styles) -> Any:

@@ -37,8 +37,10 @@ no colour conversion.
 """
 
 
-def export(program: Program, name: str, language: str, folder: Path) -> list[Path]:
-    """Write shader, textures and README of a program into a folder, which is made; the files.
+def export(program: Program, name: str, language: str, folder: Path) -> tuple[list[Path], int]:
+    """Write shader, textures and README of a program into a folder, which is made.
+
+    Returns the files, and how many bytes a GPU holds the textures in.
 
     `InputError` where no shader can do the program.
     """
@@ -58,7 +60,7 @@ def export(program: Program, name: str, language: str, folder: Path) -> list[Pat
     for path, array in ((files[1], code.exact), (files[2], code.half)):
         _write_exr(path, array)
     write(files[3], text.encode())
-    return files
+    return files, code.exact.nbytes + code.half.nbytes
 
 
 def _write_exr(path: Path, array: np.ndarray) -> None:

@@ -28,6 +28,7 @@ script-src {script_hash}; base-uri 'none'; form-action 'none'">
 """
 STYLE = """:root { color-scheme: light dark; }
 body { font: 16px/1.4 system-ui, sans-serif; margin: 1rem auto; max-width: 70rem; padding: 0 1rem; }
+h1 { overflow-wrap: anywhere; }
 """
 START = """
 const data = JSON.parse(document.getElementById("models").textContent);

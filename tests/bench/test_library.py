@@ -107,6 +107,79 @@ def test_a_file_of_another_resolution_is_not_scored(folder):
         bench.score("a.nbtf", btf)
 
 
+def test_arrays_become_a_btf_that_is_encoded_and_scored(folder):
+    """The second example of the page, and what is said of arrays that will not do."""
+    example = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)[1]
+    names = {}
+    exec(example, names)
+    assert names["found"]["bytes"]["total"] == Path("mine.nbtf").stat().st_size
+    own, btf = names["own"], names["btf"]
+    assert repr(own) == f"<BTF mine: 8 × 8 texels, {len(own)} pairs, 6 of them held out>"
+    for i in range(len(btf)):
+        np.testing.assert_array_equal(own[i], btf[i])
+    radiance, wo, wi = names["radiance"], btf.wo, btf.wi
+    for arrays, message in (
+        ((radiance[0], wo, wi), r"radiance is \(8, 8, 3\) float32: it must be \(N, H, W, 3\) floats"),
+        ((radiance, wo[:-1], wi), r"wo is \(\d+, 3\): it must be"),
+        ((radiance, wo, 2 * wi), r"wi\[0\]: .* is no unit vector"),
+        ((radiance, wo[:1].repeat(len(wo), 0), wi[:1].repeat(len(wo), 0)), "pair 1: the same view and light as pair 0"),
+    ):
+        with pytest.raises(InputError, match=message):
+            bench.from_arrays(*arrays)
+    with pytest.raises(InputError, match="heldout must be a mask"):
+        bench.from_arrays(radiance, wo, wi, heldout=np.ones(len(wo), bool))
+
+
+def test_what_is_no_name_or_path_is_told_where_arrays_go_and_not_printed():
+    with pytest.raises(InputError) as caught:
+        bench.open({"radiance": np.zeros((4, 2, 2, 3))})
+    assert str(caught.value) == (
+        "bench.open: give the name of a material or a path, not a dict: "
+        "arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
+    )
+
+
+def test_a_setting_that_a_material_has_not_is_told_with_the_one_it_has(folder, capsys):
+    with pytest.raises(InputError, match=r"data\.size: btf is measured, which has no such setting: give data\.texels"):
+        bench.open(folder, size=8)
+    with pytest.raises(InputError, match=r"data\.texels: satin is rendered, .*: give data\.size"):
+        bench.open("satin", texels=8)
+    words = ["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out", "run"]
+    assert cli.main([*words, "--set", "data.size=8"]) == 2
+    assert "--set data.size: btf is measured" in capsys.readouterr().err
+    assert cli.main([*words, "--material", "satin", "--set", "data.size=8"]) == 0, "satin has a size"
+    said = "--set data.size=8: btf is measured, which has no such setting: give data.texels"
+    assert said in capsys.readouterr().out
+
+
+def test_a_material_and_a_folder_of_slices_score_as_the_file_they_come_from(folder, capsys):
+    btf = bench.open(folder)
+    bench.encode(btf, "pca", "a.nbtf", components=3)
+    material, from_file = bench.load("a.nbtf"), bench.score("a.nbtf", btf)
+    assert repr(material).startswith("<PCAMaterial: 12 × 12 texels, 3 texture channels, ")
+    from_material = bench.score(material, btf)
+    assert from_material["scores"] == from_file["scores"]
+    assert from_material["footprints"] == from_file["footprints"]
+    assert cli.main(["decode", "a.nbtf", "--like", str(folder), "-o", "slices"]) == 0
+    from_slices = bench.score("slices", btf)
+    assert bench.score(bench.open("slices"), btf)["scores"] == from_slices["scores"]
+    for metric, stats in from_file["scores"]["heldout"]["metrics"].items():
+        assert from_slices["scores"]["heldout"]["metrics"][metric]["mean"] == pytest.approx(stats["mean"], rel=1e-6)
+    psnr = from_slices["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"]
+    capsys.readouterr()
+    assert cli.main(["score", "slices", str(folder)]) == 0
+    shown = capsys.readouterr().out
+    assert f"{psnr:.2f}" in shown
+    assert "bytes" not in shown
+
+
+def test_slices_that_lack_pairs_are_refused(folder, tmp_path):
+    btf = bench.open(folder)
+    write_folder(btf.subset(range(5, len(btf))), tmp_path / "few")
+    with pytest.raises(InputError, match=rf"has no slice for 5 of the {len(btf)} pairs .* decode every pair of"):
+        bench.score(tmp_path / "few", btf)
+
+
 def test_the_command_prints_the_table_of_a_run_and_writes_json(folder, capsys):
     import json
 
@@ -114,7 +187,7 @@ def test_the_command_prints_the_table_of_a_run_and_writes_json(folder, capsys):
     capsys.readouterr()
     assert cli.main(["score", "a.nbtf", str(folder), "--json", "a.json"]) == 0
     shown = capsys.readouterr().out
-    assert "pca components=3" in shown
+    assert re.search(r"^pca components=3  +\d", shown, re.M), "and no setting that is a default"
     assert f"{Path('a.nbtf').stat().st_size:,}" in shown
     found = json.loads(Path("a.json").read_text())
     pooled = found["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"]

@@ -1,6 +1,7 @@
 """The walk-through of docs/adding-a-codec.md, taken from the page itself and installed as a package of its own."""
 
 import importlib
+import inspect
 import os
 import re
 import subprocess
@@ -8,6 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from bench import cli, training
+from bench.runs.suite import load_suite
+from tests.bench.outside import install
 
 PAGE = Path(__file__).parents[2] / "docs" / "adding-a-codec.md"
 
@@ -67,3 +72,44 @@ def test_the_public_interface_holds_what_the_page_lists():
     for module, text in rows:
         for name in re.findall(r"`(\w+)`", text):
             assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
+
+
+def test_a_new_codec_is_the_one_of_the_page_and_passes_the_conformance_test(tmp_path):
+    assert cli.main(["new", "codec", "ptm", "--out", str(tmp_path)]) == 0
+    written = {path.name: path.read_text() for path in (tmp_path / "ptm-codec").iterdir()}
+    assert written["ptm_codec.py"].replace("Ptm", "PTM") == blocks("python")[0]
+    assert written["pyproject.toml"].replace("Ptm", "PTM") == blocks("toml")[0]
+    assert cli.main(["new", "codec", "my-codec", "--out", str(tmp_path)]) == 0
+    text = (tmp_path / "my-codec-codec" / "my_codec_codec.py").read_text()
+    site = install(tmp_path / "site", "mine", {"my-codec": "my_codec_codec:MyCodec"}, {"my_codec_codec": text})
+    path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
+    done = neubtf_bench(os.environ | {"PYTHONPATH": path, "NEUBTF_CACHE": str(tmp_path / "cache")}, "check", "my-codec")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_new_files_of_ci_are_a_suite_and_a_workflow(tmp_path, capsys):
+    assert cli.main(["new", "ci", "pca", "--out", str(tmp_path)]) == 0
+    suite = load_suite(str(tmp_path / "tracking.toml"))
+    assert [spec.codec for spec in suite.codecs] == ["mean-colour", "pca"]
+    flow = (tmp_path / ".github" / "workflows" / "quality.yml").read_text()
+    assert "neubtf-bench run tracking.toml --fresh" in flow
+    assert "neubtf-bench compare reference.jsonl run" in flow
+    assert "${{ !cancelled() }}" in flow
+    check = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.github-workflows"]
+    done = subprocess.run([*check, tmp_path / ".github/workflows/quality.yml"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert cli.main(["new", "ci", "pca", "--out", str(tmp_path)]) == 2
+    assert "tracking.toml: is there already" in capsys.readouterr().err
+    assert cli.main(["new", "codec", "pca"]) == 2
+    assert cli.main(["new", "codec", "My Codec"]) == 2
+
+
+def test_the_page_has_the_signature_of_every_function_of_training():
+    functions = {name: each for name in training.__all__ if inspect.isfunction(each := getattr(training, name))}
+    listed = dict(re.findall(r"^- `(\w+)(\(.*?\))`: ", PAGE.read_text(encoding="utf-8"), re.M))
+    bare = {"annotation": inspect.Parameter.empty}
+    for name, function in functions.items():
+        signature = inspect.signature(function)
+        parameters = [each.replace(**bare) for each in signature.parameters.values()]
+        assert listed.get(name) == str(inspect.Signature(parameters)), name
+    assert len(functions) > 15

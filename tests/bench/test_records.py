@@ -40,7 +40,7 @@ def test_a_file_of_records_is_read_by_its_own_name(tmp_path):
     append(tmp_path, job("x", "ok"))
     (tmp_path / FILE).rename(tmp_path / "reference.jsonl")
     assert [job["job"] for job in load_run(tmp_path / "reference.jsonl").jobs] == ["x"]
-    with pytest.raises(InputError, match=r"gone\.jsonl: no run here"):
+    with pytest.raises(InputError, match=r"gone\.jsonl: no such file: give the folder"):
         load_run(tmp_path / "gone.jsonl")
 
 
@@ -67,7 +67,7 @@ def test_a_number_that_is_not_finite_is_never_recorded(tmp_path):
 
 
 def test_a_folder_without_a_run_is_named(tmp_path):
-    with pytest.raises(InputError, match="no run here"):
+    with pytest.raises(InputError, match="nothing: no such folder: give the folder"):
         load_run(tmp_path / "nothing")
 
 

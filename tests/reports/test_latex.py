@@ -57,3 +57,11 @@ def test_every_table_fits_an_article(made, tmp_path, options):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-2000:]
     assert "Overfull \\hbox" not in done.stdout
+
+
+def test_a_table_over_all_materials_has_a_short_label_and_names_its_packages(made):
+    text = table_text(made.job("a").job("b").folder, "latex")
+    assert text.splitlines()[0] == r"% needs \usepackage{booktabs,graphicx}"
+    labels = re.findall(r"\\label\{(.*)\}", text)
+    assert labels[0] == "tab:summary"
+    assert len(set(labels)) == len(labels)

@@ -40,7 +40,7 @@ def test_it_is_one_of_a_run_s_tables_and_has_every_format(made):
     assert text.count("3,011") == 2
     jobs = load_run(made.folder).jobs
     assert parameters_text(jobs) == text
-    assert parameters_text(jobs, "csv").splitlines()[1] == 'NeuBTF,neubtf-direct,"3,011","3,011",0,14,14,0'
+    assert parameters_text(jobs, "csv").splitlines()[1] == "NeuBTF,neubtf-direct,3011,3011,0,14,14,0"
     assert "| NeuBTF" in parameters_text(jobs, "markdown")
     assert "3,011" in parameters_text(jobs, "latex")
 

@@ -1,9 +1,11 @@
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 from PIL import Image
 
+from bench import cli
 from reports import write_report
 
 
@@ -17,7 +19,7 @@ def test_a_report_is_tables_figures_and_a_page(made):
     assert {"tables/main.md", "tables/main.tex", "tables/results.csv", "report.html"} <= names
     kinds = ("contact", "rate", "speed", "angles", "polar", "abrdf", "fits", "trade", "footprints", "significance")
     assert {f"figures/{kind}-satin.png" for kind in kinds} == {name for name in names if name.endswith(".png")}
-    assert {"figures/trade-satin.svg", "figures/significance-satin.svg", "tables/trade.csv"} <= names
+    assert {"figures/trade-satin.png", "figures/significance-satin.png", "tables/trade.csv"} <= names
     for path in made.folder.glob("figures/*.png"):
         with Image.open(path) as picture:
             picture.verify()
@@ -87,3 +89,21 @@ def test_a_table_needs_no_figures_and_no_torch(made):
     )
     done = subprocess.run([sys.executable, "-c", code, str(made.job().folder)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_every_figure_is_written_as_svg_and_pdf_where_that_is_asked(made, capsys):
+    made.job("a").job("b", psnr=31.0).timing("a").timing("b").trade("a")
+    words = ["neubtf-bench", "report", "runs/quick", "--vector"]
+    assert " ".join(words) in (Path(__file__).parents[2] / "docs" / "reports.md").read_text(encoding="utf-8")
+    assert cli.main([str(made.folder) if word == "runs/quick" else word for word in words[1:]]) == 0
+    names = {path.name for path in (made.folder / "figures").iterdir()}
+    pictures = {name.removesuffix(".png") for name in names if name.endswith(".png")}
+    assert {"contact-satin", "abrdf-satin", "significance-satin", "trade-satin"} <= pictures
+    assert names == {f"{name}.{suffix}" for name in pictures for suffix in ("png", "svg", "pdf")}
+    first = {path.name: path.read_bytes() for path in (made.folder / "figures").iterdir()}
+    assert all(text.startswith(b"%PDF-") for name, text in first.items() if name.endswith(".pdf"))
+    assert all(b"</svg>" in text for name, text in first.items() if name.endswith(".svg"))
+    write_report(made.folder, vector=True)
+    assert first == {path.name: path.read_bytes() for path in (made.folder / "figures").iterdir()}
+    write_report(made.folder)
+    assert {path.suffix for path in (made.folder / "figures").iterdir()} == {".png"}, "those of an earlier report"

@@ -12,10 +12,19 @@ from pathlib import Path
 from types import ModuleType
 
 from bench import atomic
+from bench.codecs.registry import first_line
 from bench.errors import InputError, writable
 from bench.settings import Threads, converted
 
 GROUP = "neubtf_bench.commands"
+GROUPS = {  # how the list of commands is divided; those of other packages follow
+    "measure": ("run", "score", "trade", "choose", "demand"),
+    "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export", "new"),
+    "data": ("info", "bake", "convert", "cache"),
+    "look": ("view", "render", "table", "report", "history"),
+    "judge": ("check", "stress", "compare", "reference"),
+    "share": ("submit", "verify", "results"),
+}
 
 
 def modules() -> dict[str, str]:
@@ -27,6 +36,15 @@ def modules() -> dict[str, str]:
         if other != entry.value:
             raise InputError(f"two commands are named {entry.name!r}: {other} and {entry.value}: uninstall one")
     return dict(sorted(by_name.items()))
+
+
+def grouped(known: dict[str, str]) -> str:
+    """The commands of `modules` in groups, a line each with what it does."""
+    others = [name for name in known if not any(name in names for names in GROUPS.values())]
+    lines = []
+    for group, names in (GROUPS | ({"of methods": tuple(others)} if others else {})).items():
+        lines += [f"{group}:", *(f"  {name:<12}{first_line(known[name])}" for name in names if name in known)]
+    return "\n".join(lines)
 
 
 def load(module: str) -> ModuleType:

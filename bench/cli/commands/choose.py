@@ -26,7 +26,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("material", help="a built-in material or the path of a BTF")
     parser.add_argument("--min-psnr", type=float, metavar="DB", help="the PSNR to reach, at validation pairs")
     parser.add_argument("--max-bytes", metavar="BYTES", help="what the file may take: 300k, 1.5M, 20000")
-    parser.add_argument("--max-ns", type=float, metavar="NS", help="what a sample may take, as a whole query")
+    parser.add_argument(
+        "--max-ns", type=float, metavar="NS", help="what a sample may take, as a whole query; on --device"
+    )
+    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
     parser.add_argument("--suite", default="trade", help="what is fitted where it is missing (default: trade)")
     parser.add_argument("--out", type=Path, help="the folder of a `trade` (default: runs/SUITE), extended if need be")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
@@ -41,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     wishes = Limits(size, options.max_ns, options.min_psnr)
     if wishes == Limits():
         raise InputError("choose: give a wish: --min-psnr, --max-bytes or --max-ns")
-    suite = with_changes(load_suite(options.suite), [options.material], [], {}, None)
+    suite = with_changes(load_suite(options.suite), [options.material], options.codec, {}, None)
     folder, material = options.out or Path("runs") / suite.name, suite.materials[0].name
     if not suite.data.validation:
         raise InputError(
@@ -82,6 +85,8 @@ def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], 
     material = suite.materials[0].name
     trade = load_trade(folder) or {"choices": []}
     rows = [row for row in trade["choices"] if row["material"] == material and row["device"] == device]
+    codecs = {codec.codec for codec in suite.codecs}
+    rows = [row for row in rows if row.get("codec") in codecs]
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
     return usable(rows, material), [codec.label for codec in suite.codecs if codec.label not in tried]
 

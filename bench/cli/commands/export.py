@@ -25,8 +25,9 @@ def run(options: argparse.Namespace) -> int:
 
     material = load(options.file).material
     try:
-        files = export(drawable(material).program, options.file.stem, options.format, options.out)
+        files, held = export(drawable(material).program, options.file.stem, options.format, options.out)
     except InputError as error:
         raise InputError(f"{options.file}: {error}") from error
     print("\n".join(f"wrote {path}" for path in files))
+    print(f"{held:,} bytes of textures on a GPU, of a file of {options.file.stat().st_size:,}")
     return FINE

@@ -2,6 +2,7 @@
 
 examples:
   neubtf-bench report runs/quick
+  neubtf-bench report runs/quick --vector
 """
 
 import argparse
@@ -12,12 +13,13 @@ from bench.errors import FINE
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, help="the folder of a run")
+    parser.add_argument("--vector", action="store_true", help="write every figure as SVG and PDF, too")
 
 
 def run(options: argparse.Namespace) -> int:
     from reports import write_report
 
-    written = write_report(options.run)
+    written = write_report(options.run, options.vector)
     print(written.text)
     print("\n".join(f"wrote {path}" for path in written.files))
     return FINE

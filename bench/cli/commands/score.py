@@ -1,15 +1,18 @@
-"""score a codec file against its BTF: bytes, and quality of what it decodes to
+"""score a codec file, or a folder of decoded slices, against its BTF
 
-The file may come from `neubtf-bench encode`, from a run, or from elsewhere. BTF is what it was encoded from: a built-in
-material or a path, with the same `--set data.KEY=VALUE`. Numbers are those that a run records.
+The file may come from `neubtf-bench encode`, from a run, or from elsewhere. A folder holds what any program decoded: a
+slice for each pair of the BTF, and `pairs.csv`, as `neubtf-bench decode` and `convert` write them. BTF is what was
+encoded: a built-in material or a path, with the same `--set data.KEY=VALUE`. Numbers are those that a run records.
 
 examples:
   neubtf-bench score satin.nbtf satin
+  neubtf-bench score slices satin
   neubtf-bench score small.nbtf satin --set data.size=32 --json small.json
 """
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from bench.cli.commands import assignments, threads, usable_device, write_text
@@ -17,7 +20,7 @@ from bench.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=Path, help="the codec file")
+    parser.add_argument("file", metavar="FILE|FOLDER", type=Path, help="the codec file, or the folder of slices")
     parser.add_argument("btf", metavar="BTF", help="what it was encoded from: a built-in material or a path")
     parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how the BTF is prepared")
     parser.add_argument("--demand", type=Path, help="judge by a scene too, an .npz of `neubtf-bench demand`")
@@ -31,12 +34,14 @@ def run(options: argparse.Namespace) -> int:
     from bench.codecs.container import read_header
     from bench.data.open import open_named
     from bench.runs.library import score
+    from bench.runs.suite import CodecSpec, changed_settings
     from reports import score_text
 
     changes = assignments(options.set)
     if foreign := next((key for key in changes if not key.startswith("data.")), None):
         raise InputError(f"--set {foreign}: the file has its codec's settings already; only data.KEY can be set here")
-    read_header(options.file)  # a file that is none is said before anything is rendered
+    if not options.file.is_dir():
+        read_header(options.file)  # a file that is none is said before anything is rendered
     with Console() as console:
         btf = open_named(options.btf, changes, console.show)
         scores = score(
@@ -47,7 +52,8 @@ def run(options: argparse.Namespace) -> int:
             device=usable_device(options.device),
             show=console.show,
         )
-    label = " ".join([scores["codec"], *(f"{key}={value}" for key, value in scores["settings"].items())])
+    spec = CodecSpec(scores["codec"], scores["settings"])
+    label = replace(spec, settings=changed_settings(spec)).label if spec.settings else spec.label
     job = {"kind": "job", "job": str(options.file), "material": btf.name, "label": label, "status": "ok", "run": ""}
     print(score_text(job | scores))
     if options.json:

@@ -8,13 +8,19 @@ examples:
   neubtf-bench table budgets runs/ladders
   neubtf-bench table main runs/quick --format latex
   neubtf-bench table summary docs/results/quick.jsonl runs/mine
+  neubtf-bench table summary --format latex --codec neubtf-direct --codec pca --column "PSNR pooled" --column total
+  neubtf-bench table main runs/quick --name neubtf-direct="NeuBTF, direct" --name "total=bytes"
 """
 
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.errors import FINE, NOTHING, InputError
+
+if TYPE_CHECKING:
+    from reports.choice import Choice
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +33,21 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help=f"one kind of table ({', '.join(KINDS)}; default: "
         "all) and folders of runs or files of records (default: the newest run under runs/)",
     )
-    parser.add_argument("--format", default="text", choices=["text", "markdown", "latex", "csv"])
+    parser.add_argument(
+        "--format",
+        default="text",
+        choices=["text", "markdown", "latex", "csv", "raw"],
+        help="raw: a CSV of every number of every job (default: text)",
+    )
+    parser.add_argument("--codec", action="append", default=[], help="only this codec, or this row; repeatable")
+    parser.add_argument("--column", action="append", default=[], help="only this column, by its header; repeatable")
+    parser.add_argument(
+        "--name",
+        action="append",
+        default=[],
+        metavar="WORD=NAME",
+        help="call a codec, row, column or material otherwise, in rows, headers, title and notes; repeatable",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -35,13 +55,14 @@ def run(options: argparse.Namespace) -> int:
 
     kinds = [word for word in options.what if word in KINDS]
     folders = [Path(word) for word in options.what if word not in KINDS]
+    choice = _choice(options)
     if len(kinds) > 1:
         raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
     if kinds == ["parameters"]:
-        print(_parameters(folders or _runs()[-1:], options.format))
+        print(_parameters(folders or _runs()[-1:], options.format, choice))
         return FINE
     folders = folders or [_newest_run(kinds)]
-    text = table_text(folders, options.format, kinds[0] if kinds else None)
+    text = table_text(folders, options.format, kinds[0] if kinds else None, choice)
     if not text.strip():
         names = ", ".join(map(str, folders))
         print(f"neubtf-bench: {names}: no such table: {WHY_EMPTY[kinds[0] if kinds else 'main']}", file=sys.stderr)
@@ -50,7 +71,21 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _parameters(folders: list[Path], format: str) -> str:
+def _choice(options: argparse.Namespace) -> "Choice | None":
+    """What the options choose of tables; None where they choose nothing."""
+    from reports.choice import Choice
+
+    if not (options.codec or options.column or options.name):
+        return None
+    if options.column and options.format == "raw":
+        raise InputError("--column: not of --format raw, which has every number: choose --format csv")
+    names = {word: name for word, _, name in (words.rpartition("=") for words in options.name)}
+    if "" in names:
+        raise InputError("--name: write WORD=NAME, such as 'neubtf-direct=NeuBTF, direct'")
+    return Choice(options.codec, options.column, names)
+
+
+def _parameters(folders: list[Path], format: str, choice: "Choice | None") -> str:
     """The table of parameters, from the records of runs as far as they go."""
     from bench.codecs.registry import codec_entries
     from bench.records import load_together, require
@@ -65,7 +100,7 @@ def _parameters(folders: list[Path], format: str) -> str:
         from bench.conformance.verdicts import count
 
         jobs += [count(name) for name in wanted]
-    return parameters_text(jobs, format)
+    return parameters_text(jobs, format, choice)
 
 
 def _newest_run(kinds: list[str]) -> Path:

@@ -65,7 +65,7 @@ def _page(options: argparse.Namespace) -> str:
             shown = shown or drawing.exposure  # one exposure for all, so that brightness can be compared
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
             models.append(Model(label, drawing.program, shown, note))
-        return page(options.truth or options.files[0].stem, models)
+        return page(models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem, models)
 
 
 def _drawn(file: "Loaded", show: "Progress") -> "tuple[Drawable, str]":

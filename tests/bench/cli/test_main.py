@@ -157,7 +157,7 @@ def test_info_of_a_btf_says_what_it_is(folder, capsys):
         (["info", "/no/such/file"], "/no/such/file"),
         (["check", "pca", "--set", "components=few"], "must be a whole number"),
         (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "its folder is not there"),
-        (["table", "/no/such/run"], "no run here"),
+        (["table", "/no/such/run"], "no such folder"),
         (["table", "budgets"], "there is no run under runs/"),
         (["table", "budgets", "main"], "one kind of table"),
     ],
@@ -251,6 +251,16 @@ def test_every_example_of_every_help_text_is_a_command_that_parses(capsys):
             cli.parser(words[1:]).parse_args(words[1:])
             tried += 1
     assert tried > 40
+
+
+def test_without_a_command_all_are_listed_in_groups(capsys):
+    assert cli.main([]) == 2
+    out = capsys.readouterr().out
+    for group, names in commands.GROUPS.items():
+        block = out.partition(f"\n{group}:\n")[2].partition(":\n")[0]
+        assert all(re.search(rf"^  {name} +\w", block, re.M) for name in names), group
+    assert {name for names in commands.GROUPS.values() for name in names} <= set(commands.modules())
+    assert all(re.search(rf"^  {name} +\w", out, re.M) for name in commands.modules())
 
 
 def test_help_shows_the_examples_as_they_stand(capsys):

@@ -46,8 +46,8 @@ def test_what_is_not_comparable_fails_unless_it_is_allowed(make, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["/no/such/run", "{base}"], "/no/such/run: no run here"),
-        (["{base}", "/no/such.jsonl"], "/no/such.jsonl: no run here"),
+        (["/no/such/run", "{base}"], "/no/such/run: no such folder"),
+        (["{base}", "/no/such.jsonl"], "/no/such.jsonl: no such file"),
         (["{base}", "{base}", "--junit", "/proc/no/a.xml"], "/proc/no/a.xml: cannot be written"),
         (["{base}", "{base}", "--codec", "pcaa"], "pcaa"),
     ],

@@ -115,7 +115,7 @@ def test_update_writes_the_file_and_prints_what_changed(make, run, tmp_path, cap
         (["{run}"], "not a run of a built-in suite: give --out FILE"),
         (["{run}", "-o", "{tmp}/a.json"], "ends in .jsonl"),
         (["{run}", "-o", "/proc/no/a.jsonl"], "cannot be written"),
-        (["{tmp}/none"], "no run here"),
+        (["{tmp}/none"], "no such folder"),
     ],
 )
 def test_bad_usage_is_one_line_and_2(run, tmp_path, words, message, capsys):

@@ -42,6 +42,8 @@ def test_clipped_highlights_are_counted(btf):
     (warning,) = look(like(btf, np.minimum(values, limit))).warnings()
     assert f"exactly at the maximum, {limit:.4g}: highlights are clipped" in warning
     assert look(like(btf, 0 * values + 0.5)).clipped == 0
+    tiles = np.where(np.arange(btf.shape[1]) < btf.shape[1] // 2, 1.0, 0.2)[None, None, :, None]
+    assert look(like(btf, values.mean((1, 2), keepdims=True) * tiles)).clipped == 0, "a flat tile is bright as a whole"
 
 
 def test_missing_pairs_of_a_product_are_counted(btf):

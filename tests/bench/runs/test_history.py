@@ -59,7 +59,7 @@ def test_nothing_measured_is_an_empty_frame(tmp_path):
     append(tmp_path, {"kind": "run", "run": "1"})
     assert bench.load_runs(tmp_path).empty
     assert cli.main(["history", str(tmp_path)]) == 4
-    with pytest.raises(InputError, match="no run here"):
+    with pytest.raises(InputError, match="none: no such folder"):
         bench.load_runs([tmp_path, tmp_path / "none"])
 
 
@@ -120,7 +120,7 @@ def test_the_package_offers_it_without_importing_it():
 
 def test_plots_show_quality_bytes_and_time_over_the_revisions(runs, tmp_path, capsys):
     assert cli.main(["history", *map(str, runs), "--plot", str(tmp_path / "plots")]) == 0
-    names = ["history-satin.png", "history-satin.svg", "history.html"]
+    names = ["history-satin.png", "history-satin.svg", "history-satin.pdf", "history.html"]
     assert capsys.readouterr().out.splitlines() == [f"wrote {tmp_path / 'plots' / name}" for name in names]
     first = {name: (tmp_path / "plots" / name).read_bytes() for name in names}
     assert first["history-satin.png"].startswith(b"\x89PNG")

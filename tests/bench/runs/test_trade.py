@@ -188,7 +188,7 @@ def test_a_job_that_failed_is_a_row_that_says_why(tmp_path):
 def test_the_report_holds_tables_fronts_and_the_answer(measured):
     folder, result = measured
     names = {file.name for file in write_report(folder).files}
-    assert {"trade.md", "trade.tex", "trade.csv", "trade-tiny.png", "trade-tiny.svg", "fits-tiny.svg"} <= names
+    assert {"trade.md", "trade.tex", "trade.csv", "trade-tiny.png", "fits-tiny.png"} <= names
     text = table_text(folder, kind="trade")
     assert "within 0.5 dB of it, " in text
     assert "floor" in text

@@ -1,7 +1,6 @@
 import pytest
 import torch
 
-
 from bench.errors import InputError
 
 

@@ -117,8 +117,9 @@ def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:
 @pytest.mark.parametrize("language", DIALECTS)
 def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path: Path) -> None:
     program = stored(decoded("neubtf-direct", {"steps": 2}), tmp_path)
-    files = export(program, "cloth", language, tmp_path / "out")
+    files, held = export(program, "cloth", language, tmp_path / "out")
     assert sorted(path.name for path in files) == sorted([f"cloth.{language}", "exact.exr", "half.exr", "README.md"])
+    assert held % 8 == 0 < held
     text = (tmp_path / "out" / f"cloth.{language}").read_text()
     assert all(bracket in text for bracket in "(){}")
     assert text.count("(") == text.count(")")

@@ -1,5 +1,6 @@
 """What `view` shows of a material that no shader can do."""
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -7,8 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench import cli
 from bench.cli.commands.view import _drawn
 from bench.codec import silent
+from bench.conformance.check import tiny_btf
+from bench.data.readers.folder import write_folder
 from bench.hemisphere import thin, ubo2003
 from bench.material import DecoderCost, Material
 from reports.shaders.dialects import GLSL
@@ -40,3 +44,14 @@ def test_a_material_without_a_shader_is_baked_and_said_to_be() -> None:
     uv = np.array([0.375, 0.625], np.float32)  # a texel's centre
     truth = material.query(uv[None], wo[None], wi[None])[0]
     np.testing.assert_allclose(answer(shader(drawing.program, GLSL), uv, wo, wi, 0.25), truth, rtol=2e-3)
+
+
+def test_the_page_is_headed_by_a_name_and_no_path(tmp_path: Path) -> None:
+    write_folder(tiny_btf(8, 6, 6), tmp_path / "cloth")
+    words = [str(tmp_path / "cloth"), "--codec", "mean-colour", "-o", str(tmp_path / "a.nbtf")]
+    assert cli.main(["encode", *words]) == 0
+    page = tmp_path / "a.html"
+    assert cli.main(["view", str(tmp_path / "a.nbtf"), "--truth", str(tmp_path / "cloth"), "-o", str(page)]) == 0
+    (heading,) = re.findall("<h1>(.*)</h1>", page.read_text())
+    assert "/" not in heading
+    assert heading

@@ -1,0 +1,60 @@
+"""write the files that a project of your own begins with: a codec, or its guard in CI
+
+`new codec NAME` writes the folder NAME-codec: a small codec that works, to be changed, and its `pyproject.toml`. After
+`pip install ./NAME-codec` it is listed, and `neubtf-bench check NAME` passes. `new ci NAME` writes `tracking.toml`, a
+suite that measures the codec, and `.github/workflows/quality.yml`, which compares each push with `reference.jsonl`.
+Nothing that is there is written over.
+
+examples:
+  neubtf-bench new codec my-codec
+  neubtf-bench new ci my-codec
+"""
+
+import argparse
+import re
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from bench.errors import FINE, InputError, writable
+
+# By kind: the place of each file and its template.
+_FILES = {
+    "codec": {"{name}-codec/{module}.py": "codec", "{name}-codec/pyproject.toml": "pyproject"},
+    "ci": {"tracking.toml": "suite", ".github/workflows/quality.yml": "workflow"},
+}
+_NEXT = {
+    "codec": "pip install ./{name}-codec\nneubtf-bench check {name}",
+    "ci": "neubtf-bench run tracking.toml --fresh --out runs/tracking\n"
+    "neubtf-bench reference update runs/tracking --out reference.jsonl",
+}
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", choices=sorted(_FILES))
+    parser.add_argument("name", metavar="NAME", help="the codec's name, such as my-codec")
+    parser.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where (default: here)")
+
+
+def run(options: argparse.Namespace) -> int:
+    from bench import atomic
+    from bench.codecs.registry import codec_entries
+
+    name = options.name
+    if not re.fullmatch("[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
+        raise InputError(f"new {name}: a name is of small letters, digits and single hyphens, such as my-codec")
+    if options.what == "codec" and name in codec_entries():
+        raise InputError(f"new codec {name}: a codec of this name is installed: choose another")
+    words = {"name": name, "module": f"{name.replace('-', '_')}_codec"}
+    words["class_name"] = "".join(part.capitalize() for part in name.split("-"))
+    places = {options.out / place.format(**words): template for place, template in _FILES[options.what].items()}
+    if there := next((path for path in places if path.exists()), None):
+        raise InputError(f"{there}: is there already: remove it, or choose another --out")
+    for path, template in places.items():
+        text = (files("bench.cli") / "templates" / f"{template}.txt").read_text("utf-8")
+        with writable(path, "choose another --out"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            atomic.write(path, Template(text).substitute(words).encode())
+        print(f"wrote {path}")
+    print(f"next:\n{_NEXT[options.what].format(**words)}")
+    return FINE

@@ -1,0 +1,101 @@
+"""Tables as a paper wants them: some of their codecs and columns, under names of its own."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from bench.errors import InputError, did_you_mean
+from bench.records import Record, Records, Run, shown_label
+from reports.table import Table
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The codecs (names or labels) and columns to show, all where none are given, and what to call otherwise."""
+
+    codecs: Sequence[str] = ()
+    columns: Sequence[str] = ()
+    names: Mapping[str, str] = field(default_factory=dict)
+
+    def of_run(self, run: Run) -> Run:
+        """The run with the jobs of the codecs alone, so that ranks and the best are among them."""
+        if not self.codecs:
+            return run
+        jobs = Records()
+        for job in run.jobs:
+            if self._has(job):
+                jobs.put(job["job"], job)
+        known = {str(job.get("codec") or job["label"]) for job in run.jobs} | {shown_label(job) for job in run.jobs}
+        for wanted in self.codecs:
+            if not any(wanted in _called(job) for job in jobs):
+                raise InputError(f"--codec {wanted}: not in this run{did_you_mean(wanted, known)}")
+        starts = [start | {"jobs": list(filter(self._plans, start.get("jobs", [])))} for start in run.starts]
+        return replace(run, jobs=jobs, starts=starts)
+
+    def _has(self, job: Record) -> bool:
+        return any(wanted in _called(job) for wanted in self.codecs)
+
+    def _plans(self, name: str) -> bool:
+        """Whether a planned job, material/label/seed, is of the codecs."""
+        label = name.partition("/")[2].rpartition("/")[0]
+        return self._has({"job": name, "label": label, "codec": label.split(" ")[0]})
+
+    def of_tables(self, tables: Sequence[Table]) -> list[Table]:
+        """The tables with these columns, in this order, and names; those without any of the columns are left out."""
+        if self.columns:
+            every = dict.fromkeys(_named(header) for table in tables for header in table.headers[table.words :])
+            for wanted in self.columns:
+                if not any(_matches(wanted, header) for table in tables for header in table.headers[table.words :]):
+                    raise InputError(f"--column {wanted}: no such column: there are {'; '.join(every)}")
+            tables = [cut for table in tables if (cut := self._cut(table))]
+        return [self._renamed(table) for table in tables] if self.names else list(tables)
+
+    def _cut(self, table: Table) -> Table | None:
+        places = [
+            i
+            for wanted in self.columns
+            for i in range(table.words, len(table.headers))
+            if _matches(wanted, table.headers[i])
+        ]
+        if not places:
+            return None
+        kept = [*range(table.words), *dict.fromkeys(places)]
+        marks = {(row, kept.index(i)): mark for (row, i), mark in table.marks.items() if i in kept}
+        rows = [[row[i] for i in kept] for row in table.rows]
+        return replace(table, headers=[table.headers[i] for i in kept], rows=rows, marks=marks)
+
+    def _renamed(self, table: Table) -> Table:
+        """Words at the left, title and notes take the names of codecs and materials, headers those of columns."""
+        inside = {old for old in self.names if any(old in cell for row in table.rows for cell in row[: table.words])}
+        inside |= {old for old in self.names if old == table.material}
+        rows = [[*map(self._said, row[: table.words]), *row[table.words :]] for row in table.rows]
+        headers = [
+            (self.names.get(_named(header), ""), "")
+            if _named(header) in self.names
+            else (self.names.get(header[0], header[0]), header[1])
+            for header in table.headers
+        ]
+        notes = [self._said(note, inside) for note in table.notes]
+        material = self.names.get(table.material, table.material)
+        title = self._said(table.title)
+        return replace(table, headers=headers, rows=rows, title=title, notes=notes, material=material)
+
+    def _said(self, text: str, old: set[str] | None = None) -> str:
+        words = sorted(self.names if old is None else old, key=len, reverse=True)
+        if not words:
+            return text
+        pattern = "|".join(rf"(?<![\w-]){re.escape(word)}(?![\w-])" for word in words)
+        return re.sub(pattern, lambda found: self.names[found[0]], text)
+
+
+def _called(job: Record) -> tuple[str, ...]:
+    """What a codec may be called: its name, its label, its label in tables."""
+    return str(job.get("codec", "")), str(job.get("label", "")), shown_label(job)
+
+
+def _named(header: tuple[str, str]) -> str:
+    return " ".join(header).strip()
+
+
+def _matches(wanted: str, header: tuple[str, str]) -> bool:
+    return wanted.lower() in (header[0].lower(), _named(header).lower())

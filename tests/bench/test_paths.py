@@ -1,0 +1,88 @@
+"""The two ways of docs/paths.md, block by block as they stand there."""
+
+import re
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from bench import cli
+from tests.bench.outside import install
+
+PAGE = Path(__file__).parents[2] / "docs" / "paths.md"
+STUDENT, STUDIO = PAGE.read_text(encoding="utf-8").split("\n## ")[1:]
+
+
+def blocks(text, language=""):
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.S | re.M)
+    return [block for kind, block in found if kind == language]
+
+
+@pytest.fixture(autouse=True)
+def small(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_student_comes_from_arrays_and_a_codec_to_a_table_of_latex(tmp_path, monkeypatch, capsys):
+    exec(blocks(STUDENT, "python")[0], {})
+    assert "<BTF mine: 8 × 8 texels, 33 pairs>" in capsys.readouterr().out
+    site = ""
+    for line in blocks(STUDENT)[0].splitlines():
+        words = shlex.split(line)
+        if words[0] == "pip":  # what it does, without the network
+            source = tmp_path / words[-1]
+            (module,) = source.glob("*.py")
+            (entry,) = re.findall(r'^my-codec = "(.*)"$', (source / "pyproject.toml").read_text(), re.M)
+            site = str(install(tmp_path / "site", "mine", {"my-codec": entry}, {module.stem: module.read_text()}))
+            monkeypatch.syspath_prepend(site)
+            monkeypatch.setenv("PYTHONPATH", site, prepend=":")
+            continue
+        assert cli.main(words[1:]) == 0, line
+        said = capsys.readouterr().out
+        if words[1] == "table":
+            (tmp_path / "summary.tex").write_text(said)
+    assert site
+    table = (tmp_path / "summary.tex").read_text()
+    assert re.search(r"^Ours & ", table, re.M)
+    assert list((tmp_path / "runs/mine/figures").glob("*.pdf"))
+    article = blocks(STUDENT, "latex")[0]
+    (tmp_path / "a.tex").write_text(article)
+    packages = re.search(r"% needs \\usepackage\{(.*)\}", table)[1]
+    assert rf"\usepackage{{{packages}}}" in article
+    assert re.search(r"\\label\{(.*)\}", table)[1] == re.search(r"\\ref\{(.*)\}", article)[1]
+    bare = re.sub(r"\\[{}&%]", "", table)
+    assert bare.count("{") == bare.count("}")
+    columns = re.search(r"\\begin\{tabular\}\{@\{\}(.*?)@\{\}\}", table)[1]
+    rows = [line for line in bare.splitlines() if line.endswith(r"\\")]
+    assert {row.count("&") + 1 for row in rows} == {len(columns)}
+    if not shutil.which("pdflatex"):
+        pytest.skip("the last step alone, to compile a.tex: pdflatex is not installed")
+    done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "a.tex"], capture_output=True)
+    assert done.returncode == 0, done.stdout[-2000:]
+
+
+def test_a_studio_comes_from_maps_to_a_shader_and_its_bytes_on_a_gpu(tmp_path, capsys):
+    wave = np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False))
+    (tmp_path / "maps").mkdir()
+    for name, levels in {
+        "cloth_color": np.dstack([120 + 80 * np.outer(wave, wave)] * 3),
+        "cloth_roughness": 128 + 60 * np.outer(wave, wave),
+    }.items():
+        Image.fromarray(levels.astype(np.uint8)).save(tmp_path / "maps" / f"{name}.png")
+    (tmp_path / "small.toml").write_text(blocks(STUDIO, "toml")[0])
+    choose, export = map(shlex.split, blocks(STUDIO)[0].splitlines())
+    assert cli.main(choose[1:]) == 0
+    command = shlex.split(capsys.readouterr().out.splitlines()[-1])
+    assert command[:2] == ["neubtf-bench", "encode"]
+    assert cli.main(command[1:]) == 0
+    assert cli.main(export[1:]) == 0
+    said = capsys.readouterr().out
+    (held,) = re.findall(r"^([\d,]+) bytes of textures on a GPU", said, re.M)
+    assert int(held.replace(",", "")) > 0
+    assert "material(" in (tmp_path / "shader" / "maps.glsl").read_text()

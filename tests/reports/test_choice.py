@@ -1,0 +1,53 @@
+"""Tables of some codecs and columns, under names of one's own."""
+
+import csv
+import io
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from bench import cli
+from bench.errors import InputError
+from reports import table_text
+from reports.choice import Choice
+
+PAGE = Path(__file__).parents[2] / "docs" / "reports.md"
+
+
+@pytest.fixture
+def folder(made):
+    made.job("vq", psnr=29.0).job("neubtf-direct steps=9", psnr=31.0).job("pca", psnr=30.0)
+    return made.timing("pca").folder
+
+
+def test_the_command_of_the_page_prints_what_it_says(folder, capsys):
+    (line,) = re.findall("^neubtf-bench table summary .*--name.*$", PAGE.read_text(encoding="utf-8"), re.M)
+    words = shlex.split(line.partition(">")[0])[1:]
+    assert cli.main([str(folder) if word == "runs/quick" else word for word in words]) == 0
+    text = capsys.readouterr().out
+    assert r"\label{tab:summary}" in text
+    body = text.partition(r"\midrule")[2].partition(r"\bottomrule")[0]
+    rows = [[cell.strip() for cell in row.removesuffix(r"\\").split("&")] for row in body.strip().splitlines()]
+    assert rows == [["NeuBTF, direct steps=9", r"\textbf{31.00}", "36,110"], ["pca", r"\underline{30.00}", "36,110"]]
+    assert "vq" not in text
+    assert "neubtf-direct" not in text, "nor in the notes"
+
+
+def test_columns_stand_in_the_order_given_and_are_renamed(folder):
+    choice = Choice(["vq", "pca"], ["time", "psnr pooled"], {"time ns ↓": "ns", "satin": "Satin"})
+    (title, *_) = table_text(folder, "text", "main", choice).splitlines()
+    assert title.startswith("Satin (")
+    header, *rows = csv.reader(io.StringIO(table_text(folder, "csv", "main", choice)))
+    assert header == ["material", "codec", "ns", "time × floor", "PSNR pooled dB ↑"]
+    assert [row[1:3] for row in rows] == [["vq", ""], ["pca", "123"]]
+
+
+def test_a_codec_or_column_that_is_not_there_is_an_error_that_says_which_are(folder, capsys):
+    with pytest.raises(InputError, match="--codec pcb: not in this run; did you mean 'pca'"):
+        table_text(folder, choice=Choice(["pcb"]))
+    with pytest.raises(InputError, match=r"--column LPIPS: no such column: there are .*SSIM ↑"):
+        table_text(folder, kind="main", choice=Choice(columns=["LPIPS"]))
+    assert cli.main(["table", str(folder), "--name", "pca"]) == 2
+    assert "--name: write WORD=NAME" in capsys.readouterr().err
