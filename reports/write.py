@@ -20,7 +20,7 @@ from reports.text import markdown
 def write(folder: Path) -> Report:
     """See `reports.write_report`."""
     run = load_run(folder)
-    drawn = [figure for draw in figures.ALL for figure in draw(run)]
+    drawn = [figure for draw in figures.ALL.values() for figure in draw(run)]
     tables = all_tables(run)
     narrow = [*(table for table in tables if table.kind != "main"), *all_tables(run, narrow=True, kind="main")]
     files = _write_tables(run, folder / "tables", tables, narrow)
@@ -77,7 +77,7 @@ def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Seque
 
 def _remove_old_figures(folder: Path, files: Sequence[Path]) -> None:
     """Remove the figures of an earlier report that this one does not draw; files of other names stay."""
-    for kind in figures.KINDS:
+    for kind in figures.ALL:
         old = {
             path
             for suffix in ("png", "svg")
