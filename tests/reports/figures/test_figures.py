@@ -163,3 +163,11 @@ def test_level_of_detail_is_the_mean_over_seeds_at_each_footprint(made):
         made.job("pca", seed=seed, footprints=stats | {"4": {"psnr_display": 31.0 if seed else None}})
     (plot,) = (plot for plot in plots_of(run_of(made)) if plot["kind"] == "footprints")
     assert plot["series"][0]["points"] == [[1, 29.5], [2, 28.5], [8, 22.5]]  # at 4 a seed has no error
+
+
+def test_the_interval_of_several_seeds_holds_those_of_all_in_the_one_series_of_figure_and_page(made):
+    for seed, interval in enumerate(([90.0, 110.0], [100.0, 140.0])):
+        made.job("pca", seed=seed, job=f"satin/pca/{seed}")
+        made.timing("pca", job=f"satin/pca/{seed}", ns_per_sample=100.0 + 10 * seed, interval95_ns=interval)
+    (plot,) = (plot for plot in plots_of(run_of(made)) if plot["kind"] == "speed")
+    assert plot["series"][0]["points"] == [[105.0, 30.0, 90.0, 140.0]]
