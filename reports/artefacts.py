@@ -10,7 +10,8 @@ import numpy as np
 from bench.archive import MAX_FILE, read_arrays
 from bench.errors import InputError
 from bench.program import Program
-from bench.records import Record
+from bench.records import Record, Run
+from reports.rows import MaterialRows, Row
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -24,6 +25,12 @@ def arrays(folder: Path, job: Record, name: str, names: Collection[str] | None =
         return read_arrays(folder / job[name], MAX_FILE, names)
     except (OSError, KeyError, ValueError, TypeError):
         return None  # a run's records are worth reading without its bulky parts
+
+
+def of_shown(run: Run, material: MaterialRows, name: str, needed: Collection[str] = ()) -> list[tuple[Row, Arrays]]:
+    """The shown rows of a material whose artefact has all that is needed, each with it; nothing else is read."""
+    stored = ((row, arrays(run.folder, row.job, name, needed or None)) for row in material.shown)
+    return [(row, each) for row, each in stored if each and each.keys() >= set(needed)]
 
 
 def angular(folder: Path, job: Record) -> dict[str, Any] | None:

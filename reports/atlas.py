@@ -10,7 +10,7 @@ from PIL import Image
 
 from bench.metrics.psnr import psnr
 from bench.records import FLIP, PSNR, Run
-from reports.artefacts import Arrays, arrays
+from reports.artefacts import Arrays, arrays, of_shown
 from reports.rows import MaterialRows, Row
 
 BUDGET = 8_000_000  # characters of all pictures in a page, about
@@ -38,8 +38,7 @@ class Atlases:
 
         Pictures are data URLs of all pairs in a grid, `columns` wide. `left_out` lists codecs without the same pairs.
         """
-        stored = [(row, arrays(self.run.folder, row.job, "pictures")) for row in material.shown]
-        known = [(row, pictures) for row, pictures in stored if pictures and "pairs" in pictures]
+        known = [each for each in of_shown(self.run, material, "pictures") if "pairs" in each[1]]
         if not known:
             return {"codecs": [], "left_out": [row.label for row in material.shown]}
         first = known[0][1]

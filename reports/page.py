@@ -6,6 +6,7 @@ all text is escaped, and a content security policy allows the page's own scripts
 
 import base64
 import io
+import json
 from collections.abc import Iterator, Sequence
 from html import escape
 from importlib.resources import files
@@ -64,7 +65,7 @@ class _Page:
         self.run, self.tables, self.figures = run, tables, figures
         self.materials = materials(run)
         self.records = PageRecords(run, self.materials)
-        self.plots = series.plots(run, self.materials)
+        self.plots = series.plots_of(run)
         self.atlases = Atlases(run, self.materials)
         self.live = live(run, self.materials)
         self.viewer = fragment([])  # its models are unpacked when somebody wants to see them
@@ -82,7 +83,8 @@ class _Page:
         )
         yield from (f"{part}\n" for part in self._body())
         yield "</main>\n"
-        plain = {"codecs": series.codecs(self.run), "plots": self.plots, "width": WIDTH}
+        plots = json.loads(json.dumps(self.plots), parse_float=lambda text: float(f"{float(text):.5g}"))
+        plain = {"codecs": series.codecs(self.run), "plots": plots, "width": WIDTH}
         yield from self.data
         yield _data("data", as_json(plain))
         yield _packed("records-data", self.records.packed())

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from statistics import fmean
 from typing import Any
 
 from bench.records import (
@@ -21,7 +20,6 @@ from bench.records import (
     stats_of,
 )
 
-Span = tuple[float, float, float]  # where a job stands on an axis, and the ends of the interval about it
 NEW_RUN = "timed in an earlier run than its neighbours"
 
 
@@ -138,31 +136,6 @@ class MaterialRows:
         pairs = self.first["pairs"]
         heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out: scored on all"
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
-
-
-def byte_span(row: Row) -> Span:
-    """The bytes of a job's file."""
-    total = row.job["bytes"]["total"]
-    return total, total, total
-
-
-def time_span(row: Row) -> Span | None:
-    """The ns of a sample, median and 95 % interval; None where it was not timed as the others were."""
-    if row.timing is None or row.timing_obstacle:
-        return None
-    low, high = row.timing["interval95_ns"]
-    return row.timing["ns_per_sample"], low, high
-
-
-def footprint_curves(codec: CodecRows) -> list[tuple[int, float]]:
-    """(side of the footprint in texels, pooled display PSNR in dB), means over seeds, by side.
-
-    Footprints at which a seed has no error, or was not measured, have no point.
-    """
-    stats = [row.job.get("footprints", {}) for row in codec.measured]
-    sides = sorted({int(side) for each in stats for side in each if side.isdecimal() and int(side)})
-    values = {side: [each.get(str(side), {}).get(PSNR) for each in stats] for side in sides}
-    return [(side, fmean(known)) for side, known in values.items() if None not in known]
 
 
 def described(job: Record, name: str) -> Record:

@@ -25,7 +25,7 @@ def write(folder: Path, vector: bool = False) -> Report:
     """See `reports.write_report`."""
     run = load_run(folder)
     drawn, pictures = [], []
-    for figure in (figure for draw in figures.ALL for figure in draw(run)):
+    for figure in (figure for draw in figures.ALL.values() for figure in draw(run)):
         pictures += _write_figure(figure, folder / "figures", VECTOR if vector else ())
         drawn.append(replace(figure, drawing=None))  # what it was drawn from takes memory
     tables = all_tables(run)
@@ -85,7 +85,7 @@ def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Seque
 
 def _remove_old_figures(folder: Path, files: Sequence[Path]) -> None:
     """Remove the figures of an earlier report that this one does not draw; files of other names stay."""
-    for kind in figures.KINDS:
+    for kind in figures.ALL:
         old = {
             path
             for suffix in ("png", *VECTOR)

@@ -4,7 +4,7 @@ import hashlib
 import io
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +16,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 from PIL import Image
+
+from bench.records import Run
+from reports.rows import MaterialRows, materials
 
 DPI = 110
 
@@ -69,6 +72,18 @@ def style() -> Iterator[None]:
     with matplotlib.rc_context(settings), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)
         yield
+
+
+def of_each_material(draw: Callable[[Run, MaterialRows], Figure | None]) -> Callable[[Run], Iterator[Figure]]:
+    """The figures of a run, one for each material of which `draw` has one."""
+
+    def figures(run: Run) -> Iterator[Figure]:
+        for material in materials(run):
+            with style():
+                if figure := draw(run, material):
+                    yield figure
+
+    return figures
 
 
 def new(width: float, height: float, **options: Any) -> Drawing:

@@ -1,62 +1,54 @@
 """Contact sheets: a few slices, true and decoded, beside their FLIP maps."""
 
 import textwrap
-from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.colors import Normalize
 
 from bench.records import FLIP, Run
-from reports.artefacts import Arrays, arrays
-from reports.figures.canvas import Figure, Sheet, coloured, enlarged, style
-from reports.rows import MaterialRows, Row, materials
+from reports.artefacts import Arrays, arrays, of_shown
+from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material
+from reports.rows import MaterialRows, Row
 
 CELL = 128  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
 _GAP, _LEFT, _TOP, _BOTTOM = 6, 150, 76, 22
 
 
-def contact_sheets(run: Run) -> Iterator[Figure]:
-    """For each material: one row a codec below the truth, one pair of columns (slice, FLIP map) a shown slice."""
-    for material in materials(run):
-        stored = [(row, arrays(run.folder, row.job, "pictures")) for row in material.shown]
-        rows = [(row, _of_sheet(pictures)) for row, pictures in stored if pictures]
-        if rows:
-            yield _sheet(material, rows, run)
-
-
-def _of_sheet(pictures: Arrays) -> Arrays:
-    """The pictures that a sheet shows: those marked so, or all."""
-    return {name: array[pictures["sheet"]] for name, array in pictures.items()} if "sheet" in pictures else pictures
-
-
-def _sheet(material: MaterialRows, rows: list[tuple[Row, Arrays]], run: Run) -> Figure:
+@of_each_material
+def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
+    """One row a codec below the truth, one pair of columns (slice, FLIP map) for each slice marked so, or for all."""
+    rows = [
+        (row, {name: array[each["sheet"]] for name, array in each.items()} if "sheet" in each else each)
+        for row, each in of_shown(run, material, "pictures")
+    ]
+    if not rows:
+        return None
     first = rows[0][1]
     count, height, width = first["truth"].shape[:3]
     factor = max(1, -(-CELL // max(height, width)))
     cell = (width * factor, height * factor)
     pair = 2 * cell[0] + 2 * _GAP
     title = f"{material.name}: slices as decoded, and FLIP maps"
-    with style():
-        sheet = _Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell[1] + _GAP) + _BOTTOM)
-        sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
+    sheet = _Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell[1] + _GAP) + _BOTTOM)
+    sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
+    for k in range(count):
+        left = _LEFT + k * pair
+        sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
+        sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
+        sheet.picture(left, _TOP, enlarged(first["truth"][k], factor))
+    sheet.label("truth", _TOP + cell[1] / 2)
+    for number, (row, pictures) in enumerate(rows, 1):
+        top = _TOP + number * (cell[1] + _GAP)
+        sheet.label(row.label, top + cell[1] / 2)
+        means = _flip_means(run, row, pictures)
         for k in range(count):
             left = _LEFT + k * pair
-            sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
-            sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
-            sheet.picture(left, _TOP, enlarged(first["truth"][k], factor))
-        sheet.label("truth", _TOP + cell[1] / 2)
-        for number, (row, pictures) in enumerate(rows, 1):
-            top = _TOP + number * (cell[1] + _GAP)
-            sheet.label(row.label, top + cell[1] / 2)
-            means = _flip_means(run, row, pictures)
-            for k in range(count):
-                left = _LEFT + k * pair
-                sheet.picture(left, top, enlarged(pictures["decoded"][k], factor))
-                if "flip" in pictures:
-                    sheet.picture(left + cell[0] + 2, top, enlarged(pictures["flip"][k], factor))
-                    sheet.number(left + 2 * cell[0], top + cell[1], means[k])
-        sheet.magma(_LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
-        return Figure(material.name, "contact", title, sheet.png(), sheet)
+            sheet.picture(left, top, enlarged(pictures["decoded"][k], factor))
+            if "flip" in pictures:
+                sheet.picture(left + cell[0] + 2, top, enlarged(pictures["flip"][k], factor))
+                sheet.number(left + 2 * cell[0], top + cell[1], means[k])
+    sheet.magma(_LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
+    return Figure(material.name, "contact", title, sheet.png(), sheet)
 
 
 def _angles(side: str, degrees: np.ndarray) -> str:

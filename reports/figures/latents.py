@@ -1,6 +1,5 @@
 """The channels of each codec's texture, as pictures of the texels."""
 
-from collections.abc import Iterator, Sequence
 from itertools import accumulate
 
 import numpy as np
@@ -9,20 +8,37 @@ from bench.errors import InputError
 from bench.program import Program
 from bench.records import Record, Run
 from reports.artefacts import program
-from reports.figures.canvas import Figure, Sheet, enlarged, short, style
-from reports.rows import MaterialRows, materials
+from reports.figures.canvas import Figure, Sheet, enlarged, of_each_material, short
+from reports.rows import MaterialRows
 
 _CELL, _GAP, _LINE, _LEFT, _TOP, _MOST = 64, 4, 16, 250, 52, 48  # pixels; channels a line, and a texture
 
 
-def latent_channels(run: Run) -> Iterator[Figure]:
-    """For each material: every channel of the textures that the first seed's decoders read, a block a codec."""
-    for material in materials(run):
-        if codecs := [(row.label, each) for row in material.shown if (each := _stored(run, row.job))]:
-            yield _figure(material, codecs)
-
-
 Textures = list[np.ndarray]
+
+
+@of_each_material
+def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
+    """Every channel of the textures that the first seed's decoders read, a block a codec."""
+    codecs = [(row.label, each) for row in material.shown if (each := _stored(run, row.job))]
+    if not codecs:
+        return None
+    title = f"{material.name}: channels of each codec's texture"
+    blocks = [(label, _counted(each), _cells(np.concatenate(each, -1))) for label, each in codecs]
+    cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP
+    lines = [-(-len(cells) // _LINE) for *_, cells in blocks]
+    sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + sum(lines) * (cell + _GAP))
+    sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
+    sheet.text(_GAP, 34, "each channel at mean 0 and variance 1, through a sigmoid: black to white", color="0.35")
+    top = _TOP
+    for (label, count, cells), height in zip(blocks, lines, strict=True):
+        sheet.text(_GAP, top + 12, short(label, 40))
+        sheet.text(_GAP, top + 28, count, color="0.35")
+        for number, picture in enumerate(cells):
+            line, column = divmod(number, _LINE)
+            sheet.picture(_LEFT + column * cell, top + line * cell, picture[..., None].repeat(3, -1))
+        top += height * (cell + _GAP)
+    return Figure(material.name, "latents", title, sheet.png("L"), sheet)
 
 
 def _stored(run: Run, job: Record) -> Textures:
@@ -58,26 +74,6 @@ def _standardised(texture: np.ndarray) -> np.ndarray:
     deviation[deviation <= 1e-6 * abs(flat).max(0)] = np.inf  # a constant channel is grey
     shown = 255 / (1 + np.exp(-(flat - flat.mean(0)) / deviation))
     return np.round(shown).astype(np.uint8).reshape(texture.shape)
-
-
-def _figure(material: MaterialRows, codecs: Sequence[tuple[str, Textures]]) -> Figure:
-    title = f"{material.name}: channels of each codec's texture"
-    blocks = [(label, _counted(each), _cells(np.concatenate(each, -1))) for label, each in codecs]
-    cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP
-    lines = [-(-len(cells) // _LINE) for *_, cells in blocks]
-    with style():
-        sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + sum(lines) * (cell + _GAP))
-        sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
-        sheet.text(_GAP, 34, "each channel at mean 0 and variance 1, through a sigmoid: black to white", color="0.35")
-        top = _TOP
-        for (label, count, cells), height in zip(blocks, lines, strict=True):
-            sheet.text(_GAP, top + 12, short(label, 40))
-            sheet.text(_GAP, top + 28, count, color="0.35")
-            for number, picture in enumerate(cells):
-                line, column = divmod(number, _LINE)
-                sheet.picture(_LEFT + column * cell, top + line * cell, picture[..., None].repeat(3, -1))
-            top += height * (cell + _GAP)
-        return Figure(material.name, "latents", title, sheet.png("L"), sheet)
 
 
 def _counted(textures: Textures) -> str:

@@ -1,6 +1,5 @@
 """Polar maps: where over the hemisphere of views and of lights a codec errs."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -8,45 +7,41 @@ from matplotlib.colors import Normalize
 
 from bench.records import FLIP, Run
 from reports.artefacts import angular
-from reports.figures.canvas import Figure, Sheet, coloured, grid_of, short, style
-from reports.rows import MaterialRows, materials
+from reports.figures.canvas import Figure, Sheet, coloured, grid_of, of_each_material, short
+from reports.rows import MaterialRows
 
 _SIDES = {"view": "by view", "light": "by light"}
 
 
-def polar_maps(run: Run) -> Iterator[Figure]:
-    """For each material: mean FLIP over the cells of both hemispheres, a column a codec, one scale for all."""
-    for material in materials(run):
-        maps = []
-        for row in material.shown:
-            stored, name = angular(run.folder, row.job), row.metric(FLIP)
-            if stored and name in stored["polar"]:
-                maps.append((row.label, stored["polar"][name]))
-        if maps:
-            yield _figure(material, maps)
-
-
-def _figure(material: MaterialRows, maps: list[tuple[str, dict[str, Any]]]) -> Figure:
+@of_each_material
+def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
+    """Mean FLIP over the cells of both hemispheres, a column a codec, one scale for all."""
+    maps = []
+    for row in material.shown:
+        stored, name = angular(run.folder, row.job), row.metric(FLIP)
+        if stored and name in stored["polar"]:
+            maps.append((row.label, stored["polar"][name]))
+    if not maps:
+        return None
     title = f"{material.name}: FLIP over the hemispheres"
     values = {(side, i): _values(stored[side]) for side in _SIDES for i, (_, stored) in enumerate(maps)}
     top = max((np.nanmax(value) for value in values.values() if np.isfinite(value).any()), default=1.0)
     scale = Normalize(0, top)
     blocks, per_line = grid_of(len(maps), 6)
-    with style():
-        sheet = Sheet(2 * _EDGE + max(per_line, 4) * _CELL + _BAR, _TOP + blocks * _BLOCK)
-        sheet.text(_EDGE, 14, f"{title} ({material.split})", fontsize=9)
-        sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
-        for (side, i), value in values.items():
-            left, row = _EDGE + i % per_line * _CELL, _TOP + i // per_line * _BLOCK
-            if side == "view":
-                sheet.text(left, row - 20, short(maps[i][0], 24))
-            else:
-                row += _BLOCK // 2 - 10
-            sheet.text(left, row - 6, _SIDES[side], color="0.35")
-            sheet.picture(left, row + 4, _disc(maps[i][1][side], value, scale))
-        bar = sheet.scale(sheet.width - _BAR, _TOP, (14, 260), "cividis", norm=scale)
-        bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
-        return Figure(material.name, "polar", title, sheet.png(), sheet)
+    sheet = Sheet(2 * _EDGE + max(per_line, 4) * _CELL + _BAR, _TOP + blocks * _BLOCK)
+    sheet.text(_EDGE, 14, f"{title} ({material.split})", fontsize=9)
+    sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
+    for (side, i), value in values.items():
+        left, line = _EDGE + i % per_line * _CELL, _TOP + i // per_line * _BLOCK
+        if side == "view":
+            sheet.text(left, line - 20, short(maps[i][0], 24))
+        else:
+            line += _BLOCK // 2 - 10
+        sheet.text(left, line - 6, _SIDES[side], color="0.35")
+        sheet.picture(left, line + 4, _disc(maps[i][1][side], value, scale))
+    bar = sheet.scale(sheet.width - _BAR, _TOP, (14, 260), "cividis", norm=scale)
+    bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
+    return Figure(material.name, "polar", title, sheet.png(), sheet)
 
 
 _SIDE = 140  # of a disc, in pixels

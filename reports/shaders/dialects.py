@@ -7,95 +7,83 @@ Words = dict[str, str]
 
 @dataclass(frozen=True)
 class Dialect:
-    """The spelling of one language; templates are filled by `str.format`."""
+    """The spelling of one language; templates are filled by `str.format`. The defaults are those of C."""
 
     name: str
-    suffix: str
-    types: Words  # of "float", "int", "bool", "vec4"
-    declare: str  # {type} {name} {value}
-    choose: str  # {condition} {yes} {no}
+    vec4: str
     matrix: str  # {columns} (a list of four columns), {vector}
-    loops: str  # a product with weights in the texture; see `Writer` for what it is filled with
+    array: str  # of vectors: {name} {count} {values}
     prologue: str
     uniforms: str  # the buffer of {count} vectors of weights
     signature: str
+    types: Words = field(default_factory=lambda: {"float": "float", "int": "int", "bool": "bool"})
+    declare: str = "{type} {name} = {value};"
+    choose: str = "({condition} ? {yes} : {no})"
+    counter: str = "int {0}"
+    row: str = "int row"
     calls: Words = field(default_factory=dict)  # functions that are named otherwise than in GLSL
 
+    def type(self, kind: str) -> str:
+        """What a "float", "int", "bool" or "vec4" is called."""
+        return self.vec4 if kind == "vec4" else self.types[kind]
+
+    def loops(self, name: str, first: int, product: str, inputs: list[str], outputs: list[str]) -> list[str]:
+        """Statements of a product with weights in the texture, from row `first` on: from `NAMEin` into `NAMEout`."""
+        return [
+            self.array.format(name=f"{name}in", count=len(inputs), values=", ".join(inputs)),
+            self.array.format(name=f"{name}out", count=len(outputs), values=", ".join(outputs)),
+            f"for ({self.counter.format('j')} = 0; j < {len(outputs)}; j++) {{",
+            f"  for ({self.counter.format('i')} = 0; i < {len(inputs)}; i++) {{",
+            f"    {self.row} = {first} + (j * {len(inputs)} + i) * 4;",
+            f"    {name}out[j] += {product};",
+            "  }",
+            "}",
+        ]
+
+
+_EXACT_ONE = """float exactOne(int i) {{
+  %s row = exactRow(i / 4);
+  int k = i %% 4;
+  return k < 2 ? (k == 0 ? row.x : row.y) : (k == 2 ? row.z : row.w);
+}}
+"""
 
 GLSL = Dialect(
     "glsl",
-    ".glsl",
-    {"float": "float", "int": "int", "bool": "bool", "vec4": "vec4"},
-    "{type} {name} = {value};",
-    "({condition} ? {yes} : {no})",
+    "vec4",
     "mat4({columns}) * {vector}",
-    """{vec4} {name}in[{inputs}] = {vec4}[{inputs}]({given});
-{vec4} {name}out[{outputs}] = {vec4}[{outputs}]({starts});
-for (int j = 0; j < {outputs}; j++) {{
-  for (int i = 0; i < {inputs}; i++) {{
-    int row = {first} + (j * {inputs} + i) * 4;
-    {name}out[j] += {product};
-  }}
-}}""",
+    "vec4 {name}[{count}] = vec4[{count}]({values});",
     """uniform highp sampler2D exactTable;  // RGBA32F
 uniform highp sampler2D halfTable;  // RGBA16F
 vec4 exactRow(int i) {{ return texelFetch(exactTable, ivec2(i % {width}, i / {width}), 0); }}
 vec4 halfRow(int i) {{ return texelFetch(halfTable, ivec2(i % {width}, i / {width}), 0); }}
-float exactOne(int i) {{
-  vec4 row = exactRow(i / 4);
-  int k = i % 4;
-  return k < 2 ? (k == 0 ? row.x : row.y) : (k == 2 ? row.z : row.w);
-}}
-""",
+"""
+    + _EXACT_ONE % "vec4",
     "layout(std140) uniform Weights {{ vec4 weights[{count}]; }};\n",
     "vec3 material(vec2 uv, vec3 wo, vec3 wi, float footprint)",
 )
 
 HLSL = Dialect(
     "hlsl",
-    ".hlsl",
-    {"float": "float", "int": "int", "bool": "bool", "vec4": "float4"},
-    "{type} {name} = {value};",
-    "({condition} ? {yes} : {no})",
+    "float4",
     "mul({vector}, float4x4({columns}))",  # the rows given are the columns of the product's matrix
-    """{vec4} {name}in[{inputs}] = {{{given}}};
-{vec4} {name}out[{outputs}] = {{{starts}}};
-for (int j = 0; j < {outputs}; j++) {{
-  for (int i = 0; i < {inputs}; i++) {{
-    int row = {first} + (j * {inputs} + i) * 4;
-    {name}out[j] += {product};
-  }}
-}}""",
+    "float4 {name}[{count}] = {{{values}}};",
     """Texture2D<float4> exactTable : register(t0);  // R32G32B32A32_FLOAT
 Texture2D<float4> halfTable : register(t1);  // R16G16B16A16_FLOAT
 float4 exactRow(int i) {{ return exactTable.Load(int3(i % {width}, i / {width}, 0)); }}
 float4 halfRow(int i) {{ return halfTable.Load(int3(i % {width}, i / {width}, 0)); }}
-float exactOne(int i) {{
-  float4 row = exactRow(i / 4);
-  int k = i % 4;
-  return k < 2 ? (k == 0 ? row.x : row.y) : (k == 2 ? row.z : row.w);
-}}
-""",
+"""
+    + _EXACT_ONE % "float4",
     "cbuffer Weights : register(b0) {{ float4 weights[{count}]; }}\n",
     "float3 material(float2 uv, float3 wo, float3 wi, float footprint)",
-    {"inversesqrt": "rsqrt", "fract": "frac"},
+    calls={"inversesqrt": "rsqrt", "fract": "frac"},
 )
 
 WGSL = Dialect(
     "wgsl",
-    ".wgsl",
-    {"float": "f32", "int": "i32", "bool": "bool", "vec4": "vec4<f32>"},
-    "let {name}: {type} = {value};",
-    "select({no}, {yes}, {condition})",
+    "vec4<f32>",
     "mat4x4<f32>({columns}) * {vector}",
-    """var {name}in = array<{vec4}, {inputs}>({given});
-var {name}out = array<{vec4}, {outputs}>({starts});
-for (var j: i32 = 0; j < {outputs}; j++) {{
-  for (var i: i32 = 0; i < {inputs}; i++) {{
-    let row = {first} + (j * {inputs} + i) * 4;
-    {name}out[j] += {product};
-  }}
-}}""",
+    "var {name} = array<vec4<f32>, {count}>({values});",
     """@group(0) @binding(0) var exactTable: texture_2d<f32>;  // rgba32float
 @group(0) @binding(1) var halfTable: texture_2d<f32>;  // rgba16float
 fn exactRow(i: i32) -> vec4<f32> {{ return textureLoad(exactTable, vec2<i32>(i % {width}, i / {width}), 0); }}
@@ -108,7 +96,12 @@ fn exactOne(i: i32) -> f32 {{
 """,
     "@group(0) @binding(2) var<uniform> weights: array<vec4<f32>, {count}>;\n",
     "fn material(uv: vec2<f32>, wo: vec3<f32>, wi: vec3<f32>, footprint: f32) -> vec3<f32>",
-    {"inversesqrt": "inverseSqrt"},
+    types={"float": "f32", "int": "i32", "bool": "bool"},
+    declare="let {name}: {type} = {value};",
+    choose="select({no}, {yes}, {condition})",
+    counter="var {0}: i32",
+    row="let row",
+    calls={"inversesqrt": "inverseSqrt"},
 )
 
 DIALECTS = {dialect.name: dialect for dialect in (GLSL, HLSL, WGSL)}

@@ -13,7 +13,7 @@ from reports.shaders.generator import shader
 
 README = """# {name} as {language}
 
-`{name}{suffix}` holds one function, `material(uv, wo, wi, footprint)`. It was generated from what the codec file
+`{name}.{suffix}` holds one function, `material(uv, wo, wi, footprint)`. It was generated from what the codec file
 decodes to. It needs two textures:
 
 | file | binding | format | size |
@@ -54,8 +54,8 @@ def export(program: Program, name: str, language: str, folder: Path) -> tuple[li
     across, up = program.periods
     stretch = "" if height == width else f": a surface whose uv are square is asked at ({across:g} u, {up:g} v)"
     texture = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
-    text = README.format(name=name, language=language.upper(), suffix=dialect.suffix, **sizes, **texture)
-    files = [folder / f"{name}{dialect.suffix}", folder / "exact.exr", folder / "half.exr", folder / "README.md"]
+    text = README.format(name=name, language=language.upper(), suffix=language, **sizes, **texture)
+    files = [folder / f"{name}.{language}", folder / "exact.exr", folder / "half.exr", folder / "README.md"]
     write(files[0], code.text.encode())
     for path, array in ((files[1], code.exact), (files[2], code.half)):
         _write_exr(path, array)

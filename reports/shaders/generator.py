@@ -46,7 +46,7 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     axes = {"uv": "xy", "wo": "xyz", "wi": "xyz"}
     inputs = {name: [f"{name}.{c}" for c in each] for name, each in axes.items()} | {"footprint": ["footprint"]}
     rgb = [writer.scalar(x, "float") for x in writer.run(program, inputs)]
-    three = dialect.types["vec4"].replace("4", "3")
+    three = dialect.vec4.replace("4", "3")
     body = [*writer.lines, f"return {three}({', '.join(rgb)});"]
     if len(writer.uniforms) > UNIFORMS:
         raise InputError(f"its weights take more than {16 * UNIFORMS:,} bytes of a uniform buffer")

@@ -33,7 +33,7 @@ class Writer(Backend):
         if self.count > TOO_LONG:
             raise InputError(f"its shader has more than {TOO_LONG} statements")
         name = f"t{self.count}"
-        self.lines.append(self.dialect.declare.format(type=self.dialect.types[kind], name=name, value=value))
+        self.lines.append(self.dialect.declare.format(type=self.dialect.type(kind), name=name, value=value))
         return name
 
     def scalar(self, value: Any, kind: str) -> str:
@@ -54,7 +54,7 @@ class Writer(Backend):
         texts += texts[-1:] * (4 - len(texts))  # not 0, since it may be a divisor
         if len(set(texts)) == 1 and self.dialect.name != "hlsl":
             texts = texts[:1]
-        return f"{self.dialect.types['vec4']}({', '.join(texts)})"
+        return f"{self.dialect.vec4}({', '.join(texts)})"
 
     def floats(self, flat: list[str]) -> list[str]:
         """Vector expressions, four floats each, as named scalars."""
@@ -71,22 +71,19 @@ class Writer(Backend):
         return [self.name(kind, formula.format(*(self.scalar(x, from_kind) for x in each))) for each in flat]
 
     def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Any:
-        return f"{self.dialect.types[kind]}({scalar})" if isinstance(scalar, str) else KINDS[kind](scalar)
+        return f"{self.dialect.type(kind)}({scalar})" if isinstance(scalar, str) else KINDS[kind](scalar)
 
     def convert(self, scalar: Scalar, from_kind: str, kind: str) -> str:
-        return self.name(kind, f"{self.dialect.types[kind]}({self.scalar(scalar, from_kind)})")
+        return self.name(kind, f"{self.dialect.type(kind)}({self.scalar(scalar, from_kind)})")
 
     def choose(self, condition: Scalar, yes: Scalar, no: Scalar, kind: str) -> str:
-        texts = {
-            "condition": self.scalar(condition, "bool"),
-            "yes": self.scalar(yes, kind),
-            "no": self.scalar(no, kind),
-        }
-        return self.name(kind, self.dialect.choose.format(**texts))
+        text = self.dialect.choose
+        yes, no = self.scalar(yes, kind), self.scalar(no, kind)
+        return self.name(kind, text.format(condition=self.scalar(condition, "bool"), yes=yes, no=no))
 
     def total(self, row: list[Scalar], formula: str) -> str:
         """Dot products of four at a time, where they stand in vectors."""
-        ones = f"{self.dialect.types['vec4']}(1.0)" if self.dialect.name != "hlsl" else "float4(1.0, 1.0, 1.0, 1.0)"
+        ones = f"{self.dialect.vec4}(1.0)" if self.dialect.name != "hlsl" else "float4(1.0, 1.0, 1.0, 1.0)"
         terms, whole = [], len(row) - len(row) % 4
         for i in range(0, whole, 4):
             text = self.vector(row[i : i + 4])
@@ -162,7 +159,7 @@ class Writer(Backend):
 
     def _column(self, column: Array) -> str:
         if self.weights == "literal":
-            return f"{self.dialect.types['vec4']}({', '.join(map(literal, column))})"
+            return f"{self.dialect.vec4}({', '.join(map(literal, column))})"
         self.uniforms.append(column)
         return f"weights[{len(self.uniforms) - 1}]"
 
@@ -175,10 +172,7 @@ class Writer(Backend):
         name = f"t{self.count}"
         columns = ", ".join(f"{reader}(row + {k})" if k else f"{reader}(row)" for k in range(4))
         product = self.dialect.matrix.format(columns=columns, vector=f"{name}in[i]")
-        self.lines += self.dialect.loops.format(
-            vec4=self.dialect.types["vec4"], name=name, first=first, product=product, inputs=len(packs),
-            outputs=len(starts), given=", ".join(packs), starts=", ".join(starts),
-        ).splitlines()  # fmt: skip
+        self.lines += self.dialect.loops(name, first, product, packs, starts)
         return [f"{name}out[{j}]" for j in range(len(starts))]
 
 

@@ -11,7 +11,7 @@ from reports import figures
 from reports.artefacts import arrays, program
 from reports.figures import contact, latents
 from reports.figures.significance import _caption as caption
-from reports.rows import footprint_curves, materials
+from reports.series import plots_of
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def test_a_contact_sheet_shows_every_texel_as_it_is_stored(made):
     np.testing.assert_array_equal(cell[8::16, 8::16], truth)
 
 
-@pytest.mark.parametrize("draw", figures.ALL)
+@pytest.mark.parametrize("draw", figures.ALL.values())
 def test_twelve_codecs_fit_any_figure(made, draw):
     for i in range(12):
         made.job(f"codec{i} setting={i}", psnr=20.0 + i).timing(f"codec{i} setting={i}", ns_per_sample=100.0 * (i + 1))
@@ -77,7 +77,7 @@ def test_twelve_codecs_fit_any_figure(made, draw):
     assert max(picture.shape) < 2600
 
 
-@pytest.mark.parametrize("draw", figures.ALL)
+@pytest.mark.parametrize("draw", figures.ALL.values())
 def test_odd_labels_are_drawn(made, draw):
     labels = ("_hidden $x^2$", "编码", "a" * 200, "%d {0}")
     for label in labels:
@@ -86,19 +86,19 @@ def test_odd_labels_are_drawn(made, draw):
     assert len(drawn(run_of(made), draw)) == 1
 
 
-@pytest.mark.parametrize("draw", figures.ALL)
+@pytest.mark.parametrize("draw", figures.ALL.values())
 def test_exact_codecs_stop_no_figure(made, draw):
     made.job("table", psnr=None).timing("table").job().job("vq").timing().trade("table", "pca")
     assert len(drawn(run_of(made), draw)) == 1
     list(draw(run_of(made)))
 
 
-@pytest.mark.parametrize("draw", figures.ALL)
+@pytest.mark.parametrize("draw", figures.ALL.values())
 def test_nothing_but_exact_codecs_stops_no_figure_either(made, draw):
     list(draw(run_of(made.job("table", psnr=None).timing("table"))))
 
 
-@pytest.mark.parametrize("draw", figures.ALL)
+@pytest.mark.parametrize("draw", figures.ALL.values())
 def test_artefacts_that_are_gone_cost_only_their_figure(made, draw):
     made.job()
     for path in [*made.folder.glob("*.npz"), *made.folder.glob("angular*")]:
@@ -106,7 +106,7 @@ def test_artefacts_that_are_gone_cost_only_their_figure(made, draw):
     list(draw(run_of(made)))
 
 
-@pytest.mark.parametrize("draw", figures.ALL)
+@pytest.mark.parametrize("draw", figures.ALL.values())
 def test_what_is_not_comparable_is_not_drawn(made, draw):
     made.job("vq", run="0", exposure=3.0).job("pca").job("neumip").timing("pca").trade("pca")
     alone = drawn(run_of(made), draw)
@@ -117,7 +117,7 @@ def test_what_is_not_comparable_is_not_drawn(made, draw):
     np.testing.assert_array_equal(other[name], picture)
 
 
-@pytest.mark.parametrize("draw", figures.ALL)
+@pytest.mark.parametrize("draw", figures.ALL.values())
 def test_several_seeds_are_drawn_once(made, draw):
     for seed in (0, 1, 2):
         made.job("pca", seed=seed, psnr=30.0 + seed).timing("pca").job("table", seed=seed, psnr=None)
@@ -161,5 +161,13 @@ def test_level_of_detail_is_the_mean_over_seeds_at_each_footprint(made):
     for seed in (0, 1):
         stats = {str(side): {"psnr_display": 30.0 + seed - side} for side in (8, 1, 2)}
         made.job("pca", seed=seed, footprints=stats | {"4": {"psnr_display": 31.0 if seed else None}})
-    (codec,) = materials(run_of(made))[0].codecs
-    assert footprint_curves(codec) == [(1, 29.5), (2, 28.5), (8, 22.5)]  # at 4 a seed has no error
+    (plot,) = (plot for plot in plots_of(run_of(made)) if plot["kind"] == "footprints")
+    assert plot["series"][0]["points"] == [[1, 29.5], [2, 28.5], [8, 22.5]]  # at 4 a seed has no error
+
+
+def test_the_interval_of_several_seeds_holds_those_of_all_in_the_one_series_of_figure_and_page(made):
+    for seed, interval in enumerate(([90.0, 110.0], [100.0, 140.0])):
+        made.job("pca", seed=seed, job=f"satin/pca/{seed}")
+        made.timing("pca", job=f"satin/pca/{seed}", ns_per_sample=100.0 + 10 * seed, interval95_ns=interval)
+    (plot,) = (plot for plot in plots_of(run_of(made)) if plot["kind"] == "speed")
+    assert plot["series"][0]["points"] == [[105.0, 30.0, 90.0, 140.0]]
