@@ -45,11 +45,11 @@ from bench.training.texture_fit import DirectedObjective, FitSettings, TextureOb
 from bench.training.texture_material import TextureMaterial
 
 __all__ = [
-    "ROUNDING_SAMPLES",
     "COUNTS",
     "HALF_PEAKS",
     "LEAK",
     "RANDOM_SPREAD",
+    "ROUNDING_SAMPLES",
     "Activation",
     "Architecture",
     "Batch",

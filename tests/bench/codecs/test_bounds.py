@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.relief import latents as coding
 from baselines.relief.geometry import Surface
 from bench import directions
 from bench.btf import Layout
@@ -17,6 +16,7 @@ from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.errors import ContainerError
+from bench.training import texture_codes as coding
 
 SCENE = {
     **{"name": "table", "demand": "1" * 64, "size": [8, 8], "window": [0, 0, 2, 2], "factor": 1, "pairs": 9},
