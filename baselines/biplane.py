@@ -95,6 +95,8 @@ class Biplane(Codec):
         fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
         train(fitting, fit, self.settings.steps)
         texture = torch.cat([fitting.texture, fitting.stored_colours()], 1).reshape(*btf.shape, -1)
+        if not torch.equal(fitting.colours, texture[..., FEATURES:].reshape(len(fitting.colours), -1)):
+            fitting.rounded_texels.fit_to(texture)  # some texels hold their mean now, which may lie out of range
         return Parts(
             decoder=store_texture("half", fitting.planes()[0], fitting.rounded_planes),
             texture=store_texture("texels", texture, fitting.rounded_texels),

@@ -46,7 +46,7 @@ class Rounding(nn.Module):
     @property
     def undecided(self) -> bool:
         """Whether bits are still to be chosen."""
-        return self.wanted <= MOST_BITS and not self.bits.any()
+        return self.wanted <= MOST_BITS and self.bits.numel() > 0 and not self.bits.any()
 
     def forward(self, values: Tensor) -> Tensor:
         if self.trial is not None:
