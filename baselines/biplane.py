@@ -80,12 +80,12 @@ class BiplaneNetwork(SharedNetwork):
 class Biplane(Codec):
     """Biplane: planes over half vectors and over texels, and one wide decoder for all materials, in its own file."""
 
-    name, version = "biplane", 1
+    name, version = "biplane", 2
     network = BiplaneNetwork
 
     @dataclass(frozen=True)
     class Settings(PlaneSettings):
-        bits: Bits = 0  # of a stored number of planes, matrices and offsets on average; 0: as few as add little to the error; 16, 32: floats
+        bits: Bits = 0  # of a stored number of all planes on average; 0: left to the fit; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         network, gain = fit.shared(self.name), gain_of(btf, fit)
@@ -95,6 +95,8 @@ class Biplane(Codec):
         fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
         train(fitting, fit, self.settings.steps)
         texture = torch.cat([fitting.texture, fitting.stored_colours()], 1).reshape(*btf.shape, -1)
+        if not torch.equal(fitting.colours, texture[..., FEATURES:].reshape(len(fitting.colours), -1)):
+            fitting.rounded_texels.fit_to(texture)  # some texels hold their mean now, which may lie out of range
         return Parts(
             decoder=store_texture("half", fitting.planes()[0], fitting.rounded_planes),
             texture=store_texture("texels", texture, fitting.rounded_texels),
@@ -150,6 +152,8 @@ class BiplaneObjective(TextureObjective):
         blocks = torch.arange(samples.texels, device=samples.device).split(BLOCK)
         colours[:, MATRIX:] = torch.cat([samples.abrdfs(block).mean(1) for block in blocks]).cpu() - 0.5
         self.colours = nn.Parameter(colours)
+        bits = getattr(settings, "bits", 32)  # nothing of a pool is stored
+        self.rounded_texels, self.rounded_planes = Rounding(FEATURES + COLOURS, bits), Rounding(FEATURES, bits)
         h, d = half_and_difference(samples.wo, samples.wi, settings.difference)
         corner, weight = texel_corners((SIDE, SIDE), places(h, SIDE))
         named = {"corner": corner, "weight": weight, "d": d[:, :2], "kernel": blurring(SIDE, settings.blur)}
@@ -186,10 +190,13 @@ class BiplaneObjective(TextureObjective):
         material = self.material[batch.texel]
         row = batch.pair + material * PAIRS
         corner = self.corner[row] + (material * SIDE**2)[:, None]
-        rows = self.planes().flatten(0, 2).index_select(0, corner.flatten()).unflatten(0, corner.shape)
+        texels = self.rounded_texels(torch.cat([self.texture, self.colours], 1)).index_select(0, batch.texel)
+        features, colours = texels.tensor_split([FEATURES], dim=1)
+        planes = self.rounded_planes(self.planes()).flatten(0, 2)
+        rows = planes.index_select(0, corner.flatten()).unflatten(0, corner.shape)
         half = (rows * self.weight[row][..., None]).sum(1)
-        answer = self.network(torch.cat([self.d[row], half, self.texture.index_select(0, batch.texel)], 1))
-        return coloured(answer, self.colours.index_select(0, batch.texel))
+        answer = self.network(torch.cat([self.d[row], half, features], 1))
+        return coloured(answer, colours)
 
     @torch.no_grad()
     def stored_colours(self) -> Tensor:

@@ -1,10 +1,30 @@
 """What codecs have in common whose material is coefficients of a texel times components interpolated over pairs."""
 
+import torch
 from torch import Tensor
 from torch.nn import functional
 
+from bench.btf import BTF
+from bench.codec import Fit
 from bench.directions import PairInterpolator
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
+from bench.training import Rounding, blocks, round_after
+
+PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # that tell what the rounding of a number adds
+
+
+def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
+    """Some pairs (P,) and their values (3 · P, texels), as `blocks` reads them."""
+    pairs = torch.randperm(len(btf), generator=fit.generator())[:PROBED_PAIRS].sort().values
+    return pairs, torch.cat(list(blocks(btf.subset(pairs.numpy()), fit, "some slices", gain)))
+
+
+def rounded_coefficients(texture: Tensor, bits: int, mean: Tensor, rows: Tensor, values: Tensor) -> Rounding:
+    """How coefficients (H, W, C) are rounded, for mean (F, 1) + rows (F, C) · coefficients to be values (F, texels)."""
+    flat = texture.flatten(0, 1)
+    some = slice(None, None, -(-len(flat) // PROBED_TEXELS))
+    rounding = round_after(flat[some], bits, lambda each: mean + rows @ each.T, values[:, some])
+    return rounding.fit_to(texture)
 
 
 class ComponentsMaterial(Material):

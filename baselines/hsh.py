@@ -14,11 +14,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from baselines.components import probed, rounded_coefficients
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.settings import NotNegative, Range
-from bench.training import Precision, gain_of, pack, unpack
+from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
 
 BLOCK_BYTES = 16 << 20  # slices read together
 LEAST_COSINE = 0.02  # of a light: keeps radiance / cosine finite at the horizon
@@ -31,9 +32,9 @@ Bands = Annotated[int, Range(1, MOST_BANDS)]
 class HSH(Codec):
     """Hemispherical harmonics of the light, times those of the view, a texel: least squares, no network."""
 
-    name, version = "hsh", 1
+    name, version = "hsh", 2
     interpolates, sizes = True, ("lights", "views")
-    recipes: ClassVar = {"paper": {"domain": "rgb", "cosine": False, "smoothness": 0.0}}
+    recipes: ClassVar = {"paper": {"bits": 8, "domain": "rgb", "cosine": False, "smoothness": 0.0}}
 
     @dataclass(frozen=True)
     class Settings:
@@ -43,7 +44,7 @@ class HSH(Codec):
         domain: Literal["log", "rgb"] = "log"  # fitted quantity: log1p(8 · exposure · x) or x itself
         cosine: bool = True  # fit radiance over the cosine of the light, and multiply by it at decoding
         smoothness: NotNegative = 3e-5  # weight of (l (l + 1))² on a harmonic of band l: what lies between the samples
-        precision: Precision = "int8"  # of the stored coefficients
+        bits: Bits = 0  # of a stored coefficient on average; 0: left to the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, settings = gain_of(btf, fit), self.settings
@@ -60,7 +61,24 @@ class HSH(Codec):
             coefficients += solve[:, rows] @ ((gain * values).log1p() if settings.domain == "log" else values)
         texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)
         other = {"gain": torch.tensor([gain]), "bands": torch.tensor(bands, dtype=torch.uint8)}
-        return Parts(texture=pack("coefficients", texture, settings.precision), other=other)
+        return Parts(
+            texture=store_texture("coefficients", texture, self._rounding(btf, texture, gain, bands, fit)), other=other
+        )
+
+    def _rounding(self, btf: BTF, texture: Tensor, gain: float, bands: list[int], fit: Fit) -> Rounding:
+        """How the coefficients are rounded, by their errors at some pairs."""
+        pairs, values = probed(btf, fit, None)
+        wo, wi = torch.from_numpy(btf.wo)[pairs], torch.from_numpy(btf.wi)[pairs]
+        cosine = _cosine(wi, self.settings.cosine).repeat_interleave(3, 0)
+        values = values.clamp_min(0) / cosine.to(values)
+        if self.settings.domain == "log":
+            values = (gain * values).log1p()
+        # Each colour has coefficients of its own; an error of radiance is one of radiance / cosine times the cosine.
+        rows = torch.einsum("pk,cd->pcdk", basis(wo, wi, bands), torch.eye(3)).flatten(2).flatten(0, 1) * cosine
+        rows = rows.to(values)
+        return rounded_coefficients(
+            texture, self.settings.bits, torch.zeros_like(rows[:, :1]), rows, values * cosine.to(values)
+        )
 
     def _solution(self, btf: BTF, bands: list[int], cosine: Tensor, fit: Fit) -> Tensor:
         """The matrix (K, N) from the values of the pairs to the coefficients: weighted, regularised least squares."""
@@ -75,7 +93,7 @@ class HSH(Codec):
         return torch.linalg.solve(normal, (weight * terms).T).float()
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture, bands = unpack("coefficients", parts.texture), parts.other["bands"].tolist()
+        texture, bands = load_texture("coefficients", parts.texture), parts.other["bands"].tolist()
         if texture.shape[2] != 3 * math.prod(n * n for n in bands) or max(bands) > MOST_BANDS:
             raise ValueError(f"{texture.shape[2]} coefficients a texel for {bands} bands")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None

@@ -65,7 +65,14 @@ class NeuMIP(Codec):
     name, version = "neumip", 4
     sizes = ("channels",)
     recipes: ClassVar = {
-        "paper": {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
+        "paper": {
+            "bits": 8,
+            "directions": "xy",
+            "start": "random",
+            "optimiser": "adam",
+            "blur": True,
+            "loss": "balanced",
+        }
     }
 
     @dataclass(frozen=True)
@@ -84,7 +91,7 @@ class NeuMIP(Codec):
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = False  # blur the textures at first, less and less, as the authors do
         loss: Literal["both", "l1", "balanced", "highlights"] = "both"  # log errors; the last two are the authors'
-        bits: Bits = 0  # of a stored number of the textures on average; 0: as few as add little to the error; 16, 32: floats
+        bits: Bits = 0  # of a stored number of the textures on average; 0: left to the fit; 16, 32: floats
         weights: WeightPrecision = "half"  # of the stored networks
 
         def __post_init__(self) -> None:

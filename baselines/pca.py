@@ -9,14 +9,25 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.components import ComponentsMaterial
+from baselines.components import ComponentsMaterial, probed, rounded_coefficients
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.metrics.display import exposure
 from bench.settings import Count, Range
-from bench.training import Factors, Precision, blocks, pack, strongest, truncated_svd, unpack
+from bench.training import (
+    Bits,
+    Factors,
+    blocks,
+    load_texture,
+    pack,
+    round_after,
+    store_texture,
+    strongest,
+    truncated_svd,
+    unpack,
+)
 
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 LARGE = 4 << 30  # bytes of a matrix in float32; the components of a larger one are found in a part: see `_of_part`
@@ -28,15 +39,14 @@ PAIRS_AT_ONCE = 64
 class PCA(Codec):
     """Principal components of the ABRDFs, interpolated over directions: the linear baseline."""
 
-    name, version = "pca", 2
+    name, version = "pca", 3
     interpolates, sizes = True, ("components",)
 
     @dataclass(frozen=True)
     class Settings:
         components: Count = 16  # eigen-ABRDFs; fewer where the data have a lower rank
         domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
-        precision: Precision = "int8"  # of the stored coefficients
-        weights: Precision = "int8"  # of the stored eigen-ABRDFs; their mean is half beside eight bits
+        bits: Bits = 0  # of a stored number on average; 0: left to the data; 16, 32: floats; the mean takes 16 at least
         passes: Annotated[int, Range(2, 1000)] = 4  # over the data, one where they are small; flat spectra want more
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
@@ -46,9 +56,16 @@ class PCA(Codec):
         large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density
         level, count = gain if log else None, self.settings.components
         factors = self._of_part(btf, fit, level) if large else self._of_all(btf, fit, level, count)
+        bits, texture = self.settings.bits, factors.coefficients.T.unflatten(0, btf.shape)
+        mean, basis = factors.mean.reshape(-1, 3), factors.basis.unflatten(0, (-1, 3))
+        pairs, values = probed(btf, fit, level)
+        known, rows = mean[pairs].reshape(-1, 1), basis[pairs].flatten(0, 1)
+        rounding = rounded_coefficients(texture, bits, known, rows, values)
+        coefficients = factors.coefficients
+        of_basis = round_after(rows, bits, lambda rows: known + rows @ coefficients, values).fit_to(basis)
         return Parts(
-            decoder=_tables(factors, self.settings.weights),
-            texture=pack("coefficients", factors.coefficients.T.unflatten(0, btf.shape), self.settings.precision),
+            decoder=pack("mean", mean, "float32" if bits == 32 else "half") | store_texture("basis", basis, of_basis),
+            texture=store_texture("coefficients", texture, rounding),
             other={"gain": torch.tensor([gain]), **pack_layout(btf.layout)},
         )
 
@@ -83,8 +100,8 @@ class PCA(Codec):
         return strongest(Factors(table[0], table[1:].T, factors.coefficients), self.settings.components)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture = unpack("coefficients", parts.texture)
-        mean, basis = unpack("mean", parts.decoder), unpack("basis", parts.decoder)
+        texture = load_texture("coefficients", parts.texture)
+        mean, basis = unpack("mean", parts.decoder), load_texture("basis", parts.decoder)
         table = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1): the mean's coefficient is 1
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
         return PCAMaterial(texture, table, PairInterpolator(unpack_layout(parts.other, len(table))), gain).to(device)
@@ -111,9 +128,3 @@ class PCAMaterial(ComponentsMaterial):
         # Products of halves may overflow a half, with either sign: they are added in float32.
         dtype = at_least_float32(rows.dtype)
         return (rows.reshape(len(pair), 3, -1).to(dtype) * coefficients[:, None].to(dtype)).sum(-1)
-
-
-def _tables(factors: Factors, precision: Precision) -> dict[str, Tensor]:
-    """mean (N, 3) and basis (N, 3, k) as stored."""
-    mean, basis = factors.mean.reshape(-1, 3), factors.basis.unflatten(0, (-1, 3))
-    return pack("mean", mean, "float32" if precision == "float32" else "half") | pack("basis", basis, precision)

@@ -71,7 +71,7 @@ class Rainer2019(Codec):
         latents: Width = 8  # channels that the encoder makes
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
         activation: Activation = "leaky-relu"  # of the decoder's hidden layers
-        bits: Bits = 0  # of a stored latent, mean or deviation on average; 0: as few as add little to the error; 16, 32: floats
+        bits: Bits = 0  # of a stored latent, mean or deviation on average; 0: left to the fit; 16, 32: floats
         weights: WeightPrecision = "half"  # of the stored decoder
 
         @property

@@ -88,12 +88,12 @@ class Rainer2020Network(SharedNetwork):
 class Rainer2020(Codec):
     """Rainer 2020: one encoder and one wide decoder for all materials, in a file of their own; encodes in seconds."""
 
-    name, version = "rainer2020", 1
+    name, version = "rainer2020", 2
     network = Rainer2020Network
 
     @dataclass(frozen=True)
     class Settings:
-        bits: Bits = 0  # of a stored latent, mean or deviation on average; 0: as few as add little to the error; 16, 32: floats
+        bits: Bits = 0  # of a stored latent, mean or deviation on average; 0: left to the fit; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         network, gain = fit.shared(self.name), gain_of(btf, fit)

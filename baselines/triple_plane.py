@@ -50,7 +50,14 @@ class TriplePlane(Codec):
     name, version = "triple-plane", 2
     sizes = ("channels", "resolution")
     recipes: ClassVar = {
-        "paper": {"bits": 8, "difference": "rusinkiewicz", "blur": 0.0, "start": "random", "optimiser": "adam", "steps": 10_000}
+        "paper": {
+            "bits": 8,
+            "difference": "rusinkiewicz",
+            "blur": 0.0,
+            "start": "random",
+            "optimiser": "adam",
+            "steps": 10_000,
+        }
     }
 
     @dataclass(frozen=True)
@@ -69,7 +76,7 @@ class TriplePlane(Codec):
         rate: Positive = 1e-2  # highest learning rate of the network
         plane_rate: Positive = 1e-2  # highest learning rate of the planes
         loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
-        bits: Bits = 0  # of a stored number of the planes on average; 0: as few as add little to the error; 16, 32: floats
+        bits: Bits = 0  # of a stored number of the planes on average; 0: left to the fit; 16, 32: floats
         weights: WeightPrecision = "half"  # of the stored network
 
         @property
@@ -131,7 +138,8 @@ class TriplePlaneObjective(TextureObjective):
     def predict(self, batch: Batch, progress: float) -> Tensor:
         texel, weight = self.texel[batch.pair], self.weight[batch.pair]
         texture = self.rounded_texture(self.texture)
-        rows = self.rounded_planes(self.planes()).flatten(0, 2).index_select(0, texel.flatten()).unflatten(0, texel.shape)
+        planes = self.rounded_planes(self.planes()).flatten(0, 2)
+        rows = planes.index_select(0, texel.flatten()).unflatten(0, texel.shape)
         features = (rows * weight[..., None]).sum(2).flatten(1)
         level: Tensor = self.network(torch.cat([texture.index_select(0, batch.texel), features], 1))
         return level

@@ -14,13 +14,25 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.components import ComponentsMaterial
+from baselines.components import ComponentsMaterial, probed, rounded_coefficients
 from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.settings import Count, Natural
-from bench.training import Factors, Precision, blocks, gain_of, pack, truncated_svd, unpack
+from bench.training import (
+    Bits,
+    Factors,
+    Rounding,
+    WeightPrecision,
+    blocks,
+    gain_of,
+    load_texture,
+    pack,
+    store_texture,
+    truncated_svd,
+    unpack,
+)
 
 PASSES = 4  # over the data, one where they are small
 OVERSAMPLED = 2  # components of the texels that the alternation chooses from, as a multiple of those kept
@@ -29,9 +41,9 @@ OVERSAMPLED = 2  # components of the texels that the alternation chooses from, a
 class Tucker(Codec):
     """Tucker factorisation: components of texels, of views and of lights, and a core that joins them."""
 
-    name, version = "tucker", 2
+    name, version = "tucker", 3
     interpolates, sizes = True, ("components", "views", "lights")
-    recipes: ClassVar = {"paper": {"domain": "rgb", "alternations": 0}}
+    recipes: ClassVar = {"paper": {"bits": 8, "domain": "rgb", "alternations": 0}}
 
     @dataclass(frozen=True)
     class Settings:
@@ -41,8 +53,7 @@ class Tucker(Codec):
         lights: Count = 16  # components of the lights
         alternations: Natural = 8  # least squares of one mode after another (HOOI), after the first decomposition
         domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
-        precision: Precision = "int8"  # of the texels' coefficients
-        weights: Precision = "int8"  # of the core; the components of views and lights are half beside eight bits
+        bits: Bits = 0  # of a stored coefficient on average; 0: left to the data; 16, 32: floats; the core takes 8
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         settings, layout = self.settings, btf.layout
@@ -62,18 +73,23 @@ class Tucker(Codec):
         core[1:] *= scale[:, None, None, None]
         core[0] /= shape[1] ** 0.5
         core = core.permute(1, 2, 3, 0).contiguous()
-        if settings.weights == "int8":
-            core = with_zero(core)
-        fine: Precision = "float32" if settings.weights == "float32" else "half"
+        coefficients, bits = (coefficients / scale).reshape(*btf.shape, -1), settings.bits
+        pairs, values = probed(btf, fit, gain if settings.domain == "log" else None)
+        joined = [mode[index[pairs]] for mode, index in zip((view, light), _modes(layout), strict=True)]
+        rows = torch.einsum("pj,pm,jmck->pck", *joined, core).flatten(0, 1)
+        rounding = rounded_coefficients(coefficients, bits, rows[:, :1], rows[:, 1:], values)
+        fine: WeightPrecision = "float32" if bits == 32 else "half"
         return Parts(
             # One slice of the core a channel: their sizes differ by orders of magnitude.
-            decoder=pack("core", core, settings.weights) | pack("view", view, fine) | pack("light", light, fine),
-            texture=pack("coefficients", (coefficients / scale).reshape(*btf.shape, -1), settings.precision),
+            decoder=store_texture("core", core, rounding_with_zero(core, bits))
+            | pack("view", view, fine)
+            | pack("light", light, fine),
+            texture=store_texture("coefficients", coefficients, rounding),
             other={"gain": torch.tensor([gain]), **pack_layout(layout)},
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture, core = unpack("coefficients", parts.texture), unpack("core", parts.decoder)
+        texture, core = load_texture("coefficients", parts.texture), load_texture("core", parts.decoder)
         view, light = unpack("view", parts.decoder), unpack("light", parts.decoder)
         layout = unpack_layout(parts.other)
         index = _modes(layout)
@@ -142,21 +158,18 @@ def _signed(basis: Tensor) -> Tensor:
     return basis * torch.where(along @ basis < 0, -1.0, 1.0)
 
 
-def with_zero(values: Tensor) -> Tensor:
-    """Values (…, C) whose range is moved, by at most half a step, so that 0 is one of each channel's 256 levels.
+def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
+    """How values (…, C) are rounded to 8 bits, of which 0 is one of each channel's levels; `bits` above 8 are floats.
 
     Most numbers of a core are nearly 0. Were 0 between two levels, all of them would be off to the same side.
     """
-    flat = values.flatten(0, -2)
+    flat, rounding = values.flatten(0, -2), Rounding(values.shape[-1], max(8, bits))
     low, high = flat.amin(0), flat.amax(0)
-    step = ((high - low) / 255).clamp_min(1e-12)
-    off = torch.where((low < 0) & (high > 0), -low - (-low / step).round() * step, 0.0)
-    channel, places = torch.arange(flat.shape[1], device=flat.device), (flat.argmin(0), flat.argmax(0))
-    low, high = low + off, high + off
-    flat = flat.clamp(low, high)
-    for place, extreme in zip(places, (low, high), strict=True):
-        flat[place, channel] = extreme
-    return flat.reshape(values.shape)
+    step = ((high - low) / 254).clamp_min(1e-12)
+    for ours, chosen in ((rounding.low, (low / step).floor() * step), (rounding.step, step)):
+        ours.copy_(chosen)
+    rounding.bits.fill_(8)
+    return rounding
 
 
 class TuckerMaterial(ComponentsMaterial):

@@ -14,12 +14,23 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from baselines.components import PROBED_TEXELS, probed
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
 from bench.settings import Count, Range
-from bench.training import Precision, blocks, gain_of, pack, pack_bits, truncated_svd, unpack, unpack_bits
+from bench.training import (
+    Bits,
+    blocks,
+    compress,
+    expand,
+    gain_of,
+    load_texture,
+    round_after,
+    store_texture,
+    truncated_svd,
+)
 
 BLOCK_BYTES = 64 << 20  # slices read together
 PASSES = 4  # passes over the data for the principal components
@@ -31,7 +42,7 @@ MOST_LABELS = 1 << 24  # of all stages, where fewer are stored: the index of a c
 class VQ(Codec):
     """Vector quantisation of the log ABRDFs: an index image and a codebook, found by k-means."""
 
-    name, version = "vq", 2
+    name, version = "vq", 3
     interpolates, sizes = True, ("codes",)
 
     @dataclass(frozen=True)
@@ -39,7 +50,7 @@ class VQ(Codec):
         codes: Annotated[int, Range(1, MOST_CODES)] = 32  # entries of a stage's codebook, at most the distinct texels
         stages: Annotated[int, Range(1, 64)] = 1  # number of codebooks; each further one codes the residual
         components: Count = 16  # principal components that the clustering sees
-        precision: Precision = "int8"  # of the stored codebook
+        bits: Bits = 0  # of a number of the stored codebook on average; 0: left to the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
@@ -50,8 +61,18 @@ class VQ(Codec):
             points = points - _means(points, labels[-1])[labels[-1]]
         counts = [int(label.max()) + 1 for label in labels]
         books = _codebooks(btf, gain, labels, fit)
+        starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
+        rows, codebook = torch.from_numpy(np.stack(labels, 1)) + starts, torch.cat(books)
+        pairs, values = probed(btf, fit, gain)
+        some = slice(None, None, -(-len(rows) // PROBED_TEXELS))
+        rounding = round_after(
+            codebook[:, pairs],
+            self.settings.bits,
+            lambda book: book[rows[some]].sum(1).flatten(1),
+            values[:, some].T.cpu(),
+        )
         return Parts(
-            decoder=pack("codebook", torch.cat(books), self.settings.precision),
+            decoder=store_texture("codebook", codebook, rounding.fit_to(codebook)),
             texture={
                 f"index{stage}": pack_index(label, count)
                 for stage, (label, count) in enumerate(zip(labels, counts, strict=True))
@@ -73,7 +94,7 @@ class VQ(Codec):
         index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
         rows = torch.stack(index, 1) + starts
-        codebook, gain = unpack("codebook", parts.decoder), float(parts.other["gain"])
+        codebook, gain = load_texture("codebook", parts.decoder), float(parts.other["gain"])
         if min(counts) < 1 or len(codebook) != sum(counts):
             raise ValueError(f"a codebook of {len(codebook)} entries for stages of {counts}")
         interpolator = PairInterpolator(unpack_layout(parts.other, codebook.shape[1]))
@@ -173,16 +194,22 @@ def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> lis
 
 
 def pack_index(label: np.ndarray, codes: int) -> Tensor:
-    """Labels (n,) below `codes`, each in as few bits as that takes, as bytes."""
-    return pack_bits(torch.from_numpy(label), (codes - 1).bit_length())
+    """Labels (n,) below `codes` as bytes: the low eight bits of each, and the high ones where there are more."""
+    bits = _bits(codes)
+    return compress(torch.from_numpy(label)[:, None] >> 8 * torch.arange(len(bits)) & 255, bits)
+
+
+def _bits(codes: int) -> list[int]:
+    bits = max(1, (codes - 1).bit_length())
+    return [bits] if bits <= 8 else [8, bits - 8]
 
 
 def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
     """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` where bytes are missing."""
-    bits = (codes - 1).bit_length()
-    if count < 1 or packed.ndim != 1 or len(packed) != (count * bits + 7) // 8:
-        raise ValueError(f"an index of {packed.numel()} bytes for {count} texels and {codes} codes")
-    label = unpack_bits(packed, count, bits)
+    if count < 1 or codes > MOST_CODES:
+        raise ValueError(f"an index of {count} texels and {codes} codes")
+    planes = expand(packed, (count, len(_bits(codes)))).long()
+    label = (planes << 8 * torch.arange(planes.shape[1])).sum(1)
     if label.amax() >= codes:
         raise ValueError(f"an index beyond the codebook of {codes}")
     return label

@@ -58,7 +58,7 @@ class Zeltner2024(Codec):
         layers: Count = 2  # hidden layers of the network
         width: Count = 32  # channels of each hidden layer
         activation: Activation = "leaky-relu"  # of the hidden layers
-        bits: Bits = 0  # of a stored latent on average; 0: as few as add little to the error; 16, 32: floats
+        bits: Bits = 0  # of a stored latent on average; 0: left to the fit; 16, 32: floats
         weights: WeightPrecision = "half"  # of the stored network
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:

@@ -43,7 +43,7 @@ class RendererSettings:
     omega: Positive = 2.0  # frequency of the sine; without the layer norm SIREN's is 30
     norm: bool = True  # layer norm before each activation
     residual: bool = True  # residual connections between layers of equal width
-    bits: Bits = 0  # of a stored latent on average; 0: as few as add little to the error; 16, 32: floats
+    bits: Bits = 0  # of a stored latent on average; 0: left to the fit; 16, 32: floats
     weights: WeightPrecision = "half"  # of the stored renderer
 
     @property

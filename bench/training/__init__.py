@@ -20,7 +20,6 @@ from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.optimiser import Optimiser, groups_of
 from bench.training.quantise import (
     HALF_PEAKS,
-    Precision,
     WeightPrecision,
     half_scale,
     pack,
@@ -65,7 +64,6 @@ __all__ = [
     "Network",
     "Objective",
     "Optimiser",
-    "Precision",
     "Rounding",
     "Samples",
     "Start",

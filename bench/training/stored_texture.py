@@ -46,7 +46,7 @@ class Rounding(nn.Module):
     @property
     def undecided(self) -> bool:
         """Whether bits are still to be chosen."""
-        return self.wanted <= MOST_BITS and not self.bits.any()
+        return self.wanted <= MOST_BITS and self.bits.numel() > 0 and not self.bits.any()
 
     def forward(self, values: Tensor) -> Tensor:
         if self.trial is not None:
@@ -56,6 +56,12 @@ class Rounding(nn.Module):
     def codes(self, values: Tensor) -> Tensor:
         """The codes (…, C), as floats, of values (…, C)."""
         return codes_of(values.detach(), self.low, self.step, self.bits)
+
+    def fit_to(self, values: Tensor) -> "Rounding":
+        """Itself, with steps for these values (…, C), in the bits that were chosen by some of them."""
+        if self.bits.any():
+            self.set(values, self.bits)
+        return self
 
     def set(self, values: Tensor, bits: Tensor) -> None:
         """Round to bits (C,) from now on, by steps for these values (…, C)."""
@@ -164,8 +170,8 @@ def rounded(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
 @torch.no_grad()
 def store_texture(name: str, values: Tensor, rounding: Rounding) -> dict[str, Tensor]:
     """A texture (…, C) as named tensors: codes, their steps, and the size of the texture; or floats."""
-    if rounding.wanted > MOST_BITS:
-        return pack(name, values, "half" if rounding.wanted == 16 else "float32")
+    if rounding.wanted > MOST_BITS or not values.numel():
+        return pack(name, values, "float32" if rounding.wanted == 32 else "half")
     return {
         name: compress(rounding.codes(values), rounding.bits.tolist()),
         f"{name}.low": rounding.low,

@@ -12,6 +12,7 @@ from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import Material
+from bench.training import load_texture
 
 
 def decoded(btf: BTF, **settings: Any) -> Material:
@@ -60,7 +61,7 @@ def test_the_harmonics_are_orthonormal_over_the_hemisphere() -> None:
 @pytest.mark.parametrize("cosine", [True, False])
 def test_a_decoded_file_answers_as_plain_least_squares(domain: str, cosine: bool) -> None:
     btf, (lights, views) = tiny_btf(), (3, 2)
-    codec = HSH(domain=domain, cosine=cosine, smoothness=0, lights=lights, views=views, precision="float32")
+    codec = HSH(domain=domain, cosine=cosine, smoothness=0, lights=lights, views=views, bits=32)
     parts = codec.encode(btf, Fit())
     material, gain = codec.decode(parts, torch.device("cpu")), float(parts.other["gain"])
 
@@ -81,7 +82,7 @@ def test_a_decoded_file_answers_as_plain_least_squares(domain: str, cosine: bool
 
 
 def test_coefficients_are_bands_squared_a_colour_of_light_times_view() -> None:
-    texture = HSH(lights=3, views=2).encode(tiny_btf(), Fit()).texture["coefficients"]
+    texture = load_texture("coefficients", HSH(lights=3, views=2).encode(tiny_btf(), Fit()).texture)
     assert texture.shape == (8, 8, 108)
     assert texture.dtype == torch.uint8
 
@@ -119,7 +120,7 @@ def test_more_bands_come_nearer_to_a_lobe() -> None:
 
 def test_as_many_harmonics_as_pairs_answer_the_pairs() -> None:
     btf = tiny_btf()
-    material = decoded(btf, lights=3, views=3, smoothness=0, precision="float32")
+    material = decoded(btf, lights=3, views=3, smoothness=0, bits=32)
     assert material.cost.texture_channels == 3 * len(btf)
     for i in range(0, len(btf), 9):
         # The ridge of 1e-9, against the least eigenvalue of the normal equations, about 1e-5 of the pairs.

@@ -116,7 +116,7 @@ def test_the_offset_moves_along_the_view() -> None:
 
 def test_the_stored_textures_are_those_that_were_fitted() -> None:
     """The blur is baked: what the file answers is what the fit saw at its end."""
-    btf, fit, codec = tiny_btf(), Fit(), NeuMIP(steps=10, batch=256, blur=True, precision="float32", weights="float32")
+    btf, fit, codec = tiny_btf(), Fit(), NeuMIP(steps=10, batch=256, blur=True, bits=32, weights="float32")
     gain = training.gain_of(btf, fit)
     levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(3)]
     objective = NeuMIPObjective(levels, codec.settings, fit.generator())

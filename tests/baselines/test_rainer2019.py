@@ -11,7 +11,7 @@ from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import parameters
-from bench.training import Samples
+from bench.training import Samples, load_texture
 
 
 def codec(**settings: Any) -> Rainer2019:
@@ -23,7 +23,7 @@ def test_the_decoder_of_the_papers_recipe_is_the_published_one() -> None:
     parts = ours.encode(tiny_btf(), Fit())
     material = ours.decode(parts, torch.device("cpu"))
     assert parts.decoder["weights"].shape == (35_725,)
-    assert parts.texture["latents"].shape == (8, 8, 8 + 6)
+    assert load_texture("latents", parts.texture).shape == (8, 8, 8 + 6)
     assert parameters(material) == material.cost.parameters == 35_725
     assert material.cost.texture_channels == 14
 
@@ -36,7 +36,7 @@ def test_our_recipe_adds_five_inputs_to_the_decoder() -> None:
 
 def test_the_further_channels_are_mean_and_deviation_of_each_texel() -> None:
     btf = tiny_btf()
-    parts = codec(precision="float32").encode(btf, Fit())
+    parts = codec(bits=32).encode(btf, Fit())
     logs = np.log1p(parts.other["gain"].numpy() * np.stack(list(btf)))
     # The fit holds the data as half floats: 5e-4 of each value.
     np.testing.assert_allclose(parts.texture["latents"][..., 8:11], logs.mean(0), rtol=1e-3)
@@ -56,7 +56,7 @@ def test_latents_are_what_the_encoder_makes_of_an_abrdf() -> None:
     values = np.stack(list(like))
     values[:, 4:] = values[:, :4]
     btf = BTF("twice", like.wo, like.wi, ArraySource(values))
-    latents = codec(precision="float32", start="encoder").encode(btf, Fit()).texture["latents"]
+    latents = codec(bits=32, start="encoder").encode(btf, Fit()).texture["latents"]
     torch.testing.assert_close(latents[4:], latents[:4], rtol=1e-5, atol=1e-5)
     assert (latents[0, 0] - latents[0, 3]).abs().max() > 1e-3
 

@@ -16,7 +16,7 @@ from bench.material import texel_centres
 from bench.training import Samples, to_vector
 
 Array = np.ndarray
-FLOAT32 = {"precision": "float32", "weights": "float32"}
+FLOAT32 = {"bits": 32, "weights": "float32"}
 
 
 def leaky(x: Array) -> Array:
@@ -105,7 +105,7 @@ def test_rainer2020_is_its_equations(tmp_path_factory: pytest.TempPathFactory) -
     maker = Rainer2020Network(steps=60, texels=8, rate=1e-2, weights="float32")
     trained = shared.read(shared.make(maker, others(tiny_btf()), Fit(), path).path)
     btf = tiny_btf(views=25, lights=25)  # the canonical pairs: nothing is resampled
-    codec = Rainer2020(precision="float32")
+    codec = Rainer2020(bits=32)
     parts = codec.encode(btf, Fit(network=trained))
     texture, gain = parts.texture["latents"].numpy(), float(parts.other["gain"])
     compared(codec.decode(parts, torch.device("cpu")), texture, trained.parts.decoder["weights"].numpy(), gain)

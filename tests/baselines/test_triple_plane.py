@@ -11,6 +11,7 @@ from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import parameters
+from bench.training import load_texture
 
 
 def codec(**settings: Any) -> TriplePlane:
@@ -24,8 +25,8 @@ def test_the_decoder_and_the_planes_are_the_published_ones() -> None:
     # 24 → 32 → 32 → 32 → 3 with biases; without, as the authors' kernel in eight bits has it, 2,912.
     assert parts.decoder["weights"].shape == (3_011,)
     assert parameters(material) == material.cost.parameters == 3_011
-    assert parts.decoder["half"].shape == parts.decoder["difference"].shape == (50, 50, 8)
-    assert parts.texture["latents"].shape == (8, 8, 8)
+    assert load_texture("planes", parts.decoder).shape == (2, 50, 50, 8)
+    assert load_texture("latents", parts.texture).shape == (8, 8, 8)
 
 
 def angles(w: np.ndarray) -> tuple[float, float]:
@@ -77,13 +78,13 @@ def fetch(plane: np.ndarray, x: float, y: float) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["rusinkiewicz", "nearest"])
 def test_a_decoded_file_answers_as_the_equations(kind: str) -> None:
-    ours = codec(steps=30, difference=kind, precision="float32", weights="float32")
+    ours = codec(steps=30, difference=kind, bits=32, weights="float32")
     parts = ours.encode(tiny_btf(), Fit())
     material, gain = ours.decode(parts, torch.device("cpu")), float(parts.other["gain"])
     wo, wi = hemisphere.from_degrees(50.0, 20.0), hemisphere.from_degrees(35.0, 140.0)
     found = material.slice(wo.tolist(), wi.tolist())
     h, d = oracle_difference(wo.astype(float), wi.astype(float), kind)
-    seen = [fetch(parts.decoder[name].double().numpy(), w[0], w[1]) for name, w in (("half", h), ("difference", d))]
+    seen = [fetch(plane.double().numpy(), w[0], w[1]) for plane, w in zip(parts.decoder["planes"], (h, d), strict=True)]
     flat = parts.decoder["weights"].double().numpy()
     for row, col in ((0, 0), (3, 5), (7, 2)):
         x, start = np.concatenate([parts.texture["latents"][row, col].double().numpy(), *seen]), 0
@@ -138,8 +139,8 @@ def test_the_smallest_planes_work(resolution: int) -> None:
 
 
 def test_planes_that_do_not_fit_the_network_are_refused() -> None:
-    ours = codec(steps=2, precision="float32")
+    ours = codec(steps=2, bits=32)
     parts = ours.encode(tiny_btf(), Fit())
-    parts.decoder["half"] = parts.decoder["half"][..., :7]
+    parts.decoder["planes"] = parts.decoder["planes"][..., :7]
     with pytest.raises(ValueError, match="planes of 8 channels"):
         ours.decode(parts, torch.device("cpu"))

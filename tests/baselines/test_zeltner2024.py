@@ -11,6 +11,7 @@ from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import parameters
+from bench.training import load_texture
 
 
 def codec(**settings: Any) -> Zeltner2024:
@@ -34,7 +35,7 @@ def test_the_decoder_is_the_published_one(settings: dict[str, Any], count: int) 
     parts = ours.encode(tiny_btf(), Fit())
     material = ours.decode(parts, torch.device("cpu"))
     assert parts.decoder["weights"].shape == (count,)
-    assert parts.texture["latents"].shape == (8, 8, 8)
+    assert load_texture("latents", parts.texture).shape == (8, 8, 8)
     assert parameters(material) == material.cost.parameters == count
 
 
@@ -67,7 +68,7 @@ def oracle(weights: np.ndarray, latents: np.ndarray, wo: np.ndarray, wi: np.ndar
 
 @pytest.mark.parametrize("halfway", [True, False])
 def test_a_decoded_file_answers_as_the_equations(halfway: bool) -> None:
-    ours = codec(steps=30, halfway=halfway, precision="float32", weights="float32")
+    ours = codec(steps=30, halfway=halfway, bits=32, weights="float32")
     parts = ours.encode(tiny_btf(), Fit())
     material, gain = ours.decode(parts, torch.device("cpu")), float(parts.other["gain"])
     wo, wi = hemisphere.from_degrees(50.0, 20.0), hemisphere.from_degrees(35.0, 140.0)
@@ -122,7 +123,7 @@ def test_settings_without_sense_are_refused(setting: str) -> None:
 
 
 def test_a_texture_that_does_not_fit_the_network_is_refused() -> None:
-    ours = codec(steps=2, precision="float32")
+    ours = codec(steps=2, bits=32)
     parts = ours.encode(tiny_btf(), Fit())
     parts.texture["latents"] = parts.texture["latents"][..., :7]
     with pytest.raises(ValueError, match="7 channels"):

@@ -30,7 +30,7 @@ SIZE = 12
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A material of codec neubtf, barely fitted, with its encoder."""
     path = tmp_path_factory.mktemp("propagation") / "tiny.nbtf"
-    codec = NeuBTF(steps=20, batch=256, keep_encoder=True, precision="float32")
+    codec = NeuBTF(steps=20, batch=256, keep_encoder=True, bits=32)
     container.save(path, codec, codec.encode(tiny_btf(SIZE), Fit()))
     return path
 

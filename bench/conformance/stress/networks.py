@@ -151,8 +151,8 @@ def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
 def eight_bits(subject: Subject) -> None:
     """Try `all_sound` with the texture stored at eight bits, where the codec can."""
     settings = {field.name: str(field.type) for field in dataclasses.fields(subject.tested.codec.Settings)}
-    applicable("precision" in settings, "stores no eight bits")
-    codec = subject.codec(precision="int8")
+    applicable("bits" in settings, "stores no eight bits")
+    codec = subject.codec(bits=8)
     all_sound(Subject(dataclasses.replace(subject.tested, codec=codec), codec.encode(ordinary(), subject.fit())))
 
 

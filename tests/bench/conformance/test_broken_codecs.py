@@ -19,8 +19,8 @@ from bench.conformance.stress.case import subject_of
 from bench.conformance.stress.data import ordinary
 from bench.conformance.stress.queries import Queries
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, to_radiance
+from bench.training import Bits, Rounding, load_texture, store_texture, unpack
 from bench.training.decoder import Architecture, Decoder, load_vector, to_vector
-from bench.training.quantise import Precision, pack, unpack
 
 CASES = {case.name: case for case in stress.CASES}
 
@@ -59,15 +59,18 @@ class Tiny(Sound):
 
     @dataclass(frozen=True)
     class Settings:
-        precision: Precision = "float32"
+        bits: Bits = 32
 
     def encode(self, btf, fit):
         mean = torch.from_numpy(np.mean(list(btf), 0))
         weights = to_vector(Decoder(TinyMaterial.architecture, fit.generator()))
-        return Parts(decoder={"weights": weights}, texture=pack("mean", mean, self.settings.precision))
+        rounding = Rounding(3, self.settings.bits)
+        if rounding.undecided:
+            rounding.set(mean, torch.full((3,), 8))
+        return Parts(decoder={"weights": weights}, texture=store_texture("mean", mean, rounding))
 
     def decode(self, parts, device):
-        return self.material(unpack("mean", parts.texture), parts.decoder["weights"].float())
+        return self.material(load_texture("mean", parts.texture), parts.decoder["weights"].float())
 
 
 def with_material(material, codec=Sound):

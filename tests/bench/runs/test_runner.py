@@ -438,7 +438,7 @@ def demand_file(folder, name, light):
 
 
 def test_a_run_is_judged_by_a_scene_and_fitted_to_it_where_a_codec_says_so(tmp_path):
-    half = {"components": 12, "precision": "half"}  # so much that less of it is smaller
+    half = {"components": 12, "bits": 16}  # so much that less of it is smaller
     codecs = (CodecSpec("pca", half), CodecSpec("pca", half | {"scene": True}))
     suite = replace(SUITE, codecs=codecs, demand=demand_file(tmp_path, "noon", [0.3, 0.0, 1.0]))
     plain, fitted = (o.record for o in outcomes(tmp_path / "run", suite))

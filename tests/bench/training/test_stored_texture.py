@@ -2,6 +2,8 @@ import pytest
 import torch
 
 from bench.errors import InputError
+from bench.training.stored_texture import codes_of, rounded, shared_out, steps_for
+from bench.training.texture_codes import MOST_BITS, compress, expand
 
 
 def all_of(bits: int, channels: int) -> torch.Tensor:
@@ -69,10 +71,13 @@ def test_channels_are_rounded_each_to_its_bits() -> None:
 def test_a_channel_that_matters_more_takes_more_bits() -> None:
     fall = 4.0 ** -torch.arange(MOST_BITS)
     noise = torch.tensor([16.0, 1, 4])[:, None] * fall  # each bit makes it a quarter: 16 times are two bits
-    assert shared_out(noise, 12, 0.0).tolist() == [5, 3, 4]
-    assert shared_out(noise, 3 * MOST_BITS, 3 * 4.0**-3).tolist() == [6, 4, 5]
-    assert shared_out(noise, 100, 0.0).tolist() == [8, 8, 8]
-    assert shared_out(noise, 100, 1e9).tolist() == [1, 1, 1]
+    alike = torch.ones(3, dtype=torch.long)
+    assert shared_out(noise, alike, 12, 0.0).tolist() == [5, 3, 4]
+    assert shared_out(noise, alike, 3 * MOST_BITS, 3 * 4.0**-3).tolist() == [6, 4, 5]
+    assert shared_out(noise, alike, 100, 0.0).tolist() == [8, 8, 8]
+    assert shared_out(noise, alike, 100, 1e9).tolist() == [1, 1, 1]
+    # The third has sixteen times as many numbers: two bits of each of them are spent better elsewhere.
+    assert shared_out(noise, torch.tensor([1, 1, 16]), 58, 0.0).tolist() == [6, 4, 3]
 
 
 def test_rounding_lets_the_gradient_pass() -> None:
