@@ -1,7 +1,8 @@
-"""The initial latents of a fit: the principal components of the texels' log ABRDFs, or random numbers.
+"""The initial latents of a fit: the principal components of the texels' log ABRDFs and noise, or random numbers.
 
 The components already group texels that look alike; a random start must learn this first. Scores are whitened, since a
-network ignores small inputs, and halved, since it makes little use of the directions beside strong latents.
+network ignores small inputs, and small, since it makes little use of the directions beside strong latents. As much noise
+is added: components alone hold a fit to the training directions that they were found on.
 """
 
 from collections.abc import Iterator
@@ -17,21 +18,21 @@ if TYPE_CHECKING:
 
 Start = Literal["components", "random"]
 
-RANDOM_SPREAD, COMPONENT_SPREAD = 0.1, 0.5  # standard deviation of a channel
+RANDOM_SPREAD = 0.1  # standard deviation of a random channel
+COMPONENT_SPREAD = 0.2  # of a component, and again of the noise that is added to it
 MOST_PAIRS = 1_024  # pairs that the components are computed from: more pairs group the texels no better
 PASSES = 2  # passes over the data: a start need not be exact
 BLOCK_BYTES = 16 << 20  # bytes of the matrix in memory at once
 
 
 def first_latents(samples: "Samples", channels: int, start: Start, generator: torch.Generator) -> Tensor:
-    """The first latents (texels, channels) of a fit, each channel with mean 0; float32.
-
-    Channels beyond the rank of the data are random.
-    """
-    latents = RANDOM_SPREAD * torch.randn(samples.texels, channels, generator=generator)
+    """The first latents (texels, channels) of a fit, float32. Channels beyond the rank of the data are random."""
+    noise = torch.randn(samples.texels, channels, generator=generator)
+    latents = RANDOM_SPREAD * noise
     if start == "components":
         scores = components(samples, channels, generator).cpu()
-        latents[:, : scores.shape[1]] = COMPONENT_SPREAD * scores
+        count = scores.shape[1]
+        latents[:, :count] = COMPONENT_SPREAD * (scores + noise[:, :count])
     return latents
 
 
