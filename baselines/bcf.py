@@ -48,7 +48,7 @@ LEVELS = torch.tensor([2**b - 1 for b in bc1.BITS])
 class BCF(Codec):
     """Block-compressed features: latents in BC1 blocks, half a byte for three of them, and a small network."""
 
-    name, version = "bcf", 1
+    name, version = "bcf", 2
     sizes = ("textures", "width")
 
     @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from bench.training import (
     Batch,
     Bits,
     Loss,
+    Rounding,
     Samples,
     TextureObjective,
     WeightPrecision,

@@ -53,7 +53,7 @@ PAPER |= {"start": "random", "optimiser": "adam", "rate": 5e-3, "loss": "l2", "s
 class NTC(Codec):
     """Neural texture compression: two grids of a few bits, a tiled encoding of places, a network of two layers."""
 
-    name, version = "ntc", 1
+    name, version = "ntc", 2
     sizes = ("fine", "coarse", "width")
     recipes: ClassVar = {"paper": PAPER}
 

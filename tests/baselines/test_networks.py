@@ -1,4 +1,4 @@
-"""The shared networks that come with the package: they are whole, they are those described, and codecs run with them."""
+"""The shared networks of the package: they are whole, they are those described, and codecs run with them."""
 
 from pathlib import Path
 
