@@ -1,8 +1,8 @@
 """The initial latents of a fit: the principal components of the texels' log ABRDFs and noise, or random numbers.
 
 The components already group texels that look alike; a random start must learn this first. Scores are whitened, since a
-network ignores small inputs, and small, since it makes little use of the directions beside strong latents. As much noise
-is added: components alone hold a fit to the training directions that they were found on.
+network ignores small inputs, and small, since it makes little use of the directions beside strong latents. As much
+noise is added: components alone hold a fit to the training directions that they were found on.
 """
 
 from collections.abc import Iterator
