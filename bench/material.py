@@ -174,6 +174,18 @@ def parameters(material: Material) -> int:
     return sum(summary(module, verbose=0).trainable_params for module in material.modules())
 
 
+def resident_bytes(material: Material) -> int:
+    """Bytes of all that a decoder holds in memory: textures with their levels and copies, tables, networks."""
+    held, storages = [*vars(material).values()], {}
+    for value in held:
+        if isinstance(value, Material):
+            held += vars(value).values()
+        modules = [*value.parameters(), *value.buffers()] if isinstance(value, nn.Module) else []
+        for tensor in [value] if isinstance(value, Tensor) else modules:
+            storages[tensor.untyped_storage().data_ptr()] = tensor.untyped_storage().nbytes()
+    return sum(storages.values())
+
+
 def layers(material: Material) -> list[tuple[str, str, int]]:
     """Name, kind and trainable parameters of each layer of the decoder networks that has any, as torchinfo finds them.
 

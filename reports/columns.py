@@ -122,6 +122,7 @@ SIZE = (
     Column("other", "bytes", _other_bytes, _whole),
     _TOTAL,
     _SHARED,
+    Column("resident", "bytes", lambda row: row.job.get("resident"), _whole, sparse=True),
     _BITS,
 )
 

@@ -178,6 +178,7 @@ class Job(TypedDict, total=False):
     settings: Annotated[dict[str, Setting], RESULTS | CLAIM | APART]
     bytes: Annotated[Bytes, PUBLISHED | CLAIM]
     parameters: Annotated[Count | None, PUBLISHED | CLAIM]
+    resident: Annotated[Count | None, RESULTS]
     cost: Annotated[dict[str, Count], RESULTS | CLAIM, Needed("tables", ("texture_channels",))]
     metrics: Annotated[dict[str, Metric], PUBLISHED | CLAIM | APART]
     scores: Annotated[dict[str, Group], CLAIM]

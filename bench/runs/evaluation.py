@@ -17,7 +17,7 @@ from bench.codecs.loading import Loaded
 from bench.codecs.scene_material import unreported
 from bench.errors import ContainerError, InputError
 from bench.hemisphere import to_degrees
-from bench.material import Material, parameters
+from bench.material import Material, parameters, resident_bytes
 from bench.metrics import get as get_metric
 from bench.metrics.display import to_display
 from bench.metrics.magma import magma
@@ -104,6 +104,7 @@ def scored(bench: Workbench, material: Material, name: str, threads: int, keep: 
         "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
         "provenance": bench.btf.provenance,
         "parameters": None if material.opaque else parameters(material),
+        "resident": None if material.opaque else resident_bytes(material),
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: {word: getattr(get_metric(name), word) for word in DESCRIBED} for name in bench.scorer.names},
         "scores": summary,

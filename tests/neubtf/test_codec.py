@@ -124,7 +124,7 @@ def test_it_comes_near_the_data() -> None:
 def test_any_size_is_fitted_and_padding_is_said(size: tuple[int, int], caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     _, parts = fitted(cut(*size))
-    assert parts.texture["latents"].shape == (*size, 14)
+    assert load_texture("latents", parts.texture).shape == (*size, 14)
     assert f"guidance of {size[0]} × {size[1]} texels is padded circularly to multiples of 4" in caplog.text
 
 

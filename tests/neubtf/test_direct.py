@@ -8,8 +8,9 @@ from bench.codec import Fit, Parts
 from bench.codecs import container
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
-from bench.material import Material, parameters
-from neubtf.direct import NeuBTFDirect
+from bench.material import Material, parameters, resident_bytes
+from bench.training import Samples, load_texture, store_texture, train
+from neubtf.direct import Direct, NeuBTFDirect
 from neubtf.renderer import render
 
 
@@ -99,3 +100,20 @@ def test_settings_without_sense_are_refused(settings: dict[str, Any]) -> None:
 def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any) -> None:
     codec, btf = NeuBTFDirect(steps=30, batch=64), tiny_btf()
     ends_alike_when_killed(codec, btf)
+
+
+@pytest.mark.parametrize("patience", [0, 1])
+def test_the_file_holds_the_texture_that_the_fit_looked_up(patience: int) -> None:
+    """From half of the fit on, or where it ends before, what is fitted beside the texture knows its rounding."""
+    samples, codec = Samples(tiny_btf(), 1.0, Fit()), NeuBTFDirect(steps=200, batch=64, patience=patience)
+    direct = Direct(samples, codec.settings, Fit().generator())
+    train(direct, Fit(), 200, patience)
+    seen = direct.rounding(direct.texture).reshape(8, 8, -1)
+    stored = store_texture("x", direct.texture.reshape(8, 8, -1), direct.rounding)
+    torch.testing.assert_close(load_texture("x", stored), seen)
+    assert not torch.equal(seen, direct.texture.reshape(8, 8, -1))
+
+
+def test_resident_bytes_are_those_of_texture_and_network() -> None:
+    _, _, material = fitted()
+    assert resident_bytes(material) == 4 * (8 * 8 * 14 + parameters(material))

@@ -286,8 +286,10 @@ class LastCodeMissing(Tiny):
     """Takes the largest of eight bits for a missing number."""
 
     def decode(self, parts, device):
-        material, stored = super().decode(parts, device), parts.texture["mean"]
-        material.texture[stored == 255 if stored.dtype == torch.uint8 else stored.isnan()] = torch.nan
+        material, texture = super().decode(parts, device), parts.texture
+        if "mean.step" in texture:
+            codes = (material.texture - texture["mean.low"]) / texture["mean.step"]
+            material.texture[codes > 254.5] = torch.nan
         return material
 
 

@@ -2,7 +2,18 @@ import pytest
 import torch
 
 from bench.errors import InputError
-from bench.training.stored_texture import codes_of, rounded, shared_out, steps_for
+from bench.training.stored_texture import (
+    Rounding,
+    choose_bits,
+    codes_of,
+    load_texture,
+    round_after,
+    rounded,
+    shared_out,
+    steps_for,
+    store_alike,
+    store_texture,
+)
 from bench.training.texture_codes import MOST_BITS, compress, expand
 
 
@@ -95,3 +106,66 @@ def test_a_constant_channel_survives() -> None:
     bits = all_of(4, 1)
     low, step = steps_for(torch.full((5, 1), 0.7), bits)
     torch.testing.assert_close(rounded(torch.full((5, 1), 0.7), low, step, bits), torch.full((5, 1), 0.7))
+
+
+@pytest.mark.parametrize("bits", [0, 1, 5, 8, 16, 32])
+def test_a_stored_texture_comes_back_as_the_fit_saw_it(bits: int) -> None:
+    values = torch.randn(6, 5, 3, generator=torch.Generator().manual_seed(0))
+    rounding = round_after(values, bits, lambda texture: texture.sum(-1), torch.zeros(6, 5))
+    stored = store_texture("x", values, rounding)
+    seen = values.half().float() if bits == 16 else rounding(values)
+    torch.testing.assert_close(load_texture("x", stored), seen)
+    assert all(tensor.ndim == 1 for tensor in stored.values()) == (bits <= 8)
+
+
+def test_textures_of_one_fit_share_their_bits_by_what_they_add() -> None:
+    generator = torch.Generator().manual_seed(0)
+    strong, weak = torch.randn(2, 64, 2, generator=generator)
+    first, second = Rounding(2, 4), Rounding(2, 4)
+    choose_bits([first, second], lambda: 16 * first(strong) + second(weak), torch.zeros(64, 2))
+    assert (first.bits > second.bits).all()
+    assert first.bits.sum() + second.bits.sum() == 16
+    choose_bits([first, second], lambda: 1 / 0, torch.zeros(64, 2))  # once only
+
+
+def test_an_unfinished_rounding_changes_nothing_and_floats_are_never_rounded() -> None:
+    values = torch.randn(10, 2)
+    assert Rounding(2, 0)(values) is values
+    rounding = Rounding(2, 32)
+    choose_bits([rounding], lambda: rounding(values), values)
+    assert rounding(values) is values
+
+
+def test_another_texture_takes_the_same_bits_a_channel() -> None:
+    values, other = torch.randn(2, 8, 8, 2, generator=torch.Generator().manual_seed(0))
+    rounding = Rounding(2, 5)
+    rounding.set(values, torch.tensor([2, 7]))
+    again = store_alike("x", 100 * other, store_texture("x", values, rounding))
+    assert again["x"][1:3].tolist() == [2, 7]
+    found = load_texture("x", again)
+    assert (found - 100 * other).abs()[..., 1].max() < 5  # in its own range
+    assert store_alike("x", other, {"x": other.half()})["x"].dtype == torch.float16
+
+
+@pytest.mark.parametrize(
+    ("name", "altered"),
+    [
+        ("x.low", torch.zeros(1000, 1, 1, 2)),
+        ("x.step", torch.zeros(1, 2)),
+        ("x.size", torch.tensor([1 << 20, 1 << 20])),
+        ("x.size", torch.tensor([-4, -4])),
+        ("x.size", torch.tensor([4, 5])),
+        ("x", torch.zeros(0, dtype=torch.uint8)),
+    ],
+)
+def test_an_altered_texture_is_refused(name: str, altered: torch.Tensor) -> None:
+    values = torch.randn(4, 4, 2)
+    stored = store_texture("x", values, round_after(values, 4, lambda texture: texture, values))
+    with pytest.raises(InputError, match="encode it again"):
+        load_texture("x", stored | {name: altered})
+
+
+def test_an_empty_texture_is_stored() -> None:
+    values = torch.zeros(4, 4, 0)
+    stored = store_texture("x", values, round_after(values, 0, lambda texture: texture.sum(-1), torch.zeros(4, 4)))
+    assert load_texture("x", stored).shape == (4, 4, 0)
