@@ -396,6 +396,5 @@ def _distinct(directions: Array) -> tuple[Array, Array]:
     rounded = np.round(directions, 6) + 0.0
     _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
+    rank = np.argsort(order)
     return directions[first[order]], rank[inverse.reshape(-1)]

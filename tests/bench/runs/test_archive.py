@@ -268,7 +268,7 @@ def test_another_codecs_file_is_found(packed, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        (lambda line: line | {"codec": "theirs"}, "codec theirs version 2, code"),
+        (lambda line: line | {"codec": "theirs"}, "codec theirs version 3, code"),
         (lambda line: line | {"score_key": line["score_key"] | {"btf": "0" * 64}}, "others than those submitted"),
         (lambda line: {key: value for key, value in line.items() if key != "file"}, "has no 'file'"),
         (lambda line: line | {"file": "files/none.nbtf"}, "none.nbtf"),
@@ -345,7 +345,7 @@ def test_tables_of_a_document_come_from_records(packed, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "words", ["run quick", "table summary", "table --format latex x.jsonl", "table main rate x.jsonl"]
+    "words", ["run quick", "table summary", "table --format latex x.jsonl", "table main rungs x.jsonl"]
 )
 def test_only_tables_of_records_are_written(tmp_path, capsys, words):
     (tmp_path / "page.md").write_text(f"<!-- neubtf-bench {words} -->\n<!-- end -->\n")
