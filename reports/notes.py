@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.records import PSNR, Record, Run, gate
+from reports.numbers import significant
 from reports.rows import MaterialRows, Row
 
 MUCH = 0.1  # of the squared error, for one slice
@@ -84,11 +85,22 @@ def _timing(material: MaterialRows) -> Iterator[str]:
             "floor: one bilinear fetch of a colour, in turns with the others."
         )
     yield from unrest_notes(timed)
+    yield from one_texel_notes(timed)
     if any(row.fused for row in material.measured):
         yield "Fused: the whole query as one kernel, by `neubtf-bench trade`, as a multiple of the floor beside it."
     for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):
         labels = ", ".join(row.name for row in material.measured if row.timing_obstacle == reason)
         yield f"{labels}: {reason}."
+
+
+def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
+    """Says how long a codec takes that answers texels, where one drawn texel answers a query instead of four."""
+    by_label: dict[str, list[float]] = {}
+    for row in rows:
+        if row.timing and "ratio_at_one_texel" in row.timing:
+            by_label.setdefault(row.label, []).append(row.timing["ratio_at_one_texel"])
+    for label, ratios in by_label.items():
+        yield f"{label} at one texel, filtered stochastically: {significant(fmean(ratios))} × floor."
 
 
 def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:
