@@ -6,6 +6,7 @@ is answered. The finer grid is read at the four points around a texel, side by s
 interpolate it, the coarser one bilinearly. The network answers texels; what lies between is interpolated afterwards.
 """
 
+import copy
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -181,8 +182,19 @@ class NTCObjective(DirectedObjective):
         return distance(self.predict(batch, progress, generator), batch.target, self.settings.loss)
 
 
+def hashed(uv: Tensor) -> Tensor:
+    """A number (n, 1) from 0 to below 1 of each uv (n, 2): a fixed hash of its bits."""
+    bits = uv.float().contiguous().view(torch.int32).long() & 0xFFFFFFFF
+    x = (bits[:, :1] * 0x85EBCA6B + bits[:, 1:] * 0xC2B2AE35) & 0xFFFFFFFF
+    for shift in (16, 15):
+        x = ((x ^ (x >> shift)) * 0x2C1B3C6D) & 0xFFFFFFFF
+    return (x ^ (x >> 12)).bitwise_and(0xFFFFFF).float() / (1 << 24)
+
+
 class NTCMaterial(Material):
     """Two grids, (points, features), and the network, which answers the four texels around a place, one by one."""
+
+    one_texel = False
 
     def __init__(
         self, network: Decoder, size: tuple[int, ...], grids: list[Tensor], gain: float, settings: NTC.Settings
@@ -195,9 +207,19 @@ class NTCMaterial(Material):
         self.network, self.fine, self.coarse, self.gain = network, fine, coarse, gain
         self.reader, self.directions = Reader(size, settings.reduction), settings.directions
 
+    def at_one_texel(self) -> Material:
+        """As published: one network a query, by stochastic filtering."""
+        material = copy.copy(self)
+        material.one_texel = True
+        return material
+
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         texel, weight = texel_corners(self.size, uv)
-        directions = torch.cat(direction_inputs(wo, wi, self.directions), 1).repeat_interleave(4, 0)
+        if self.one_texel:
+            drawn = (weight.cumsum(1)[:, :3] <= hashed(uv)).sum(1, keepdim=True)
+            texel, weight = texel.gather(1, drawn), torch.ones_like(weight[:, :1])
+        count = texel.shape[1]
+        directions = torch.cat(direction_inputs(wo, wi, self.directions), 1).repeat_interleave(count, 0)
         features = self.reader(texel.flatten(), self.fine, self.coarse)
         texels = to_radiance(self.network(torch.cat([features, directions.to(features.dtype)], 1)), self.gain)
-        return (texels.clamp_min(0).unflatten(0, (-1, 4)) * weight[..., None].to(texels.dtype)).sum(1)
+        return (texels.clamp_min(0).unflatten(0, (-1, count)) * weight[..., None].to(texels.dtype)).sum(1)

@@ -79,6 +79,13 @@ class Material:
         """
         return {}, 1.0
 
+    def at_one_texel(self) -> "Material | None":
+        """The same, but a query is answered by one texel, drawn by its bilinear weight: noisy, with the same mean.
+
+        Of a codec whose network answers texels, which is timed both ways; None for all others.
+        """
+        return None
+
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Material":
         """Move every tensor and network to a device, floating-point ones to a dtype, in place; returns itself.
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.records import PSNR, Record, Run, gate
+from reports.numbers import significant
 from reports.rows import MaterialRows, Row
 
 MUCH = 0.1  # of the squared error, for one slice
@@ -24,7 +25,8 @@ def quality_notes(material: MaterialRows) -> list[str]:
 def cost_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the columns of size and time."""
     bytes_note = "Bytes are those of the whole file; “other” includes its header."
-    notes = [bytes_note, *_shared(material), *_timing(material), *_programs(material), *_not_comparable(material)]
+    times = [*_timing(material), *height_notes([material]), *_programs(material)]
+    notes = [bytes_note, *_shared(material), *times, *_not_comparable(material)]
     return notes if material.first else []
 
 
@@ -84,11 +86,37 @@ def _timing(material: MaterialRows) -> Iterator[str]:
             "floor: one bilinear fetch of a colour, in turns with the others."
         )
     yield from unrest_notes(timed)
+    yield from one_texel_notes(timed)
     if any(row.fused for row in material.measured):
         yield "Fused: the whole query as one kernel, by `neubtf-bench trade`, as a multiple of the floor beside it."
     for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):
         labels = ", ".join(row.name for row in material.measured if row.timing_obstacle == reason)
         yield f"{labels}: {reason}."
+
+
+def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
+    """Says how long a codec takes that answers texels, where one drawn texel answers a query instead of four."""
+    by_label: dict[str, list[float]] = {}
+    for row in rows:
+        if row.timing and "ratio_at_one_texel" in row.timing:
+            by_label.setdefault(row.label, []).append(row.timing["ratio_at_one_texel"])
+    for label, ratios in by_label.items():
+        yield f"{label} at one texel, filtered stochastically: {significant(fmean(ratios))} × floor."
+
+
+def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
+    """Says where the timed files of a codec that looks for a height hold one: marching it costs most of their time."""
+    found: dict[str, dict[bool, dict[str, None]]] = {}
+    for material in materials:
+        for row in material.measured:
+            settings = row.job.get("settings", {})
+            if settings.get("relief") and (row.timing or row.fused):
+                holds = row.job["cost"]["texture_channels"] == settings["latents"] + 1  # the height is one more
+                found.setdefault(row.label, {}).setdefault(holds, {})[material.name] = None
+    words = {True: "a height on", False: "none on"}
+    for label, by in found.items():
+        held = "; ".join(f"{words[holds]} {', '.join(by[holds])}" for holds in (True, False) if holds in by)
+        yield f"{label}: its file holds {held}; a height is marched, which takes time."
 
 
 def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:

@@ -224,6 +224,7 @@ class Timing(TypedDict, total=False):
     iqr_ns: Annotated[Number, RESULTS]
     ratio_to_floor: Annotated[Positive, RESULTS]
     ratio_interval95: Annotated[Pair, RESULTS]
+    ratio_at_one_texel: Annotated[Positive, RESULTS]
     floor_ns: Annotated[Positive, RESULTS]
     floor_again: Annotated[Positive, RESULTS]
     floors: Annotated[Count, RESULTS]

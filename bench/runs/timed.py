@@ -12,6 +12,8 @@ from bench.records import Record
 from bench.runs.evaluation import recorded
 from bench.runs.executors import processes
 
+ONE_TEXEL = " at one texel"  # after the name of a job: a contestant beside it
+
 log = logging.getLogger(__name__)
 
 
@@ -30,17 +32,21 @@ def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: P
 
 
 def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
-    """The timing of each job's decoder, measured in this process."""
+    """The timing of each job's decoder, measured in this process; where it can, at one texel a query as well."""
     materials = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
     decoded = {name: material for name, material in materials.items() if not material.opaque}
     if not decoded:
         return []
+    ones = {name + ONE_TEXEL: one for name, material in decoded.items() if (one := material.at_one_texel())}
     conditions = timing.conditions(threads, device)
+    found = timing.time_materials(decoded | ones, threads, show=show)
+    at_one = {name: found[name + ONE_TEXEL].summary() for name in decoded if name + ONE_TEXEL in ones}
     return [
         {"kind": "timing", "job": name}
         | conditions
         | times.summary()
+        | ({"ratio_at_one_texel": at_one[name]["ratio_to_floor"]} if name in at_one else {})
         | {"samples_ns": times.samples.tolist(), "floor_ratios": times.ratios.tolist()}
-        for name, times in timing.time_materials(decoded, threads, show=show).items()
-        if name != timing.FLOOR
+        for name, times in found.items()
+        if name in decoded
     ]

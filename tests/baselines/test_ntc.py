@@ -113,6 +113,26 @@ def test_a_decoded_file_answers_as_the_equations(bits: int) -> None:
     np.testing.assert_allclose(between, sum(shares[at] * each[at] for at in shares), rtol=3e-4, atol=2e-5)
 
 
+def test_one_texel_is_drawn_by_its_bilinear_weight() -> None:
+    ours = codec(steps=30)
+    material = ours.decode(ours.encode(tiny_btf(), Fit()), torch.device("cpu"))
+    one = material.at_one_texel()
+    assert one is not None
+    # Places around a quarter of a texel right of and below the centre of texel (2, 6), 1e-4 of a texel apart at most.
+    jitter = 1e-4 * torch.rand(20_000, 2, generator=torch.Generator().manual_seed(0))
+    uv = (torch.tensor([6.75, 8 - 2.75]) + jitter) / 8
+    wo = torch.from_numpy(hemisphere.from_degrees(50.0, 20.0)).float().expand(len(uv), 3)
+    wi = torch.from_numpy(hemisphere.from_degrees(35.0, 140.0)).float().expand(len(uv), 3)
+    picture = material.slice(wo[0].tolist(), wi[0].tolist())
+    texels, drawn = picture[2:4, 6:8].flatten(0, 1), one.query(uv, wo, wi)
+    shares = torch.isclose(drawn[:, None], texels, rtol=1e-4).all(2).double().mean(0)
+    # Five standard deviations of a share of 20,000 draws are .018.
+    torch.testing.assert_close(shares, torch.tensor([0.5625, 0.1875, 0.1875, 0.0625]).double(), rtol=0, atol=0.018)
+    deviation = drawn.std(0) / len(uv) ** 0.5
+    assert ((drawn.mean(0) - material.query(uv, wo, wi).mean(0)).abs() <= 5 * deviation + 1e-6).all()
+    assert torch.equal(drawn, one.query(uv, wo, wi))
+
+
 @pytest.mark.parametrize("rounding", ["round", "noise"])
 def test_in_the_end_the_fit_sees_what_the_file_gives_back(rounding: str) -> None:
     fit, settings = Fit(), NTC.Settings(rounding=rounding, reduction=2)

@@ -7,6 +7,7 @@ import torch
 from bench import timing
 from bench.material import DecoderCost, Material
 from bench.records.lines import of_both_floors
+from bench.runs.timed import measured
 from bench.threads import torch_threads
 from bench.timing import BATCH, FLOOR, SAMPLES, Timing, conditions, in_turns, time_materials
 from bench.timing.clock import calibrated
@@ -85,6 +86,21 @@ def test_a_ratio_is_to_the_mean_of_the_floor_before_and_after(monkeypatch):
     earlier = {"ratio_to_floor": 3.0, "ratio_interval95": [3.0, 4.5], "floor_ns": 100.0, "floor_again": 2.0}
     both = {"ratio_to_floor": 2.0, "ratio_interval95": [2.0, 3.0], "floor_ns": 150.0, "floor_again": 2.0, "floors": 2}
     assert of_both_floors(earlier) == both
+
+
+class Texels(Sleeper):
+    """Can answer by one texel, too."""
+
+    def at_one_texel(self):
+        return Sleeper(self.seconds / 4)
+
+
+def test_a_codec_that_answers_texels_is_timed_at_one_of_them_too(monkeypatch, tmp_path):
+    monkeypatch.setattr(timing, "SAMPLES", 2)
+    materials = {"texels": Texels(0.004), "plain": Sleeper(0.001)}
+    monkeypatch.setattr("bench.runs.timed.recorded", lambda folder, job, device: materials[job["job"]])
+    found = {each["job"]: each for each in measured(tmp_path, [{"job": name} for name in materials], "cpu", 1)}
+    assert {name: "ratio_at_one_texel" in each for name, each in found.items()} == {"texels": True, "plain": False}
 
 
 def test_a_machine_that_is_not_quiet_is_told():

@@ -111,3 +111,15 @@ def test_a_summary_says_what_it_leaves_out_and_why(made):
         "Not comparable with what ran last, and left out: old on brick, satin (another exposure); older on satin "
         "(other data (their fingerprint differs))."
     )
+
+
+def test_times_say_where_a_file_holds_a_height(made):
+    settings = {"relief": True, "latents": 14}
+    for material, channels in (("brick", 15), ("satin", 14), ("rock", 15)):
+        made.job("relief", material, settings=settings, cost={"texture_channels": channels}).timing("relief", material)
+        made.job("vq", material, settings={"latents": 13}).timing("vq", material)
+    made.job("relief seed", "satin", settings=settings)  # not timed
+    (note,) = [note for note in summary_table(load_run(made.folder)).notes if "height" in note]
+    end = "; a height is marched, which takes time."
+    assert note == f"relief: its file holds a height on brick, rock; none on satin{end}"
+    assert f"relief: its file holds a height on brick{end}" in table_text(made.folder, "markdown", "main")

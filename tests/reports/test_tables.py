@@ -46,6 +46,14 @@ def test_what_pairs_were_scored_and_that_the_machine_was_not_quiet_is_said(made)
     assert "not quiet while this was timed: other processes used 1.4 cores" in text
 
 
+def test_a_codec_that_answers_texels_has_its_time_at_one_of_them(made):
+    made.start().job("ntc").timing("ntc", ratio_to_floor=44.0, ratio_at_one_texel=12.5).job("pca").timing("pca")
+    (table,) = tables(made, "main")
+    assert [note for note in table.notes if "one texel" in note] == [
+        "ntc at one texel, filtered stochastically: 12.5 × floor."
+    ]
+
+
 def test_exact_slices_are_counted_openly(made):
     (table,) = tables(made.job("table", psnr=None), "main")
     assert cells(table)["PSNR pooled dB ↑"] == cells(table)["PSNR per slice dB ↑"] == "exact"
