@@ -433,7 +433,8 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
 def read_trade(folder: Path, share: float) -> None:
     """Whatever a user may ask of a run's trade."""
     from bench.records import load_trade
-    from bench.runs.choose import Wishes, answers, choose, described, nearest, usable
+    from bench.records.choosing import Limits, chosen, nearest
+    from bench.runs.choose import answers, described, usable
     from reports import table_text, write_report
 
     if share < 0.03:
@@ -442,10 +443,10 @@ def read_trade(folder: Path, share: float) -> None:
         for form in ("text", "markdown", "latex", "csv"):
             table_text(folder, form, "trade")
     elif found := load_trade(folder):
-        rows = [row for row in usable(found["choices"], "satin") if row["device"] == "cpu"]
-        wishes = Wishes(25.0, 500_000, 90.0)
-        if rows:
-            described(choose(rows, wishes) or nearest(rows, wishes))
+        rungs = usable(found["choices"], "satin")
+        limits = Limits(500_000, 90.0, 25.0)
+        if rungs:
+            described((chosen(rungs, limits) or nearest(rungs, limits)).of)
         list(answers("satin", found["choices"]))
 
 
