@@ -6,13 +6,16 @@ Imports no PyTorch, so that an answer from stored measurements comes at once.
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from bench.errors import InputError
+from bench.records import load_run
 from bench.records.choosing import Rung, scores, validated
 
 Choice = dict[str, Any]
 PLAIN = "eager float32"  # the default execution and precision
+FLOAT_BYTES = 4
 NEAR_DB = 0.5  # a choice within this many dB of the best counts as equally good
 _SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
 
@@ -71,3 +74,13 @@ def described(row: Choice) -> str:
     """A choice with its figures, in words."""
     quality = "exact" if row["psnr"] is None else f"{row['psnr']:.2f} dB"
     return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
+
+
+def held(folder: Path, row: Choice) -> str:
+    """Whose time that of a choice is, and what a GPU would hold of its file, by the record of its job."""
+    threads = row.get("threads", 1)
+    whose = "the GPU's" if row["device"] != "cpu" else f"the CPU's, {threads} thread{'s' * (threads != 1)}"
+    cost = (load_run(folder).job(row.get("job", "")) or {}).get("cost", {})
+    floats = cost.get("texture_floats", 0)
+    textures = f"{FLOAT_BYTES * floats:,} bytes of textures" if floats else "no textures"
+    return f"time: {whose}; on a GPU: {textures}, at {FLOAT_BYTES} bytes a float, of a file of {row['bytes']:,}"

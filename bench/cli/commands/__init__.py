@@ -7,14 +7,21 @@ prints and returns an exit code of `bench.errors`. It imports what it needs when
 import argparse
 import importlib
 import pkgutil
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from bench import atomic
 from bench.codecs.registry import first_line
 from bench.errors import InputError, writable
 from bench.settings import Threads, converted
+
+if TYPE_CHECKING:
+    from bench.runs.executors import Workers
 
 GROUP = "neubtf_bench.commands"
 GROUPS = {  # how the list of commands is divided; those of other packages follow
@@ -87,3 +94,16 @@ def usable_device(name: str) -> str:
     if device.type == "cuda" and not torch.cuda.is_available():
         raise InputError(f"--device {name}: PyTorch finds no CUDA device here; use cpu")
     return name
+
+
+def workers(
+    jobs: int, threads: int, device: str, limit: float | None = None
+) -> "Callable[[], AbstractContextManager[Workers]] | None":
+    """Where so many jobs run at once, 0: one a core; None where the runner decides."""
+    from bench.runs import executors
+    from bench.threads import cores
+
+    count = jobs or max(1, cores() // threads)
+    if count == 1 and limit is None:
+        return None
+    return partial(executors.processes, count, threads, device, limit)

@@ -1,10 +1,12 @@
 """pick the codec and settings that meet a wish for quality, bytes or time
 
-Where nothing that was measured meets it, and not all of the suite was, the rest is fitted and measured first.
+Where nothing that was measured meets it, and not all of the suite was, the rest is fitted and measured first: it says
+how many fits that takes, and for about how long.
 
 examples:
   neubtf-bench choose satin --min-psnr 30
   neubtf-bench choose satin --max-bytes 300k --max-ns 40
+  neubtf-bench choose satin --min-psnr 30 --codec neumip --codec pca --steps 300 --jobs 0
 """
 
 import argparse
@@ -13,7 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.commands import usable_device
+from bench.cli.commands import usable_device, workers
 from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
@@ -27,9 +29,21 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--min-psnr", type=float, metavar="DB", help="the PSNR to reach, at validation pairs")
     parser.add_argument("--max-bytes", metavar="BYTES", help="what the file may take: 300k, 1.5M, 20000")
     parser.add_argument(
-        "--max-ns", type=float, metavar="NS", help="what a sample may take, as a whole query; on --device"
+        "--max-ns",
+        type=float,
+        metavar="NS",
+        help="what a sample may take, as a whole query: the CPU's time on the suite's threads, one in a built-in suite "
+        "(the GPU's with --device cuda)",
     )
-    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument("--codec", action="append", default=[], help="fit and choose only this codec; repeatable")
+    parser.add_argument("--steps", type=int, metavar="N", help="fit in N steps what is missing (default: the suite's)")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        metavar="N",
+        help="this many fits at once, each in a process, and on a GPU, of its own; 0: one a core (default: 1)",
+    )
     parser.add_argument("--suite", default="trade", help="what is fitted where it is missing (default: trade)")
     parser.add_argument("--out", type=Path, help="the folder of a `trade` (default: runs/SUITE), extended if need be")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
@@ -37,14 +51,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.records.choosing import Limits, chosen, nearest
-    from bench.runs.choose import described, parse_bytes
-    from bench.runs.suite import load_suite, with_changes
+    from bench.runs.choose import described, held, parse_bytes
+    from bench.runs.suite import canonical
 
     size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
     wishes = Limits(size, options.max_ns, options.min_psnr)
     if wishes == Limits():
         raise InputError("choose: give a wish: --min-psnr, --max-bytes or --max-ns")
-    suite = with_changes(load_suite(options.suite), [options.material], options.codec, {}, None)
+    suite = _suite(options)
     folder, material = options.out or Path("runs") / suite.name, suite.materials[0].name
     if not suite.data.validation:
         raise InputError(
@@ -53,7 +67,10 @@ def run(options: argparse.Namespace) -> int:
     rungs, missing = _measured(folder, suite, options.device)
     best = chosen(rungs, wishes)
     if best is None and missing:
-        rungs, _ = _measure(folder, suite, options.device, missing)
+        suite = canonical(suite)  # by the names of the records; it loads the codecs
+        missing = _measured(folder, suite, options.device)[1]
+    if best is None and missing:
+        rungs, _ = _measure(folder, suite, options, missing)
         best = chosen(rungs, wishes)
     if not rungs:
         print(f"{material}: nothing could be measured; the reasons are in {folder}")
@@ -62,12 +79,26 @@ def run(options: argparse.Namespace) -> int:
         print(f"{material}: no setting meets that; the nearest is {described(nearest(rungs, wishes).of)}")
         return NO
     print(f"{material}: {described(best.of)}")
+    print(held(folder, best.of))
     words = ["encode", options.material, "--codec", best.of["codec"]]
     for key, value in (best.of["settings"] | _changed(suite.data)).items():
         words += ["--set", f"{key}={value}"]
     words += ["-o", f"{material}.nbtf"]
     print(f"neubtf-bench {shlex.join(words)}")
     return FINE
+
+
+def _suite(options: argparse.Namespace) -> "Suite":
+    """The suite of the options, of one material."""
+    from bench.runs.suite import load_suite, with_changes
+
+    suite = with_changes(load_suite(options.suite), [options.material], options.codec, {}, None)
+    if options.steps is None:
+        return suite
+    try:
+        return with_changes(suite, [], [], {"steps": str(options.steps)}, None)
+    except InputError as error:
+        raise InputError(f"--steps {options.steps}: {error}") from error
 
 
 def _changed(data: "Preparation") -> dict[str, object]:
@@ -91,14 +122,18 @@ def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], 
     return usable(rows, material), [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
-def _measure(folder: Path, suite: "Suite", device: str, missing: list[str]) -> tuple[list["Rung"], list[str]]:
+def _measure(
+    folder: Path, suite: "Suite", options: argparse.Namespace, missing: list[str]
+) -> tuple[list["Rung"], list[str]]:
     """The same, after a trade over the suite, which fits only what is missing."""
     from bench.cli.console import Console
     from bench.runs.runner import Options
     from bench.runs.trade import run_and_measure
 
     with Console() as console:
-        several = f"{len(missing)} of {len(suite.codecs)} settings" if missing[1:] else missing[0]
-        console.say(f"{suite.materials[0].name}: {several} of {suite.name} are not in {folder}: measured first")
-        run_and_measure(suite, Options(folder, usable_device(device), show=console.show), console.ended)
+        several = f"{len(missing)} of {len(suite.codecs)} settings of {suite.name}"
+        console.say(f"{suite.materials[0].name}: {several} are not in {folder}: fitted, scored and timed first")
+        say = lambda estimate: console.say(f"{estimate}; scoring and timing come on top")  # noqa: E731
+        device, seats = usable_device(options.device), workers(options.jobs, suite.threads, options.device)
+        run_and_measure(suite, Options(folder, device, show=console.show, say=say, workers=seats), console.ended)
     return _measured(folder, suite, device)

@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.cli.commands import assignments, usable_device
+from bench.cli.commands import assignments, usable_device, workers
 from bench.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 
 if TYPE_CHECKING:
@@ -76,14 +76,12 @@ def run(options: argparse.Namespace) -> int:
         suite = replace(suite, demand=options.demand)
     folder = options.out or Path("runs") / suite.name
     device = options.device if options.scheduler else usable_device(options.device)
-    workers = _workers(options, suite.threads)
+    seats = _workers(options, suite.threads)
     outcomes: list[runner.Outcome] = []
     with Console() as console:
         for line in described_changes(suite, changes):
             console.say(line)
-        settings = runner.Options(
-            folder, device, options.fresh, options.retry_failed, console.show, console.say, workers
-        )
+        settings = runner.Options(folder, device, options.fresh, options.retry_failed, console.show, console.say, seats)
         try:
             for outcome in runner.run(suite, settings):
                 outcomes.append(outcome)
@@ -107,7 +105,6 @@ def run(options: argparse.Namespace) -> int:
 def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]] | None":
     """Where jobs run; None where the runner decides."""
     from bench.runs import executors
-    from bench.threads import cores
 
     if options.resource and not options.scheduler:
         raise InputError("--resource: for the workers of a Dask --scheduler only")
@@ -117,10 +114,7 @@ def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], Abstrac
         if options.jobs != 1:
             raise InputError("--jobs, --scheduler: give one of them; the scheduler knows how many workers it has")
         return partial(executors.dask, options.scheduler, _resources(options.resource))
-    jobs = options.jobs or max(1, cores() // threads)
-    if jobs == 1 and options.max_seconds is None:
-        return None
-    return partial(executors.processes, jobs, threads, options.device, options.max_seconds)
+    return workers(options.jobs, threads, options.device, options.max_seconds)
 
 
 def _resources(words: list[str]) -> dict[str, float]:

@@ -4,6 +4,7 @@ import pytest
 
 from bench import cli
 from bench.errors import InputError
+from bench.records import append
 from bench.records.choosing import Limits, chosen, nearest
 from bench.runs.choose import parse_bytes, usable
 
@@ -65,11 +66,72 @@ def test_the_command_that_is_printed_is_what_a_shell_runs(tmp_path, monkeypatch,
     suite = tmp_path / "own.toml"
     suite.write_text('materials = ["satin"]\ndata.validation = true\n[[codecs]]\ncodec = "pca"\n')
     monkeypatch.setattr("bench.cli.commands.choose._measured", lambda *_: (usable([choice], "m"), []))
+    append(tmp_path, {"kind": "job", "job": "m/pca/0", "material": "m", "label": "pca", "codec": "pca", "seed": 0,
+                      "status": "failed", "error": "why"})  # fmt: skip
     (tmp_path / "my cloth; no; $HOME").mkdir()
     material = str(tmp_path / "my cloth; no; $HOME")
-    assert cli.main(["choose", material, "--min-psnr", "30", "--suite", str(suite)]) == 0
+    words = ["choose", material, "--min-psnr", "30", "--suite", str(suite), "--out", str(tmp_path)]
+    assert cli.main(words) == 0
     command = capsys.readouterr().out.splitlines()[-1]
     ran = subprocess.run(["bash", "-c", f'neubtf-bench() {{ printf "%s\\n" "$@"; }}; {command}'], capture_output=True)
     words = ran.stdout.decode().splitlines()
     assert words[:4] == ["encode", material, "--codec", "pca"]
     assert words[-2:] == ["-o", "my cloth; no; $HOME.nbtf"]
+
+
+OWN = """
+materials = ["satin"]
+data = {size = 8, views = 4, lights = 4, heldout = 4, validation = true}
+[[codecs]]
+codec = "pca"
+components = 2
+[[codecs]]
+codec = "neubtf-direct"
+[[codecs]]
+codec = "neubtf-direct"
+latents = 6
+"""
+
+
+def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    (tmp_path / "own.toml").write_text(OWN)
+    words = [
+        "choose",
+        "satin",
+        "--max-bytes",
+        "1M",
+        "--suite",
+        str(tmp_path / "own.toml"),
+        "--out",
+        str(tmp_path / "r"),
+    ]
+    assert cli.main([*words, "--codec", "neubtf-direct", "--steps", "20", "--jobs", "2"]) == 0
+    said = capsys.readouterr().out
+    first = said.index("2 of 2 settings of own are not in")
+    estimate = said.index("2 jobs: 2 left, no estimate, since no fit of neubtf-direct is on record here; scoring and")
+    assert first < estimate < said.index("satin/neubtf-direct ")
+    assert "on a GPU: " in said
+    assert "encode satin --codec neubtf-direct --set steps=20 " in " ".join(said.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--codec", "pca", "--steps", "20"], "--steps 20: "),
+        (["--steps", "0"], "steps"),
+        (["--jobs", "-1"], "--jobs -1: must be at least 1"),
+    ],
+)
+def test_options_that_make_no_sense_are_bad_usage(words, message, tmp_path, capsys):
+    (tmp_path / "own.toml").write_text(OWN)
+    own = ["--suite", str(tmp_path / "own.toml"), "--out", str(tmp_path / "r")]
+    assert cli.main(["choose", "satin", "--max-bytes", "1M", *own, *words]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "r" / "trade.json").exists()
+
+
+def test_help_says_whose_time_max_ns_is(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["choose", "--help"])
+    assert "the CPU's time on the suite's threads" in " ".join(capsys.readouterr().out.split())

@@ -324,8 +324,10 @@ def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
 def choosing(monkeypatch, out, suite=SUITE, **wish):
     """`choose` with a wish, of the suite above."""
     monkeypatch.setattr("bench.runs.suite.load_suite", lambda name: suite)
-    options = {"material": "tiny", "min_psnr": None, "max_bytes": None, "max_ns": None}
-    return choose_command.run(argparse.Namespace(**options | wish, suite="trade", out=out, device="cpu"))
+    parser = argparse.ArgumentParser()
+    choose_command.arguments(parser)
+    options = vars(parser.parse_args(["tiny", "--out", str(out)]))
+    return choose_command.run(argparse.Namespace(**options | wish))
 
 
 @pytest.mark.parametrize(
@@ -365,6 +367,36 @@ def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_p
     assert "2 of 3 settings of test are not in" in capsys.readouterr().out
     assert choosing(monkeypatch, tmp_path, material="brick", min_psnr=1.0) == 0
     assert measured_materials == [["tiny"], ["brick"]]
+
+
+def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(measured, tmp_path, monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr("bench.runs.trade.run_and_measure", lambda suite, options, tell: asked.append((suite, options)))
+    monkeypatch.setattr("bench.runs.executors.processes", lambda *words: words)
+    wish = {"codec": ["neubtf-direct"], "min_psnr": 99.0, "out": tmp_path}
+    assert choosing(monkeypatch, measured[0], **wish, steps=7, jobs=3) == 2  # the stub measures nothing
+    ((suite, options),) = asked
+    assert [spec.label for spec in suite.codecs] == ["neubtf-direct steps=7"]
+    assert options.workers() == (3, 1, "cpu", None)
+    options.say("1 job: 1 left, about half a minute of fits")
+    said = capsys.readouterr().out
+    assert "1 of 1 settings of test are not in" in said
+    assert "about half a minute of fits; scoring and timing come on top" in said
+
+
+def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured, tmp_path, monkeypatch):
+    monkeypatch.delattr("bench.runs.trade.run_and_measure")
+    spelled = replace(SUITE, codecs=(CodecSpec("pca", {"components": 2, "center": True}),))
+    assert choosing(monkeypatch, measured[0], spelled, min_psnr=99.0) == 1
+
+
+def test_the_answer_says_whose_time_it_is_and_what_a_gpu_holds(measured, monkeypatch, capsys):
+    assert choosing(monkeypatch, measured[0], replace(SUITE, codecs=SUITE.codecs[1:2]), min_psnr=1.0) == 0
+    job = load_run(measured[0]).job("tiny/pca components=2/0")
+    held = 4 * job["cost"]["texture_floats"]
+    line = f"time: the CPU's, 1 thread; on a GPU: {held:,} bytes of textures, at 4 bytes a float, of a file of "
+    assert held > 0
+    assert line + f"{job['bytes']['total']:,}\n" in capsys.readouterr().out
 
 
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
