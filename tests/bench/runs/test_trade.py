@@ -374,7 +374,7 @@ def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(mea
     monkeypatch.setattr("bench.runs.trade.run_and_measure", lambda suite, options, tell: asked.append((suite, options)))
     monkeypatch.setattr("bench.runs.executors.processes", lambda *words: words)
     wish = {"codec": ["neubtf-direct"], "min_psnr": 99.0, "out": tmp_path}
-    assert choosing(monkeypatch, measured[0], **wish, steps=7, jobs=3) == 2  # the stub measures nothing
+    assert choosing(monkeypatch, measured[0], **wish, steps=7, jobs=3) == 3  # the stub measures nothing
     ((suite, options),) = asked
     assert [spec.label for spec in suite.codecs] == ["neubtf-direct steps=7"]
     assert options.workers() == (3, 1, "cpu", None)
@@ -386,7 +386,7 @@ def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(mea
 
 def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured, tmp_path, monkeypatch):
     monkeypatch.delattr("bench.runs.trade.run_and_measure")
-    spelled = replace(SUITE, codecs=(CodecSpec("pca", {"components": 2, "center": True}),))
+    spelled = replace(SUITE, codecs=(CodecSpec("pca", {"components": 2, "passes": 4}),))
     assert choosing(monkeypatch, measured[0], spelled, min_psnr=99.0) == 1
 
 
