@@ -373,8 +373,8 @@ def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(mea
     asked = []
     monkeypatch.setattr("bench.runs.trade.run_and_measure", lambda suite, options, tell: asked.append((suite, options)))
     monkeypatch.setattr("bench.runs.executors.processes", lambda *words: words)
-    wish = {"codec": ["neubtf-direct"], "min_psnr": 99.0, "out": tmp_path}
-    assert choosing(monkeypatch, measured[0], **wish, steps=7, jobs=3) == 3  # the stub measures nothing
+    wish = {"codec": ["neubtf-direct"], "min_psnr": 99.0}
+    assert choosing(monkeypatch, tmp_path, **wish, steps=7, jobs=3) == 3  # the stub measures nothing
     ((suite, options),) = asked
     assert [spec.label for spec in suite.codecs] == ["neubtf-direct steps=7"]
     assert options.workers() == (3, 1, "cpu", None)
