@@ -394,9 +394,10 @@ def test_the_answer_says_whose_time_it_is_and_what_a_gpu_holds(measured, monkeyp
     assert choosing(monkeypatch, measured[0], replace(SUITE, codecs=SUITE.codecs[1:2]), min_psnr=1.0) == 0
     job = load_run(measured[0]).job("tiny/pca components=2/0")
     held = 4 * job["cost"]["texture_floats"]
-    line = f"time: the CPU's, 1 thread; on a GPU: {held:,} bytes of textures, at 4 bytes a float, of a file of "
-    assert held > 0
-    assert line + f"{job['bytes']['total']:,}\n" in capsys.readouterr().out
+    textures = f"time: the CPU's, 1 thread; on a GPU: {held:,} bytes of textures at 4 bytes a float, "
+    assert 0 < held < job["resident"]
+    line = f"{textures}{job['resident']:,} with tables and networks, of a file of {job['bytes']['total']:,}\n"
+    assert line in capsys.readouterr().out
 
 
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
