@@ -80,7 +80,8 @@ def held(folder: Path, row: Choice) -> str:
     """Whose time that of a choice is, and what a GPU would hold of its file, by the record of its job."""
     threads = row.get("threads", 1)
     whose = "the GPU's" if row["device"] != "cpu" else f"the CPU's, {threads} thread{'s' * (threads != 1)}"
-    cost = (load_run(folder).job(row.get("job", "")) or {}).get("cost", {})
-    floats = cost.get("texture_floats", 0)
-    textures = f"{FLOAT_BYTES * floats:,} bytes of textures" if floats else "no textures"
-    return f"time: {whose}; on a GPU: {textures}, at {FLOAT_BYTES} bytes a float, of a file of {row['bytes']:,}"
+    job = load_run(folder).job(row.get("job", "")) or {}
+    floats = job.get("cost", {}).get("texture_floats", 0)
+    textures = f"{FLOAT_BYTES * floats:,} bytes of textures at {FLOAT_BYTES} bytes a float" if floats else "no textures"
+    whole = f", {job['resident']:,} with tables and networks" if job.get("resident") else ""
+    return f"time: {whose}; on a GPU: {textures}{whole}, of a file of {row['bytes']:,}"

@@ -96,30 +96,24 @@ latents = 6
 def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("bench.timing.SAMPLES", 3)
     (tmp_path / "own.toml").write_text(OWN)
-    words = [
-        "choose",
-        "satin",
-        "--max-bytes",
-        "1M",
-        "--suite",
-        str(tmp_path / "own.toml"),
-        "--out",
-        str(tmp_path / "r"),
-    ]
+    own = ["--suite", str(tmp_path / "own.toml"), "--out", str(tmp_path / "r")]
+    words = ["choose", "satin", "--max-bytes", "1M", *own]
     assert cli.main([*words, "--codec", "neubtf-direct", "--steps", "20", "--jobs", "2"]) == 0
     said = capsys.readouterr().out
     first = said.index("2 of 2 settings of own are not in")
     estimate = said.index("2 jobs: 2 left, no estimate, since no fit of neubtf-direct is on record here; scoring and")
     assert first < estimate < said.index("satin/neubtf-direct ")
     assert "on a GPU: " in said
-    assert "encode satin --codec neubtf-direct --set steps=20 " in " ".join(said.splitlines()[-1].split())
+    command = said.splitlines()[-1]
+    assert command.startswith("neubtf-bench encode satin --codec neubtf-direct ")
+    assert " --set steps=20 " in command
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--codec", "pca", "--steps", "20"], "--steps 20: "),
-        (["--steps", "0"], "steps"),
+        (["--steps", "-1"], "--steps -1: "),
         (["--jobs", "-1"], "--jobs -1: must be at least 1"),
     ],
 )

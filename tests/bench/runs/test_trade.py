@@ -373,8 +373,8 @@ def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(mea
     asked = []
     monkeypatch.setattr("bench.runs.trade.run_and_measure", lambda suite, options, tell: asked.append((suite, options)))
     monkeypatch.setattr("bench.runs.executors.processes", lambda *words: words)
-    wish = {"codec": ["neubtf-direct"], "min_psnr": 99.0, "out": tmp_path}
-    assert choosing(monkeypatch, measured[0], **wish, steps=7, jobs=3) == 2  # the stub measures nothing
+    wish = {"codec": ["neubtf-direct"], "min_psnr": 99.0}
+    assert choosing(monkeypatch, tmp_path, **wish, steps=7, jobs=3) == 3  # the stub measures nothing
     ((suite, options),) = asked
     assert [spec.label for spec in suite.codecs] == ["neubtf-direct steps=7"]
     assert options.workers() == (3, 1, "cpu", None)
@@ -386,7 +386,7 @@ def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(mea
 
 def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured, tmp_path, monkeypatch):
     monkeypatch.delattr("bench.runs.trade.run_and_measure")
-    spelled = replace(SUITE, codecs=(CodecSpec("pca", {"components": 2, "center": True}),))
+    spelled = replace(SUITE, codecs=(CodecSpec("pca", {"components": 2, "passes": 4}),))
     assert choosing(monkeypatch, measured[0], spelled, min_psnr=99.0) == 1
 
 
@@ -394,9 +394,10 @@ def test_the_answer_says_whose_time_it_is_and_what_a_gpu_holds(measured, monkeyp
     assert choosing(monkeypatch, measured[0], replace(SUITE, codecs=SUITE.codecs[1:2]), min_psnr=1.0) == 0
     job = load_run(measured[0]).job("tiny/pca components=2/0")
     held = 4 * job["cost"]["texture_floats"]
-    line = f"time: the CPU's, 1 thread; on a GPU: {held:,} bytes of textures, at 4 bytes a float, of a file of "
-    assert held > 0
-    assert line + f"{job['bytes']['total']:,}\n" in capsys.readouterr().out
+    textures = f"time: the CPU's, 1 thread; on a GPU: {held:,} bytes of textures at 4 bytes a float, "
+    assert 0 < held < job["resident"]
+    line = f"{textures}{job['resident']:,} with tables and networks, of a file of {job['bytes']['total']:,}\n"
+    assert line in capsys.readouterr().out
 
 
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
