@@ -1,10 +1,12 @@
 """Zeltner et al., "Real-time neural appearance models" (ACM Trans. Graph. 43(3), 2024).
 
 Eight latents a texel make two shading frames, into which both directions are turned; latents and turned directions
-enter a network of two hidden layers. The authors' encoder maps the parameters of a layered material to latents. Data
-have no such parameters, so the texture is free, as in their second stage. See docs/recipes.md for what else is open.
+enter a network of two hidden layers. `edition` chooses between the article and the authors' code of 2026. The authors'
+encoder maps the parameters of a layered material to latents. Data have no such parameters, so the texture is free, as
+in their second stage. See docs/recipes.md for what else is open.
 """
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -12,9 +14,17 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from baselines.planes import half_and_difference
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.material import DecoderCost, Material, sample_texture, to_radiance
+from bench.material import (
+    HIGHEST_LEVEL,
+    DecoderCost,
+    Material,
+    at_least_float32,
+    sample_texture,
+    to_radiance,
+)
 from bench.settings import Count, Natural
 from bench.training import (
     Activation,
@@ -28,6 +38,7 @@ from bench.training import (
     Samples,
     TextureObjective,
     WeightPrecision,
+    distance,
     first_latents,
     gain_of,
     load_texture,
@@ -39,22 +50,25 @@ from bench.training import (
     unpack,
 )
 
+BRIGHTEST = 1e5  # gain · radiance that the sigmoid of the authors' code can answer
+PAPER = {"edition": "code", "halfway": False, "layers": 2, "width": 16, "activation": "smelu", "bits": 8}
+PAPER |= {"start": "random", "optimiser": "adam", "rate": 1e-3, "latent_rate": 1e-3, "loss": "l1", "steps": 10_000}
+
 
 class Zeltner2024(Codec):
     """Zeltner 2024: eight latents, directions turned into two learned shading frames, a small network."""
 
     name, version = "zeltner2024", 2
     sizes = ("latents", "width")
-    recipes: ClassVar = {
-        "paper": {"bits": 8, "halfway": False, "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}
-    }
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings(FitSettings):
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": ω_o and ω_i alone, random latents, Adam, absolute error
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": as the authors' code of 2026 is set, random latents, Adam
+        edition: Literal["article", "code"] = "article"  # "code": its latents, inputs, output and space of the loss
         latents: Count = 8  # channels of the neural texture
         frames: Natural = 2  # learned shading frames; 0: the network sees directions as they are
-        halfway: bool = True  # turn the half vector beside ω_o and ω_i
+        halfway: bool = True  # turn the half vector beside ω_o and ω_i; `edition=code` does
         layers: Count = 2  # hidden layers of the network
         width: Count = 32  # channels of each hidden layer
         activation: Activation = "leaky-relu"  # of the hidden layers
@@ -67,7 +81,7 @@ class Zeltner2024(Codec):
         train(fitting, fit, self.settings.steps, self.settings.patience)
         return Parts(
             decoder=pack("weights", to_vector(fitting.network), self.settings.weights),
-            texture=store_texture("latents", fitting.texture.reshape(*btf.shape, -1), fitting.rounding),
+            texture=store_texture("latents", fitting.latents().reshape(*btf.shape, -1), fitting.rounding),
             other={"gain": torch.tensor([gain])},
         )
 
@@ -78,23 +92,37 @@ class Zeltner2024(Codec):
         return Zeltner2024Material(network, texture, gain).to(device)
 
 
+def sigmoid(outputs: Tensor) -> Tensor:
+    """gain · radiance of the network's outputs x, at least in float32: s eˣ / (eˣ + s)."""
+    raised = outputs.to(at_least_float32(outputs.dtype)).clamp(max=HIGHEST_LEVEL).exp()
+    return raised / (1 + raised / BRIGHTEST)
+
+
 class FramedNetwork(nn.Module):
-    """Latents (n, D) and directions (n, 3) → log radiance (n, 3)."""
+    """Latents (n, D) and directions (n, 3) → log radiance (n, 3), or what a sigmoid makes radiance of."""
 
     def __init__(self, settings: Zeltner2024.Settings, generator: torch.Generator | None = None):
         super().__init__()
-        self.directions = 2 + settings.halfway
-        inputs = settings.latents + 3 * self.directions * max(1, settings.frames)
+        self.code = settings.edition == "code"
+        self.directions = 4 if self.code else 2 + settings.halfway
+        self.seen = (8 if self.code else 3 * self.directions) * max(1, settings.frames)  # numbers of directions
+        inputs = settings.latents + self.seen
         architecture = Architecture(inputs, (settings.width,) * settings.layers, activation=settings.activation)
         # The authors' frames have no bias: outputs are added to the surface's own axes.
         self.frames = Frames(settings.latents, settings.frames, generator, bias=False) if settings.frames else None
         self.decoder = Decoder(architecture, generator)
 
     def forward(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
-        directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)][: self.directions], 1)
+        if self.code:
+            directions = torch.stack([*half_and_difference(wo, wi, "nearest"), wi, wo], 1)
+        else:
+            directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)][: self.directions], 1)
         turned = directions.flatten(1) if self.frames is None else self.frames.turned(latents, directions)
-        level: Tensor = self.decoder(torch.cat([latents, turned.to(latents.dtype)], 1))
-        return level
+        if self.code:  # of the directions themselves, the cosines alone
+            whole, cosines = turned.unflatten(1, (4, -1)).split([2, 2], 1)
+            turned = torch.cat([whole.flatten(1), cosines[:, :, 2::3].flatten(1)], 1)
+        outputs: Tensor = self.decoder(torch.cat([latents, turned.to(latents.dtype)], 1))
+        return outputs
 
 
 class Zeltner2024Objective(TextureObjective):
@@ -103,14 +131,33 @@ class Zeltner2024Objective(TextureObjective):
     def __init__(self, samples: Samples, settings: Zeltner2024.Settings, generator: torch.Generator):
         super().__init__(samples, settings)
         self.network = FramedNetwork(settings, generator)
-        self.network.decoder.start_at(samples.mean(generator))
+        mean = samples.mean(generator)
+        self.network.decoder.start_at(mean.expm1().clamp_min(1e-4).log() if self.network.code else mean)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
         self.rounding = Rounding(settings.latents, settings.bits)
 
+    def latents(self) -> Tensor:
+        """The neural texture; in the authors' code bounded by −1 and 1."""
+        return functional.softsign(self.texture) if self.network.code else self.texture
+
+    def outputs(self, batch: Batch) -> Tensor:
+        """The network's outputs at the texels and pairs of a batch."""
+        latents = self.rounding(self.latents()).index_select(0, batch.texel)
+        outputs: Tensor = self.network(latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
+        return outputs
+
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        latents = self.rounding(self.texture).index_select(0, batch.texel)
-        level: Tensor = self.network(latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
-        return level
+        outputs = self.outputs(batch)
+        return sigmoid(outputs).log1p() if self.network.code else outputs
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """In the authors' code the distance of 3 (∛x − 1), by the logarithm of x, which has a gradient near 0 too."""
+        if not self.network.code:
+            return super().loss(generator, progress)
+        batch = self.samples.draw(self.settings.batch, generator)
+        outputs = self.outputs(batch)
+        ours = (outputs - functional.softplus(outputs - math.log(BRIGHTEST))) / 3
+        return distance(3 * ours.exp(), 3 * batch.target.expm1() ** (1 / 3), self.settings.loss)
 
 
 class Zeltner2024Material(Material):
@@ -118,7 +165,7 @@ class Zeltner2024Material(Material):
 
     def __init__(self, network: FramedNetwork, texture: Tensor, gain: float):
         architecture, frames = network.decoder.architecture, network.frames
-        if texture.shape[2] != architecture.inputs - 3 * network.directions * (frames.count if frames else 1):
+        if texture.shape[2] != architecture.inputs - network.seen:
             raise ValueError(f"a texture of {texture.shape[2]} channels for a network of {architecture.inputs} inputs")
         flops = architecture.flops + (frames.flops(network.directions) if frames else 0)
         count = sum(p.numel() for p in network.parameters())
@@ -126,4 +173,5 @@ class Zeltner2024Material(Material):
         self.network, self.texture, self.gain = network, texture, gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return to_radiance(self.network(sample_texture(self.texture, uv), wo, wi), self.gain)
+        outputs = self.network(sample_texture(self.texture, uv), wo, wi)
+        return sigmoid(outputs) / self.gain if self.network.code else to_radiance(outputs, self.gain)

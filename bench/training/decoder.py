@@ -17,11 +17,13 @@ from torch.nn import functional
 
 from bench.material import sample_texture, saturated
 
-Activation = Literal["relu", "leaky-relu", "sine"]
+Activation = Literal["relu", "leaky-relu", "smelu", "sine"]
 
 FREE = 1 << 22  # weights that any network may have, however few numbers its file holds
 _most: ContextVar[int | None] = ContextVar("_most", default=None)  # weights of a network that is being decoded
 LEAK = 0.01  # slope of the leaky ReLU below 0
+BEND = 0.5  # SmeLU is the leaky ReLU, its kink rounded by a parabola from −BEND to BEND
+PARABOLA = (1 - LEAK) / (4 * BEND)  # SmeLU adds PARABOLA · (BEND − |x|)² there
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,15 @@ class Decoder(Network):
                 return x.sin_() if free else x.sin()
             case "leaky-relu":
                 return functional.leaky_relu(x, LEAK, inplace=free)
+            case "smelu":
+                return smelu(x)
             case "relu":
                 return functional.relu(x, inplace=free)
+
+
+def smelu(x: Tensor) -> Tensor:
+    """Smooth leaky ReLU: slope `LEAK` below −`BEND`, 1 above `BEND`, a parabola between (Shamir and Lin 2022)."""
+    return functional.leaky_relu(x, LEAK) + PARABOLA * functional.relu(BEND - x.abs()).square()
 
 
 def _initialise(layer: nn.Module, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:

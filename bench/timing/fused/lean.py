@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from bench.material import HALF_MAX, at_least_float32
 from bench.timing.fused.layers import Array, Layer, Norm, layers_of, sine_of_turns
-from bench.training.decoder import LEAK, Decoder, Network
+from bench.training.decoder import LEAK, Decoder, Network, smelu
 
 _CONTRACT = "cpp.enable_floating_point_contract_flag"
 _BITS = {"default": 1, "avx2": 256, "avx512": 512}  # of a vector, by ATEN_CPU_CAPABILITY
@@ -70,6 +70,8 @@ class _Layer(nn.Module):
                 hidden = functional.relu(hidden)
             case "leaky-relu":
                 hidden = functional.leaky_relu(hidden, LEAK)
+            case "smelu":
+                hidden = smelu(hidden)
         return x + hidden if self.residual else hidden
 
 

@@ -22,7 +22,7 @@ from bench.errors import InputError
 from bench.program.llvm import drjit
 from bench.timing.fused.layers import Layer, layers_of, sine_of_turns
 from bench.timing.native import features
-from bench.training.decoder import LEAK, Decoder, Network
+from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
 
 MOST_PARAMETERS = 10_000  # beyond, the code outgrows every cache, and compiling it takes minutes
 BLOCK, LARGE_BLOCK = 12, 24  # sums of products that grow side by side, in 16 registers and in the 32 of AVX-512
@@ -155,6 +155,8 @@ class DrJitNetwork(Network):
             case "relu" | "leaky-relu":
                 leak = LEAK if layer.activation == "leaky-relu" else 0.0
                 hidden = [dr.select(value > 0, value, value * leak) for value in hidden]
+            case "smelu":
+                hidden = [self._smelu(value) for value in hidden]
         return [a + b for a, b in zip(x, hidden, strict=True)] if layer.residual else hidden
 
     def _dense(self, layer: Layer, x: Sequence[Any]) -> list[Any]:
@@ -173,6 +175,13 @@ class DrJitNetwork(Network):
     def _new_scope(self) -> None:
         """Keep what follows behind what came before in the code: Dr.Jit sorts by scope, else output by output."""
         self.dr.detail.new_scope(self.dr.JitBackend.LLVM)
+
+    def _smelu(self, x: Any) -> Any:
+        """The leaky ReLU, its kink rounded."""
+        dr = self.dr
+        inside = BEND - dr.select(x > 0, x, -x)
+        inside = dr.select(inside > 0, inside, 0)
+        return dr.fma(inside * inside, PARABOLA, dr.select(x > 0, x, x * LEAK))
 
     def _sine(self, turns: Any) -> Any:
         """sin(2π t) by its polynomial."""

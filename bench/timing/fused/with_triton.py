@@ -13,7 +13,7 @@ from torch import Tensor
 
 from bench.errors import InputError
 from bench.timing.fused.layers import Array, Layer, layers_of, sine_of_turns
-from bench.training.decoder import LEAK, Decoder, Network
+from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
 
 BLOCK = 128  # samples of one program
 SMALLEST = 16  # a side of the smallest matrix that the GPU multiplies
@@ -55,11 +55,22 @@ def _product(x, matrix, PRECISION: tl.constexpr, WIDEN: tl.constexpr):  # type: 
 
 
 @triton.jit
+def _rectified(x, SLOPE: tl.constexpr, BEND: tl.constexpr, PARABOLA: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Slope 1 above 0 and SLOPE below; where there is a PARABOLA, the kink is rounded from −BEND to BEND."""
+    y = tl.where(x > 0, x, x * SLOPE)
+    if PARABOLA > 0:
+        inside = BEND - tl.abs(x)
+        y += tl.where(inside > 0, inside * inside * PARABOLA, 0.0)
+    return y
+
+
+@triton.jit
 def _network(  # type: ignore[no-untyped-def]
     out, texture, uv, first, second, weights, scalars, n, height, width, first_stride, second_stride, eps,
     CHANNELS: tl.constexpr, FIRST: tl.constexpr, SECOND: tl.constexpr, INPUTS: tl.constexpr, WIDTH: tl.constexpr,
     USED: tl.constexpr, LAYERS: tl.constexpr, OUTPUTS: tl.constexpr, LAST: tl.constexpr, NORM: tl.constexpr,
-    ACTIVATION: tl.constexpr, RESIDUAL: tl.constexpr, SLOPE: tl.constexpr, PRECISION: tl.constexpr, WIDEN: tl.constexpr,
+    ACTIVATION: tl.constexpr, RESIDUAL: tl.constexpr, SLOPE: tl.constexpr, BEND: tl.constexpr, PARABOLA: tl.constexpr,
+    PRECISION: tl.constexpr, WIDEN: tl.constexpr,
     C0: tl.constexpr, C1: tl.constexpr, C2: tl.constexpr, C3: tl.constexpr, C4: tl.constexpr, C5: tl.constexpr,
     BLOCK: tl.constexpr,
 ):  # fmt: skip
@@ -94,7 +105,7 @@ def _network(  # type: ignore[no-untyped-def]
             s = turn * turn
             hidden = (((((C5 * s + C4) * s + C3) * s + C2) * s + C1) * s + C0) * turn
         else:
-            hidden = tl.where(hidden > 0, hidden, hidden * SLOPE)
+            hidden = _rectified(hidden, SLOPE, BEND, PARABOLA)
         if RESIDUAL and layer > 0:
             hidden += x
         x = hidden
@@ -133,7 +144,9 @@ class TritonNetwork(Network):
             "NORM": norm is not None,
             "ACTIVATION": architecture.activation,
             "RESIDUAL": architecture.residual,
-            "SLOPE": LEAK if architecture.activation == "leaky-relu" else 0.0,
+            "SLOPE": 0.0 if architecture.activation == "relu" else LEAK,
+            "BEND": BEND,
+            "PARABOLA": PARABOLA if architecture.activation == "smelu" else 0.0,
             "PRECISION": "tf32" if tf32 else "ieee",
             "WIDEN": parameter.device.type == "cpu",
             **{f"C{i}": c for i, c in enumerate(sine_of_turns())},

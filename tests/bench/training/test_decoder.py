@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from bench.training.decoder import Architecture, Decoder, load_vector, to_vector
+from bench.training.decoder import Architecture, Decoder, load_vector, smelu, to_vector
 
 NEUBTF = Architecture(18, (32, 32, 32), activation="sine", norm=True, residual=True)
 PUBLISHED = {
@@ -71,7 +71,15 @@ def test_weights_go_through_one_vector() -> None:
         load_vector(torch.zeros(3010), ours)
 
 
-@pytest.mark.parametrize("activation", ["relu", "leaky-relu", "sine"])
+def test_a_smooth_rectifier_has_a_parabola_between_its_slopes() -> None:
+    """a x² + b x + c with the slopes .01 at −½ and 1 at ½: a = .99 / 2, b = 1.01 / 2, c = .99 / 8."""
+    x = torch.linspace(-2, 2, 401, dtype=torch.float64)
+    parabola = 0.495 * x**2 + 0.505 * x + 0.12375
+    expected = torch.where(x <= -0.5, 0.01 * x, torch.where(x >= 0.5, x, parabola))
+    torch.testing.assert_close(smelu(x), expected)
+
+
+@pytest.mark.parametrize("activation", ["relu", "leaky-relu", "smelu", "sine"])
 @pytest.mark.parametrize("norm", [True, False])
 def test_a_half_saturates_instead_of_overflowing(activation: str, norm: bool) -> None:
     architecture = Architecture(6, (6, 6), 3, activation=activation, omega=30.0, norm=norm, residual=True)  # type: ignore[arg-type]

@@ -24,6 +24,7 @@ ARCHITECTURES = {
     "NeuBTF": Architecture(18, (32, 32, 32), activation="sine", omega=2.0, norm=True, residual=True),
     "no norm": Architecture(7, (16, 16), activation="sine", omega=30.0, residual=True),
     "NeuMIP": Architecture(11, (25, 25, 25), 6),
+    "smelu": Architecture(12, (16, 16), activation="smelu"),
     "leaky": Architecture(12, (20, 20), activation="leaky-relu", norm=True),
 }
 
@@ -79,6 +80,9 @@ def test_the_folded_layers_are_the_network(name):
                 hidden = np.sin(2 * np.pi * hidden)
             case "relu" | "leaky-relu":
                 hidden = np.where(hidden > 0, hidden, hidden * (0.01 if layer.activation == "leaky-relu" else 0))
+            case "smelu":
+                parabola = 0.495 * hidden**2 + 0.505 * hidden + 0.12375
+                hidden = np.where(hidden < -0.5, 0.01 * hidden, np.where(hidden > 0.5, hidden, parabola))
         y = y + hidden if layer.residual else hidden
     np.testing.assert_allclose(y, network(x).numpy(), rtol=1e-10, atol=1e-10)
 

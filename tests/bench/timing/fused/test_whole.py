@@ -22,6 +22,7 @@ CODECS = {
     "neumip": {"steps": 5},
     "ntc": {"steps": 5, "width": 8},  # its network answers four texels of a query
     "zeltner2024": {"steps": 5, "width": 8},
+    "zeltner2024 as published": {"recipe": "paper", "steps": 5, "width": 8},
     "triple-plane": {"steps": 5},
     "bcf": {},
     "svbrdf": {"steps": 5},
