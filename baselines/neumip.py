@@ -81,7 +81,7 @@ class NeuMIP(Codec):
         batch: BatchSize = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
-        start: Start = "components"  # of finest latents and offsets: components of the log ABRDFs; or random, and zeros
+        start: Start = "mixed"  # of finest latents and offsets: components, both; or random, and zeros
         optimiser: Optimiser = "muon"  # of hidden matrices; all else is Adam's
         hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         rate: Positive = 1e-2  # highest learning rate

@@ -70,7 +70,7 @@ class TriplePlane(Codec):
         resolution: Count = 50  # texels a side of the planes over directions
         difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
         blur: NotNegative = 5.0  # σ in texels of the planes over directions: where no pair was seen, neighbours answer
-        start: Start = "components"  # of the planes: principal components and the directions, or random
+        start: Start = "mixed"  # of the planes: the directions and components or both; or random
         optimiser: Optimiser = "muon"  # of the network's hidden matrices; all else is Adam's
         hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         rate: Positive = 1e-2  # highest learning rate of the network
@@ -110,7 +110,7 @@ class TriplePlaneObjective(TextureObjective):
         side, channels = settings.resolution, settings.channels
         self.texture = nn.Parameter(first_latents(samples, channels, settings.start, generator))
         first = RANDOM_SPREAD * torch.randn(2, side, side, channels, generator=generator)
-        if settings.start == "components":
+        if settings.start != "random":
             at = torch.linspace(-1, 1, side)
             place = torch.stack([at.expand(side, side), -at[:, None].expand(side, side)], 2)
             first[..., : min(2, channels)] = place[..., :channels]

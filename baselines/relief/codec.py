@@ -59,7 +59,7 @@ class Relief(Codec):
         frames: bool = True  # turn the directions into two learned shading frames
         refine: bool = True  # the height, from half of the fit on
         shadow: bool = True  # march toward the light as well, where there is a height
-        start: Start = "components"  # of the latents: principal components of the ABRDFs, or random
+        start: Start = "mixed"  # of the latents: components of the ABRDFs, random, or both
         optimiser: Optimiser = "muon"  # of the matrices between hidden layers
         rate: Positive = 1e-2  # highest learning rate of the network
         latent_rate: Positive = 1e-2  # highest learning rate of the latents

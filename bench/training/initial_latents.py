@@ -1,8 +1,8 @@
-"""The initial latents of a fit: the principal components of the texels' log ABRDFs and noise, or random numbers.
+"""The initial latents of a fit: principal components of the texels' log ABRDFs, random numbers, or a mixture of both.
 
 The components already group texels that look alike; a random start must learn this first. Scores are whitened, since a
-network ignores small inputs, and small, since it makes little use of the directions beside strong latents. As much
-noise is added: components alone hold a fit to the training directions that they were found on.
+network ignores small inputs, and scaled down, since it makes little use of the directions beside strong latents. Mixed
+with as much noise, they hold a fit less to the training directions that they were found on.
 """
 
 from collections.abc import Iterator
@@ -16,10 +16,10 @@ from bench.training.svd import truncated_svd
 if TYPE_CHECKING:
     from bench.training.fitting import Samples
 
-Start = Literal["components", "random"]
+Start = Literal["mixed", "components", "random"]
 
-RANDOM_SPREAD = 0.1  # standard deviation of a random channel
-COMPONENT_SPREAD = 0.2  # of a component, and again of the noise that is added to it
+RANDOM_SPREAD, COMPONENT_SPREAD = 0.1, 0.5  # standard deviation of a channel
+MIXED_SPREAD = 0.2  # of the component in a mixed channel, and of the noise
 MOST_PAIRS = 1_024  # pairs that the components are computed from: more pairs group the texels no better
 PASSES = 2  # passes over the data: a start need not be exact
 BLOCK_BYTES = 16 << 20  # bytes of the matrix in memory at once
@@ -29,10 +29,12 @@ def first_latents(samples: "Samples", channels: int, start: Start, generator: to
     """The first latents (texels, channels) of a fit, float32. Channels beyond the rank of the data are random."""
     noise = torch.randn(samples.texels, channels, generator=generator)
     latents = RANDOM_SPREAD * noise
-    if start == "components":
-        scores = components(samples, channels, generator).cpu()
-        count = scores.shape[1]
-        latents[:, :count] = COMPONENT_SPREAD * (scores + noise[:, :count])
+    if start == "random":
+        return latents
+    scores = components(samples, channels, generator).cpu()
+    count = scores.shape[1]
+    mixed = MIXED_SPREAD * (scores + noise[:, :count])
+    latents[:, :count] = mixed if start == "mixed" else COMPONENT_SPREAD * scores
     return latents
 
 

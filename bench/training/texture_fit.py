@@ -21,7 +21,7 @@ class FitSettings:
     steps: Natural = 2_500  # of the fit
     batch: BatchSize = 4_096  # samples a step
     patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
-    start: Start = "components"  # of the neural texture: principal components of the log ABRDFs, or random
+    start: Start = "mixed"  # of the neural texture: components of the log ABRDFs, random, or both
     optimiser: Optimiser = "muon"  # of the network's hidden matrices; all else is Adam's
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 1e-2  # highest learning rate of the network

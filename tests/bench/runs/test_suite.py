@@ -116,7 +116,7 @@ def test_a_row_has_one_name_however_it_is_spelled():
     assert {spec.curve for spec in swept[1:]} == {"pca"}
 
 
-OURS = [("neubtf", "steps", 2500), ("neubtf", "optimiser", "muon"), ("neubtf-direct", "start", "components")]
+OURS = [("neubtf", "steps", 2500), ("neubtf", "optimiser", "muon"), ("neubtf-direct", "start", "mixed")]
 OURS += [("rainer2019", "directions", "xyzh"), ("neumip", "blur", False), ("ntc", "reduction", 1)]
 OURS += [("hsh", "cosine", True)]
 

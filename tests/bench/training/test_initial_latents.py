@@ -9,7 +9,13 @@ from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.training import initial_latents
 from bench.training.fitting import Samples, gain_of
-from bench.training.initial_latents import COMPONENT_SPREAD, RANDOM_SPREAD, components, first_latents
+from bench.training.initial_latents import (
+    COMPONENT_SPREAD,
+    MIXED_SPREAD,
+    RANDOM_SPREAD,
+    components,
+    first_latents,
+)
 
 
 @pytest.fixture(scope="module")
@@ -25,19 +31,25 @@ def whitened(btf: BTF, gain: float, count: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("memory_limit", [1 << 20, 0], ids=["kept", "streamed"])
-def test_latents_start_at_whitened_principal_components_and_noise(btf: BTF, memory_limit: int) -> None:
+def test_latents_start_at_whitened_principal_components(btf: BTF, memory_limit: int) -> None:
     gain = gain_of(btf, Fit())
     samples = Samples(btf, gain, Fit(), memory_limit)
     latents = first_latents(samples, 3, "components", Fit().generator())
     assert latents.shape == (64, 3)
-    noise = first_latents(samples, 3, "random", Fit().generator()) / RANDOM_SPREAD
-    scores = latents / COMPONENT_SPREAD - noise
     truth = whitened(btf, gain, 3)
     # The sign of a component is free; half floats of the samples turn components a little into each other.
-    turn = scores.numpy().T @ truth / 64
+    turn = latents.numpy().T @ truth / (COMPONENT_SPREAD * 64)
     np.testing.assert_allclose(np.abs(turn), np.eye(3), atol=0.02)
-    torch.testing.assert_close(scores.mean(0), torch.zeros(3), atol=1e-5, rtol=0)
-    assert 0.8 < noise.std() < 1.2  # as strong as the components
+    torch.testing.assert_close(latents.mean(0), torch.zeros(3), atol=1e-5, rtol=0)
+
+
+def test_a_mixed_start_has_as_much_of_each_component_as_of_noise(btf: BTF) -> None:
+    samples = Samples(btf, gain_of(btf, Fit()), Fit())
+    mixed, alone, noise = (
+        first_latents(samples, 3, start, Fit().generator()) / spread
+        for start, spread in (("mixed", MIXED_SPREAD), ("components", COMPONENT_SPREAD), ("random", RANDOM_SPREAD))
+    )
+    torch.testing.assert_close(mixed, alone + noise)
 
 
 def test_channels_beyond_the_rank_are_random(btf: BTF) -> None:
@@ -46,7 +58,7 @@ def test_channels_beyond_the_rank_are_random(btf: BTF) -> None:
     flat = BTF("flat", btf.wo, btf.wi, ArraySource(np.broadcast_to(shades, (len(btf), 8, 8, 3))))
     samples = Samples(flat, 1.0, Fit())
     assert components(samples, 4, Fit().generator()).shape == (64, 0)
-    latents = first_latents(samples, 4, "components", Fit().generator())
+    latents = first_latents(samples, 4, "mixed", Fit().generator())
     assert torch.equal(latents, first_latents(samples, 4, "random", Fit().generator()))
     assert 0.05 < latents.std() < 0.2
 
