@@ -114,7 +114,8 @@ def test_the_command_prints_the_table_of_a_run_and_writes_json(folder, capsys):
     capsys.readouterr()
     assert cli.main(["score", "a.nbtf", str(folder), "--json", "a.json"]) == 0
     shown = capsys.readouterr().out
-    assert "pca components=3" in shown
+    assert "pca bits=0" in shown
+    assert "components=3" in shown
     assert f"{Path('a.nbtf').stat().st_size:,}" in shown
     found = json.loads(Path("a.json").read_text())
     pooled = found["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"]
