@@ -183,7 +183,7 @@ def test_samples_between_pairs_are_what_the_table_interpolates():
 
 def test_pairs_that_weigh_more_are_met_better():
     btf = noisy_btf()
-    codec = PCA(components=3, domain="rgb", precision="float32")
+    codec = PCA(components=3, domain="rgb", bits=32)
     weights = torch.full((len(btf),), 0.1)
     weights[40] = len(btf)
 
