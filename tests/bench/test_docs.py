@@ -1,12 +1,17 @@
-"""Every link between the pages leads to a file, and to a heading, that exist."""
+"""Every link between the pages leads to a file, and to a heading, that exist; every command that they show parses."""
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
 
+from bench import cli
+
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("baselines/**/*.md")])
+IN_BLOCK = re.compile(r"(?:^|&& |; do |run: )(?: {4})?(?:[A-Z_]+=\S+ )?(neubtf-bench .*)$", re.M)
+INLINE = re.compile(r"`(neubtf-bench [^`\n]+)`")
 
 
 def prose(page: Path) -> str:
@@ -20,6 +25,13 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
+def commands(page: Path) -> list[list[str]]:
+    """The words of every command of the suite on a page, without the comments and redirections behind them."""
+    text = re.sub(r"\\\n\s*", " ", page.read_text(encoding="utf-8")).replace("$seed", "3")
+    lines = [re.split(r"\s#|;|&&|\s[>|]|\$\(", found)[0] for found in (*IN_BLOCK.findall(text), *INLINE.findall(text))]
+    return [words for line in lines if len(words := shlex.split(line)[1:]) > 0]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_link_leads_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
@@ -29,3 +41,24 @@ def test_every_link_leads_somewhere(page: Path) -> None:
         there = (page.parent / name).resolve() if name else page
         assert there.exists(), target
         assert not anchor or anchor in anchors(there), target
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
+def test_every_command_parses(page: Path) -> None:
+    for words in commands(page):
+        parser = cli.parser(words[:1])  # an error where there is no such command
+        named = 2 if words[0] in {"new", "reference", "results"} else 1  # words that name the command
+        if len(words) > named:  # otherwise it is only mentioned
+            try:
+                parser.parse_args(words)
+            except SystemExit:
+                pytest.fail(f"does not parse: neubtf-bench {' '.join(words)}")
+
+
+def test_commands_are_found_in_blocks_and_in_sentences() -> None:
+    """Otherwise the test above could pass because it sees nothing."""
+    shown = {page.name: [" ".join(words) for words in commands(page)] for page in PAGES}
+    assert "run mine.toml --seed 3 --jobs 2 --out runs/mine" in shown["ci.md"]
+    assert "run baked" in shown["baking.md"]
+    assert "run ablation" in shown["neubtf.md"]
+    assert sum(map(len, shown.values())) > 80
