@@ -13,7 +13,6 @@ from bench.atomic import replacing
 from reports.board.pages import Board
 from reports.board.sources import Source, with_files
 
-
 TEXT: Any = {"encoding": "utf-8", "errors": "replace", "newline": "\n"}  # halves of letters are no reason to fail
 
 

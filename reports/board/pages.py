@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 FRONT = "index.html"
 _INTRO = (
     "Neural codecs of bidirectional texture functions, behind one interface: bytes of written files, quality at "
-    "directions that no fit has seen, time per sample, seconds of fits. Every number is of what was decoded from a file."
+    "directions that no fit has seen, time per sample, seconds of fits. Every number is of what was decoded from a "
+    "file. Budgets come first: at so many bytes, each codec by the settings that validation pairs choose."
 )
 _NO_PICTURES = "No pictures: this page was made without the files of the run."
 _NOT_FREE = (
@@ -41,7 +42,8 @@ class Board:
 
     def __init__(self, sources: Sequence[Source], codecs: Mapping[str, "Codec"]):
         order = {MEASURED: 0, PATH_TRACED: 1}
-        self.sources = sorted((s for s in sources if s.materials), key=lambda s: order.get(_kind(s), 2))
+        filled = (source for source in sources if source.materials)
+        self.sources = sorted(filled, key=lambda source: (not source.has_budgets, order.get(_kind(source), 2)))
         self.known = codecs
         rows = [row for source in self.sources for material in source.materials for row in material.rows]
         self.codecs = sorted({*codecs, *map(tables.codec_of, rows)})
@@ -72,16 +74,14 @@ class Board:
         links = [(page_name("s", source.name), source.name) for source in sources] + links
         yield _links((f"#{place}", name) for place, name in links)
         yield CODECS
-        for source in sorted(sources, key=lambda source: not source.has_budgets):
+        for source in sources:
             yield f'<h2 id="{page_name("s", source.name)}">{escape(_heading(source))}</h2>'
             yield _plots_of(source)
             for table in _overview(source):
                 html = table_html(table, self._to_codec)
                 yield html if table.kind in OPEN else details(table.title, html)
-        yield '<h2 id="materials">Materials</h2>'
-        yield table_html(self._materials(), lambda _, name: page_name("material", name))
-        yield '<h2 id="codecs-list">Codecs</h2>'
-        yield table_html(self._codecs(), self._to_codec)
+        yield f'<div id="materials">{table_html(self._materials(), self._to_material)}</div>'
+        yield f'<div id="codecs-list">{table_html(self._codecs(), self._to_codec)}</div>'
         yield _HAND_IN
         yield note(STATES)
 
@@ -117,14 +117,12 @@ class Board:
         yield _links([(FRONT, "All results")])
         yield from _about(self.known.get(name))
         standing = tables.standing(name, self.places[name])
-        yield '<h2 id="standing">Where it wins and loses</h2>'
-        yield table_html(standing, self._to_material) if standing else note("Nothing to compare it with was measured.")
+        yield table_html(standing, self._to_material) if standing else note("Nothing to compare was measured of it.")
         yield CODECS
         for source in sources:
             yield f"<h2>{escape(source.title)}</h2>"
             yield _plots_of(source)
         if every := tables.all_rows(name, sources):
-            yield "<h2>Every row</h2>"
             yield table_html(every, self._to_material)
 
     def _to_material(self, _: str, name: str) -> str:
@@ -135,7 +133,7 @@ class MaterialPage(Page):
     """The rows of one material, a section for each source, as the page of a run has one for each material."""
 
     def __init__(self, name: str, sources: Sequence[Source], board: Board):
-        self.sources = {source.title: source for source in sources}
+        self.name, self.sources = name, {source.title: source for source in sources}
         self.board = board
         run = joined([(source.title, source, name) for source in sources])
         self.origins = [
@@ -150,7 +148,8 @@ class MaterialPage(Page):
     def _body(self) -> Iterator[str]:
         labels = dict.fromkeys(tables.codec_of(row) for material in self.materials for row in material.rows)
         yield _links([(FRONT, "All results"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))])
-        yield f"<p>Codecs here: {_anchors((page_name('codec', name), name) for name in sorted(labels))}</p>"
+        codecs = _anchors((page_name("codec", name), name) for name in sorted(labels))
+        yield f"<p>The truth is {_kind(next(iter(self.sources.values())), self.name)}. Codecs here: {codecs}</p>"
         yield CODECS
         for number, material in enumerate(self.materials):
             yield from self._material(number, material)
@@ -176,17 +175,16 @@ def _about(codec: "Codec | None") -> Iterator[str]:
         yield "<p>This codec is not installed where the pages were made: its records alone speak of it.</p>"
         return
     yield f"<p>{escape(codec.about)}</p>"
-    links = [(link, name) for link, name in ((codec.paper, "Paper"), (codec.code, "The authors’ code")) if link]
+    links = [(link, name) for link, name in ((codec.paper, "Paper"), (codec.code, "Code")) if link]
     yield f"<p>{' · '.join([escape(codec.origin), *filter(None, [_anchors(links)])])}</p>"
     if codec.bibtex:
-        yield f"<h2>Cite</h2>\n<pre>{escape(codec.bibtex)}</pre>"
+        yield f"<pre>{escape(codec.bibtex)}</pre>"
     if codec.settings:
         published = any(setting[3] for setting in codec.settings)
         headers = [("setting", ""), ("meaning", ""), ("ours", ""), *([("as published", "")] if published else [])]
         rows = [list(setting[: len(headers)]) for setting in codec.settings]
-        title = "Both recipes" if published else "Settings"
-        yield f'<h2 id="recipes">{title}</h2>'
-        yield table_html(Table("recipes", f"{title}: defaults", headers, rows, words=2), lambda *_: "")
+        title = "Both recipes: the defaults of every setting" if published else "The default of every setting"
+        yield details(title, table_html(Table("recipes", title, headers, rows, words=2), lambda *_: ""))
 
 
 def _overview(source: Source) -> Iterator[Table]:
@@ -202,7 +200,7 @@ def _plots(source: Source) -> Iterator[series.Plot]:
     """The plots over all materials of a source, or those of its only one, under the name of the source."""
     every = series.plots_of(source.run)
     over = [plot for plot in every if not plot["material"]] or every
-    yield from (plot | {"material": source.name} for plot in over if plot["kind"] in ("rate", "speed"))
+    yield from (plot | {"material": source.name} for plot in over if plot["kind"] in ("rate", "speed", "cost"))
 
 
 def _plots_of(source: Source) -> str:
@@ -221,7 +219,8 @@ def _kind(source: Source, material: str = "") -> str:
 
 def _heading(source: Source) -> str:
     first = next((material.split for material in source.materials if material.measured), "")
-    return f"{source.name}: {_kind(source)}, {first}"
+    kind = _kind(source)
+    return f"{kind[:1].upper()}{kind[1:]}: {source.name} ({first})"
 
 
 def _links(links: Iterable[tuple[str, str]]) -> str:

@@ -1,4 +1,4 @@
-"""What a board is made of: files of records, archives and runs at hand, and which of their pictures may be published."""
+"""What a board is made of: files of records, archives and runs at hand, and which pictures may be published."""
 
 import hashlib
 import re
@@ -14,8 +14,8 @@ from reports.rows import MaterialRows, materials
 
 VERIFIED, CLAIMED, OWN = "verified", "claimed", "own run"
 STATES = (
-    f"“{OWN}”: measured by those who keep these records. “{VERIFIED}”: handed in with its files, which were decoded and "
-    f"scored anew here. “{CLAIMED}”: handed in, and scored by nobody else."
+    f"“{OWN}”: measured by those who keep these records. “{VERIFIED}”: handed in with its files, which were decoded "
+    f"and scored anew here. “{CLAIMED}”: handed in, and scored by nobody else."
 )
 MEASURED, PATH_TRACED, SYNTHETIC = "measured", "path-traced from scanned maps", "rendered by the suite"
 _KINDS = {BAKED: PATH_TRACED, RENDERED: SYNTHETIC}

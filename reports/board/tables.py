@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bench.compare.budgets import BYTES, Budget, line_of, shown
-from bench.records import FLIP, PSNR, SSIM, Run
+from bench.compare.budgets import BYTES, Budget, shown
+from bench.records import PSNR
 from reports import budgets, columns
 from reports.board.sources import STATES, Source
 from reports.numbers import EXACT, NONE, fixed, integer
@@ -117,18 +117,20 @@ def _bytes(codec: CodecRows) -> int:
 
 def standing(name: str, found: Sequence[Place]) -> Table | None:
     """A row a place."""
-    rows = [
-        [place.material, place.results, *_side(place.mine), *_side(place.best), _signed(place.gap)] for place in found
-    ]
-    headers = [("material", ""), ("results", ""), (name, ""), ("total", "bytes"), ("PSNR", "dB ↑")]
-    headers += [("best of the others", ""), ("total", "bytes"), ("PSNR", "dB ↑"), ("difference", "dB ↑")]
+    rows = []
+    for place in found:
+        (mine, size, quality), (best, its_size, its_quality) = place.mine, place.best
+        numbers = [integer(size), integer(its_size), _decibels(quality), _decibels(its_quality), _signed(place.gap)]
+        rows.append([place.material, place.results, mine, best, *numbers])
+    headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]
+    headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
     note = "Test PSNR, pooled. With a budget: of what validation pairs chose; else of the best settings of each codec."
-    return Table("standing", f"{name} against the best", headers, rows, [note], words=3) if rows else None
+    title = "Where it wins and loses, against the best of the others"
+    return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4) if rows else None
 
 
-def _side(side: tuple[str, int, float]) -> list[str]:
-    label, size, quality = side
-    return [label, integer(size), EXACT if quality == math.inf else fixed(quality, 2)]
+def _decibels(quality: float) -> str:
+    return EXACT if quality == math.inf else fixed(quality, 2)
 
 
 def _signed(gap: float) -> str:

@@ -10,8 +10,8 @@ the command that makes it:
 
 `results check DOC` changes nothing, and fails where a table is not what its command makes.
 
-`results write --site DIR` makes the board: a folder of pages that needs no server, of the records (`*.jsonl`) and archives
-(`*.zip`, whose results are only claimed) in docs/results, with pictures and live materials of the runs that you name.
+`results write --site DIR` makes the board: a folder of pages that needs no server, of the records (`*.jsonl`) and
+archives (`*.zip`, whose results are only claimed) in docs/results, with the pictures of the runs that you name.
 
 examples:
   neubtf-bench results add runs/quick docs/results/quick.jsonl
