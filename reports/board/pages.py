@@ -10,7 +10,7 @@ from reports.board import tables
 from reports.board.sources import MEASURED, PATH_TRACED, STATES, Source, by_material, joined, kind_of, page_name
 from reports.html_tables import details, note, table_html
 from reports.live import Live
-from reports.page import CODECS, OPEN, Page, document
+from reports.page import CODECS, Page, document
 from reports.rows import MaterialRows
 from reports.summary import summary_table
 from reports.table import Table
@@ -76,10 +76,10 @@ class Board:
         yield CODECS
         for source in sources:
             yield f'<h2 id="{page_name("s", source.name)}">{escape(_heading(source))}</h2>'
+            found = [(table.kind, table.title, table_html(table, self._to_codec)) for table in _overview(source)]
+            yield from (html for kind, _, html in found if kind == "budgets")
             yield _plots_of(source)
-            for table in _overview(source):
-                html = table_html(table, self._to_codec)
-                yield html if table.kind in OPEN else details(table.title, html)
+            yield from (details(title, html) for kind, title, html in found if kind != "budgets")
         yield f'<div id="materials">{table_html(self._materials(), self._to_material)}</div>'
         yield f'<div id="codecs-list">{table_html(self._codecs(), self._to_codec)}</div>'
         yield _HAND_IN

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bench.compare.budgets import BYTES, Budget, shown
+from bench.compare.budgets import shown
 from bench.records import PSNR
 from reports import budgets, columns
 from reports.board.sources import STATES, Source
@@ -94,15 +94,11 @@ def _at_budgets(name: str, source: Source) -> Iterator[Place]:
             mine, others = ([each for each in known if (_codec(each[0]) == name) == own] for own in (True, False))
             if mine and others:
                 pair = (max(each, key=lambda item: item[2]) for each in (mine, others))
-                yield Place(material, f"{source.name}, {_at(budget)}", *pair)
+                yield Place(material, f"{source.name}, {budgets.in_words(budget)}", *pair)
 
 
 def _codec(line: str) -> str:
     return line.partition(",")[0]
-
-
-def _at(budget: Budget) -> str:
-    return f"{budget.most:g} bits a texel" if budget.kind == BYTES else f"{budget.most:g} × floor, {budget.kind}"
 
 
 def _quality(codec: CodecRows) -> float | None:
