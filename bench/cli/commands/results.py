@@ -32,6 +32,11 @@ if TYPE_CHECKING:
 
 _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
 
+_SUITE = """@software{neubtfbench,
+  author = {{The NeuBTF bench authors}},
+  title = {neubtf-bench: a benchmark of neural codecs of bidirectional texture functions}
+}"""  # as CITATION.cff says
+
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
@@ -129,6 +134,8 @@ def _codecs() -> "dict[str, Codec]":
             for each in described_settings(codec):
                 theirs = str(published.get(each.name, each.default)) if published else ""
                 rows.append((each.name, each.meaning, each.default, theirs))
+        if not cited["bibtex"] and not registry.from_outside(name):
+            cited["bibtex"] = _SUITE  # of this suite, without a paper of its own
         origin = f"{entry.value} of {registry.origin(entry)}"
         found[name] = Codec(about, origin, **cited, settings=rows)
     return found
