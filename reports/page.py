@@ -81,15 +81,15 @@ def document(
 
 
 class Page:
-    """Sections in order, and the data that they refer to by id."""
+    """Sections in order, and the data that they refer to by id. `share` of the budgets of pictures is its own."""
 
-    def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure]):
+    def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure], share: float = 1):
         self.run, self.tables, self.figures = run, tables, figures
         self.materials = materials(run)
         self.records = PageRecords(run, self.materials)
         self.plots = series.plots_of(run)
-        self.atlases = Atlases(run, self.materials)
-        self.live = live(run, self.materials)
+        self.atlases = Atlases(run, self.materials, share)
+        self.live = live(run, self.materials, share)
         self.viewer = fragment([])  # its models are unpacked when somebody wants to see them
         self.data: list[str] = []
 

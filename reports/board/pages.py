@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from reports.board import Codec
 
 FRONT = "index.html"
+PAGES = 2.5  # whole budgets of pictures of a page, some 20 MB each, for all pages of materials together
 _INTRO = (
     "Neural codecs of bidirectional texture functions, behind one interface: bytes of written files, quality at "
     "directions that no fit has seen, time per sample, seconds of fits. Every number is of what was decoded from a "
@@ -45,6 +46,7 @@ class Board:
         filled = (source for source in sources if source.materials)
         self.sources = sorted(filled, key=lambda source: (not source.has_budgets, order.get(_kind(source), 2)))
         self.known = codecs
+        self.materials = len(list(by_material(self.sources)))
         rows = [row for source in self.sources for material in source.materials for row in material.rows]
         self.codecs = sorted({*codecs, *map(tables.codec_of, rows)})
         self.places = {name: tables.places(name, self.sources) for name in self.codecs}
@@ -142,7 +144,8 @@ class MaterialPage(Page):
             for material in source.materials
             if material.name == name
         ]
-        super().__init__(run, [table for table in all_tables(run, narrow=True) if table.material], [])
+        shown = [table for table in all_tables(run, narrow=True) if table.material]
+        super().__init__(run, shown, [], min(1, PAGES / board.materials))
         self.plots = [plot for plot in self.plots if plot["material"]]
 
     def _body(self) -> Iterator[str]:
