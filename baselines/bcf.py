@@ -46,7 +46,18 @@ LEVELS = torch.tensor([2**b - 1 for b in bc1.BITS])
 
 
 class BCF(Codec):
-    """Block-compressed features: latents in BC1 blocks, half a byte for three of them, and a small network."""
+    """Block-compressed features: latents in BC1 blocks, half a byte for three of them, and a small network.
+
+    @article{weinreich2024realtime,
+      author = {Weinreich, Clément and de Oliveira, Louis and Houdard, Antoine and Nader, Georges},
+      title = {Real-Time Neural Materials using Block-Compressed Features},
+      journal = {Computer Graphics Forum},
+      volume = {43},
+      number = {2},
+      year = {2024},
+      doi = {10.1111/cgf.15013}
+    }
+    """
 
     name, version = "bcf", 2
     sizes = ("textures", "width")

@@ -79,7 +79,18 @@ class BiplaneNetwork(SharedNetwork):
 
 
 class Biplane(Codec):
-    """Biplane: planes over half vectors and over texels, and one wide decoder for all materials, in its own file."""
+    """Biplane: planes over half vectors and over texels, and one wide decoder for all materials, in its own file.
+
+    Code: https://github.com/sssssy/Biplane_release
+
+    @inproceedings{fan2023neural,
+      author = {Fan, Jiahui and Wang, Beibei and Hašan, Miloš and Yang, Jian and Yan, Ling-Qi},
+      title = {Neural Biplane Representation for {BTF} Rendering and Acquisition},
+      booktitle = {SIGGRAPH '23 Conference Proceedings},
+      year = {2023},
+      doi = {10.1145/3588432.3591505}
+    }
+    """
 
     name, version = "biplane", 2
     network = BiplaneNetwork

@@ -30,7 +30,17 @@ Bands = Annotated[int, Range(1, MOST_BANDS)]
 
 
 class HSH(Codec):
-    """Hemispherical harmonics of the light, times those of the view, a texel: least squares, no network."""
+    """Hemispherical harmonics of the light, times those of the view, a texel: least squares, no network.
+
+    @inproceedings{gautron2004novel,
+      author = {Gautron, Pascal and Křivánek, Jaroslav and Pattanaik, Sumanta and Bouatouch, Kadi},
+      title = {A Novel Hemispherical Basis for Accurate and Efficient Rendering},
+      booktitle = {Eurographics Symposium on Rendering},
+      pages = {321--330},
+      year = {2004},
+      doi = {10.2312/EGWR/EGSR04/321-330}
+    }
+    """
 
     name, version = "hsh", 2
     interpolates, sizes = True, ("lights", "views")

@@ -60,7 +60,21 @@ LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.
 
 
 class NeuMIP(Codec):
-    """NeuMIP: a pyramid of latents, a parallax offset and a decoder; answers at any footprint."""
+    """NeuMIP: a pyramid of latents, a parallax offset and a decoder; answers at any footprint.
+
+    Code: https://github.com/straintensor/NeuMIP
+
+    @article{kuznetsov2021neumip,
+      author = {Kuznetsov, Alexandr and Mullia, Krishna and Xu, Zexiang and Hašan, Miloš and Ramamoorthi, Ravi},
+      title = {{NeuMIP}: Multi-Resolution Neural Materials},
+      journal = {ACM Transactions on Graphics},
+      volume = {40},
+      number = {4},
+      articleno = {175},
+      year = {2021},
+      doi = {10.1145/3450626.3459795}
+    }
+    """
 
     name, version = "neumip", 4
     sizes = ("channels",)

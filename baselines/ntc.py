@@ -52,7 +52,22 @@ PAPER |= {"start": "random", "optimiser": "adam", "rate": 5e-3, "loss": "l2", "s
 
 
 class NTC(Codec):
-    """Neural texture compression: two grids of a few bits, a tiled encoding of places, a network of two layers."""
+    """Neural texture compression: two grids of a few bits, a tiled encoding of places, a network of two layers.
+
+    Code: https://github.com/NVIDIA-RTX/RTXNTC
+
+    @article{vaidyanathan2023random,
+      author = {Vaidyanathan, Karthik and Salvi, Marco and Wronski, Bartlomiej and Akenine-Möller, Tomas and
+        Ebelin, Pontus and Lefohn, Aaron},
+      title = {Random-Access Neural Compression of Material Textures},
+      journal = {ACM Transactions on Graphics},
+      volume = {42},
+      number = {4},
+      articleno = {88},
+      year = {2023},
+      doi = {10.1145/3592407}
+    }
+    """
 
     name, version = "ntc", 2
     sizes = ("fine", "coarse", "width")

@@ -37,7 +37,17 @@ PAIRS_AT_ONCE = 64
 
 
 class PCA(Codec):
-    """Principal components of the ABRDFs, interpolated over directions: the linear baseline."""
+    """Principal components of the ABRDFs, interpolated over directions: the linear baseline.
+
+    @inproceedings{mueller2003compression,
+      author = {Müller, Gero and Meseth, Jan and Klein, Reinhard},
+      title = {Compression and Real-Time Rendering of Measured {BTFs} Using Local {PCA}},
+      booktitle = {Vision, Modeling and Visualisation 2003},
+      pages = {271--280},
+      year = {2003},
+      url = {https://cg.cs.uni-bonn.de/de/publikationen/paper-details/mueller-2003-compression/}
+    }
+    """
 
     name, version = "pca", 3
     interpolates, sizes = True, ("components",)

@@ -53,7 +53,19 @@ from bench.training import (
 
 
 class Rainer2019(Codec):
-    """Rainer 2019: an encoder from ABRDFs to latents and a wide decoder, one pair of networks a material."""
+    """Rainer 2019: an encoder from ABRDFs to latents and a wide decoder, one pair of networks a material.
+
+    @article{rainer2019neural,
+      author = {Rainer, Gilles and Jakob, Wenzel and Ghosh, Abhijeet and Weyrich, Tim},
+      title = {Neural {BTF} Compression and Interpolation},
+      journal = {Computer Graphics Forum},
+      volume = {38},
+      number = {2},
+      pages = {235--244},
+      year = {2019},
+      doi = {10.1111/cgf.13633}
+    }
+    """
 
     name, version = "rainer2019", 3
     sizes = ("latents",)

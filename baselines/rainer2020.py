@@ -86,7 +86,19 @@ class Rainer2020Network(SharedNetwork):
 
 
 class Rainer2020(Codec):
-    """Rainer 2020: one encoder and one wide decoder for all materials, in a file of their own; encodes in seconds."""
+    """Rainer 2020: one encoder and one wide decoder for all materials, in a file of their own; encodes in seconds.
+
+    @article{rainer2020unified,
+      author = {Rainer, Gilles and Ghosh, Abhijeet and Jakob, Wenzel and Weyrich, Tim},
+      title = {Unified Neural Encoding of {BTFs}},
+      journal = {Computer Graphics Forum},
+      volume = {39},
+      number = {2},
+      pages = {167--178},
+      year = {2020},
+      doi = {10.1111/cgf.13921}
+    }
+    """
 
     name, version = "rainer2020", 2
     network = Rainer2020Network

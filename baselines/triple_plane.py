@@ -45,7 +45,21 @@ WIDTHS = (32, 32, 32)
 
 
 class TriplePlane(Codec):
-    """Triple plane: planes of features over texels, half and difference vectors, and a small network."""
+    """Triple plane: planes of features over texels, half and difference vectors, and a small network.
+
+    Code: https://github.com/Starry316/ComprehensiveNeuralMaterial-Train
+
+    @inproceedings{xu2025comprehensive,
+      author = {Xu, Zilin and Chen, Xiang and Liu, Chen and Wang, Beibei and Wang, Lu and Montazeri, Zahra and
+        Yan, Ling-Qi},
+      title = {Towards Comprehensive Neural Materials: Dynamic Structure-Preserving Synthesis with Accurate Silhouette
+        at Instant Inference Speed},
+      booktitle = {SIGGRAPH Conference Papers '25},
+      articleno = {161},
+      year = {2025},
+      doi = {10.1145/3721238.3730626}
+    }
+    """
 
     name, version = "triple-plane", 2
     sizes = ("channels", "resolution")

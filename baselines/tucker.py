@@ -39,7 +39,19 @@ OVERSAMPLED = 2  # components of the texels that the alternation chooses from, a
 
 
 class Tucker(Codec):
-    """Tucker factorisation: components of texels, of views and of lights, and a core that joins them."""
+    """Tucker factorisation: components of texels, of views and of lights, and a core that joins them.
+
+    @article{vasilescu2004tensortextures,
+      author = {Vasilescu, M. Alex O. and Terzopoulos, Demetri},
+      title = {{TensorTextures}: Multilinear Image-Based Rendering},
+      journal = {ACM Transactions on Graphics},
+      volume = {23},
+      number = {3},
+      pages = {336--342},
+      year = {2004},
+      doi = {10.1145/1015706.1015725}
+    }
+    """
 
     name, version = "tucker", 3
     interpolates, sizes = True, ("components", "views", "lights")

@@ -40,7 +40,19 @@ MOST_LABELS = 1 << 24  # of all stages, where fewer are stored: the index of a c
 
 
 class VQ(Codec):
-    """Vector quantisation of the log ABRDFs: an index image and a codebook, found by k-means."""
+    """Vector quantisation of the log ABRDFs: an index image and a codebook, found by k-means.
+
+    @article{havran2010bidirectional,
+      author = {Havran, Vlastimil and Filip, Jiří and Myszkowski, Karol},
+      title = {Bidirectional Texture Function Compression Based on Multi-Level Vector Quantization},
+      journal = {Computer Graphics Forum},
+      volume = {29},
+      number = {1},
+      pages = {175--190},
+      year = {2010},
+      doi = {10.1111/j.1467-8659.2009.01585.x}
+    }
+    """
 
     name, version = "vq", 3
     interpolates, sizes = True, ("codes",)

@@ -56,7 +56,22 @@ PAPER |= {"start": "random", "optimiser": "adam", "rate": 1e-3, "latent_rate": 1
 
 
 class Zeltner2024(Codec):
-    """Zeltner 2024: eight latents, directions turned into two learned shading frames, a small network."""
+    """Zeltner 2024: eight latents, directions turned into two learned shading frames, a small network.
+
+    Code: https://github.com/NVlabs/neuralappearance
+
+    @article{zeltner2024realtime,
+      author = {Zeltner, Tizian and Rousselle, Fabrice and Weidlich, Andrea and Clarberg, Petrik and Novák, Jan and
+        Bitterli, Benedikt and Evans, Alex and Davidovič, Tomáš and Kallweit, Simon and Lefohn, Aaron},
+      title = {Real-Time Neural Appearance Models},
+      journal = {ACM Transactions on Graphics},
+      volume = {43},
+      number = {3},
+      articleno = {33},
+      year = {2024},
+      doi = {10.1145/3659577}
+    }
+    """
 
     name, version = "zeltner2024", 2
     sizes = ("latents", "width")

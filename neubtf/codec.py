@@ -29,7 +29,18 @@ log = logging.getLogger(__name__)
 
 
 class NeuBTF(Codec):
-    """NeuBTF, our recipe: an autoencoder makes the neural texture from a guidance image."""
+    """NeuBTF, our recipe: an autoencoder makes the neural texture from a guidance image.
+
+    @article{rodriguezpardo2023neubtf,
+      author = {Rodriguez-Pardo, Carlos and Kazatzis, Konstantinos and Lopez-Moreno, Jorge and Garces, Elena},
+      title = {{NeuBTF}: Neural Fields for {BTF} Encoding and Transfer},
+      journal = {Computers and Graphics},
+      volume = {114},
+      pages = {239--246},
+      year = {2023},
+      doi = {10.1016/j.cag.2023.06.018}
+    }
+    """
 
     name, version = "neubtf", 4
     sizes = ("latents", "width")

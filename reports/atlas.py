@@ -19,14 +19,17 @@ QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 
 
 
 class Atlases:
-    """The slices of all materials of a run, all of one quality, chosen by how many pixels there are."""
+    """The slices of all materials of a run, all of one quality, chosen by how many pixels there are.
 
-    def __init__(self, run: Run, materials: Sequence[MaterialRows]):
-        self.run = run
+    `share` of the budget is the page's: of a site that is a part.
+    """
+
+    def __init__(self, run: Run, materials: Sequence[MaterialRows], share: float = 1):
+        self.run, budget = run, share * BUDGET
         self.quality, self.step = None, 1
         pixels = sum(self._pixels(material) for material in materials)
-        self.quality, per_pixel = next((q for q in QUALITIES if q[1] * pixels <= BUDGET), QUALITIES[-1])
-        self.step = max(1, -int(-per_pixel * pixels // BUDGET))  # every how manyth pair is shown
+        self.quality, per_pixel = next((q for q in QUALITIES if q[1] * pixels <= budget), QUALITIES[-1])
+        self.step = max(1, -int(-per_pixel * pixels // budget))  # every how manyth pair is shown
 
     def _pixels(self, material: MaterialRows) -> int:
         if not material.shown or not (first := arrays(self.run.folder, material.shown[0].job, "pictures", ("truth",))):

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from statistics import fmean
 
-from bench.compare.budgets import BITS, BYTES, QUIET, Budget, Budgets, apart, budgets, mean_over, shown
+from bench.compare.budgets import BITS, BYTES, FIT, QUIET, Budget, Budgets, apart, budgets, mean_over, shown
 from bench.compare.paired import Interval
 from bench.records import FLIP, PSNR, SSIM, Record, Run, stats_of
 from bench.records.choosing import MUCH, Rung
@@ -58,7 +58,7 @@ def rung_tables(run: Run) -> Iterator[Table]:
         yield from _over_materials(run, result)
     headers = [("codec", ""), ("rung", ""), _at(result)]
     headers += [("total", "bytes"), ("validation", "dB"), ("PSNR pooled", "dB"), ("SSIM", ""), ("FLIP", "")]
-    headers += [(kind, "× floor") for kind in result.times]
+    headers += [(kind, _unit(kind)) for kind in result.times]
     for material in result.materials:
         picked = list(_chosen(result, material))
         rows = [_rung_row(result, line, rung, at) for line, rung, at in picked]
@@ -142,7 +142,7 @@ def _against(run: Run, result: Budgets, budget: Budget) -> Mapping[str, Interval
 
 def _header(run: Run, result: Budgets, budget: Budget) -> tuple[str, str]:
     if budget.kind != BYTES:
-        return f"{budget.most:g} × floor", budget.kind
+        return f"{budget.most:g} {_unit(budget.kind)}", budget.kind
     shapes = {tuple(job["shape"]) for _, rung in result.rungs for job in rung.of}
     if len(shapes) > 1:
         return f"{budget.most:g} bits", "a texel"
@@ -183,14 +183,23 @@ def _rung_row(result: Budgets, line: str, rung: Rung, at: list[Budget]) -> list[
 
 
 def _at(result: Budgets) -> tuple[str, str]:
-    return ("at bits, × floor" if result.times else "at bits a texel"), ""
+    return ("at bits, times" if result.times else "at bits a texel"), ""
+
+
+def in_words(budget: Budget) -> str:
+    """A budget in words: 64 bits a texel; 8 × floor, eager; 10 s, fit."""
+    return f"{budget.most:g} " + ("bits a texel" if budget.kind == BYTES else f"{_unit(budget.kind)}, {budget.kind}")
+
+
+def _unit(kind: str) -> str:
+    return "s" if kind == FIT else "× floor"
 
 
 def _span(at: list[Budget]) -> str:
     """Budgets in words, neighbouring ones of bytes as their ends: 32–128, 8 × eager."""
     bits = [f"{each.most:g}" for each in at if each.kind == BYTES]
     ends = "–".join(dict.fromkeys([*bits[:1], *bits[-1:]]))
-    times = [f"{each.most:g} × {each.kind}" for each in at if each.kind != BYTES]
+    times = [f"{each.most:g} {'s' if each.kind == FIT else '×'} {each.kind}" for each in at if each.kind != BYTES]
     return ", ".join(filter(None, [ends, *times]))
 
 
@@ -198,10 +207,9 @@ def _by_budget(run: Run, result: Budgets) -> Iterator[list[str]]:
     for budget in result.picks:
         ranked = _ranked(result, budget, result.materials)
         if ranked:
-            unit = "bits a texel" if budget.kind == BYTES else f"× floor, {budget.kind}"
             told = _against(run, result, budget).get(ranked[1][1]) if ranked[1:] else None
             answer = NONE if told is None or told.materials < 2 else "yes" if told.apart else "no"
-            yield _answer(f"best quality in {budget.most:g} {unit}", ranked, "dB", 2, answer)
+            yield _answer(f"best quality in {in_words(budget)}", ranked, "dB", 2, answer)
 
 
 def _smallest(result: Budgets) -> Iterator[list[str]]:
@@ -254,7 +262,7 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
     """Notes on times, and on the records that had no chance."""
     for kind, times in result.times.items():
         left = f"; {times.unquiet} times with unrest are left out" if times.unquiet else ""
-        yield f"Times, {kind}, × floor: {_machine(run, times.run)}{left}."
+        yield f"Times, {kind}, {_unit(kind)}: {_machine(run, times.run)}{left}."
     if not result.times:
         quiet = f"{100 * QUIET:.0f} % of its times without unrest"
         yield f"No budgets of time: no run here was timed on a quiet machine ({quiet})."

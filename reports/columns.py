@@ -96,9 +96,9 @@ _CHANNELS = Column(
     _whole,
     lambda job: integer(_native(job)["rank"]),
 )
-_TOTAL = Column("total", "bytes ↓", _bytes("total"), _whole, lambda job: integer(_native(job)["bytes"]))
+TOTAL = Column("total", "bytes ↓", _bytes("total"), _whole, lambda job: integer(_native(job)["bytes"]))
 _SHARED = Column("shared", "bytes", _bytes("shared"), _whole, sparse=True)
-_BITS = Column(
+BITS = Column(
     "bits per",
     "texel ↓",
     lambda row: _bits(row.job, row.job["bytes"]["total"]),
@@ -120,10 +120,10 @@ SIZE = (
     Column("decoder", "bytes", _bytes("decoder"), _whole),
     Column("texture", "bytes", _bytes("texture"), _whole),
     Column("other", "bytes", _other_bytes, _whole),
-    _TOTAL,
+    TOTAL,
     _SHARED,
     Column("resident", "bytes", lambda row: row.job.get("resident"), _whole, sparse=True),
-    _BITS,
+    BITS,
 )
 
 
@@ -140,7 +140,7 @@ def time() -> list[Column]:
 
 def scored(material: MaterialRows) -> list[Column]:
     """Columns of a file that was scored alone, without a record of its fit."""
-    size = [_PARAMETERS, _CHANNELS, _TOTAL, _BITS] if all(row.job["bytes"] for row in material.measured) else []
+    size = [_PARAMETERS, _CHANNELS, TOTAL, BITS] if all(row.job["bytes"] for row in material.measured) else []
     return [*size, replace(_TRAIN, name="train"), HELDOUT, *_others(material, _pooled)]
 
 
@@ -178,7 +178,7 @@ def summary(materials: Sequence[MaterialRows]) -> list[Column]:
         if name != PSNR and each["unit"] != "radiance"
     ]
     times = [_FLOOR, _FUSED] if any(row.fused for each in materials for row in each.measured) else [_FLOOR]
-    return [*quality, _TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
+    return [*quality, TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
 
 
 def _others(material: MaterialRows, make: Callable[..., Column] | None = None) -> Iterator[Column]:
@@ -228,7 +228,7 @@ def scene(job: Record) -> list[Column]:
     frames = [name for name in job["scene"]["metrics"] if described(job, name)["unit"] != "radiance"]
     weighted = [name for name in metrics_of(job, "scene") if described(job, name)["unit"] != "radiance"]
     return [
-        _TOTAL,
+        TOTAL,
         *(_frames(name, job) for name in frames),
         *(_weighted(name, job) for name in weighted),
         _pooled("outside PSNR", "dB ↑", PSNR, OUTSIDE),

@@ -6,11 +6,11 @@ from html import escape
 from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
-Place = Callable[[str, str], str]  # of a record, by material and label: the id of its element, or ""
+Place = Callable[[str, str], str]  # what a first cell links to, by material and cell, or ""
 
 
 def table_html(table: Table, place: Place) -> str:
-    """Title, cells and notes. A row whose first cell names a codec of a record links to it."""
+    """Title, cells and notes. A row links to the place of its first cell, where that has one."""
     heads = "".join(
         f'<th scope="col"{_word(i, table)}>{escape(name) or "&nbsp;"}<small>{escape(unit)}</small></th>'
         for i, (name, unit) in enumerate(table.headers)
@@ -45,5 +45,5 @@ def _cell(table: Table, row: int, column: int, cell: str, place: Place) -> str:
     mark = {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>"}.get(table.marks.get((row, column), ""), "{}")
     text = mark.format(escape(cell))
     if column == 0 and (target := place(table.material, cell)):
-        text = f'<a href="#{target}">{text}</a>'
+        text = f'<a href="{escape(target)}">{text}</a>'
     return f"<td{_word(column, table)}>{text}</td>"

@@ -29,10 +29,10 @@ class Live:
     missing: dict[str, str]
 
 
-def live(run: Run, materials: Sequence[MaterialRows]) -> dict[str, Live]:
-    """The models of each material: its best codec, then its second, and so on until the budget is spent."""
+def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[str, Live]:
+    """The models of each material: its best codec, then its second, and so on until the page's share is spent."""
     by_material = {material.name: Live({}, {}) for material in materials}
-    left = BUDGET
+    left = int(share * BUDGET)
     for turn in zip_longest(*(sorted(material.shown, key=_psnr, reverse=True) for material in materials)):
         for material, row in zip(materials, turn, strict=True):
             if row is None:

@@ -7,7 +7,7 @@ all text is escaped, and a content security policy allows the page's own scripts
 import base64
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from importlib.resources import files
 
@@ -55,48 +55,61 @@ script-src {script_hashes}; base-uri 'none'; form-action 'none'">
 
 def page(run: Run, tables: Sequence[Table], figures: Sequence[Figure]) -> Iterator[str]:
     """The page of a run, in pieces, since its whole text would take several times its size in memory."""
-    return _Page(run, tables, figures).pieces()
+    return Page(run, tables, figures).pieces()
 
 
-class _Page:
-    """Sections in order, and the data that they refer to by id."""
+def document(
+    title: str, body: Iterable[str], codecs: series.Series, plots: Sequence[series.Plot], data: Sequence[str] = ()
+) -> Iterator[str]:
+    """A page in pieces: its body, then `data`, elements that the body may add to, then the plots that it names."""
+    viewer = fragment([])
+    styles = [_asset("report.css"), viewer.css]
+    scripts = [viewer.script, *(_asset(f"{name}.js") for name in _SCRIPTS)]
+    yield HEAD.format(
+        title=escape(title),
+        style_hashes=" ".join(map(hash_source, styles)),
+        script_hashes=" ".join(map(hash_source, scripts)),
+        styles="\n".join(f"<style>{style}</style>" for style in styles),
+    )
+    yield from (f"{part}\n" for part in body)
+    yield "</main>\n"
+    rounded = json.loads(json.dumps(plots), parse_float=lambda text: float(f"{float(text):.5g}"))
+    yield from data
+    yield _data("data", as_json({"codecs": codecs, "plots": rounded, "width": WIDTH}))
+    yield from (f"<script>{script}</script>\n" for script in scripts)
+    yield "</body>\n</html>\n"
 
-    def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure]):
+
+class Page:
+    """Sections in order, and the data that they refer to by id. `share` of the budgets of pictures is its own."""
+
+    def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure], share: float = 1):
         self.run, self.tables, self.figures = run, tables, figures
         self.materials = materials(run)
         self.records = PageRecords(run, self.materials)
         self.plots = series.plots_of(run)
-        self.atlases = Atlases(run, self.materials)
-        self.live = live(run, self.materials)
+        self.atlases = Atlases(run, self.materials, share)
+        self.live = live(run, self.materials, share)
         self.viewer = fragment([])  # its models are unpacked when somebody wants to see them
         self.data: list[str] = []
 
     def pieces(self) -> Iterator[str]:
         suite = self.run.starts[-1].get("suite", "") if self.run.starts else ""
-        styles = [_asset("report.css"), self.viewer.css]
-        scripts = [self.viewer.script, *(_asset(f"{name}.js") for name in _SCRIPTS)]
-        yield HEAD.format(
-            title=escape(f"neubtf-bench {suite}".strip()),
-            style_hashes=" ".join(map(hash_source, styles)),
-            script_hashes=" ".join(map(hash_source, scripts)),
-            styles="\n".join(f"<style>{style}</style>" for style in styles),
+        yield from document(
+            f"neubtf-bench {suite}".strip(), self.body(), series.codecs(self.run), self.plots, self.data
         )
-        yield from (f"{part}\n" for part in self._body())
-        yield "</main>\n"
-        plots = json.loads(json.dumps(self.plots), parse_float=lambda text: float(f"{float(text):.5g}"))
-        plain = {"codecs": series.codecs(self.run), "plots": plots, "width": WIDTH}
-        yield from self.data
-        yield _data("data", as_json(plain))
-        yield _packed("records-data", self.records.packed())
-        yield from (f"<script>{script}</script>\n" for script in scripts)
-        yield "</body>\n</html>\n"
+
+    def body(self) -> Iterator[str]:
+        """All that stands in `main`; when it is done, `data` holds all that it refers to."""
+        yield from self._body()
+        self.data.append(_packed("records-data", self.records.packed()))
 
     def _body(self) -> Iterator[str]:
         yield from map(note, run_notes(self.run))
         if not any(table.kind == "main" for table in self.tables):
             yield "<p><strong>Nothing was measured in this run.</strong> The reasons are at the end.</p>"
         yield self._contents()
-        yield _CODECS
+        yield CODECS
         yield '<h2 id="summary">Summary</h2>'
         summary = [table for kind in FIRST for table in self.tables if table.kind == kind]
         yield from (self._table(table) for table in summary)
@@ -169,7 +182,7 @@ class _Page:
 
 
 _SCRIPTS = ("core", "tables", "plots", "slices", "live")
-_CODECS = (
+CODECS = (
     '<fieldset id="codecs" aria-label="Codecs shown in plots"><span>Codecs in all plots</span>'
     '<button type="button" value="all">all</button><button type="button" value="none">none</button>'
     '<div class="boxes"></div></fieldset>'

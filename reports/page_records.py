@@ -30,12 +30,12 @@ class PageRecords:
                 if left < 0:
                     self.left_out += 1
                     continue
-                self.places[material.name, codec.label] = f"r{m}-{c}"
+                self.places[material.name, codec.label] = f"#r{m}-{c}"
                 self.names.append((f"r{m}-{c}", f"{material.name}, {codec.label}", _fit_in_words(codec)))
                 self.records.append(record)
 
     def place(self, material: str, label: str) -> str:
-        """The id of a record's element, without a material that of the codec's first one; "" where there is none."""
+        """A link to a record's element, without a material to the codec's first one; "" where there is none."""
         if material:
             return self.places.get((material, label), "")
         return next((place for (_, other), place in self.places.items() if other == label), "")

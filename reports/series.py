@@ -17,6 +17,7 @@ from reports.styles import Styles
 Plot = dict[str, Any]
 Series = list[dict[str, Any]]
 QUALITY = "display PSNR, dB"
+_MEANS = ("rate", "speed", "cost")  # of which there is a plot over all materials
 
 
 def codecs(run: Run) -> Series:
@@ -39,7 +40,7 @@ def plots_of(run: Run) -> list[Plot]:
     curves = curves_by_material(run)
     measured = [material for material in materials(run) if material.measured]
     by_material = [plot for each in measured for plot in _of_material(run, each, curves.get(each.name, []))]
-    means = [_mean(kind, by_material, len(measured)) for kind in ("rate", "speed")] if len(measured) > 1 else []
+    means = [_mean(kind, by_material, len(measured)) for kind in _MEANS] if len(measured) > 1 else []
     return [plot for plot in (*means, *by_material) if plot["series"]]
 
 
@@ -55,6 +56,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
     x = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns"}
     yield plot("speed", "Speed and accuracy", x, quality, _points(material, _time))
     x = {"label": "seconds of the fit", "log": True, "unit": "s"}
+    yield plot("cost", "Fit and accuracy", x, quality, _points(material, _fit))
     lines = {fit.label: [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0] for fit in curves}
     yield plot("fits", "Quality over seconds", x, f"{QUALITY} (training samples)", _lines(lines))
     sides = {codec.label: _footprints(codec) for codec in material.codecs}
@@ -79,6 +81,11 @@ def _time(row: Row) -> list[float] | None:
     """The ns of a sample and the ends of their interval; None where it was not timed as the others were."""
     timed = row.timing and not row.timing_obstacle
     return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]] if row.timing and timed else None
+
+
+def _fit(row: Row) -> list[float] | None:
+    """The seconds of a fit; None where nobody measured them, as of a file that was handed in."""
+    return [row.job["fit_seconds"]] if row.job.get("fit_seconds") else None
 
 
 def _points(material: MaterialRows, of_row: Callable[[Row], list[float] | None]) -> Series:

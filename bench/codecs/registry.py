@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import re
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,12 +99,34 @@ def describe(entry: EntryPoint) -> str:
     return first_line(module, attribute)
 
 
+def reference(entry: EntryPoint) -> dict[str, str]:
+    """What a codec's docstring says of its origin: `bibtex`, one entry, the link of its `paper`, and of its `code`.
+
+    The paper's link is the entry's doi or url; the code's follows "Code: ". "" where there is none.
+    """
+    module, _, attribute = entry.value.partition(":")
+    text = _docstring(module, attribute)
+    bibtex = _found(r"^@\w+\{.*?^\}$", text)
+    doi = _found(r"\bdoi = \{([^{}\s]+)\}", bibtex)
+    paper = f"https://doi.org/{doi}" if doi else _found(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
+    return {"bibtex": bibtex, "paper": paper, "code": _found(r"^Code: (https://\S+)$", text)}
+
+
+def _found(pattern: str, text: str) -> str:
+    found = re.search(pattern, text, re.M | re.S)
+    return found[found.re.groups] if found else ""
+
+
 def first_line(module: str, class_name: str = "") -> str:
     """The first line of the docstring of a module, or of a class in it, read from the source."""
+    return _docstring(module, class_name).split("\n")[0]
+
+
+def _docstring(module: str, class_name: str) -> str:
     spec = importlib.util.find_spec(module)
     if spec is None or spec.origin is None:
         return f"not importable: {module}"
     tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
     classes = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == class_name)
     node = next(classes, None) if class_name else tree
-    return (ast.get_docstring(node) or "").split("\n")[0] if node else ""
+    return (ast.get_docstring(node) or "") if node else ""

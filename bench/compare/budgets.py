@@ -6,6 +6,7 @@ A *line* is a codec, or a codec as published (`recipe=paper`); its rungs are all
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -18,7 +19,8 @@ from bench.records.choosing import Limits, Rung, chosen, has_validation, over_se
 
 BITS = (16, 32, 64, 128, 256, 512)  # of the whole file, a texel
 TIMES = (4, 8, 16, 32)  # of a query, × floor
-BYTES, EAGER, FUSED = "bytes", "eager", "fused"
+SECONDS = (1, 10, 100, 1000)  # of a fit
+BYTES, EAGER, FUSED, FIT = "bytes", "eager", "fused", "fit"
 QUIET = 0.9  # share of a run's times without unrest from which its machine was quiet
 PUBLISHED = ", as published"
 
@@ -26,7 +28,7 @@ Ladders = dict[tuple[str, str], list[Rung]]  # by material and line; a rung is o
 
 
 class Budget(NamedTuple):
-    """A limit: of bits a texel (`bytes`), or of a query's time, as multiple of the floor (`eager`, `fused`)."""
+    """A limit: of bits a texel (`bytes`), of a query's time, × floor (`eager`, `fused`), or of seconds of a `fit`."""
 
     kind: str
     most: float
@@ -38,7 +40,7 @@ class Budget(NamedTuple):
 
 @dataclass(frozen=True)
 class Times:
-    """The times of a run on a quiet machine, as multiples of the floor, by job."""
+    """The times of a run on a quiet machine, by job: multiples of the floor, or seconds of fits."""
 
     run: str
     by_job: dict[str, float]
@@ -70,7 +72,10 @@ def budgets(run: Run, fused: Mapping[str, Record]) -> Budgets:
     names = {job["job"] for job in alike}
     taken = {EAGER: [t for t in run.timings if t["job"] in names], FUSED: [fused[n] for n in fused if n in names]}
     times = {kind: quiet for kind, each in taken.items() if (quiet := _quiet(each))}
-    every = [Budget(BYTES, bits) for bits in BITS] + [Budget(kind, most) for kind in times for most in TIMES]
+    if EAGER in times and (fits := _fits(times[EAGER].run, alike)):
+        times[FIT] = Times(times[EAGER].run, fits)
+    limits = dict.fromkeys(times, TIMES) | {FIT: SECONDS}
+    every = [Budget(BYTES, bits) for bits in BITS] + [Budget(kind, most) for kind in times for most in limits[kind]]
     ladders = {kind: _ladders(alike, times.get(kind)) for kind in dict.fromkeys(each.kind for each in every)}
     return Budgets(
         list(dict.fromkeys(job["material"] for job in alike)),
@@ -136,6 +141,21 @@ def _quiet(times: Sequence[Record]) -> Times | None:
         if len(quiet) >= QUIET * len(every):
             return Times(run, quiet, len(every) - len(quiet))
     return None
+
+
+def _fits(run: str, jobs: Sequence[Record]) -> dict[str, float]:
+    """The seconds of the fits of a run whose machine was quiet, by job; those of files that it found done are older."""
+    begun = _digits(run)
+    return {
+        job["job"]: float(job["fit_seconds"])
+        for job in jobs
+        if job["run"] == run and job.get("fit_seconds") and _digits((job.get("fitted") or {}).get("at")) >= begun
+    }
+
+
+def _digits(moment: str | None) -> str:
+    """A moment as 14 digits, to the second."""
+    return re.sub(r"\D", "", moment or "")[:14]
 
 
 def _ladders(jobs: Sequence[Record], times: Times | None) -> Ladders:

@@ -203,6 +203,7 @@ class Job(TypedDict, total=False):
         Needed("verification", ("btf", "metrics")),
     ]
     scored: Annotated[dict[str, Text | None], RESULTS]
+    verified: Annotated[bool, RESULTS | APART]  # it was handed in, and its file scored anew where the record was made
     provenance: Annotated[Provenance, RESULTS | APART]
     machine: Annotated[Machine, RESULTS]
     file: Annotated[Text, RESULTS | ARTEFACT, Needed("verification")]

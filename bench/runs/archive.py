@@ -202,6 +202,7 @@ def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progre
     job_folder = JobFolder(out, of_run=True)
     measured = evaluate(bench, loaded, 1, job_folder.keep, show)
     measured |= {"score_key": score_key(bench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
+    measured["verified"] = True
     fit = {"codec": header.codec, "version": header.version, "settings": header.settings}
     fit |= {"training": bench.training.fingerprint} | ({"shared": header.network} if header.network else {})
     record = kept(job, NAMES) | {"split": split, "fit_key": fit} | measured

@@ -84,8 +84,8 @@ def test_slices_of_many_pairs_take_less_room_at_less_quality(made, monkeypatch):
     whole = Atlases(run, materials(run)).slices_of(materials(run)[0])
     assert whole["quality"] is None
     assert len(whole["wo"]) == 3
-    monkeypatch.setattr("reports.atlas.BUDGET", 200)
-    less = Atlases(run, materials(run)).slices_of(materials(run)[0])
+    monkeypatch.setattr("reports.atlas.BUDGET", 2000)
+    less = Atlases(run, materials(run), share=0.1).slices_of(materials(run)[0])
     assert less["quality"] == 60
     assert len(less["wo"]) == len(less["codecs"][0]["psnr"]) == 2
 

@@ -10,19 +10,32 @@ the command that makes it:
 
 `results check DOC` changes nothing, and fails where a table is not what its command makes.
 
+`results write --site DIR` makes the board: a folder of pages that needs no server, of the records (`*.jsonl`) and
+archives (`*.zip`, whose results are only claimed) in docs/results, with the pictures of the runs that you name.
+
 examples:
   neubtf-bench results add runs/quick docs/results/quick.jsonl
   neubtf-bench results write docs/results.md README.md
+  neubtf-bench results write --site site --runs runs/quick
 """
 
 import argparse
 import re
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.errors import FINE, NO, InputError, writable
 
+if TYPE_CHECKING:
+    from reports.board import Codec
+
 _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
+
+_SUITE = """@software{neubtfbench,
+  author = {{The NeuBTF bench authors}},
+  title = {neubtf-bench: a benchmark of neural codecs of bidirectional texture functions}
+}"""  # as CITATION.cff says
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,12 +45,24 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add.add_argument("file", type=Path, metavar="FILE", help="a .jsonl file; what it holds already stays")
     for action, about in (("write", "write the tables of documents anew"), ("check", "fail where a table is not so")):
         each = actions.add_parser(action, help=about)
-        each.add_argument("documents", type=Path, nargs="+", metavar="DOC", help="a Markdown file")
+        each.add_argument(
+            "documents", type=Path, nargs="*" if action == "write" else "+", metavar="DOC", help="a Markdown file"
+        )
+        if action == "write":
+            each.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
+            each.add_argument("--records", type=Path, default=Path("docs/results"), help="of the board (docs/results)")
+            each.add_argument(
+                "--runs", type=Path, action="append", default=[], metavar="RUN", help="with its files; repeatable"
+            )
 
 
 def run(options: argparse.Namespace) -> int:
     if options.action == "add":
         return _add(options.run, options.file)
+    if options.action == "write" and options.site:
+        _site(options.records, options.runs, options.site)
+    elif not options.documents:
+        raise InputError("results write: name a Markdown file, or a folder with --site")
     stale = [path for path in options.documents if _written(path, options.action == "write")]
     if options.action == "check" and stale:
         names = " ".join(map(str, stale))
@@ -59,6 +84,61 @@ def _add(run: Path, file: Path) -> int:
         write(file, text.encode())
     print(f"wrote {file}: {len(whole.jobs)} jobs, {len(text.encode()):,} bytes")
     return FINE
+
+
+def _site(records: Path, runs: list[Path], site: Path) -> None:
+    import tempfile
+
+    from bench.records import load_run
+    from reports.board import Source, write_site
+
+    files = sorted(records.glob("*.jsonl"))
+    if not files:
+        raise InputError(f"--records {records}: no file of records (*.jsonl) is there")
+    with tempfile.TemporaryDirectory(prefix="neubtf-site-") as scratch, writable(site, "choose another --site"):
+        found = [Source(path.stem, load_run(path)) for path in files]
+        for path in sorted(records.glob("*.zip")):
+            from bench.runs.archive import unpack  # loads PyTorch
+
+            found.append(Source(path.name, unpack(path, Path(scratch) / path.stem), claimed=True))
+        folders = [each for run in runs for each in _runs_in(run)]
+        written = write_site(found, [Source(path.name, load_run(path)) for path in folders], _codecs(), site)
+    size = sum(path.stat().st_size for path in written)
+    print(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
+
+
+def _runs_in(folder: Path) -> list[Path]:
+    """The folder of a run itself, or those of the runs in it."""
+    from bench.records import FILE
+
+    inside = [] if (folder / FILE).exists() else sorted(path.parent for path in folder.glob(f"*/{FILE}"))
+    return inside or [folder]
+
+
+def _codecs() -> "dict[str, Codec]":
+    """What each installed codec says of itself; without its settings where it cannot be imported."""
+    from bench.codec import described_settings
+    from bench.codecs import registry
+    from reports.board import Codec
+
+    found = {}
+    for name, entry in registry.codec_entries().items():
+        about, cited = registry.describe(entry), registry.reference(entry)
+        rows: list[tuple[str, str, str, str]] = []
+        try:
+            codec = registry.load_codec(name)
+        except InputError:
+            about += " It cannot be imported here."
+        else:
+            published = {} if (paper := codec.recipes.get("paper")) is None else {"recipe": "paper"} | dict(paper)
+            for each in described_settings(codec):
+                theirs = str(published.get(each.name, each.default)) if published else ""
+                rows.append((each.name, each.meaning, each.default, theirs))
+        if not cited["bibtex"] and not registry.from_outside(name):
+            cited["bibtex"] = _SUITE  # of this suite, without a paper of its own
+        origin = f"{entry.value} of {registry.origin(entry)}"
+        found[name] = Codec(about, origin, **cited, settings=rows)
+    return found
 
 
 def _written(path: Path, writes: bool) -> bool:

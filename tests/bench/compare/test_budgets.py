@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from bench.compare.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, rung_of, shown
+from bench.compare.budgets import BYTES, EAGER, FIT, FUSED, Budget, budgets, line_of, rung_of, shown
 from bench.records import PSNR, append, load_run, load_together
 from bench.records.choosing import Limits, Rung, chosen, has_validation, validated, validation_of
 
@@ -153,6 +153,18 @@ def test_budgets_of_time_are_of_one_run_on_a_quiet_machine(tmp_path):
     run = run_of(tmp_path / "twice", *jobs, *times)
     assert not budgets(run, {}).times
     assert Budget(EAGER, 32) not in budgets(run, {}).picks
+
+
+def test_budgets_of_fits_are_of_those_that_the_quiet_run_made(tmp_path):
+    at, later, earlier = "20260102T030405.6", "2026-01-02T03:04:05Z", "2026-01-02T03:04:04Z"
+    made = {"run": at, "fit_seconds": 9.0, "fitted": {"at": later}}
+    jobs = [job("a x=1", 10, 30.0, **made), job("a x=2", 10, 40.0, **made | {"fitted": {"at": earlier}})]
+    jobs += [job("a x=3", 10, 50.0, **made | {"fit_seconds": 11.0}), job("a x=4", 10, 60.0, **made | {"run": "2026"})]
+    times = [timing(each["job"], 3.0, run=at) for each in jobs]
+    run = run_of(tmp_path / "run", *jobs, *times)
+    assert [picks(run, Budget(FIT, seconds)) for seconds in (1, 10, 100)] == [{}, {"a": "x=1"}, {"a": "x=3"}]
+    unquiet = run_of(tmp_path / "unquiet", *jobs, *(time | {"unrest": "others"} for time in times))
+    assert FIT not in budgets(unquiet, {}).times
 
 
 def test_fused_times_have_budgets_of_their_own(tmp_path):

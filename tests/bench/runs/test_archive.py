@@ -1,6 +1,7 @@
 """An archive of results: what is packed, what is found out about it, what is refused."""
 
 import copy
+import hashlib
 import json
 import shutil
 import zipfile
@@ -72,8 +73,21 @@ def test_an_honest_archive_agrees_and_makes_a_run_that_tables_read(packed, tmp_p
     for job in theirs.jobs:
         here = ours.job(job["job"])
         assert (here["scores"], here["bytes"]) == (job["scores"], job["bytes"])
+        assert here["verified"]
+        assert "verified" not in job
         assert (tmp_path / "verified" / here["file"]).read_bytes() == (packed / "run" / job["file"]).read_bytes()
     assert cli.main(["compare", str(packed / "run"), str(tmp_path / "verified")]) == 0
+
+
+def test_submit_ends_with_the_text_to_hand_the_archive_in_with(packed, tmp_path, capsys):
+    archive = tmp_path / "of pca.zip"
+    assert cli.main(["submit", str(packed / "run"), "--codec", "pca", "-o", str(archive)]) == 0
+    text = capsys.readouterr().out.partition("send it with this text:\n\n")[2]
+    assert text.startswith("Results for the board: of pca.zip, 2 jobs of the suite small\n")
+    assert hashlib.sha256(archive.read_bytes()).hexdigest() in text
+    key = load_run(packed / "run").jobs[2]["fit_key"]
+    assert f"- pca version {key['version']}, code {key['code'][:12]}\nMaterials: satin\n" in text
+    assert "neubtf-bench verify 'of pca.zip'\n" in text
 
 
 def test_a_flattered_number_is_found(packed, tmp_path, capsys):

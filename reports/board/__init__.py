@@ -1,0 +1,51 @@
+"""Writes the board: a folder of pages from files of records, with the pictures of runs that are at hand.
+
+`index.html` has the budgets, a page a material every codec's rows on it, a page a codec what it is and where it stands.
+Every page is whole by itself, as the page of a run is (`reports.page`), and links to the others by their names alone.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.atomic import replacing
+from reports.board.pages import Board
+from reports.board.sources import Source, with_files
+
+TEXT: Any = {"encoding": "utf-8", "errors": "replace", "newline": "\n"}  # halves of letters are no reason to fail
+
+
+@dataclass(frozen=True)
+class Codec:
+    """What is known of an installed codec: a line about it, where its code is, what to cite, and its settings.
+
+    A setting is its name, its meaning, and its default in our recipe and as published, "" where the codec has but one.
+    """
+
+    about: str
+    origin: str
+    bibtex: str = ""
+    paper: str = ""
+    code: str = ""
+    settings: Sequence[tuple[str, str, str, str]] = ()
+
+
+def write_site(
+    records: Sequence[Source], runs: Sequence[Source], codecs: Mapping[str, Codec], folder: Path
+) -> list[Path]:
+    """Write the pages of some records into a folder, each file whole or not at all; returns them, the front first.
+
+    `runs` are at hand with their files: their pictures are shown where the material's licence is known to permit it,
+    and jobs that no records hold are shown beside them. Pages of an earlier site that are not written anew are removed.
+    """
+    board = Board(with_files(records, runs), codecs)
+    files = []
+    for name, pieces in board.pages():
+        files.append(folder / name)
+        with replacing(files[-1]) as partial, open(partial, "w", **TEXT) as file:
+            file.writelines(pieces)
+    for kind in ("codec", "material"):
+        for old in set(folder.glob(f"{kind}-*.html")) - set(files):
+            old.unlink()
+    return files

@@ -1,0 +1,235 @@
+"""The pages of a board: the front, one for each material and one for each codec."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+from bench.records import Run
+from reports import budgets, series
+from reports.board import tables
+from reports.board.sources import MEASURED, PATH_TRACED, STATES, Source, by_material, joined, kind_of, page_name
+from reports.html_tables import details, note, table_html
+from reports.live import Live
+from reports.page import CODECS, Page, document
+from reports.rows import MaterialRows
+from reports.summary import summary_table
+from reports.table import Table
+from reports.tables import all_tables
+
+if TYPE_CHECKING:
+    from reports.board import Codec
+
+FRONT = "index.html"
+PAGES = 2.5  # whole budgets of pictures of a page, some 20 MB each, for all pages of materials together
+_INTRO = (
+    "Neural codecs of bidirectional texture functions, behind one interface: bytes of written files, quality at "
+    "directions that no fit has seen, time per sample, seconds of fits. Every number is of what was decoded from a "
+    "file. Budgets come first: at so many bytes, each codec by the settings that validation pairs choose."
+)
+_NO_PICTURES = "No pictures: this page was made without the files of the run."
+_NOT_FREE = (
+    "No pictures: the licence of this measured material is not known to permit them. Plots and tables are whole."
+)
+_HAND_IN = """<h2 id="hand-in">Hand in results</h2>
+<p>Measure your codec, pack records and files, and send the archive with the text that <code>submit</code> prints.
+<code>verify</code> decodes every file of it anew and scores it here: its rows are then “verified”.</p>
+<pre>neubtf-bench run ladders-measured --codec mine --out runs/mine
+neubtf-bench submit runs/mine --codec mine -o mine.zip</pre>"""
+_Piece = tuple[str, Iterator[str]]  # the name of a page and its text
+
+
+class Board:
+    """All pages of some sources; what installed codecs say of themselves stands on theirs."""
+
+    def __init__(self, sources: Sequence[Source], codecs: Mapping[str, "Codec"]):
+        order = {MEASURED: 0, PATH_TRACED: 1}
+        filled = (source for source in sources if source.materials)
+        self.sources = sorted(filled, key=lambda source: (not source.has_budgets, order.get(_kind(source), 2)))
+        self.known = codecs
+        self.materials = len(list(by_material(self.sources)))
+        rows = [row for source in self.sources for material in source.materials for row in material.rows]
+        self.codecs = sorted({*codecs, *map(tables.codec_of, rows)})
+        self.places = {name: tables.places(name, self.sources) for name in self.codecs}
+        self.plots = {source.name: list(_plots(source)) for source in self.sources}
+
+    def pages(self) -> Iterator[_Piece]:
+        """Every page, the front first."""
+        yield FRONT, self._front()
+        for name, sources in by_material(self.sources):
+            yield page_name("material", name), self._material(name, sources)
+        for name in self.codecs:
+            yield page_name("codec", name), self._codec(name)
+
+    def _front(self) -> Iterator[str]:
+        sources = [source for source in self.sources if not source.claimed]
+        return self._document("neubtf-bench: results", self._front_body(sources), sources)
+
+    def _document(self, title: str, body: Iterable[str], sources: Sequence[Source]) -> Iterator[str]:
+        plots = [plot for source in sources for plot in self.plots[source.name]]
+        labels = {each["label"] for plot in plots for each in plot["series"]}
+        every = series.codecs(_together(sources))
+        return document(title, body, [look for look in every if look["label"] in labels], plots)
+
+    def _front_body(self, sources: Sequence[Source]) -> Iterator[str]:
+        yield f"<p>{_INTRO}</p>"
+        links = [("materials", "Materials"), ("codecs-list", "Codecs"), ("hand-in", "Hand in results")]
+        links = [(page_name("s", source.name), source.name) for source in sources] + links
+        yield _links((f"#{place}", name) for place, name in links)
+        yield CODECS
+        for source in sources:
+            yield f'<h2 id="{page_name("s", source.name)}">{escape(_heading(source))}</h2>'
+            found = [(table.kind, table.title, table_html(table, self._to_codec)) for table in _overview(source)]
+            yield from (html for kind, _, html in found if kind == "budgets")
+            yield _plots_of(source)
+            yield from (details(title, html) for kind, title, html in found if kind != "budgets")
+        yield f'<div id="materials">{table_html(self._materials(), self._to_material)}</div>'
+        yield f'<div id="codecs-list">{table_html(self._codecs(), self._to_codec)}</div>'
+        yield _HAND_IN
+        yield note(STATES)
+
+    def _to_codec(self, _: str, label: str) -> str:
+        name = label.replace(",", " ").split(maxsplit=1)[0] if label.strip() else ""
+        return page_name("codec", name) if name in self.places else ""
+
+    def _materials(self) -> Table:
+        rows = [
+            [name, _kind(sources[0], name), ", ".join(source.title for source in sources)]
+            for name, sources in by_material(self.sources)
+        ]
+        return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
+
+    def _codecs(self) -> Table:
+        rows = []
+        for name in self.codecs:
+            found, about = self.places[name], self.known[name].about if name in self.known else "not installed here"
+            won = sum(place.gap >= 0 for place in found)
+            rows.append([name, about, f"{won} of {len(found)}" if found else "no result"])
+        headers = [("codec", ""), ("about", ""), ("best of", "")]
+        return Table("list", "Codecs", headers, rows, ["Best of: materials and budgets, as on its page."], words=2)
+
+    def _material(self, name: str, sources: Sequence[Source]) -> Iterator[str]:
+        page = MaterialPage(name, sources, self)
+        return document(name, page.body(), series.codecs(page.run), page.plots, page.data)
+
+    def _codec(self, name: str) -> Iterator[str]:
+        sources = [s for s in self.sources if any(tables.codec_of(r) == name for m in s.materials for r in m.rows)]
+        return self._document(name, self._codec_body(name, sources), sources)
+
+    def _codec_body(self, name: str, sources: Sequence[Source]) -> Iterator[str]:
+        yield _links([(FRONT, "All results")])
+        yield from _about(self.known.get(name))
+        standing = tables.standing(name, self.places[name])
+        yield table_html(standing, self._to_material) if standing else note("Nothing to compare was measured of it.")
+        yield CODECS
+        for source in sources:
+            yield f"<h2>{escape(source.title)}</h2>"
+            yield _plots_of(source)
+        if every := tables.all_rows(name, sources):
+            yield table_html(every, self._to_material)
+
+    def _to_material(self, _: str, name: str) -> str:
+        return page_name("material", name)
+
+
+class MaterialPage(Page):
+    """The rows of one material, a section for each source, as the page of a run has one for each material."""
+
+    def __init__(self, name: str, sources: Sequence[Source], board: Board):
+        self.name, self.sources = name, {source.title: source for source in sources}
+        self.board = board
+        run = joined([(source.title, source, name) for source in sources])
+        self.origins = [
+            tables.origins(source, material, title)
+            for title, source in self.sources.items()
+            for material in source.materials
+            if material.name == name
+        ]
+        shown = [table for table in all_tables(run, narrow=True) if table.material]
+        super().__init__(run, shown, [], min(1, PAGES / board.materials))
+        self.plots = [plot for plot in self.plots if plot["material"]]
+
+    def _body(self) -> Iterator[str]:
+        labels = dict.fromkeys(tables.codec_of(row) for material in self.materials for row in material.rows)
+        yield _links([(FRONT, "All results"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))])
+        codecs = _anchors((page_name("codec", name), name) for name in sorted(labels))
+        yield f"<p>The truth is {_kind(next(iter(self.sources.values())), self.name)}. Codecs here: {codecs}</p>"
+        yield CODECS
+        for number, material in enumerate(self.materials):
+            yield from self._material(number, material)
+            table = self.origins[number]
+            yield details(table.title, table_html(table, self.board._to_codec))
+        yield from self.records.html()
+        yield f'<template id="viewer">{self.viewer.html}</template>'
+
+    def _slices(self, number: int, material: MaterialRows) -> Iterator[str]:
+        if any("pictures" in row.job for row in material.shown):
+            yield from super()._slices(number, material)
+        else:
+            yield note(_NOT_FREE if material.first and kind_of(material.first) == MEASURED else _NO_PICTURES)
+
+    def _live(self, number: int, material: Live) -> Iterator[str]:
+        if material.models:
+            yield from super()._live(number, material)
+
+
+def _about(codec: "Codec | None") -> Iterator[str]:
+    """What an installed codec is, what to cite, and its recipes."""
+    if codec is None:
+        yield "<p>This codec is not installed where the pages were made: its records alone speak of it.</p>"
+        return
+    yield f"<p>{escape(codec.about)}</p>"
+    links = [(link, name) for link, name in ((codec.paper, "Paper"), (codec.code, "Code")) if link]
+    yield f"<p>{' · '.join([escape(codec.origin), *filter(None, [_anchors(links)])])}</p>"
+    if codec.bibtex:
+        yield f"<pre>{escape(codec.bibtex)}</pre>"
+    if codec.settings:
+        published = any(setting[3] for setting in codec.settings)
+        headers = [("setting", ""), ("meaning", ""), ("ours", ""), *([("as published", "")] if published else [])]
+        rows = [list(setting[: len(headers)]) for setting in codec.settings]
+        title = "Both recipes: the defaults of every setting" if published else "The default of every setting"
+        yield details(title, table_html(Table("recipes", title, headers, rows, words=2), lambda *_: ""))
+
+
+def _overview(source: Source) -> Iterator[Table]:
+    """The tables over all materials of a source."""
+    if source.has_budgets:
+        yield from budgets.budgets_table(source.run)
+        yield from budgets.when_table(source.run)
+    elif table := summary_table(source.run):
+        yield table
+
+
+def _plots(source: Source) -> Iterator[series.Plot]:
+    """The plots over all materials of a source, or those of its only one, under the name of the source."""
+    every = series.plots_of(source.run)
+    over = [plot for plot in every if not plot["material"]] or every
+    yield from (plot | {"material": source.name} for plot in over if plot["kind"] in ("rate", "speed", "cost"))
+
+
+def _plots_of(source: Source) -> str:
+    return f'<div class="plots" data-plots="{escape(source.name)}"></div>'
+
+
+def _together(sources: Sequence[Source]) -> Run:
+    names = [(source, material.name) for source in sources for material in source.materials]
+    return joined([(f"{source.name}/{name}", source, name) for source, name in names])
+
+
+def _kind(source: Source, material: str = "") -> str:
+    jobs = [job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"])]
+    return kind_of(jobs[0]) if jobs else "unknown"
+
+
+def _heading(source: Source) -> str:
+    first = next((material.split for material in source.materials if material.measured), "")
+    kind = _kind(source)
+    return f"{kind[:1].upper()}{kind[1:]}: {source.name} ({first})"
+
+
+def _links(links: Iterable[tuple[str, str]]) -> str:
+    items = "".join(f"<li>{_anchors([link])}</li>" for link in links)
+    return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'
+
+
+def _anchors(links: Iterable[tuple[str, str]]) -> str:
+    return ", ".join(f'<a href="{escape(to)}">{escape(name)}</a>' for to, name in links)

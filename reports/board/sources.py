@@ -1,0 +1,135 @@
+"""What a board is made of: files of records, archives and runs at hand, and which pictures may be published."""
+
+import hashlib
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from bench.btf import BAKED, RENDERED
+from bench.records import ARTEFACT, Record, Records, Run, field_names
+from bench.records.choosing import has_validation
+from reports.rows import MaterialRows, materials
+
+VERIFIED, CLAIMED, OWN = "verified", "claimed", "own run"
+STATES = (
+    f"“{OWN}”: measured by those who keep these records. “{VERIFIED}”: handed in with its files, which were decoded "
+    f"and scored anew here. “{CLAIMED}”: handed in, and scored by nobody else."
+)
+MEASURED, PATH_TRACED, SYNTHETIC = "measured", "path-traced from scanned maps", "rendered by the suite"
+_KINDS = {BAKED: PATH_TRACED, RENDERED: SYNTHETIC}
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Records of one file, archive or run. Nobody but who handed it in has scored what is `claimed`."""
+
+    name: str
+    run: Run
+    claimed: bool = False
+
+    @cached_property
+    def materials(self) -> list[MaterialRows]:
+        """Its rows by material."""
+        return materials(self.run)
+
+    @cached_property
+    def has_budgets(self) -> bool:
+        """Whether validation pairs chose among its settings, and its word counts."""
+        return not self.claimed and any(map(has_validation, self.run.jobs))
+
+    @property
+    def title(self) -> str:
+        """Its name, and that it is claimed."""
+        return f"{self.name}, {CLAIMED}" if self.claimed else self.name
+
+    def state(self, job: Record) -> str:
+        """Whose word a number is; of a job without one, its status."""
+        if job["status"] != "ok":
+            return str(job["status"])
+        return CLAIMED if self.claimed else VERIFIED if job.get("verified") else OWN
+
+
+def kind_of(job: Record) -> str:
+    """Where the truth of a job comes from, in words."""
+    return _KINDS.get(_source(job), MEASURED)
+
+
+def may_be_shown(job: Record, run: Run) -> bool:
+    """Whether pictures of a material may be published: it is built in, or made of maps whose suite states CC0.
+
+    What an archive says of a licence is nobody's word, so of verified jobs built-in materials alone are shown.
+    """
+    stated = [each for start in run.starts for each in start.get("materials") or () if isinstance(each, dict)]
+    where = " ".join(str(each.get("where")) for each in stated if each.get("name") == job["material"])
+    free = _source(job) == BAKED and "CC0" in where and not job.get("verified")
+    return free or _source(job) == RENDERED
+
+
+def with_files(records: Sequence[Source], runs: Sequence[Source]) -> list[Source]:
+    """The sources, each job with those files of runs at hand that may be shown, and with no other path.
+
+    A run follows as a source of its own unless all its jobs are in the records.
+    """
+    at_hand = {_key(job): (source.run, job) for source in runs for job in source.run.jobs if job["status"] == "ok"}
+    known = {_key(job) for source in records if not source.claimed for job in source.run.jobs}
+    more = [source for source in runs if any(_key(job) not in known for job in source.run.jobs)]
+    taken: dict[str, int] = {}
+    named = []
+    for source in (*records, *more):
+        count = taken[source.name] = taken.get(source.name, 0) + 1
+        name = source.name if count == 1 else f"{source.name} ({count})"
+        named.append(replace(source, name=name, run=_placed(source.run, at_hand)))
+    return named
+
+
+def _placed(run: Run, at_hand: dict[tuple[str, ...], tuple[Run, Record]]) -> Run:
+    names, jobs = set(field_names(ARTEFACT)), Records()
+    for job in run.jobs:
+        here = {name: value for name, value in job.items() if name not in names or not isinstance(value, str)}
+        owner, local = at_hand.get(_key(job), (None, job))
+        if owner and may_be_shown(local, owner):
+            paths = {name: local[name] for name in names - {"file"} if isinstance(local.get(name), str)}
+            here |= {name: str(owner.folder.absolute() / path) for name, path in paths.items()}
+        jobs.put(job["job"], here)
+    return replace(run, jobs=jobs)
+
+
+def _key(job: Record) -> tuple[str, ...]:
+    """What names a measured file: its job, its hash, and that of its data."""
+    key = job.get("score_key", {})
+    return job["job"], str(key.get("sha256")), str(key.get("btf"))
+
+
+def _source(job: Record) -> str:
+    return str(job.get("provenance", {}).get("source", ""))
+
+
+def joined(parts: Sequence[tuple[str, Source, str]]) -> Run:
+    """One run of a material of several sources each: each part as a material of its own name.
+
+    A part is that name, the source, and its name of the material, "" for the codecs of all.
+    """
+    run = Run(Path())
+    for name, source, material in parts:
+        for job in source.run.jobs:
+            if job["material"] == material:
+                called = f"{name}/{job['job']}"
+                run.jobs.put(called, job | {"job": called, "material": name})
+                if timing := source.run.timing(job):
+                    run.timings.put(called, timing | {"job": called})
+    return run
+
+
+def page_name(kind: str, name: str) -> str:
+    """The file of a page: plain letters, whatever the name, and another one for each name."""
+    plain = re.sub(r"[^a-z0-9]+", "-", name.lower())[:60].strip("-")
+    digest = hashlib.sha256(name.encode(errors="replace")).hexdigest()[:8]
+    return f"{kind}-{plain}.html" if plain == name else f"{kind}-{plain}-{digest}.html"
+
+
+def by_material(sources: Sequence[Source]) -> Iterator[tuple[str, list[Source]]]:
+    """Every material that has a row, with its sources."""
+    names = dict.fromkeys(material.name for source in sources for material in source.materials)
+    yield from ((name, [s for s in sources if any(m.name == name for m in s.materials)]) for name in names)

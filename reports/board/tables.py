@@ -1,0 +1,133 @@
+"""The tables of a board that a run's page does not have: where rows come from, and where a codec stands."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from bench.compare.budgets import shown
+from bench.records import PSNR
+from reports import budgets, columns
+from reports.board.sources import STATES, Source
+from reports.numbers import EXACT, NONE, fixed, integer
+from reports.rows import CodecRows, MaterialRows, Row
+from reports.table import Table
+
+_FROM = ("state", "seed", "file", "fitted by", "scored by", "processor", "scored on")
+
+
+@dataclass(frozen=True)
+class Place:
+    """A codec against the best of the others on a material: settings, bytes and test PSNR (dB; infinite if exact)."""
+
+    material: str
+    results: str  # the name of its source, and the budget where that chose
+    mine: tuple[str, int, float]
+    best: tuple[str, int, float]
+
+    @property
+    def gap(self) -> float:
+        """By how many dB the codec is better; 0 where both are exact."""
+        return 0.0 if self.mine[2] == self.best[2] else self.mine[2] - self.best[2]
+
+
+def origins(source: Source, material: MaterialRows, name: str) -> Table:
+    """Where each row of a material is from: whose word, seed, hash, revisions, processor."""
+    rows = [[row.label, *_from(source, row)] for row in material.rows]
+    headers = [("codec", ""), *((header, "") for header in _FROM)]
+    return Table("origins", f"{name}: where each row is from", headers, rows, [STATES], material=name)
+
+
+def _from(source: Source, row: Row) -> list[str]:
+    job = row.job
+    scored = job.get("scored") or {}
+    texts = [source.state(job), job["seed"], str(job.get("score_key", {}).get("sha256", ""))[:12]]
+    texts += [(job.get("fitted") or {}).get("git"), scored.get("git"), (job.get("machine") or {}).get("processor")]
+    return [str(NONE if text in (None, "") else text) for text in (*texts, str(scored.get("at") or "")[:10])]
+
+
+def all_rows(name: str, sources: Sequence[Source]) -> Table | None:
+    """Every row of a codec, of every source and material, with its numbers and where they are from."""
+    wanted = [columns.TOTAL, columns.BITS, columns.HELDOUT, *columns.time()]
+    rows = []
+    for source in sources:
+        for material in source.materials:
+            for row in (row for row in material.rows if codec_of(row) == name):
+                numbers = [column.cell([row] if row.measured else []) for column in wanted]
+                rows.append([material.name, source.title, row.label, *numbers, *_from(source, row)])
+    headers = [("material", ""), ("results", ""), ("row", ""), *((each.name, each.unit) for each in wanted)]
+    headers += [(header, "") for header in _FROM]
+    return Table("rows", f"{name}: every row", headers, rows, [STATES], words=3) if rows else None
+
+
+def codec_of(row: Row) -> str:
+    """The name of a row's codec: a program's is its own."""
+    return row.label.split(maxsplit=1)[0]
+
+
+def places(name: str, sources: Sequence[Source]) -> list[Place]:
+    """Where a codec stands against the best of the others, its best place first; claimed results do not count."""
+    found = [place for source in sources if not source.claimed for place in _places(name, source)]
+    return sorted(found, key=lambda place: -place.gap)
+
+
+def _places(name: str, source: Source) -> Iterator[Place]:
+    if source.has_budgets:
+        yield from _at_budgets(name, source)
+        return
+    for material in source.materials:
+        known = [(codec, quality) for codec in material.codecs if (quality := _quality(codec)) is not None]
+        mine, others = ([each for each in known if (codec_of(each[0].rows[0]) == name) == own] for own in (True, False))
+        if mine and others:
+            pair = [max(each, key=lambda item: item[1]) for each in (mine, others)]
+            yield Place(material.name, source.name, *((c.label, _bytes(c), quality) for c, quality in pair))
+
+
+def _at_budgets(name: str, source: Source) -> Iterator[Place]:
+    result = budgets.found(source.run)
+    for budget, lines in result.picks.items():
+        for material in result.materials:
+            known = [
+                (line, max(job["bytes"]["total"] for job in rungs[material].of), quality)
+                for line, rungs in lines.items()
+                if material in rungs and (quality := shown(rungs[material], PSNR)) is not None
+            ]
+            mine, others = ([each for each in known if (_codec(each[0]) == name) == own] for own in (True, False))
+            if mine and others:
+                pair = (max(each, key=lambda item: item[2]) for each in (mine, others))
+                yield Place(material, f"{source.name}, {budgets.in_words(budget)}", *pair)
+
+
+def _codec(line: str) -> str:
+    return line.partition(",")[0]
+
+
+def _quality(codec: CodecRows) -> float | None:
+    if not codec.measured:
+        return None
+    return math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
+
+
+def _bytes(codec: CodecRows) -> int:
+    return max(row.job["bytes"]["total"] for row in codec.measured)
+
+
+def standing(name: str, found: Sequence[Place]) -> Table | None:
+    """A row a place."""
+    rows = []
+    for place in found:
+        (mine, size, quality), (best, its_size, its_quality) = place.mine, place.best
+        numbers = [integer(size), integer(its_size), _decibels(quality), _decibels(its_quality), _signed(place.gap)]
+        rows.append([place.material, place.results, mine, best, *numbers])
+    headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]
+    headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
+    note = "Test PSNR, pooled. With a budget: of what validation pairs chose; else of the best settings of each codec."
+    title = "Where it wins and loses, against the best of the others"
+    return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4) if rows else None
+
+
+def _decibels(quality: float) -> str:
+    return EXACT if quality == math.inf else fixed(quality, 2)
+
+
+def _signed(gap: float) -> str:
+    return (f"{gap:+.2f}" if math.isfinite(gap) else EXACT if gap > 0 else NONE).replace("-", "−")

@@ -1,0 +1,219 @@
+"""The board: what its pages hold, whose word a row is, which pictures are published, and that nothing escapes."""
+
+import json
+import re
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from bench import cli
+from bench.btf import BAKED, RENDERED
+from bench.records import append, load_run
+from reports.board import Codec, Source, write_site
+from reports.board.sources import page_name
+
+ROOT = Path(__file__).parents[2]
+HOSTILE = ('"><script>bad()</script>', "</script><script>bad()</script>", "' onerror='bad()", "../../up", "\ud800")
+CITED = Codec(
+    "About it & more.", "mine:Mine of mine 1", "@article{a,\n}", "https://doi.org/10/a", "https://example.org/"
+)
+
+
+class Links(HTMLParser):
+    """The targets of a page's links, its ids, and the addresses that a browser would load."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.links, self.ids, self.loaded = [], set(), []
+        self.feed(re.sub(r"(<script)[^>]*>.*?(</script>)", r"\1>\2", text, flags=re.S))
+
+    def handle_starttag(self, tag, attributes):
+        known = dict(attributes)
+        self.ids |= {known["id"]} if "id" in known else set()
+        self.links += [known["href"]] if tag == "a" else []
+        self.loaded += [known[name] for name in ("src", "href") if name in known and tag != "a"]
+
+
+def dead_links(site):
+    pages = {path.name: Links(path.read_text(encoding="utf-8")) for path in site.glob("*.html")}
+    dead = [(name, url) for name, page in pages.items() for url in page.loaded if not url.startswith("data:")]
+    for name, page in pages.items():
+        for target in page.links:
+            if not target.startswith("https://"):
+                there, _, anchor = unquote(target).partition("#")
+                other = pages.get(there or name)
+                if other is None or (anchor and anchor not in other.ids):
+                    dead.append((name, target))
+    return dead
+
+
+def write(site, *records, runs=(), codecs=None):
+    write_site([Source(f"source{i}", run) for i, run in enumerate(records)], list(runs), codecs or {}, site)
+    return {path.name: path.read_text(encoding="utf-8") for path in site.glob("*.html")}
+
+
+def text_of(page):
+    return unescape(re.sub(r"<script.*?</script>|<style.*?</style>|<[^>]+>", " ", page, flags=re.S))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The site of the committed records."""
+    site = tmp_path_factory.mktemp("whole") / "site"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(ROOT)
+        assert cli.main(["results", "write", "--site", str(site)]) == 0
+    return site
+
+
+def test_the_site_of_the_committed_records_is_whole_small_and_has_no_dead_link(whole):
+    assert dead_links(whole) == []
+    assert sum(path.stat().st_size for path in whole.iterdir()) < 60e6
+    names = {path.name for path in whole.iterdir()}
+    assert {"index.html", "material-corduroy.html", "material-satin.html", "codec-neumip.html"} <= names
+
+
+def test_the_front_has_budgets_first_and_those_of_measured_materials_before_others(whole):
+    text = text_of((whole / "index.html").read_text(encoding="utf-8"))
+    places = [text.index(words) for words in ("Budgets over", "(corduroy)", "(satin)", "Summary over")]
+    assert places == sorted(places)
+    assert "results write --site" not in text
+
+
+def test_a_codec_s_page_says_what_to_cite_both_recipes_and_where_it_stands(whole):
+    page = (whole / "codec-neumip.html").read_text(encoding="utf-8")
+    assert 'href="https://doi.org/10.1145/3450626.3459795"' in page
+    assert "@article{kuznetsov2021neumip," in page
+    text = " ".join(text_of(page).split())
+    assert "as published" in text
+    for run in ("quick", "standard", "measured-small"):
+        (job,) = [j for j in load_run(ROOT / f"docs/results/{run}.jsonl").jobs if j["codec"] == "neumip"][:1]
+        assert job["score_key"]["sha256"][:12] in text
+    assert "hammered-copper standard neumip (our recipe) ntc (our recipe)" in text
+
+
+def test_no_picture_of_a_material_is_written_whose_licence_is_not_stated(made, tmp_path):
+    """UBO2003 and UBO2014 state none; so of all that is not built in, or made of maps that are CC0."""
+    where = {"one": "somewhere, CC0", "two": "somewhere, CC0", "three": "somewhere", "four": "", "five": "CC0"}
+    sources = {"one": "measured", "two": BAKED, "three": BAKED, "four": RENDERED}
+    append(made.folder, {"kind": "run", "run": "1", "materials": [{"name": n, "where": w} for n, w in where.items()]})
+    for name, source in sources.items():
+        made.job(material=name, provenance={"source": source})
+    made.job(material="five", provenance={"source": BAKED}, verified=True)
+    made.job(material="six")
+    pages = write(tmp_path / "site", runs=[Source("mine", load_run(made.folder))])
+    shown = {name for name in (*where, "six") if "data:image" in pages[f"material-{name}.html"]}
+    assert shown == {"two", "four"}
+    assert "No pictures: the licence of this measured material" in pages["material-one.html"]
+    assert not any("data:image" in page for name, page in pages.items() if not name.startswith("material"))
+
+
+def test_records_get_the_pictures_of_a_run_at_hand_of_the_same_files_alone(made, run_maker, tmp_path):
+    built_in = {"source": RENDERED}
+    made.job("pca", provenance=built_in).job("vq", "brick", provenance=built_in)
+    records = run_maker(tmp_path / "records").start().job("pca", provenance=built_in, slices={}, pictures="none.npz")
+    records.job("vq", "brick", provenance=built_in, btf="other", pictures="/etc/passwd")
+    published, run = load_run(records.folder), Source("quick", load_run(made.folder))
+    pages = write(tmp_path / "site", published, runs=[run])
+    found = json.loads(re.search(r'id="slices0">(.*?)</script>', pages["material-satin.html"])[1])
+    assert [codec["label"] for codec in found["codecs"]] == ["pca"]
+    assert pages["material-brick.html"].count('id="slices') == 1, "of the run, whose vq is of other data"
+    assert ": quick (" in pages["index.html"], "vq of other data is in no records, so the run stands by itself, too"
+    assert "data:image" not in write(tmp_path / "site", published)["material-satin.html"]
+
+
+def test_a_run_that_the_records_hold_whole_stands_once(made, tmp_path):
+    run = load_run(made.job().folder)
+    assert "found here" not in write(tmp_path / "site", run, runs=[Source("found here", run)])["index.html"]
+
+
+def test_each_row_says_whose_word_it_is_and_claims_count_nowhere(made, run_maker, tmp_path):
+    seal = {"fitted": {"git": "abc"}, "scored": {"git": "def", "at": "2026-01-02T03"}, "machine": {"processor": "mine"}}
+    own = made.job("pca", psnr=30.0, **seal).job("vq", psnr=31.0, verified=True)
+    claim = run_maker(tmp_path / "claim").start().job("hero", psnr=99.0, verified=True)
+    sources = [Source("own", load_run(own.folder)), Source("hero.zip", load_run(claim.folder), claimed=True)]
+    write_site(sources, [], {}, tmp_path / "site")
+    page = " ".join(text_of((tmp_path / "site/material-satin.html").read_text()).split())
+    assert "pca own run 0 0 abc def mine 2026-01-02" in page
+    assert "vq verified 0 0" in page
+    assert "hero claimed 0 0" in page
+    assert page.count(" verified 0 0") == 1, "what an archive says of itself is no verdict"
+    assert "hero" not in (tmp_path / "site/index.html").read_text().split('id="materials"')[0]
+    pca = text_of((tmp_path / "site/codec-pca.html").read_text())
+    assert "99.00" not in pca
+    assert "−1.00" in pca
+
+
+def test_strings_of_records_stay_text_and_name_no_other_place(made, tmp_path):
+    for name in HOSTILE:
+        changes = {"fitted": {"git": name}, "scored": {"git": name, "at": name}, "machine": {"processor": name}}
+        made.job(f"pca {name}", material=name, provenance={"source": name}, **changes)
+        made.job(f"{name} x=1", material=name).unfinished("failed", name, material=name)
+    run = load_run(made.folder)
+    site = tmp_path / "site"
+    write_site([Source(name, run, claimed) for name in HOSTILE for claimed in (False, True)], [], {"pca": CITED}, site)
+    assert {path.parent for path in tmp_path.rglob("*.html")} == {site}
+    assert len(list(site.glob("material-*"))) == len(HOSTILE)
+    assert dead_links(site) == []
+    for path in site.iterdir():
+        markup = re.sub(r"<script[^>]*>.*?</script>", "", path.read_text(encoding="utf-8"), flags=re.S)
+        assert "<script" not in markup
+        assert not re.search(r"""<[^<>"']*("[^"]*"[^<>"']*)*\sonerror=""", markup)
+
+
+def test_two_names_never_share_a_page():
+    names = ["Satin", "satin", "sa tin", "sa-tin", "", "..", "名", "x" * 300, "index"]
+    pages = {page_name("material", name) for name in names}
+    assert len(pages) == len(names)
+    assert all(re.fullmatch(r"material-[a-z0-9-]{0,80}\.html", page) for page in pages)
+
+
+def test_two_sources_of_one_name_are_told_apart(made, run_maker, tmp_path):
+    other = run_maker(tmp_path / "other").start().job("vq")
+    runs = [Source("mine", load_run(each.folder)) for each in (made.job("pca").job("vq", btf="g"), other)]
+    page = text_of(write(tmp_path / "site", runs=runs)["index.html"])
+    assert "mine (2)" in page
+
+
+def test_pages_that_are_not_made_anew_are_removed_and_other_files_stay(made, tmp_path):
+    site = tmp_path / "site"
+    site.mkdir()
+    (site / "codec-gone.html").touch()
+    (site / "mine.html").touch()
+    write(site, load_run(made.job().folder))
+    assert {path.name for path in site.iterdir()} == {
+        "index.html",
+        "mine.html",
+        "codec-pca.html",
+        "material-satin.html",
+    }
+
+
+def test_a_site_needs_records(tmp_path, capsys):
+    assert cli.main(["results", "write", "--site", str(tmp_path / "s"), "--records", str(tmp_path)]) == 2
+    assert "no file of records" in capsys.readouterr().err
+    assert cli.main(["results", "write"]) == 2
+    assert "--site" in capsys.readouterr().err
+
+
+def test_a_page_asks_for_nothing_and_fits_a_telephone(browser, whole):
+    problems = []
+    for scheme, width in (("light", 1200), ("dark", 390)):
+        tab = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+        tab.on("console", lambda message: problems.append(message.text))
+        tab.on("pageerror", lambda error: problems.append(str(error)))
+        tab.on("request", lambda request: problems.append(request.url) if request.url.startswith("http") else None)
+        for name in ("index", "material-satin", "codec-pca"):
+            tab.goto((whole / f"{name}.html").as_uri())
+            tab.locator(".plot svg").first.scroll_into_view_if_needed()
+            tab.locator(".plot polygon").first.wait_for(state="attached")
+            assert tab.evaluate("document.documentElement.scrollWidth") == width
+        tab.keyboard.press("Tab")
+        tab.keyboard.press("Tab")
+        tab.keyboard.press("Enter")  # past the theme, the link back to the front
+        tab.wait_for_url("**/index.html")
+        tab.close()
+    assert problems == []
