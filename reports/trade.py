@@ -136,7 +136,7 @@ def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
     headers = [("part", ""), ("batch", ""), ("queries", ""), ("footprint", "texels"), ("threads", "")]
     headers += [(name, "ns ↓") for name in names]
     note = (
-        "Eager, float32. decoder: its networks only; evaluate: with the texture's fetch; query: with all checks. "
+        "Eager, float32. decoder: its networks alone; evaluate: with the texture's fetch; query: with all checks. "
         "slice: all texels of one pair; random: random places, and directions up to 75°."
     )
     unrest = sorted({record["unrest"] for record in records if record.get("unrest")})
