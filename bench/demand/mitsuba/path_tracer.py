@@ -49,8 +49,8 @@ def described() -> dict[str, Any]:
     return {
         "renderer": f"Mitsuba {mi.__version__}, {fastest_variant()}",
         "path_version": PATH_VERSION,
-        "transport": f"path-traced with inter-reflections, up to {MAX_DEPTH} edges; one path for each sub-point",
-        "values": "linear Rec. 709, f_r * cos(theta_i) with inter-reflections, no clamp",
+        "transport": f"path-traced with inter-reflections, up to {MAX_DEPTH} edges; one path a sub-point",
+        "values": "linear Rec. 709, f_r * cos(theta_i) and what the surface reflects onto itself, no clamp",
     }
 
 
