@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
 _NO_VALIDATION = (
-    "no job of this run has a score of validation pairs to choose by: measure it with `validation = true` under "
-    "[data], as `neubtf-bench run ladders` does"
+    "no job of this run has scores of validation pairs, by which settings are chosen: measure it with "
+    "`validation = true` under [data], as `neubtf-bench run ladders` does"
 )
 WHY_EMPTY = {
     "budgets": _NO_VALIDATION,
@@ -29,12 +29,12 @@ WHY_EMPTY = {
     "angular": _NO_NUMBERS,
     "radiance": _NO_NUMBERS,
     "footprints": _NO_NUMBERS,
-    "scene": "the run was not judged by a scene: give `run` the --demand of one",
-    "fits": "no fit left a curve: codecs that are fitted in steps leave one",
-    "trade": "no trade was measured: `neubtf-bench trade` does, into the folder of its run",
-    "paper": "none of the materials of the paper's table is in this run: `neubtf-bench run paper` asks for them",
-    "parameters": "none of the codecs of the paper's table is in this run",
-    "stress": "no stress test lies beside this run: `neubtf-bench stress` makes one",
+    "scene": "the run has no scores in a scene: give `run` the --demand of a scene",
+    "fits": "no fit recorded a curve: only codecs that are fitted in steps do",
+    "trade": "no trade was measured: `neubtf-bench trade` measures one, into the folder of its run",
+    "paper": "this run has none of the materials of the paper's table: `neubtf-bench run paper` measures them",
+    "parameters": "this run has none of the codecs of the paper's table",
+    "stress": "there is no stress test beside this run: `neubtf-bench stress` makes one",
     "unfinished": "every job has a result",
 }
 KINDS = tuple(WHY_EMPTY)

@@ -47,4 +47,4 @@ def program(path: Path) -> Program:
     try:
         return Program.from_arrays(read_arrays(path, MAX_FILE))
     except (OSError, KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: no program of a material ({error}): make it anew") from error
+        raise InputError(f"{path}: not the program of a material ({error}): run the job again with --fresh") from error

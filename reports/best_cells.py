@@ -7,7 +7,7 @@ from reports.table import BOLD, UNDERLINED, Table
 
 Scores = Sequence[Sequence[float | None]]
 FEW = 3
-LEGEND = "Bold: the best of a column; underlined: the second."
+LEGEND = "Bold: the best of a column. Underlined: the second best."
 
 
 def best_cells(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int], str]:

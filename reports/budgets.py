@@ -21,9 +21,9 @@ from reports.table import Table
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 ENOUGH = Budget(BYTES, 64)  # the budget at which questions of one are asked
 _CHOICE = (
-    "Each codec by the rung, its settings, with the best PSNR of validation pairs that fits (the mean over slices "
-    "where one slice holds over a tenth of their squared error); the numbers are of its test pairs. Bits of the whole "
-    "file a texel, without a network that is shared over materials."
+    "For each codec and budget: the settings (a rung) that fit and have the best PSNR of validation pairs, or the best "
+    "mean over slices if one slice holds over a tenth of the squared error. Numbers are of test pairs. Bits a texel "
+    "are those of the whole file, without a network that is shared over materials."
 )
 
 
@@ -85,7 +85,7 @@ def _over_materials(run: Run, result: Budgets) -> Iterator[Table]:
     headers = [("codec", ""), _at(result), ("total", "bytes"), ("PSNR pooled", "dB"), ("SSIM", ""), ("FLIP", "")]
     cells = [[line, _span(at), *numbers] for (line, *numbers), at in rows.items()]
     if cells:
-        title = f"Means over {len(result.materials)} materials, of the rung of each budget"
+        title = f"Means over {len(result.materials)} materials of the rung of each budget"
         yield Table("rungs", title, headers, cells, [_CHOICE, *_common(run, result)], words=2)
 
 
@@ -94,7 +94,7 @@ def when_table(run: Run) -> Iterator[Table]:
     result = found(run)
     rows = [*_by_budget(run, result), *_smallest(result), *_by_material(result), *_by_metric(result)]
     headers = [("question", ""), ("best", ""), ("then", ""), ("best", ""), ("then", ""), ("told apart", "")]
-    notes = [f"{_CHOICE} Told apart: the two, by the rule of the table of budgets."]
+    notes = [f"{_CHOICE} Told apart: whether the two are, by the rule of the table of budgets."]
     if rows:
         yield Table("when", "Which codec when", headers, rows, notes, words=3)
 
@@ -112,7 +112,7 @@ def _means(result: Budgets, family: str = PSNR) -> dict[str, list[float | None]]
 
 
 def _ranked(result: Budgets, budget: Budget, materials: list[str], family: str = PSNR) -> list[tuple[float, str]]:
-    """The lines with a rung on each material at a budget, with what they show, the best first."""
+    """The lines with a rung on each material at a budget, with their numbers, the best first."""
     picked = result.picks.get(budget, {})
     values = [(mean_over(materials, rungs, family), line) for line, rungs in picked.items()]
     return sorted(((value, line) for value, line in values if value is not None), key=lambda each: -each[0])
@@ -126,15 +126,15 @@ def _told(run: Run, result: Budgets) -> tuple[set[tuple[str, int]], list[str]]:
         for line, each in _against(run, result, budget).items():
             told |= {(line, column)} if each.apart else set()
             seeds = max(seeds, each.seeds)
-    fits = f"{seeds} seeds" if seeds > 1 else "1 seed: how much another fit would differ is not known apart"
+    fits = f"{seeds} seeds" if seeds > 1 else "1 seed, so the scatter of fits is not known apart"
     return told, [
-        f"* told apart from the best of its column, by Student's t over material means of paired differences of PSNR a "
-        f"slice ({fits}), with Holm's correction over all pairs of codecs of the column: {len(told)} in all."
+        f"*: told apart from the best of its column, by Student's t over material means of paired differences of PSNR "
+        f"a slice ({fits}), with Holm's correction over all pairs of codecs of the column: {len(told)} in all."
     ]
 
 
 def _against(run: Run, result: Budgets, budget: Budget) -> Mapping[str, Interval]:
-    """The paired differences to the best line at a budget of the others that have a rung on each material."""
+    """The paired differences to the best line at a budget, of the other lines with a rung on each material."""
     ranked = [line for _, line in _ranked(result, budget, result.materials)]
     picked = result.picks.get(budget, {})
     return apart(run, {line: picked[line] for line in ranked}, ranked[0]) if ranked[1:] else {}
@@ -159,7 +159,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _missing(count: int) -> str:
-    return f"{NONE}: no rung fits{' on each material' * (count > 1)}. As published: the rungs of the paper's recipe."
+    return f"{NONE}: no rung fits{' on each material' * (count > 1)}. “As published”: the rungs of the paper's recipe."
 
 
 def _chosen(result: Budgets, material: str) -> Iterator[tuple[str, Rung, list[Budget]]]:
@@ -196,7 +196,7 @@ def _unit(kind: str) -> str:
 
 
 def _span(at: list[Budget]) -> str:
-    """Budgets in words, neighbouring ones of bytes as their ends: 32–128, 8 × eager."""
+    """Budgets in words, budgets of bytes as a range: 32–128, 8 × eager."""
     bits = [f"{each.most:g}" for each in at if each.kind == BYTES]
     ends = "–".join(dict.fromkeys([*bits[:1], *bits[-1:]]))
     times = [f"{each.most:g} {'s' if each.kind == FIT else '×'} {each.kind}" for each in at if each.kind != BYTES]
@@ -213,7 +213,7 @@ def _by_budget(run: Run, result: Budgets) -> Iterator[list[str]]:
 
 
 def _smallest(result: Budgets) -> Iterator[list[str]]:
-    """The least budget of bytes within `NEAR_DB` of the best of all."""
+    """The smallest budget of bytes that is within `NEAR_DB` of the best of all."""
     by_budget = {budget: _ranked(result, budget, result.materials) for budget in result.picks if budget.kind == BYTES}
     best = max((ranked[0][0] for ranked in by_budget.values() if ranked), default=0.0)
     for budget, ranked in by_budget.items():
@@ -259,17 +259,17 @@ def _resting(result: Budgets) -> Iterator[str]:
 
 
 def _common(run: Run, result: Budgets) -> Iterator[str]:
-    """Notes on times, and on the records that had no chance."""
+    """Notes on times, and on excluded records."""
     for kind, times in result.times.items():
         left = f"; {times.unquiet} times with unrest are left out" if times.unquiet else ""
         yield f"Times, {kind}, {_unit(kind)}: {_machine(run, times.run)}{left}."
     if not result.times:
         quiet = f"{100 * QUIET:.0f} % of its times without unrest"
-        yield f"No budgets of time: no run here was timed on a quiet machine ({quiet})."
+        yield f"There are no budgets of time: no run here was timed on a quiet machine ({quiet})."
     if result.without:
-        yield f"Without a score of validation pairs, so nothing is chosen among them: {_by_suite(run, result.without)}."
+        yield f"Left out, because they have no score of validation pairs: {_by_suite(run, result.without)}."
     if result.unlike:
-        yield f"Not comparable with what ran last, and left out: {_by_suite(run, result.unlike)}."
+        yield f"Left out, because they are not comparable with the newest job: {_by_suite(run, result.unlike)}."
 
 
 def _machine(run: Run, name: str) -> str:

@@ -28,7 +28,7 @@ class Choice:
         known = {str(job.get("codec") or job["label"]) for job in run.jobs} | {shown_label(job) for job in run.jobs}
         for wanted in self.codecs:
             if not any(wanted in _called(job) for job in jobs):
-                raise InputError(f"--codec {wanted}: not in this run{did_you_mean(wanted, known)}")
+                raise InputError(f"--codec {wanted}: this run does not have it{did_you_mean(wanted, known)}")
         starts = [start | {"jobs": list(filter(self._plans, start.get("jobs", [])))} for start in run.starts]
         return replace(run, jobs=jobs, starts=starts)
 

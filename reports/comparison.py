@@ -22,13 +22,13 @@ _MARKS = {
     Verdict.NEW: "🆕 new",
 }
 _LEGEND = (
-    "Change ± margin, of held-out pairs. PSNR is of the pooled squared error; slice: mean of slices; grazing: of those "
-    "seen or lit beyond 60°; footprints: of 2, 4 and 8 texels. A change within its margin is the same: a small "
-    "tolerance where seeds agree, else what chance exceeds once in 1,000 times slice by slice, in 4,000 otherwise. So "
-    "the margin is the least loss that seeds let one see."
+    "Change ± margin, of held-out pairs. PSNR is that of the pooled squared error; slice: mean of slices; grazing: of "
+    "those seen or lit beyond 60°; footprints: of 2, 4 and 8 texels. A change within its margin counts as the same. "
+    "The margin is a small tolerance if seeds agree; else chance exceeds it once in 1,000 times (slice by slice) or "
+    "4,000 times (other numbers). So it is the smallest loss that these seeds can reveal."
 )
 _UNLIKE = (
-    "n/c: not comparable, which fails like a regression: renew the reference in the same change (docs/ci.md), or name "
+    "n/c: not comparable; this fails like a regression: update the reference in the same change (docs/ci.md), or name "
     "the row with --allow."
 )
 

@@ -10,8 +10,8 @@ from reports.table import Table
 
 GOALS_DB = (30, 35)
 NOTE = (
-    "Display PSNR of training samples during the fit, seen now and then: it is reached at the step named or before. "
-    "Seconds are this machine's; steps hold anywhere. Of several seeds it is the first."
+    "Display PSNR of training samples, which the fit measures at times: it reached the goal at the given step or "
+    "earlier. Seconds hold for this machine, steps for any. If there are several seeds, this is the first."
 )
 
 
@@ -23,7 +23,7 @@ class FitCurve:
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
 
     def reached(self, goal: float) -> tuple[int, float] | None:
-        """Step and seconds of the first point that reaches this PSNR; None where none does."""
+        """Step and seconds of the first point that reaches this PSNR; None if none does."""
         return next(((step, seconds) for step, seconds, psnr in self.points if psnr >= goal), None)
 
 

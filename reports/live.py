@@ -18,7 +18,7 @@ LARGEST = 2_500_000  # of one model: more than a network with its latents takes,
 # Characters of a packed model a byte of its stored drawing, at least: 0.93 to 1.68 of 41 drawings of 16 codecs. What
 # is surely too large is not packed to be thrown away, which of ten codecs on ten materials took half of a report.
 PACKED = 0.75
-_TOO_LARGE = "it takes more room than this page has: `neubtf-bench view` shows it"
+_TOO_LARGE = "it is too large for this page: `neubtf-bench view` shows it"
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def left_out_notes(run: Run) -> Iterator[str]:
         for row in material.rows:
             if why := row.obstacle or row.timing_obstacle:
                 (numbers if row.obstacle else times).setdefault(why, []).append((material.name, row.label))
-    for start, reasons in (("Not comparable with what ran last, and left out", numbers), ("Times left out", times)):
+    for start, reasons in (("Left out, as not comparable with the newest job", numbers), ("Times left out", times)):
         if reasons:
             yield f"{start}: {'; '.join(f'{_grouped(cells)} ({why})' for why, cells in reasons.items())}."
 

@@ -24,7 +24,7 @@ def quality_notes(material: MaterialRows) -> list[str]:
 
 def cost_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the columns of size and time."""
-    bytes_note = "Bytes are those of the whole file; “other” includes its header."
+    bytes_note = "Bytes are those of the whole file; “other” includes the header."
     times = [*_timing(material), *height_notes([material]), *_programs(material)]
     notes = [bytes_note, *_shared(material), *times, *_not_comparable(material)]
     return notes if material.first else []
@@ -38,11 +38,11 @@ def _shared(material: MaterialRows) -> Iterator[str]:
             by_bytes.setdefault(row.job["bytes"]["shared"], {})[row.label] = None
     for size, labels in by_bytes.items():
         names = ", ".join(labels)
-        yield f"{names}: its decoder needs the shared network too: {size:,} bytes for all materials, not in the total."
+        yield f"{names}: the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
 
 
 def common_notes(material: MaterialRows) -> list[str]:
-    """Footnotes common to all tables of a material: on exact slices, on one that decides, on rows left out."""
+    """Footnotes common to all tables of a material: on exact slices, a dominant slice, and rows left out."""
     return [*_exact(material), *_single_slice(material), *_not_comparable(material)]
 
 
@@ -59,13 +59,13 @@ def _definition(job: Record) -> str:
     held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
     pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
     return (
-        f"Quality is of {pairs} (but “train”), decoded from the file. Pooled PSNR is that of the "
-        "squared error of all slices together, mean ± std are over slices; the two may differ by some dB."
+        f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file. Pooled PSNR is that of the "
+        "squared error of all slices together, mean ± std are over slices; the two may differ by a few dB."
     )
 
 
 def _metrics(material: MaterialRows) -> Iterator[str]:
-    """Full names of the metrics behind the columns, with unit, direction, space and version."""
+    """Full names of the metrics of the columns, with unit, direction, space and version."""
     if material.metrics:
         yield "Metrics: " + "; ".join(_metric(name, each) for name, each in material.metrics.items()) + "."
 
@@ -83,29 +83,29 @@ def _timing(material: MaterialRows) -> Iterator[str]:
         yield (
             f"Time a sample: median of a batch of {state.get('batch'):,}, {state.get('dtype')}, "
             f"{state.get('threads')} CPU thread(s), {state.get('device')}, {state.get('execution')}, {fetch}; "
-            "floor: one bilinear fetch of a colour, in turns with the others."
+            "floor: one bilinear fetch of a colour, timed in turns with the codecs."
         )
     yield from unrest_notes(timed)
     yield from one_texel_notes(timed)
     if any(row.fused for row in material.measured):
-        yield "Fused: the whole query as one kernel, by `neubtf-bench trade`, as a multiple of the floor beside it."
+        yield "Fused: the whole query as one kernel, by `neubtf-bench trade`, in multiples of the floor timed with it."
     for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):
         labels = ", ".join(row.name for row in material.measured if row.timing_obstacle == reason)
         yield f"{labels}: {reason}."
 
 
 def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
-    """Says how long a codec takes that answers texels, where one drawn texel answers a query instead of four."""
+    """Gives the time of codecs that answer texels if one drawn texel, instead of four, answers a query."""
     by_label: dict[str, list[float]] = {}
     for row in rows:
         if row.timing and "ratio_at_one_texel" in row.timing:
             by_label.setdefault(row.label, []).append(row.timing["ratio_at_one_texel"])
     for label, ratios in by_label.items():
-        yield f"{label} at one texel, filtered stochastically: {significant(fmean(ratios))} × floor."
+        yield f"{label} with stochastic filtering, one texel a query: {significant(fmean(ratios))} × floor."
 
 
 def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
-    """Says where the timed files of a codec that looks for a height hold one: marching it costs most of their time."""
+    """Says for which materials the timed files of a codec store a height; marching it takes most of their time."""
     found: dict[str, dict[bool, dict[str, None]]] = {}
     for material in materials:
         for row in material.measured:
@@ -116,11 +116,11 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
     words = {True: "a height on", False: "none on"}
     for label, by in found.items():
         held = "; ".join(f"{words[holds]} {', '.join(by[holds])}" for holds in (True, False) if holds in by)
-        yield f"{label}: its file holds {held}; a height is marched, which takes time."
+        yield f"{label}: its file stores {held}; rays are marched through a height, which takes time."
 
 
 def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:
-    """Says how far a machine was from quiet while some rows were timed; nothing where it was quiet for all."""
+    """Says how far from quiet the machine was while some rows were timed; nothing if it was quiet for all."""
     times = [time for row in rows for time in (row.timing, row.fused) if time]
     restless = [time for time in times if time.get("unrest")]
     if not restless:
@@ -128,20 +128,20 @@ def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:
     reasons = {time["unrest"] for time in restless}
     again = max(abs(time.get("floor_again", 1.0) - 1) for time in restless)
     others = max(time.get("others_cores") or 0.0 for time in restless)
-    most = f"the floor, timed twice, differed by up to {100 * again:.0f} %"
-    most += f", others used up to {others:.1f} cores" if others >= 0.05 else ""
+    most = f"two times of the floor differed by up to {100 * again:.0f} %"
+    most += f", other processes used up to {others:.1f} cores" if others >= 0.05 else ""
     when = "while this was timed" if len(restless) == len(times) else f"for {len(restless)} of {len(times)} times"
     yield f"The machine was not quiet {when}: {reasons.pop() if len(reasons) == 1 else most}."
 
 
 def _programs(material: MaterialRows) -> Iterator[str]:
-    """Footnotes on the time of codecs that are programs, which includes files between two programs."""
+    """Footnotes on the time of codecs that are programs, which includes exchanging files."""
     for codec in material.codecs:
         times = [row.job["program"]["ns_per_query"] for row in codec.measured if "program" in row.job]
         if times:
             yield (
                 f"{codec.label}: its program took {fmean(times):,.0f} ns of wall time a query while it was scored, "
-                "files between two programs included: not to be compared with a column of times."
+                "including the exchange of files: do not compare it with a column of times."
             )
 
 
@@ -159,18 +159,18 @@ def resting_over(materials: Sequence[MaterialRows]) -> Iterator[str]:
     most = {name: max(shares.values()) for name, shares in by_material.items() if shares}
     counted = [f"{len(by_material[name])} of {name} (at most {100 * share:.0f} %)" for name, share in most.items()]
     if counted:
-        yield f"Rows whose pooled PSNR rests on a single slice, see the tables by material: {', '.join(counted)}."
+        yield f"In some rows pooled PSNR rests on a single slice (see the tables by material): {', '.join(counted)}."
 
 
 def _single_slice(material: MaterialRows) -> Iterator[str]:
-    """A footnote on the rows whose pooled PSNR rests on one slice; none where records lack that share."""
-    note = "Pooled PSNR rests on a single slice, which holds so much of the squared error (mean ± std weigh all alike)"
+    """A footnote on the rows whose pooled PSNR rests on one slice; none if records lack that share."""
+    note = "Pooled PSNR rests on one slice with this share of the squared error (mean ± std weigh all slices equally)"
     if shares := _shares(material):
         yield f"{note}: {', '.join(f'{name} ({100 * share:.0f} %)' for name, share in shares.items())}."
 
 
 def _shares(material: MaterialRows) -> dict[str, float]:
-    """By row, the share of the squared error that one slice holds, where it is much."""
+    """By row, the share of the squared error in one slice, if it is large."""
     shares = {row.name: row.stats(row.gate, PSNR).get("largest") or 0.0 for row in material.measured}
     return {name: share for name, share in shares.items() if share > MUCH}
 

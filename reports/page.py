@@ -30,11 +30,11 @@ INTERACTIVE = {"rate", "speed", "fits", "footprints"}  # figures that the page d
 FIRST = ("budgets", "when", "summary")  # kinds of tables that open the page
 OPEN = {*FIRST, "main", "unfinished"}  # kinds of tables that are not folded away
 GAPS = {
-    "speed": "No speed and accuracy: no codec was timed here, or not under the conditions of the others.",
-    "fits": "No quality over seconds: no fit left a curve; codecs that are fitted in steps leave one.",
-    "footprints": "No level of detail: no codec was measured at several footprints.",
-    "slices": "No distribution of slices: the run's arrays are not beside its records, or no slice has an error.",
-    "rate": "No rate and distortion: no codec has an error here.",
+    "speed": "The plot of speed and accuracy is omitted: no codec was timed here under the common conditions.",
+    "fits": "The plot of quality over seconds is omitted: no codec here is fitted in steps and recorded a curve.",
+    "footprints": "The plot of level of detail is omitted: no codec was measured at several footprints.",
+    "slices": "The distribution of slices is omitted: the run's arrays are missing, or no slice has an error.",
+    "rate": "The plot of rate and distortion is omitted: no codec has an error here.",
 }
 HEAD = """<!DOCTYPE html>
 <html lang="en">
@@ -114,7 +114,7 @@ class Page:
         summary = [table for kind in FIRST for table in self.tables if table.kind == kind]
         yield from (self._table(table) for table in summary)
         if not summary:
-            yield note("No summary: fewer than two codecs of this run have numbers.")
+            yield note("The summary is omitted: fewer than two codecs of this run have numbers.")
         yield '<div class="plots" data-plots=""></div>'
         yield from (details(figure.title, _image(figure)) for figure in self.figures if not figure.material)
         for number, material in enumerate(self.materials):
@@ -152,12 +152,12 @@ class Page:
         yield "<h3>Slices</h3>"
         slices = self.atlases.slices_of(material)
         if not slices["codecs"]:
-            yield note("The run's pictures are not beside its records: there is nothing to show here.")
+            yield note("There is nothing to show here: the run's pictures are not beside its records.")
             return
         self.data.append(_data(f"slices{number}", as_json(slices)))
         yield f'<div data-slices="slices{number}"></div>'
         if slices["left_out"]:
-            yield note("Without pictures of the same pairs: " + ", ".join(slices["left_out"]) + ".")
+            yield note("Codecs without pictures of these pairs: " + ", ".join(slices["left_out"]) + ".")
         if slices["quality"] is not None:
             yield note(f"Pictures are WebP of quality {slices['quality']}, so that the page stays small.")
 

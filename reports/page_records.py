@@ -47,7 +47,7 @@ class PageRecords:
     def html(self) -> Iterator[str]:
         """An element for each, filled when it is opened."""
         yield '<h2 id="records">Records and provenance</h2>'
-        yield note("What each row was written from, as in records.jsonl, without the raw samples of the clock.")
+        yield note("The records behind each row, as in records.jsonl, without the raw timing samples.")
         first = 0
         if self.run.starts:
             yield _folded("provenance", "the run: machine, packages, revision, suite", "", 0)
@@ -55,7 +55,7 @@ class PageRecords:
         yield from (_folded(*name, number) for number, name in enumerate(self.names, first))
         if self.left_out:
             yield note(
-                f"{self.left_out} more rows have their records in records.jsonl alone: there is no room for them."
+                f"{self.left_out} more rows have their records only in records.jsonl: this page has no room for them."
             )
 
     def _whole(self, codec: CodecRows) -> list[dict[str, Any]]:

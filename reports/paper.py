@@ -34,9 +34,9 @@ def paper_table(run: Run) -> Table | None:
     for _, name, unit, _ in _METRICS:
         headers += [(name, f"{unit} ours"), (name, f"{unit} paper")]
     notes = [
-        "Mean ± standard deviation over the slices of all pairs, those trained on included, as the paper has it.",
-        "The paper states NeuBTF alone, and not how it exposed the pictures that it compared.",
-        f"{NO_DATA}: the measured data are not on this machine; `neubtf-bench table unfinished` says where they are.",
+        "Mean ± standard deviation over the slices of all pairs, including training pairs, as in the paper.",
+        "The paper gives numbers of NeuBTF only, and does not say at which exposure it compared pictures.",
+        f"{NO_DATA}: the measured data are not on this machine; `neubtf-bench table unfinished` says why.",
     ]
     return Table("paper", "Quality, beside Table 1 of NeuBTF (2023)", headers, rows, notes, words=2)
 

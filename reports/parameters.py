@@ -22,7 +22,7 @@ class Published:
     made_of: str
 
 
-_PYRAMID = "7 latents of the finest level of the pyramid, coarser ones not counted, and 7 of the offset"
+_PYRAMID = "7 latents of the finest level of the pyramid, without coarser levels, and 7 of the offset"
 _STATISTICS = "and the mean and the deviation of each colour of a texel's ABRDF (6)"
 _NEUBTF = Published("NeuBTF", 3_011, 14, "14 latents")
 PUBLISHED = {
@@ -69,9 +69,9 @@ def _cells(label: str, codec: str, parameters: int, channels: int) -> list[str]:
 
 
 def _notes(codecs: list[str]) -> list[str]:
-    notes = ["Ours: trainable parameters of the decoder, counted by torchinfo in what a codec file decodes to."]
+    notes = ["Ours: trainable parameters of the decoder, counted by torchinfo in the decoded material."]
     notes += [f"Channels of {paper.method}: {paper.made_of}." for paper in dict.fromkeys(PUBLISHED[c] for c in codecs)]
     absent = dict.fromkeys(paper.method for paper in PUBLISHED.values())
     for codec in codecs:
         absent.pop(PUBLISHED[codec].method, None)
-    return notes + ([f"{NONE} {', '.join(absent)}: no codec of it has been measured."] if absent else [])
+    return notes + ([f"{NONE} {', '.join(absent)}: no codec of this method was measured."] if absent else [])

@@ -20,7 +20,7 @@ from bench.records import (
     stats_of,
 )
 
-NEW_RUN = "timed in an earlier run than its neighbours"
+NEW_RUN = "timed in an earlier run than the other rows"
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class MaterialRows:
             return "nothing measured"
         height, width = self.first["shape"]
         pairs = self.first["pairs"]
-        heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out: scored on all"
+        heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out, so scored at all pairs"
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
 
 
@@ -186,7 +186,7 @@ def fused_times(run: Run) -> dict[str, Record]:
 def _difference(key: Record, newest: Record) -> str:
     """The conditions, in words, in which two scores differ although they must agree."""
     reasons = scored_unlike(key, newest)
-    reasons += ["another demand of a scene"] if key.get("demand") != newest.get("demand") else []
+    reasons += ["another demand"] if key.get("demand") != newest.get("demand") else []
     mine, theirs = key.get("metrics", {}), newest.get("metrics", {})
     for name in sorted(mine.keys() & theirs.keys()):  # a metric that only one has is a gap, no obstacle
         if mine[name] != theirs[name]:

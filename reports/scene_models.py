@@ -13,7 +13,7 @@ def scene_models_text(rows: Sequence[Record]) -> str:
     headers = [("model", ""), ("total", "bytes ↓"), ("time", "ns ↓"), ("fit", "steps"), ("fit", "s")]
     headers += [("scene PSNR", "dB ↑"), ("scene FLIP", "↓"), ("outside PSNR", "dB ↑")]
     cells = [_cells(row) for row in rows]
-    note = "Scene: of the frames. Outside: at pairs that the scene does not touch. —: no error, or no such pair."
+    note = "Scene: in the frames. Outside: at pairs that the scene does not use. —: no error, or no such pair."
     restless = {row["unrest"] for row in rows if row["unrest"]}
     notes = [note, *(f"The machine was not quiet while this was timed: {reason}." for reason in restless)]
     return plain([Table("scene", "the model of the scene beside the full one", headers, cells, notes)])

@@ -63,7 +63,7 @@ def _pictures_table(records: list[Record]) -> Table:
 
 
 class _Cells:
-    """Cells by subject and extreme; the reasons of those that do not apply are lettered."""
+    """Cells by subject and extreme; the reasons of cells that do not apply have letters."""
 
     def __init__(self, records: list[Record]):
         self.records = {(record["subject"], record["extreme"]): record for record in records}
@@ -85,11 +85,11 @@ class _Cells:
         failed = [record for record in self.records.values() if record["verdict"] == "fail"]
         notes = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
         if any(record["group"] != PICTURES for record in failed):
-            notes.append('One cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
+            notes.append('To try one cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
         return [*notes, *self._nearest(), *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
 
     def _nearest(self) -> list[str]:
-        """For each extreme, the record that uses most of its bound, among those that say how much."""
+        """For each extreme with a measured margin, the codec and query that come closest to the bound."""
         worst: dict[str, Record] = {}
         for record in self.records.values():
             used, extreme = record.get("used"), record["extreme"]

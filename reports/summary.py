@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 def summary_table(run: Run, intervals: bool = True) -> Table | None:
-    """A row a codec; None where fewer than two codecs were measured. Without `intervals` no slice is read."""
-    from reports.ranking import against_the_best, ranked  # loads NumPy, which a table of one material does without
+    """A row a codec; None if fewer than two codecs were measured. Without `intervals` no slice is read."""
+    from reports.ranking import against_the_best, ranked  # loads NumPy, which a table of one material does not need
 
     measured = [material for material in materials(run) if material.measured]
     ranking = ranked(run)
@@ -54,9 +54,9 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
 
 
 _NOTES = [
-    "Means over seeds, then over materials. Rank and materials won (none is better there) are of pooled PSNR. "
-    "Decibels are of the pooled squared error of the pairs that decide, other metrics are means over their slices. "
-    "Codecs that were measured on every material are ranked, among each other."
+    "Means over seeds, then over materials. Mean rank and “won” (materials on which no codec is better) are by pooled "
+    "PSNR. Decibels are of the pooled squared error of the deciding pairs, other metrics are means over their slices. "
+    "Only codecs that were measured on every material are ranked."
 ]
 
 
@@ -67,17 +67,17 @@ def _paired(against: "Against") -> str:
     told = sum(each.apart for each in every)
     apart = f"{told} of {len(every)}" if told else "None"
     pairs = math.comb(len(every) + 1, 2)
-    fits = f"{seeds} seeds" if seeds > 1 else "1 seed: how much another fit would differ is not known apart"
+    fits = f"{seeds} seeds" if seeds > 1 else "1 seed, so the scatter of fits is not known apart"
     start = f"Against {against.first}: the mean paired difference of PSNR a slice and its 95 % interval, "
     if materials < 2:
         drawn = "seeds and pairs" if seeds > 1 else "pairs"
         return (
-            f"{start}by a bootstrap over {drawn} of this material alone ({fits}). It says nothing of other materials."
+            f"{start}by a bootstrap over {drawn} of this material only ({fits}). It does not hold for other materials."
         )
     return start + (
-        f"by Student's t over the means of up to {materials} materials ({fits}): it speaks of materials like these. "
+        f"by Student's t over the means of up to {materials} materials ({fits}); it holds for materials like these. "
         f"{apart} told apart (*), by Holm's correction over the {pairs} pairs "
-        "of codecs, since the best was found by the same numbers."
+        "of codecs, because the best was chosen by the same numbers."
     )
 
 

@@ -51,12 +51,12 @@ def scene_table(material: MaterialRows) -> Table | None:
         return None
     count, height, width = scene["frames"]
     notes = [
-        f"Frames: the scene's {count} of {width} × {height}, rendered from the decoded file against the reference "
-        "table, over the pixels that show the material.",
-        "Weighted: the slices of all pairs, each counting as much as the scene looks at it. Outside: of the pairs that "
-        "it does not look at. PSNR: of the held-out pairs, as in the main table.",
+        f"Frames: the scene's {count} pictures of {width} × {height}, rendered from the decoded file and compared with "
+        "those of the reference table, over the pixels that show the material.",
+        "Weighted: slices of all pairs, weighted by how often the scene looks at them. Outside: at pairs that it never "
+        "looks at. PSNR: at the held-out pairs, as in the main table.",
     ]
-    about = f"judged by the scene {scene['name']}"
+    about = f"scores in the scene {scene['name']}"
     return _table("scene", material, about, columns.scene(material.first), [*notes, *common_notes(material)])
 
 
@@ -90,13 +90,13 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
 
 
 def _seeds(material: MaterialRows) -> Iterator[str]:
-    """Notes on what ± covers where there are several seeds, and on codecs that lack some."""
+    """Notes on the meaning of ± for several seeds, and on codecs that lack some."""
     seeds = material.seeds
     if len(seeds) < 2:
         return
     yield (
-        f"Seeds {', '.join(map(str, seeds))}: a number is their mean ± std where they differ; mean and std over slices "
-        "are means over the seeds."
+        f"Seeds {', '.join(map(str, seeds))}: a number is their mean ± std if they differ; mean and std over slices "
+        "are means over seeds."
     )
     short: dict[int, list[str]] = {}
     for codec in material.codecs:
@@ -148,8 +148,8 @@ def _of_first(chosen: Callable[[Record], list[Column]]) -> Callable[[MaterialRow
 Maker = Callable[[Run, list[MaterialRows]], Iterable[Table | None]]
 _QUALITY = _each("main", "quality", columns.quality, quality_notes)
 _COST = _each("main", "size and time", lambda _: (*columns.SIZE, *columns.time()), cost_notes)
-_RELATIVE = "(…): relative to the mean radiance of the same pairs, because dark slices flatter an absolute error."
-_BOXES = "Answers over a square of so many texels a side, against box-filtered truth."
+_RELATIVE = "(…): relative to the mean radiance of the same pairs, because an absolute error is small in dark slices."
+_BOXES = "Answers over a square of this many texels a side, compared with the box-filtered truth."
 _OF_KIND: dict[str, Maker] = {
     "budgets": lambda run, _: budget_tables(run, "budgets"),
     "when": lambda run, _: budget_tables(run, "when"),

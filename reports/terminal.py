@@ -44,5 +44,5 @@ def _detail(material: MaterialRows) -> Table | None:
     job = material.first
     chosen = [columns.PER_SLICE, *columns.bands(job)[1:], columns.RELATIVE_ERROR, *columns.footprints(job)[1:]]
     table = main_table(material, columns.means(chosen))
-    note = "dB: display PSNR, by direction (so many slices) and by footprint. RMSE: of radiance, against its mean."
+    note = "dB: display PSNR by direction (and number of slices) and by footprint. RMSE: of radiance, over its mean."
     return table and replace(table, kind="detail", title=f"{material.name}: where the error lies", notes=[note])

@@ -66,9 +66,7 @@ def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) 
     notes += _noise_notes(rows) if noisy else []
     unrest = dict.fromkeys(row["unrest"] for row in rows if row.get("unrest"))
     notes += [f"The machine was not quiet: {reason}." for reason in unrest]
-    return Table(
-        "trade", f"{material}: what each setting gives up, and gains", headers, cells, notes, material=material
-    )
+    return Table("trade", f"{material}: gains and losses of each setting", headers, cells, notes, material=material)
 
 
 def _choice(row: dict[str, Any]) -> list[str]:
@@ -88,7 +86,7 @@ def _choice(row: dict[str, Any]) -> list[str]:
 
 
 def _noise(row: dict[str, Any]) -> list[str]:
-    """Samples and seconds by the cosine and from lobes; dashes where no noise was measured."""
+    """Samples and seconds, by the cosine and from lobes; dashes if no noise was measured."""
     noise = row.get("noise")
     return [significant(value) for value in (*noise["samples"], *noise["seconds"])] if noise else [NONE] * len(_NOISE)
 
@@ -98,10 +96,10 @@ def _noise_notes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
         yield (
             f"1 % noise: samples a pixel until the standard deviation of a pixel is 1 % of the mean of a picture by "
             f"Mitsuba ({scene}), with light directions drawn by the cosine, and from lobes fitted to the file. Equal "
-            "error: the processor's seconds that they take for 24 × 24 pixels. Pixels beside the surface count, too; "
-            "the codec's own error is not in it."
+            "error: the processor's seconds for these samples at 24 × 24 pixels. Pixels beside the surface count too; "
+            "the error of the codec itself is not included."
         )
-    yield from (f"{_name(row)}: no noise: {row['noise_error']}." for row in rows if "noise_error" in row)
+    yield from (f"{_name(row)}: noise was not measured: {row['noise_error']}." for row in rows if "noise_error" in row)
 
 
 def _name(row: dict[str, Any]) -> str:
@@ -114,10 +112,10 @@ def _conditions(rows: Sequence[dict[str, Any]]) -> str:
     if timed is None:
         return "Nothing could be timed."
     return (
-        "Quality is of the held-out pairs, from the file. Time is of the whole query of "
-        f"{timed['batch']:,} random samples in turns with all the others, on {timed['device']}, threads: "
-        f"{timed['threads']}; eager, float32 where nothing else is said. Floor: one bilinear fetch of a colour. Limit: "
-        "the arithmetic or the reads of a sample at this machine's measured rates."
+        "Quality is of the held-out pairs, from the file. Time is of a whole query of "
+        f"{timed['batch']:,} random samples, in turns with all others, on {timed['device']}, threads: "
+        f"{timed['threads']}; eager, float32 unless a row says otherwise. Floor: one bilinear fetch of a colour. "
+        "Limit: time of the arithmetic or the reads of a sample at this machine's measured rates."
     )
 
 
@@ -138,8 +136,8 @@ def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
     headers = [("part", ""), ("batch", ""), ("queries", ""), ("footprint", "texels"), ("threads", "")]
     headers += [(name, "ns ↓") for name in names]
     note = (
-        "Eager, float32. decoder: its networks alone; evaluate: with the texture's fetch; query: with every check. "
-        "slice: all texels of one pair; random: places and directions up to 75°."
+        "Eager, float32. decoder: its networks alone; evaluate: with the texture's fetch; query: with all checks. "
+        "slice: all texels of one pair; random: random places, and directions up to 75°."
     )
     unrest = sorted({record["unrest"] for record in records if record.get("unrest")})
     notes = [note, *(["The machine was not quiet: " + "; ".join(unrest[:3]) + "."] if unrest else [])]
@@ -160,4 +158,4 @@ def _ceilings(ceilings: Sequence[dict[str, Any]], left_out: Sequence[str]) -> Ta
             f"Left out, because this processor only emulates their precision: {', '.join(left_out)}. "
             "`neubtf-bench trade --emulated` measures them too."
         )
-    return Table("trade", "ceilings: what this machine was measured to do", headers, rows, notes)
+    return Table("trade", "ceilings: measured rates of this machine", headers, rows, notes)

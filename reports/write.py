@@ -60,7 +60,7 @@ _HISTORY = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>From revision to revision</title>
 <body style="font-family: sans-serif; max-width: 60em; margin: auto">
 <h1>Quality, bytes and time from revision to revision</h1>
-<p>Means over seeds. Times are multiples of the floor, timed in the same run. A codec without any error has no PSNR.</p>
+<p>Means over seeds. Times are multiples of the floor, timed in the same run. A codec without error has no PSNR.</p>
 {}
 </body></html>
 """

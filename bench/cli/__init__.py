@@ -13,7 +13,7 @@ from bench.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you
 from bench.threads import handling
 
 WIDTH = 100  # maximal width of a help text, in columns
-EXAMPLES = "\n\nexamples:\n"  # text after this line of a command's docstring is shown unwrapped
+EXAMPLES = "\n\nexamples:\n"  # text after this line of a command's docstring is not wrapped
 EVERYDAY = """examples:
   neubtf-bench run quick                                 eleven codecs on two materials, in minutes
   neubtf-bench run quick --material PATH --codec pca     one codec on a measured BTF
@@ -27,11 +27,12 @@ EVERYDAY = """examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.errors`."""
     if "OMP_WAIT_POLICY" not in os.environ:
-        # PyTorch's idle threads spin before they sleep: 0.2 ms instead of 8, since Dr.Jit's threads need the cores.
+        # PyTorch's idle threads spin before they sleep: for 0.2 ms instead of 8, because Dr.Jit's threads need the
+        # cores.
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        # Schedulers send SIGTERM: as after Ctrl-C, finished work is kept.
+        # Schedulers send SIGTERM: keep finished work, as after Ctrl-C.
         with handling(signal.SIGTERM, signal.default_int_handler):
             if not words:
                 parser(words).print_help()
@@ -43,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"neubtf-bench: {error}", file=sys.stderr)
         return USAGE
     except KeyboardInterrupt:
-        print("\nneubtf-bench: interrupted; what is finished is kept", file=sys.stderr)
+        print("\nneubtf-bench: interrupted; finished work is kept", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()
@@ -62,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
     """Build the parser of the wanted command; the others are only listed, not imported.
 
-    `InputError` where there is no such command.
+    Raises `InputError` if there is no such command.
     """
     known = commands.modules()
     about = "Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample."

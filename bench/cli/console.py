@@ -12,7 +12,7 @@ from rich.text import Text
 from bench.codecs.container import Header
 from bench.records import PSNR, stats_of
 
-SILENCE = 10.0  # seconds after which progress is told where there is no terminal
+SILENCE = 10.0  # without a terminal, seconds between two lines of progress
 
 if TYPE_CHECKING:
     from bench.btf import BTF
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class _TimeLeft(ProgressColumn):
-    """The time left at the mean pace so far; empty before the first step, and where the remark says it already."""
+    """The time left at the mean pace so far; empty before the first step, and if the remark already says it."""
 
     def render(self, task: Task) -> Text:
         steps = task.completed - task.fields["start_at"]
@@ -30,13 +30,14 @@ class _TimeLeft(ProgressColumn):
             return Text("")
         idle = time.monotonic() - task.fields["moved_at"]
         pace, more = (task.elapsed - idle) / steps, task.total - task.completed
-        # The step under way may take longer than those before it; those after it take their time yet.
+        # The running step may take longer than those before; never show less than the remaining whole steps need.
         minutes, seconds = divmod(round(max(pace * more - idle, pace * (more - 1))), 60)
         return Text(f"{minutes}:{seconds:02} left")
 
 
 class Console:
-    """Progress bars that vanish when done, and lines that stay. Without a terminal a line at times tells progress."""
+    """Progress bars that vanish when done, and lines that stay. Without a terminal, lines tell progress now and
+    then."""
 
     def __init__(self) -> None:
         self.out = RichConsole(highlight=False)
@@ -53,7 +54,7 @@ class Console:
         self.bars.stop()
 
     def show(self, label: str, done: int, total: int) -> None:
-        """Move the progress bar of that label, its remark aside, and remove it when it is full."""
+        """Move the progress bar of that label (without its remark), and remove it when it is full."""
         from bench.codec import REMARK  # here, since `list` and `compare` start without PyTorch
 
         bar = label.partition(REMARK)[0]
@@ -73,7 +74,7 @@ class Console:
         self.out.print(text, markup=False, soft_wrap=True)
 
     def ended(self, outcome: "Outcome") -> None:
-        """Print a finished job in one line, with the progress of the run where no bar shows it."""
+        """Print a finished job in one line, with the progress of the run if no bar shows it."""
         line = job_line(outcome.record, outcome.cached)
         self.say(line if self.out.is_terminal or not outcome.progress else f"{line} ({outcome.progress})")
 
@@ -102,7 +103,7 @@ def file_lines(header: Header) -> str:
         "bytes: " + ", ".join(f"{part} {size:,}" for part, size in parts.items()),
     ]
     if header.kind == SHARED:
-        lines.append("no material, but the network that the codec shares over materials")
+        lines.append("this file holds no material, but the network that the codec shares over materials")
         lines.append(f"trained on: {len(read(header.path).origins)} materials")
     else:
         lines += _material_lines(header)
@@ -114,15 +115,15 @@ def file_lines(header: Header) -> str:
 
 
 def _scene_lines(header: Header) -> list[str]:
-    """Describe which part of a BTF a file that was fitted to a scene holds."""
+    """Describe the part of a BTF that is held by a file fitted to a scene."""
     if not (scene := header.scene):
         return []
     top, left, height, width = scene["window"]
     across, sides = scene["factor"], " × ".join(map(str, scene["size"]))
     return [
         f"fitted to the scene {scene['name']}, demand {scene['demand'][:12]}: {height} × {width} texels of {sides} "
-        f"from row {top}, column {left} on, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
-        f"{scene['uniform']:.0%} spread evenly",
+        f"from row {top}, column {left}, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
+        f"{scene['uniform']:.0%} of samples spread evenly",
     ]
 
 
@@ -144,7 +145,7 @@ def _material_lines(header: Header) -> list[str]:
 
 
 def _layer_lines(material: "Material") -> list[str]:
-    """The layers of the decoder and their counts of parameters; no line where there are no layers."""
+    """The layers of the decoder and their counts of parameters; no line if there are no layers."""
     from bench.material import layers
 
     rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
@@ -173,15 +174,15 @@ def btf_lines(portrait: "Look") -> str:
 
 
 def _frame_lines(portrait: "Look") -> list[str]:
-    """Say whether the mean lobe fits the azimuths of views and lights; no line where there is one view."""
+    """Say whether the mean lobe fits the azimuths of views and lights; no line if there is only one view."""
     if len(portrait.layout.views) < 2:
         return []
     if not portrait.lobe:
-        return ["frame: not checked: views and lights share no ring of azimuths with all pairs, or are dark there"]
+        return ["frame: not checked: views and lights share no ring of azimuths with all pairs, or all is dark there"]
     lobe = portrait.lobe
     return [
         f"frame: phi_i - phi_o explains {lobe.given:.0%} of the mean lobe at theta {lobe.theta_deg:.0f}°, most at "
-        f"{lobe.peak_deg:.0f}° (180°: mirror direction); phi_i + phi_o, as of a mirrored side, {lobe.mirrored:.0%}"
+        f"{lobe.peak_deg:.0f}° (180°: mirror direction); phi_i + phi_o (if one side is mirrored) {lobe.mirrored:.0%}"
     ]
 
 

@@ -1,8 +1,8 @@
 """Compares two runs: finds what got worse by more than chance and by enough to matter.
 
-A run is its folder, or a file of records such as the reference that a project commits. A row is a material and a codec
-with its settings; its numbers are means over the seeds that both runs have (over all seeds where they share none).
-`bench.compare.verdicts` states the rules. Imports neither PyTorch nor pandas.
+A run is given as its folder, or as a file of records such as the reference that a project commits. A row is a material
+and a codec with its settings; its numbers are means over the seeds that both runs have, or over all seeds if they share
+none. `bench.compare.verdicts` states the rules. Imports neither PyTorch nor pandas.
 """
 
 import json
@@ -46,12 +46,12 @@ class Comparison:
     def summary(self) -> str:
         """One line that counts the rows by verdict."""
         counted = [(len(self.having(verdict)), word) for verdict, word in _WORDS.items()]
-        return f"{len(self.rows)} rows: " + (", ".join(f"{n} {word}" for n, word in counted if n) or "nothing there")
+        return f"{len(self.rows)} rows: " + (", ".join(f"{n} {word}" for n, word in counted if n) or "no rows")
 
     @property
     def exit_code(self) -> int:
-        """3 where a job failed, 4 where nothing could be compared, 1 for what got worse, vanished or is not comparable
-        without being allowed to, else 0.
+        """3 if a job failed, 4 if nothing could be compared, 1 if a row got worse, vanished or is not comparable and is
+        not allowed to, else 0.
         """
         if self.having(Verdict.FAILED):
             return FAILED
@@ -70,7 +70,7 @@ def compare(
 ) -> Comparison:
     """Compare two runs: all rows, or those of some materials and codecs.
 
-    `InputError` for a name that neither has, for a damaged base, and for a job without a field that is needed.
+    Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
 
     `allow` names rows that may be gone or not comparable: a codec, a label, a material, `material/label`, or a pattern.
     """
@@ -108,7 +108,7 @@ def compare(
 
 
 def _renamed(before: list[Record], after: list[Record]) -> list[Record]:
-    """The jobs of before; a label that after lacks is replaced by the label that after has for equal settings."""
+    """The jobs of `before`; a label that `after` lacks is replaced by its label for equal settings."""
     known = {(job["material"], job["label"]) for job in after}
     same = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
     return [
@@ -124,25 +124,25 @@ def _identity(job: Record) -> tuple[str, ...]:
 
 
 def _codec(job: Record) -> str:
-    """The codec's name, which an unavailable job has only in its label."""
+    """The codec's name; an unavailable job has it only in its label."""
     name: str = job["label"].split()[0]
     return name
 
 
 def check_whole(base: Run) -> None:
-    """`InputError` where a line of the base is damaged: what it said would be judged by nothing."""
+    """Raise `InputError` if a line of the base is damaged: nothing would be judged against it."""
     if base.unreadable:
         raise InputError(
-            f"{base.folder}: line(s) {', '.join(map(str, base.unreadable))} of the records to compare with cannot be "
-            "read, and what they held would not be judged: get the file again, or remove them where nothing is missing"
+            f"{base.folder}: line(s) {', '.join(map(str, base.unreadable))} cannot be read, so new results of their "
+            "jobs would not be judged: get the file again, or remove the lines if no job is lost"
         )
 
 
 def check_names(what: str, names: Sequence[str], known: set[str]) -> None:
-    """`InputError` for a name that neither run has."""
+    """Raise `InputError` for a name that neither run has."""
     for name in names:
         if name not in known:
-            raise InputError(f"--{what} {name}: in neither run{did_you_mean(name, known)}")
+            raise InputError(f"--{what} {name}: neither run has it{did_you_mean(name, known)}")
 
 
 def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
@@ -156,7 +156,7 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
             yield "not measured under the same conditions: " + "; ".join(changed)
     if guessed := [row.name for row in rows if any(c.margin and c.spread is None for c in row.deciding)]:
         yield (
-            "one seed in BASE, or one that NEW has at the same pairs, so that the spread is not known and the margin "
+            "BASE has one seed, or shares only one with NEW at the same pairs, so the spread is unknown and the margin "
             f"is a guess: {', '.join(guessed)}"
         )
 

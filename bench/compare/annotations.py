@@ -1,11 +1,11 @@
-"""Writes a comparison as workflow commands of GitHub Actions: printed in a job, they become annotations of its run.
+"""Writes a comparison as workflow commands of GitHub Actions; a job that prints them gets annotations.
 
-GitHub shows ten errors and ten warnings of a step. Each row is one line; the last line counts the rows left out.
+GitHub shows ten errors and ten warnings of a step. Each row is one line; the last line counts the omitted rows.
 """
 
 from bench.compare import FORBIDDEN, Comparison
 
-SHOWN = 10  # of a kind and step
+SHOWN = 10  # annotations of each kind in a step
 
 
 def annotations(comparison: Comparison) -> str:

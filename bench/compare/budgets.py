@@ -1,4 +1,4 @@
-"""What each codec is worth at budgets of bytes and of time: the rung that its validation pairs choose, at test pairs.
+"""Chooses each codec's best rung within budgets of bytes and time by validation pairs, and gives its test scores.
 
 A *line* is a codec, or a codec as published (`recipe=paper`); its rungs are all its settings that were measured.
 `bench.records.choosing` chooses one for each budget and material. Test pairs are only shown.
@@ -17,14 +17,14 @@ from bench.compare.paired import Interval, against_jobs
 from bench.records import Record, Run, scored_unlike, stats_of
 from bench.records.choosing import Limits, Rung, chosen, has_validation, over_seeds, validated, validation_of
 
-BITS = (16, 32, 64, 128, 256, 512)  # of the whole file, a texel
-TIMES = (4, 8, 16, 32)  # of a query, × floor
+BITS = (16, 32, 64, 128, 256, 512)  # bits of the whole file a texel
+TIMES = (4, 8, 16, 32)  # time of a query, × floor
 SECONDS = (1, 10, 100, 1000)  # of a fit
 BYTES, EAGER, FUSED, FIT = "bytes", "eager", "fused", "fit"
-QUIET = 0.9  # share of a run's times without unrest from which its machine was quiet
+QUIET = 0.9  # a run's machine was quiet if at least this share of its times had no unrest
 PUBLISHED = ", as published"
 
-Ladders = dict[tuple[str, str], list[Rung]]  # by material and line; a rung is of its jobs, one a seed
+Ladders = dict[tuple[str, str], list[Rung]]  # by material and line; a rung holds its jobs, one a seed
 
 
 class Budget(NamedTuple):
@@ -44,28 +44,28 @@ class Times:
 
     run: str
     by_job: dict[str, float]
-    unquiet: int = 0  # of its times, which are left out
+    unquiet: int = 0  # the number of times that are left out
 
 
 @dataclass(frozen=True)
 class Budgets:
-    """The chosen rungs of a run by budget, line and material; `without` and `unlike` are jobs that had no chance."""
+    """The chosen rungs of a run by budget, line and material; `without` and `unlike` are excluded jobs."""
 
     materials: list[str]
     picks: dict[Budget, dict[str, dict[str, Rung]]]
-    times: dict[str, Times] = field(default_factory=dict)  # by kind, where a machine was quiet
-    without: list[Record] = field(default_factory=list)  # a score of validation pairs
-    unlike: list[Record] = field(default_factory=list)  # what was measured last of their material
+    times: dict[str, Times] = field(default_factory=dict)  # by kind, measured on a quiet machine
+    without: list[Record] = field(default_factory=list)  # jobs without a score of validation pairs
+    unlike: list[Record] = field(default_factory=list)  # jobs not comparable with the newest of their material
 
     @property
     def rungs(self) -> list[tuple[str, Rung]]:
-        """Material and rung of everything that was chosen, each once."""
+        """Material and rung of every choice, each once."""
         every = (item for lines in self.picks.values() for rungs in lines.values() for item in rungs.items())
         return list({(material, rung.of[0]["job"]): (material, rung) for material, rung in every}.values())
 
 
 def budgets(run: Run, fused: Mapping[str, Record]) -> Budgets:
-    """The rung of each line for each budget and material; `fused` are times as one kernel, by job, if there are."""
+    """The rung of each line for each budget and material; `fused` holds times as one kernel by job, if any."""
     done = [job for job in run.jobs if job["status"] == "ok"]
     judged = [job for job in done if has_validation(job)]
     alike = list(_alike(judged))
@@ -87,26 +87,27 @@ def budgets(run: Run, fused: Mapping[str, Record]) -> Budgets:
 
 
 def line_of(job: Record) -> str:
-    """The line of a job: its codec's name, apart where it is as published."""
+    """The line of a job: its codec's name; a codec as published has its own line."""
     published = job.get("settings", {}).get("recipe") == "paper"
     return str(job["label"]).split()[0] + PUBLISHED * published
 
 
 def rung_of(job: Record) -> str:
-    """The settings of a job in words; those of its line are left out."""
+    """The settings of a job in words, without those of its line."""
     words = [word for word in str(job["label"]).split()[1:] if word != "recipe=paper"]
     return " ".join(words) or "default"
 
 
 def shown(rung: Rung, family: str) -> float | None:
-    """The number of a metric's family over test pairs, mean over seeds; infinite dB without error, None of none."""
+    """The number of a metric's family over test pairs, mean over seeds; infinite dB without error, None without a
+    score."""
     every = [stats_of(job, family) for job in rung.of]
     exact = [stats.get("pooled") is None and stats.get("exact") for stats in every]
     return _mean([math.inf if each else stats.get("pooled") for each, stats in zip(exact, every, strict=True)])
 
 
 def mean_over(materials: Sequence[str], rungs: Mapping[str, Rung], family: str) -> float | None:
-    """The mean over materials of what a line shows; None unless it has a rung on each of them."""
+    """The mean over materials of a line's number; None unless it has a rung on each of them."""
     return _mean([shown(rungs[name], family) if name in rungs else None for name in materials])
 
 
@@ -131,7 +132,7 @@ def _alike(jobs: list[Record]) -> Iterator[Record]:
 
 
 def _quiet(times: Sequence[Record]) -> Times | None:
-    """The times of the latest run on a machine that was quiet, without those that were not; None of no such run."""
+    """The times of the latest run on a quiet machine, without those that had unrest; None if there is no such run."""
     by_run: dict[str, list[Record]] = {}
     for time in times:
         if "ratio_to_floor" in time:

@@ -1,4 +1,4 @@
-"""Compares two stress tests, cell by cell: what held and does not, and what is gone. `docs/stress.md` says when."""
+"""Compares two stress tests cell by cell, and finds cells that no longer hold or are gone; see `docs/stress.md`."""
 
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
@@ -11,9 +11,9 @@ GONE = "is gone"
 
 
 def changes(base: Run, new: Run, codecs: Sequence[str] = ()) -> Iterator[tuple[str, str]]:
-    """Each cell that got worse, as its name, `CODEC: EXTREME`, and what became of it.
+    """Each cell that got worse: its name, `CODEC: EXTREME`, and its new verdict.
 
-    A cell of a codec of another version is compared like any other: an extreme that held must hold.
+    A codec's version does not matter: an extreme that held must still hold.
     """
     after_by_cell = {_cell(record): record for record in new.stress}
     for before in base.stress:
@@ -24,7 +24,7 @@ def changes(base: Run, new: Run, codecs: Sequence[str] = ()) -> Iterator[tuple[s
         if after is None:
             yield f"{subject}: {extreme}", GONE
         elif after["verdict"] != "pass":
-            yield f"{subject}: {extreme}", f"held, and now {after['verdict']}: {after['detail'] or after['figure']}"
+            yield f"{subject}: {extreme}", f"held, and is now {after['verdict']}: {after['detail'] or after['figure']}"
 
 
 def _cell(record: Record) -> tuple[str, str]:
@@ -34,8 +34,8 @@ def _cell(record: Record) -> tuple[str, str]:
 def report(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str] = ()) -> tuple[str, int]:
     """The changes as text, and the exit code.
 
-    It is 1 where a cell got worse that `allow` does not name, 4 where the two have no cell in common. `InputError` for
-    a codec that neither has, and for a damaged base.
+    The code is 1 if a cell that `allow` does not name got worse, 4 if the two have no cell in common. Raises
+    `InputError` for a codec that neither has, and for a damaged base.
     """
     check_whole(base)
     subjects = [{record["subject"] for record in run.stress} for run in (base, new)]
@@ -43,7 +43,7 @@ def report(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str]
     wanted = set(codecs) or subjects[0]
     ours, theirs = ([record for record in run.stress if record["subject"] in wanted] for run in (base, new))
     if not {_cell(record) for record in ours} & {_cell(record) for record in theirs}:
-        return "no cell of a stress test can be compared", NOTHING
+        return "the two stress tests have no cell in common", NOTHING
     held = sum(record["verdict"] == "pass" for record in theirs)
     worse = [change for change in changes(base, new, codecs) if not any(fnmatch(change[0], name) for name in allow)]
     lines = [f"{name} {what}" for name, what in worse]

@@ -54,5 +54,5 @@ def _count(element: Element, cases: list[Element]) -> None:
 
 
 def _legal(text: str) -> str:
-    """Without the characters that XML 1.0 cannot hold, such as the colours of an error message."""
+    """The text without characters that XML 1.0 cannot hold, such as the colour codes of an error message."""
     return _NOT_XML.sub("", text)

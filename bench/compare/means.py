@@ -40,7 +40,7 @@ def _merged(changes: list[Change], every: bool) -> Change:
     """The mean change of one quantity over some rows, weighted by `_weights`, and the margin of that mean."""
     quantity: Quantity = changes[0].quantity
     tolerance = quantity.tolerance
-    assert tolerance is not None, "what decides has a tolerance"
+    assert tolerance is not None, "a deciding quantity has a tolerance"
     weights = _weights(changes, tolerance.common)
     chance = _together(changes, weights)
     least = tolerance.common if every else tolerance.drawn if chance else tolerance.certain

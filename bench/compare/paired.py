@@ -1,10 +1,10 @@
 """Computes the mean difference of two results, slice by slice at the same pairs, with a 95 % interval.
 
 All codecs find the same slices hard, so the difference slice by slice is known far better than either mean. A *cell*
-holds the differences of one material and one seed. Of several materials the interval is Student's over their means, in
-which all that differs between them is: materials, fits and pairs. It speaks of materials like these. Of one material it
-is a bootstrap's, which draws seeds, then pairs of each seed, with replacement; seeds that are scored at the same pairs
-draw the same ones. It speaks of that material alone, and of one seed it does not hold how fits scatter.
+holds the differences of one material and one seed. For several materials the interval is Student's over their means,
+so it includes the scatter of materials, fits and pairs; it holds for materials like these. For one material the
+interval comes from a bootstrap, which draws seeds, then pairs of each seed, with replacement; seeds that are scored at
+the same pairs draw the same ones. It holds for that material only, and with one seed it lacks the scatter of fits.
 """
 
 import math
@@ -21,7 +21,7 @@ from bench.errors import InputError
 from bench.records import Record, Run, shown_label
 
 Array = np.ndarray
-FALSE = 0.05  # the chance that a table of equal codecs tells any apart, at most
+FALSE = 0.05  # the largest chance that a table of equal codecs tells any two apart
 DRAWS = 2000
 SEED = 0
 _FRESH = np.random.default_rng(SEED).bit_generator.state
@@ -29,7 +29,7 @@ _FRESH = np.random.default_rng(SEED).bit_generator.state
 
 @dataclass(frozen=True)
 class Cell:
-    """The differences (n,) of slices, second − first, of a material and seed; `pairs` names which pairs they are of."""
+    """The differences (n,) of slices, second − first, of a material and seed; `pairs` identifies the pairs."""
 
     material: str
     seed: int
@@ -41,7 +41,8 @@ class Cell:
 class Interval:
     """A mean difference with its 95 % interval, and the numbers of materials, seeds and slices behind it.
 
-    `chance` is that of so large a difference between equal codecs; 1 on one material, which says nothing of others.
+    `chance` is the probability of so large a difference between equal codecs; 1 for one material, which says nothing
+    about others.
     """
 
     mean: float
@@ -56,7 +57,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Against:
-    """How far each other codec lies from `first`, by label: over all materials that have both, and on each of them."""
+    """The difference of each other codec to `first`, by label: over all materials that have both, and on each."""
 
     first: str
     over: dict[str, Interval]
@@ -66,8 +67,7 @@ class Against:
 def against(run: Run, first: str, others: Iterable[str]) -> Against:
     """The mean differences in dB per slice between codecs of a run and `first`, by the labels that tables show.
 
-    Codecs are left out where there is nothing to compare, or where slices cannot be read. Those of `first` are read
-    once.
+    Codecs without anything to compare, or whose slices cannot be read, are left out.
     """
     jobs: dict[str, dict[tuple[str, int], Record]] = {first: {}, **{label: {} for label in others}}
     for job in run.jobs:
@@ -77,7 +77,7 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
 
 
 def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Record]]) -> Against:
-    """The same of any jobs, which are given by name, then by material and seed."""
+    """The same for any jobs, which are given by name, then by material and seed."""
     ours = jobs[first]
     read = cache(lambda key: decibels(folder, ours[key]))
     differences = Against(first, {}, {})
@@ -97,9 +97,9 @@ def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str,
 
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
-    """The differences of all other codecs to the best, each with whether it is told apart from it.
+    """The differences of all other codecs to the best; each says whether the two are told apart.
 
-    After Holm (1979), over all pairs of codecs: the best was found by the same numbers, so any pair could have been it.
+    Uses Holm's correction (1979) over all pairs of codecs, because the best was chosen by the same numbers.
     """
     left, all_apart = math.comb(len(over) + 1, 2), True
     judged = {}
@@ -111,7 +111,7 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
 
 
 def shared_cells(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]) -> list[Cell]:
-    """The cells of the jobs of two runs, seed by seed, without slices that are exact in either."""
+    """The cells of two sets of jobs, seed by seed, without slices that are exact in either."""
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
     every = [_cell(a, decibels(base.folder, a), decibels(new.folder, b)) for a, b in pairs if _same(a, b)]
@@ -124,7 +124,7 @@ def _same(job: Record, other: Record) -> bool:
 
 
 def _cell(job: Record, ours: Array | None, others: Array | None) -> Cell | None:
-    """The differences of the slices that have an error in both; None of none."""
+    """The differences of the slices that have an error in both; None if there are none."""
     if ours is None or others is None or len(ours) != len(others):
         return None
     both = np.isfinite(ours) & np.isfinite(others)
@@ -134,7 +134,7 @@ def _cell(job: Record, ours: Array | None, others: Array | None) -> Cell | None:
 
 
 def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
-    """The mean over materials of the mean over seeds of the mean over slices, with its interval; None of no cells."""
+    """The mean over materials of the mean over seeds of the mean over slices, with its interval; None without cells."""
     by_material: dict[str, list[Cell]] = {}
     for cell in cells:
         by_material.setdefault(cell.material, []).append(cell)
@@ -152,8 +152,8 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
 
 
 def _student(means: Array) -> tuple[float, float]:
-    """Half the 95 % interval of the mean of some means, and the chance of so large a one where the true one is 0."""
-    from scipy.special import stdtr, stdtrit  # heavy, and needed only here
+    """Half the 95 % interval of the mean of some means, and the chance of so large a mean if the true one is 0."""
+    from scipy.special import stdtr, stdtrit  # slow to import, and needed only here
 
     mean, error, freedom = abs(means.mean()), means.std(ddof=1) / math.sqrt(len(means)), len(means) - 1
     chance = 2 * stdtr(freedom, -mean / error) if error else float(not mean)
@@ -175,7 +175,7 @@ def _bootstrap_means(cells: Sequence[Cell], draws: int, rng: np.random.Generator
 
 
 def _weights(count: int, draws: int, rng: np.random.Generator) -> Array:
-    """How often each of so many slices is drawn, as shares (draws, count). All intervals begin with the same ones."""
+    """How often each of so many slices is drawn, as shares (draws, count). All intervals begin with the same draws."""
     if rng.bit_generator.state != _FRESH:
         return _drawn(count, draws, rng)
     weights, rng.bit_generator.state = _first_weights(count, draws)
@@ -190,6 +190,6 @@ def _first_weights(count: int, draws: int) -> tuple[Array, Any]:
 
 
 def _drawn(count: int, draws: int, rng: np.random.Generator) -> Array:
-    """Multinomial shares. To count drawn numbers takes a seventh of the time of NumPy's `multinomial`."""
+    """Multinomial shares. Counting drawn numbers takes a seventh of the time of NumPy's `multinomial`."""
     drawn = rng.integers(0, count, (draws, count)) + count * np.arange(draws)[:, None]
     return np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count) / count

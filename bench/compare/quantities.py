@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 from bench.records import FLIP, PSNR, Record, gate, metric_of, metrics_of
 
-FOOTPRINTS = "footprints"  # in place of a metric's name
-SLICE = "slice"  # the PSNR of a slice, mean over all
+FOOTPRINTS = "footprints"  # used in place of a metric's name
+SLICE = "slice"  # the mean PSNR of slices
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Tolerance:
     one_seed: float = 0.0  # if the base has one seed, so that the scatter is unknown
     common: float = 0.0  # in the mean over all codecs
     relative: bool = False
-    chance: float = 0.00025  # how often it may seem exceeded where nothing got worse, because seeds differ
+    chance: float = 0.00025  # how often seeds alone may seem to exceed it, although nothing got worse
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,14 @@ class Quantity:
     metric: str = ""  # the full name of the metric whose version must agree
 
     def version(self, job: Record) -> object:
-        """The version under which a job measured this; None where it did not."""
+        """The version of the metric that measured this in a job; None if it was not measured."""
         if self.metric == FOOTPRINTS:
             return job["score_key"].get(FOOTPRINTS, 1) if self.value(job) is not None else None
         return job["metrics"].get(self.metric, {}).get("version") if self.metric else 0
 
     @property
     def scale(self) -> str:
-        """The unit with an arrow to the better end."""
+        """The unit, with an arrow that says whether higher or lower is better."""
         return f"{self.unit} {'↑' if self.better == 'higher' else '↓'}".strip()
 
     def written(self, value: float | None) -> str:
@@ -52,14 +52,15 @@ class Quantity:
         return "exact" if math.isinf(value) else f"{value:,.{self.digits}f}"
 
     def difference(self, change: float) -> str:
-        """A change with its sign; "=" where these digits show none."""
+        """A change with its sign; "=" if it rounds to zero at these digits."""
         if not math.isfinite(change):
             return "not exact" if (change < 0) == (self.better == "higher") else "exact now"
         return f"{change:+,.{self.digits}f}".replace("-", "−") if round(change, self.digits) else "="
 
 
 DECIBELS = Tolerance(certain=0.02, drawn=0.1, one_seed=0.25, common=0.05)
-# It scatters least and sees most, so it may alarm as often as the four other numbers of quality together.
+# It scatters least and detects most, so it may raise as many false alarms as the other four numbers of quality
+# together.
 BY_SLICE = replace(DECIBELS, chance=0.001)
 DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, one_seed=0.005, common=0.0015)  # of FLIP
 
@@ -67,7 +68,7 @@ DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, one_seed=0.005, common=0.001
 def deciding(job: Record) -> list[Quantity]:
     """The quantities that decide a verdict: parameters, bytes, and PSNR and FLIP of held-out pairs.
 
-    PSNR is pooled, slice by slice, slice by slice at grazing directions, and at footprints.
+    PSNR is measured pooled, slice by slice, slice by slice at grazing directions, and over footprints.
     """
     quantities = [
         Quantity("parameters", "", "lower", 0, lambda job: job["parameters"], Tolerance()),
@@ -124,7 +125,7 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
 
 
 def _footprints(job: Record) -> float | None:
-    """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR where that is older."""
+    """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR in older records."""
     sides = {side: stats for side, stats in job.get("footprints", {}).items() if side != "1"}
     return average([_number(stats, stats["mean" if "mean" in stats else PSNR], "dB") for stats in sides.values()])
 
@@ -150,6 +151,6 @@ def _part(part: str) -> Quantity:
 
 
 def _number(stats: Record, pooled: float | None, unit: str) -> float | None:
-    """The pooled number; infinite dB where no slice has an error; None where nothing was measured."""
+    """The pooled number; infinite dB if no slice has an error; None if nothing was measured."""
     exact = pooled is None and unit == "dB" and stats.get("slices") and stats.get("exact") == stats.get("slices")
     return math.inf if exact else pooled

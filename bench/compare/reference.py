@@ -1,7 +1,7 @@
 """Writes a reference: the records of a run, reduced to what a comparison needs, in a file small enough to commit.
 
-The same records give the same bytes. A reference names no folder, host or time. It names the processor and the versions
-of packages, because a comparison notes where they differ.
+The same records give the same bytes. A reference contains no folder, host or time. It contains the processor and the
+versions of packages, because a comparison notes when they differ.
 """
 
 import json
@@ -26,19 +26,19 @@ def committed(suite: str) -> Path:
 
 
 def reference(run: Run, before: Run | None = None) -> str:
-    """The text of a run's reference. `InputError` if the run is empty or has jobs without a result.
+    """The text of a run's reference. Raises `InputError` if the run is empty or has jobs without a result.
 
-    For each row whose seeds gave the same record as in the reference `before`, further seeds of `before` are kept: its
-    codec has not changed, so they still measure its scatter.
+    If the seeds of a row gave the same records as in the reference `before`, its further seeds in `before` are kept:
+    the codec did not change, so they still measure its scatter.
     """
     jobs = _in_order(run.jobs)
     if not jobs:
-        raise InputError(f"{run.folder}: nothing was measured there: a reference needs a whole run")
+        raise InputError(f"{run.folder}: the run has no results: a reference needs a complete run")
     if unfinished := [job for job in jobs if job["status"] != "ok"]:
         job = unfinished[0]
         raise InputError(
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
-            "a reference needs a whole run"
+            "a reference needs a complete run"
         )
     judged = _judged(run)
     reduced = [_reduced(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
@@ -55,7 +55,7 @@ def few_seeds(run: Run) -> list[str]:
 
 
 def pairs_by_seed(run: Run) -> list[str]:
-    """The names of rows whose seeds are scored at pairs of their own: they differ because pairs do."""
+    """The names of rows whose seeds are scored at different pairs, and differ because of them."""
     rows = by_row(run.jobs)
     return ["/".join(row) for row, jobs in rows.items() if len({job["score_key"]["btf"] for job in jobs}) > 1]
 
@@ -85,7 +85,7 @@ def _seeds_to_keep(jobs: list[Record], before: list[Record]) -> Iterator[Record]
 
 
 def _in_order(records: Iterable[Record]) -> list[Record]:
-    """By material and label, both in the order of first appearance, then by seed."""
+    """The jobs by material and label, both in the order of first appearance, then by seed."""
     jobs = list(records)
     materials = list(dict.fromkeys(job["material"] for job in jobs))
     labels = list(dict.fromkeys(job["label"] for job in jobs))

@@ -1,7 +1,7 @@
 """Keeps the records of a run: everything that tables show, in a file small enough to commit beside a document.
 
-Gone are host names, raw samples of the clock, tracebacks, pictures, and numbers of groups that no table shows. The
-scores of slices stay, packed, so that paired intervals can be computed. Numbers have seven digits.
+Removed are: host names, raw timing samples, tracebacks, pictures, and numbers of groups that no table shows. The scores
+of slices stay, packed, so that paired intervals can be computed. Numbers have seven digits.
 """
 
 import json
@@ -12,19 +12,19 @@ from bench.compare.slices import decibels, packed
 from bench.errors import InputError
 from bench.records import PSNR, RESULTS, VALIDATION, Record, Run, gate, kept
 
-_LONGEST_ERROR = 500  # characters of an error
+_LONGEST_ERROR = 500  # the most characters kept of an error
 
 
 def published(run: Run) -> str:
-    """The text of the file: a line for each start that made something, each job and timing.
+    """The text of the file: a line for each start that produced something, each job and each timing.
 
-    `InputError` if nothing was measured.
+    Raises `InputError` if nothing was measured.
     """
     if not any(job["status"] == "ok" for job in run.jobs):
-        raise InputError(f"{run.folder}: nothing was measured there")
+        raise InputError(f"{run.folder}: the run has no results")
     jobs, timings = [_job(job, run.folder) for job in run.jobs], [kept(timing, RESULTS) for timing in run.timings]
     used = {line["run"] for line in (*jobs, *timings)}
-    # Each start once: a file that is added to again holds the starts of before.
+    # Keep each start once: a file to which the same run is added again already has its earlier starts.
     starts = {start["run"]: kept(start, RESULTS) for start in run.starts if start["run"] in used}
     lines = [*starts.values(), *jobs, *timings]
     return "".join(json.dumps(rounded(line), allow_nan=False) + "\n" for line in lines)
@@ -33,7 +33,7 @@ def published(run: Run) -> str:
 def _job(job: Record, folder: Path) -> Record:
     line = kept(job, RESULTS)
     if "error" in line:
-        # The name of a home folder often is a person's.
+        # The name of a home folder is often a person's name.
         home, error = Path.home(), str(line["error"])
         line["error"] = (error.replace(str(home), "~") if len(home.parts) > 1 else error)[:_LONGEST_ERROR]
     if job["status"] != "ok":

@@ -23,12 +23,12 @@ class ComparedRow:
     label: str
     verdict: Verdict
     why: str = ""
-    seeds: tuple[int, ...] = ()  # of the means
+    seeds: tuple[int, ...] = ()  # the seeds that the means are over
     deciding: list[Change] = field(default_factory=list)
     shown: list[Change] = field(default_factory=list)
     timing: Advice | None = None
     notes: list[str] = field(default_factory=list)
-    allowed: bool = False  # to be gone, or not comparable
+    allowed: bool = False  # the row may be gone or not comparable
 
     @property
     def forbids(self) -> bool:
@@ -49,7 +49,7 @@ class ComparedRow:
         if not self.timing or not self.timing.words:
             return ""
         times = f"{self.timing.base:.2f} → {self.timing.new:.2f} × mean-colour"
-        return f"decodes {self.timing.words}, {times} (times advise only)"
+        return f"decodes {self.timing.words}, {times} (a time is only advice)"
 
     def findings(self) -> list[tuple[Verdict, str]]:
         """A sentence for each difference of this row, and the verdict on it."""
@@ -58,7 +58,7 @@ class ComparedRow:
         return own + [(change.verdict, sentence(change)) for change in changed]
 
     def reasons(self) -> list[str]:
-        """The sentences without gains: what speaks against this row."""
+        """The sentences that speak against this row, so without gains."""
         return [text for verdict, text in self.findings() if verdict != Verdict.BETTER]
 
 
@@ -80,7 +80,7 @@ Between = Callable[[list[Record], list[Record]], "Interval | None"]
 def compared(
     before: list[Record], after: list[Record], declared: set[int], timing: Advice | None, between: Between
 ) -> ComparedRow:
-    """The row of the jobs of base and new, one of which may be empty; `declared` are the seeds that new should have.
+    """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have.
 
     `between` gives the interval of the difference slice by slice.
     """
@@ -101,7 +101,7 @@ def compared(
     draws = not one_file(base) and not all(agree(quantity, ours, theirs, base) for quantity in metrics)
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
-        return ComparedRow(*name, verdict or Verdict.UNLIKE, why or "no score in either record")
+        return ComparedRow(*name, verdict or Verdict.UNLIKE, why or "neither record has a score")
     changes = [replace(c, interval=between(ours, theirs)) if c.quantity.name == SLICE else c for c in changes]
     others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
     return ComparedRow(
@@ -139,10 +139,10 @@ def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> 
     expected = {job["seed"] for job in base} & declared
     gone = sorted(expected - {job["seed"] for job in after})
     if gone or not after:
-        return Verdict.GONE, f"no result of seed {', '.join(map(str, gone))}" if after else "no job of this name"
+        return Verdict.GONE, f"seed {', '.join(map(str, gone))} has no result" if after else "no such job in the run"
     return None, ""
 
 
 def _on_one_line(error: str) -> str:
-    """An error on one line, without the colours and other codes that some print."""
+    """An error on one line, without the colours and other control codes that some programs print."""
     return " ".join("".join(c if c.isprintable() else " " for c in error).split())

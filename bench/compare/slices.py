@@ -15,7 +15,7 @@ from bench.metrics.psnr import psnr
 from bench.records import PSNR, Record, gate
 
 Array = np.ndarray
-_EXACT = 32767  # in hundredths of a dB; no error of a picture is so small
+_EXACT = 32767  # in hundredths of a dB; marks a slice without error, since real errors are never so small
 
 
 def decibels(folder: Path, job: Record) -> Array | None:
@@ -43,7 +43,7 @@ def decibels(folder: Path, job: Record) -> Array | None:
 
 
 def packed(values: Array) -> str:
-    """Encode dB as text for a reference: hundredths, two bytes each."""
+    """Encode dB as text for a reference, in hundredths, two bytes each."""
     hundredths = np.where(np.isinf(values), _EXACT, np.round(100 * np.where(np.isinf(values), 0, values)))
     return base64.b64encode(np.clip(hundredths, -_EXACT, _EXACT).astype("<i2").tobytes()).decode()
 

@@ -8,7 +8,7 @@ from statistics import fmean
 from bench.records import PSNR, Record, stats_of
 
 Jobs = Mapping[str, Mapping[str, Sequence[Record]]]  # the jobs of each material and label, one a seed
-SAME_DB = 0.005  # what tables round away: such codecs share a rank
+SAME_DB = 0.005  # tables do not show a smaller difference, so such codecs share a rank
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Standing:
 
     label: str
     materials: int
-    psnr: float  # dB, pooled; mean over seeds, then over materials; infinite where no slice anywhere has an error
+    psnr: float  # dB, pooled; mean over seeds, then over materials; infinite if no slice has an error
     rank: float | None = None  # mean over materials, 1 for the best
     wins: int | None = None  # materials on which none is better
 
@@ -25,7 +25,7 @@ class Standing:
 def standings(cells: Jobs) -> list[Standing]:
     """Every measured codec, sorted by rank, then by PSNR; codecs without a rank come last.
 
-    Only codecs that were measured on all materials are ranked, among each other.
+    Only codecs that were measured on all materials are ranked.
     """
     quality = {name: _qualities(codecs) for name, codecs in cells.items()}
     labels = dict.fromkeys(label for by_label in quality.values() for label in by_label)

@@ -11,7 +11,7 @@ FACTOR = 1.25  # a smaller change of a ratio is not mentioned
 
 @dataclass(frozen=True)
 class Advice:
-    """Decoding time over that of `mean-colour`, with the 95 % interval that holds those of every seed."""
+    """Decoding time over that of `mean-colour`, with the 95 % interval that contains the intervals of all seeds."""
 
     base: float
     new: float
@@ -24,7 +24,7 @@ class Advice:
 
     @property
     def words(self) -> str:
-        """ "slower" or "faster" where the intervals lie apart and the factor is large enough to matter."""
+        """ "slower" or "faster" if the intervals do not overlap and the factor is large enough to matter."""
         if self.factor > FACTOR and self.new_interval[0] > self.base_interval[1]:
             return "slower"
         if 1 / self.factor > FACTOR and self.new_interval[1] < self.base_interval[0]:
@@ -34,7 +34,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class Multiple:
-    """Mean time over that of `mean-colour`, the interval that holds those of every seed, and the conditions."""
+    """Mean time over that of `mean-colour`, the interval that contains those of all seeds, and the conditions."""
 
     mean: float
     interval: tuple[float, float]
@@ -50,7 +50,7 @@ def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
 
 def multiples(jobs: Sequence[Record], timings: Sequence[Record]) -> dict[tuple[str, str], Multiple]:
     """Times by row, (material, label). A time is divided by those of `mean-colour` taken in the same start of the run,
-    because between two starts the machine may have changed its pace; rows without such a neighbour are left out.
+    because the speed of the machine may change between two starts; rows without such a time are left out.
     """
     by_job = {timing["job"]: timing for timing in timings}
     timed = by_row(job for job in jobs if job["job"] in by_job)

@@ -7,11 +7,11 @@ freedom of s, exceeds by chance as often as the quantity's tolerance says. So a 
 than chance and large enough to matter. The margin is the smallest loss that the seeds of this codec can reveal.
 
 If all seeds are scored at the same pairs, the base mean is over all its seeds; otherwise over the seeds that new has
-too. A row whose seeds give the numbers of the base again has not changed, whatever the other seeds give.
+too. A row whose seeds give the numbers of the base again did not change, whatever the other seeds give.
 
-Where each seed is scored at pairs of its own, scores differ because pairs do. Then the differences at equal seeds,
-whose pairs are equal, say how much a codec scatters: s is their standard deviation, and the margin is t · s / √n. A
-codec that wrote the same file with each seed draws nothing; its margin is the small tolerance.
+If each seed is scored at different pairs, scores differ because of the pairs. Then the differences at equal seeds,
+which have equal pairs, measure how much a codec scatters: s is their standard deviation, and the margin is t · s / √n.
+A codec that wrote the same file with each seed is deterministic; its margin is the small tolerance.
 """
 
 import math
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from bench.compare.paired import Interval
 
 Values = Sequence[float | None]  # a number a seed; None where it was not measured
-AGREE = 0.1  # of the tolerance: seeds of a deterministic codec may differ by this much, from rounding
-# With fewer, the seeds of new help to estimate the scatter of a codec, and `Chance.margin` has a limit. Of three seeds
-# one deviation in five (1 − e^−¼) is less than half the true one; of six, one in sixteen.
+AGREE = 0.1  # share of the tolerance: rounding may make the seeds of a deterministic codec differ by this much
+# With fewer seeds, those of new help to estimate the scatter of a codec, and `Chance.margin` has a limit. With three #
+# seeds, one deviation in five (1 − e^−¼) is less than half the true one; with six seeds, one in sixteen.
 FEW_SEEDS = 6
 
 
@@ -44,7 +44,7 @@ class Verdict(StrEnum):
     FAILED = "FAILED"
     UNLIKE = "not comparable"
     NEW = "new"
-    SHOWN = ""  # of a number that does not decide
+    SHOWN = ""  # for a number that does not decide
 
 
 @dataclass(frozen=True)
@@ -56,19 +56,19 @@ class Change:
     new: float | None
     verdict: Verdict
     margin: float | None = None
-    spread: float | None = None  # standard deviation over the seeds that tell of scatter; None where there is one
+    spread: float | None = None  # standard deviation over the seeds that measure scatter; None if there is only one
     why: str = ""
-    chance: "Chance | None" = None  # of the difference, where seeds differ
-    interval: "Interval | None" = None  # of the difference, over pairs and seeds; of the mean over slices
+    chance: "Chance | None" = None  # scatter of the difference, if seeds differ
+    interval: "Interval | None" = None  # for the mean over slices: the interval of the difference, over pairs and seeds
 
     @property
     def difference(self) -> float | None:
-        """new − base; 0 where both are exact."""
+        """new − base; 0 if both are exact."""
         return _difference(self.base, self.new)
 
     @property
     def loss(self) -> float:
-        """How much worse new is, in the quantity's unit; negative where it is better."""
+        """How much worse new is, in the quantity's unit; negative if it is better."""
         difference = self.difference or 0.0
         return -difference if self.quantity.better == "higher" else difference
 
@@ -83,8 +83,8 @@ class Chance:
     def margin(self, tolerance: Tolerance, unit: float = 1.0) -> float:
         """The value that a difference exceeds by chance as seldom as the tolerance says.
 
-        Of two seeds it would be hundreds of errors, and hide any loss. So it is at most what the error would give if
-        it were known from `FEW_SEEDS` or, where that is more, the guess that serves for one seed.
+        With two seeds it would be hundreds of standard errors, and hide any loss. So it is at most the value that the
+        same error from `FEW_SEEDS` seeds would give, or the guess for one seed if that is larger.
         """
         own, enough = (
             quantile(freedom, tolerance.chance) * self.error
@@ -104,7 +104,7 @@ def judge(
     values = _scatter_values(quantity, base, new, reference)
     paired = not _same_pairs(reference)
     if quantity.tolerance is not None and not paired and not _unchanged(before, after):
-        base, before = reference, values  # the same pairs for every seed: each tells as much as any
+        base, before = reference, values  # every seed has the same pairs, so all tell equally much
     if reason := _obstacle(quantity, base[0], new[0], before, after):
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=reason)
     certain = bool(quantity.metric) and one_file(reference)
@@ -131,7 +131,7 @@ def _same_pairs(jobs: Sequence[Record]) -> bool:
 
 
 def one_file(reference: Sequence[Record]) -> bool:
-    """Whether seeds that are scored at pairs of their own are known to have given the same file: they draw nothing."""
+    """Whether seeds scored at different pairs are known to have given the same file: the codec is deterministic."""
     files = {job["score_key"].get("sha256") for job in reference}
     return not _same_pairs(reference) and len(files) == 1 and None not in files
 
@@ -139,7 +139,7 @@ def one_file(reference: Sequence[Record]) -> bool:
 def _scatter_values(
     quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]
 ) -> list[float | None]:
-    """The numbers that differ as seeds of a codec do: of all seeds or, where pairs differ too, what each changed."""
+    """The numbers that measure scatter: those of all seeds or, if pairs differ too, the change of each seed."""
     if not quantity.metric or _same_pairs(reference):
         return [quantity.value(job) for job in reference]
     after = {job["seed"]: quantity.value(job) for job in new}
@@ -153,7 +153,7 @@ def _difference(base: float | None, new: float | None) -> float | None:
 
 
 def agree(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]) -> bool:
-    """Whether the seeds give the same up to rounding, or changed by the same: then the codec is deterministic."""
+    """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic."""
     return quantity.tolerance is None or _agree(quantity.tolerance, _scatter_values(quantity, base, new, reference))
 
 
@@ -190,7 +190,7 @@ def _finite(values: Values) -> list[float]:
 
 
 def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
-    """The margin that a change must exceed to count, given the numbers that tell of its scatter; see the module."""
+    """The margin that a change must exceed to count, given the numbers that measure its scatter; see the module."""
     finite = _finite(known)
     unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
     if len(known) < 2:
@@ -200,13 +200,13 @@ def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
 
 def quantile(freedom: float, probability: float) -> float:
     """The value that Student's t exceeds with that probability."""
-    from scipy.special import stdtrit  # as slow to import as all the rest together, and rarely needed
+    from scipy.special import stdtrit  # as slow to import as everything else together, and rarely needed
 
     return -float(stdtrit(freedom, probability))
 
 
 def fitted_unlike(base: Record, new: Record) -> str:
-    """Why the fits of two jobs are not of the same kind: another version of the codec, or other training data."""
+    """Why the fits of two jobs are of different kinds: another version of the codec, or other training data."""
     mine, theirs = base["fit_key"], new["fit_key"]
     reasons = []
     if mine["version"] != theirs["version"]:
@@ -217,9 +217,9 @@ def fitted_unlike(base: Record, new: Record) -> str:
 
 
 def unlike(base: Record, new: Record) -> str:
-    """Why no number of two jobs may be compared: unlike fits, other pairs or another exposure; "" where all may."""
+    """Why no numbers of two jobs may be compared (unlike fits, other pairs or another exposure); "" if they may."""
     reasons = [fitted] if (fitted := fitted_unlike(base, new)) else []
-    if base["fit_key"]["training"] == new["fit_key"]["training"]:  # else that is said, and the rest follows from it
+    if base["fit_key"]["training"] == new["fit_key"]["training"]:  # else one reason says it all
         reasons += scored_unlike(base["score_key"], new["score_key"])
     return ", ".join(reasons)
 

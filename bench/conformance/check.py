@@ -1,6 +1,6 @@
-"""What a renderer relies on, of any codec: each check is a function that raises `CheckError` with what is wrong.
+"""The promises that a renderer relies on: each check is a function that raises `CheckError` and says what is wrong.
 
-A codec under test encodes a small rendered-like BTF, writes the file, and decodes it, here and in a fresh process.
+A codec under test encodes a small synthetic BTF, writes the file, and decodes it, here and in a fresh process.
 """
 
 import inspect
@@ -26,12 +26,12 @@ from bench.hemisphere import thinned_product, ubo2003, uniform
 from bench.material import Material, parameters, texel_centres
 from bench.threads import torch_threads
 
-# Float32 sums of some hundred terms in another order differ by about 1e-6 of their size; ten times that is allowed.
+# Float32 sums of a few hundred terms in another order differ by about 1e-6 of their size; allow ten times that.
 ROUNDING = 1e-5
 
 
 class CheckError(AssertionError):
-    """A promise of the interface that a codec does not keep; `figure` is the number that is wrong, for a table."""
+    """A codec breaks a promise of the interface; `figure` is the wrong number, for a table."""
 
     def __init__(self, message: str, figure: str = ""):
         super().__init__(message)
@@ -39,8 +39,9 @@ class CheckError(AssertionError):
 
 
 def raised(error: BaseException, codec: Codec) -> str:
-    """Describe an error that a codec raised in one line, with the last line of its author's own files in the trace."""
-    if isinstance(error, ContainerError) and error.__cause__:  # the file is as it was written just now
+    """Describe, in one line, an error that a codec raised, with the last line of its author's own files in the
+    trace."""
+    if isinstance(error, ContainerError) and error.__cause__:  # the file was written just now, so it is not damaged
         error = error.__cause__
     if isinstance(error, CodecError):
         return str(error)  # names the author's line itself
@@ -86,7 +87,7 @@ class CodecUnderTest:
 
     codec: Codec
     folder: Path
-    trained: TrainedNetwork | None = None  # the network that it shares; else the one that it is used with
+    trained: TrainedNetwork | None = None  # the shared network to use; None: the one that `shared` finds
     show: Progress = silent
 
     @cached_property
@@ -95,12 +96,12 @@ class CodecUnderTest:
 
     @cached_property
     def network(self) -> TrainedNetwork | None:
-        """The network that the codec shares over materials; None where it shares none."""
+        """The network that the codec shares over materials; None if it shares none."""
         return self.trained or shared.find_for(self.codec)
 
     def encode(self, name: str, btf: BTF | None = None) -> container.Header:
         """Encode a BTF, by default the small material, into a file of that name."""
-        with torch_threads(1), torch.enable_grad():  # whatever asks for it first
+        with torch_threads(1), torch.enable_grad():  # whichever check asks for it first
             fit = Fit(seed=1, network=self.network, show=self.show)
             return container.save(self.folder / name, self.codec, self.codec.encode(btf or self.btf, fit))
 
@@ -114,7 +115,7 @@ class CodecUnderTest:
 
     @cached_property
     def frame_answers(self) -> frame.FrameAnswers:
-        """The codec's answers on the material that tells every arrangement apart."""
+        """The codec's answers on the material on which every arrangement looks different."""
         btf, folder = frame.material(), self.folder / "frame"
         folder.mkdir(parents=True)
         header = self.encode(f"frame/a{container.SUFFIX}", btf)
@@ -202,9 +203,9 @@ def refuses(tested: CodecUnderTest) -> None:
         tested.material.query(uv, wo, wi, footprint)
     except InputError as error:
         if "row 123" not in str(error):
-            raise CheckError(f"the error names no row: {error}") from error
+            raise CheckError(f"the error does not name the row: {error}") from error
         return
-    raise CheckError("a direction that is not a number was answered")
+    raise CheckError("a direction of NaN was answered")
 
 
 def counted(tested: CodecUnderTest) -> None:
@@ -230,7 +231,7 @@ def follows_data(tested: CodecUnderTest) -> None:
     decoded = torch.stack([tested.material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()) for i in range(len(btf))])
     error, floor = ((decoded - truth) ** 2).mean().item(), truth.var(dim=(0, 1, 2), correction=0).mean().item()
     if not error < floor:
-        raise CheckError(f"mean squared error {error:.3g}, that of one constant colour is {floor:.3g}")
+        raise CheckError(f"mean squared error {error:.3g} is no less than that of one constant colour, {floor:.3g}")
 
 
 def slices(tested: CodecUnderTest) -> None:
@@ -268,7 +269,7 @@ def framed(tested: CodecUnderTest) -> str | None:
     return f"its answers are the same {'; '.join(undecided)}" if undecided else None
 
 
-Check = Callable[[CodecUnderTest], str | None]  # what it raises is the failure, what it returns a note
+Check = Callable[[CodecUnderTest], str | None]  # raises on failure; returns a note or None
 STAGES: tuple[tuple[Check, ...], ...] = (
     (encodes,),
     (repeats,),

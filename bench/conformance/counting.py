@@ -1,4 +1,4 @@
-"""Counts what the textures of a file and of its decoder really hold, to hold against what the codec declares."""
+"""Counts the numbers in the textures of a file and of its decoder, to compare them with the codec's declaration."""
 
 import math
 
@@ -6,13 +6,13 @@ from torch import Tensor, nn
 
 from bench.material import Material
 
-PACKED_BITS = (1, 32)  # of an index that is packed into bytes, the least and the most
+PACKED_BITS = (1, 32)  # the least and the most bits of an index that is packed into bytes
 
 
 def texture_floats(texture: dict[str, Tensor]) -> range:
-    """How many numbers the textures of a file hold: one count, or from … to where indices are packed into bytes.
+    """The number of numbers in the textures of a file: one count, or a range if indices are packed into bytes.
 
-    Vectors of floats are scales, offsets and the like, which are no texture.
+    Vectors of floats are not counted: they are scales, offsets and the like.
     """
     counted = sum(values.numel() for values in texture.values() if values.ndim > 1)
     packed = 8 * sum(values.nbytes for values in texture.values() if values.ndim < 2 and not values.is_floating_point())
@@ -31,14 +31,14 @@ def held_floats(material: Material) -> int:
 
 
 def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int | None:
-    """Numbers a texel of the finest textures, by their shapes; None where one is packed or laid out otherwise."""
+    """Numbers a texel of the finest textures, by their shapes; None if one is packed or has another layout."""
     channels = [_channels(tuple(values.shape), size) for values in texture.values() if values.ndim != 1]
     packed = any(values.ndim == 1 and not values.is_floating_point() for values in texture.values())
     return None if packed or None in channels else sum(count for count in channels if count)
 
 
 def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
-    """The channels of one tensor: (H, W) stand in its shape, or all texels, of all levels, are its rows."""
+    """The channels of one tensor: its shape contains (H, W), or its rows are the texels of all levels."""
     places = [i for i in range(len(shape) - 1) if shape[i : i + 2] == size]
     if places:
         return math.prod(shape) // math.prod(size)

@@ -1,9 +1,9 @@
 """Proves the frame, the order of channels and directions, and the units of a codec's answers against the truth.
 
-The material is in closed form, so that the truth is known in any arrangement, and no two arrangements look alike:
-quadrants, channels, views and lights all differ. Answers are projected on the line from the truth T to each wrong
-arrangement W: share = ⟨answers − T, W − T⟩ / ⟨W − T, W − T⟩ is 0 at T and 1 at W. What a codec blurs or leaves out is
-at right angles to most of that; one that does not follow what W changes, such as a mean over all pairs, is half way.
+The material has a closed form, so the truth is known in any arrangement, and no two arrangements look alike: quadrants,
+channels, views and lights all differ. Answers are projected on the line from the truth T to each wrong arrangement W:
+share = ⟨answers − T, W − T⟩ / ⟨W − T, W − T⟩ is 0 at T and 1 at W. The error of a codec that blurs or omits detail is
+almost orthogonal to that line. A codec that ignores what W changes, such as a mean over all pairs, is half way.
 """
 
 import math
@@ -20,8 +20,8 @@ from bench.material import Material, texel_centres
 from bench.metrics.display import decode_srgb, encode_srgb
 
 SHAPE = (8, 8)
-WRONG, RIGHT = 0.65, 0.35  # shares above and below these decide; between them a codec does not tell the two apart
-SAME_SCALE = 1.25  # a mean within this factor is no question of units
+WRONG, RIGHT = 0.65, 0.35  # a share above or below these decides; between them the codec does not separate the two
+SAME_SCALE = 1.25  # a mean within this factor is not an error of units
 PHASES_U, PHASES_V = (0.03, 0.37, 0.66), (0.18, 0.52, 0.86)  # of the three channels
 WAVE, ALBEDO = 0.2, 0.45
 LIGHT_DEG, VIEW_DEG, LIGHT_TILT, VIEW_TILT = 20.0, 140.0, 0.5, 0.35  # how radiance leans with the directions
@@ -43,7 +43,7 @@ def _along(w: Tensor, phi_deg: float) -> Tensor:
 
 
 def directions() -> np.ndarray:
-    """The zenith and two rings, (13, 3): a set that every arrangement of directions maps to itself."""
+    """The zenith and two rings, (13, 3); every arrangement of directions maps this set to itself."""
     rings = [(0.0, 0.0), *((30.0, 90.0 * i) for i in range(4)), *((60.0, 45.0 * i) for i in range(8))]
     return np.stack([from_degrees(theta, phi) for theta, phi in rings])
 
@@ -59,7 +59,7 @@ def material() -> BTF:
 
 @dataclass(frozen=True)
 class Arrangement:
-    """A way to be wrong: its description, and the radiance that such a codec would answer."""
+    """A possible mistake: its description, and the radiance that a codec with it would answer."""
 
     description: str
     radiance: Radiance
@@ -74,7 +74,7 @@ def _moved(across: float, up: float) -> Radiance:
 
 
 def _turned(w: Tensor, x: tuple[int, int], y: tuple[int, int]) -> Tensor:
-    """Directions whose x and y are these whole multiples of the x and y there were."""
+    """Directions whose new x and y are these whole multiples of the old x and y."""
     turn = torch.tensor([[*x, 0], [*y, 0], [0, 0, 1]], dtype=w.dtype)
     return w @ turn.T
 
@@ -88,7 +88,7 @@ def _channels(order: tuple[int, int, int]) -> Radiance:
 
 
 def _as(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
-    """The radiance through a curve; values above 1 go on."""
+    """The radiance through a curve; values above 1 are not clamped."""
     return lambda uv, wo, wi: torch.from_numpy(curve(truth(uv, wo, wi).numpy()))
 
 
@@ -173,7 +173,7 @@ class FrameAnswers:
         return {one.description: self.share(one.radiance(*self.queries)) for one in ARRANGEMENTS}
 
     def mistake(self) -> str:
-        """Describe the mistake in words; empty where there is none."""
+        """Describe the mistake in words; empty if there is none."""
         wrong = [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
         likely = [(self.error(one.radiance(*self.queries)), one.description) for one in wrong]
         scale = self.scale
@@ -182,5 +182,5 @@ class FrameAnswers:
         return f"your answers fit better {min(likely)[1]}" if likely else ""
 
     def undecided(self) -> list[str]:
-        """The arrangements that the answers do not tell from the truth."""
+        """The arrangements that the answers do not distinguish from the truth."""
         return [description for description, share in self.shares().items() if RIGHT < share <= WRONG]

@@ -20,7 +20,7 @@ from bench.records import Record, load_run
 
 @dataclass(frozen=True)
 class Result:
-    """One check: its name, what was wrong, empty where it passed, the reason where it does not apply, and a note."""
+    """One check: its name, the failure ("" if it passed), the reason if it does not apply, and a note."""
 
     name: str
     failure: str = ""
@@ -29,11 +29,11 @@ class Result:
 
 
 def check(codec: Codec, show: Progress = silent) -> Iterator[Result]:
-    """Run the checks against a codec, yielding each result; what a codec itself raises is a failed check.
+    """Run the checks on a codec and yield each result; any exception of the codec is a failed check.
 
-    They come in stages: it encodes and answers, the answers are the material's, a renderer's promises, and the quick
-    extremes of `bench.conformance.stress`. The first stage in which one fails is the last that is tried: what comes
-    after would fail for the same reason.
+    There are four stages: the codec encodes and answers; the answers are those of the material; the promises to a
+    renderer hold; and the quick extremes of `bench.conformance.stress` hold. If a check fails, later stages are not
+    tried, because they would fail for the same reason.
     """
     with tempfile.TemporaryDirectory() as folder:
         tested = CodecUnderTest(codec, Path(folder), show=show)
@@ -50,12 +50,12 @@ def check(codec: Codec, show: Progress = silent) -> Iterator[Result]:
 
 
 def planned() -> int:
-    """The number of results of a check whose every stage is tried."""
+    """The number of results if all stages are tried."""
     return sum(map(len, STAGES)) + sum(case.cheap for case in stress.CASES)
 
 
 def codec_to_check(name: str, settings: dict[str, Any]) -> Codec:
-    """The codec of a name as it is checked: with these settings, and fits that are short where they do not say."""
+    """The codec of that name for the check: with these settings, and otherwise with short fits."""
     kind = load_codec(name)
     return kind(**short(kind) | settings)
 
@@ -67,7 +67,7 @@ def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result
             yield Result(name, note=one(tested) or "")
         except CheckError as error:
             yield Result(name, str(error))
-        except Exception as error:  # whatever a foreign codec raises is its failure
+        except Exception as error:  # any exception of a foreign codec is its failure
             yield Result(name, raised(error, tested.codec))
 
 
@@ -84,7 +84,7 @@ def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
 
 
 def stress_reference() -> Path:
-    """The committed record of the stress test: how the built-in codecs met each extreme."""
+    """The committed record of the stress test: the results of the built-in codecs for each extreme."""
     return Path(str(files("bench") / "compare" / "references" / "stress.jsonl"))
 
 
@@ -94,17 +94,18 @@ def _met() -> tuple[Record, ...]:
 
 
 def met_by_others(extreme: str) -> str:
-    """Say how many built-in codecs meet an extreme, as the end of a message about one that does not."""
+    """Say how many built-in codecs pass an extreme, at the end of a message about a codec that fails it."""
     met = [record["verdict"] for record in _met() if record["extreme"] == extreme and record["verdict"] != "n/a"]
     passed = met.count("pass")
     count = f"all {passed}" if passed == len(met) else f"{passed} of {len(met)}"
-    return f"; {count} built-in codecs that it applies to pass" if passed else ""
+    return f"; {count} built-in codecs to which it applies pass" if passed else ""
 
 
 def count(name: str) -> Record:
     """Count a codec's decoder in a file of the small material: `label`, `parameters`, `cost` of a record.
 
-    A codec with recipes is counted as published. One that is fitted in `steps` takes one, which changes no count.
+    A codec with recipes is counted as published. A codec that is fitted in `steps` takes one step, which changes no
+    count.
     """
     codec_class = load_codec(name)
     fitted = "steps" in {field.name for field in dataclasses.fields(codec_class.Settings)}

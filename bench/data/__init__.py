@@ -1,1 +1,1 @@
-"""Opens materials: built in, measured or given as maps; converts, thins and repairs them."""
+"""Opens materials (built in, measured or given as maps), and converts, thins and repairs them."""

@@ -19,9 +19,9 @@ def from_arrays(
 ) -> BTF:
     """The BTF of radiance (N, H, W, 3) at N pairs of unit directions: wo (N, 3) to the camera, wi (N, 3) to the light.
 
-    Radiance is linear Rec. 709 f_r · cos θ_i, taken as it is and not copied. `heldout` is a mask (N,) of the pairs that
+    Radiance is linear Rec. 709 f_r · cos θ_i, used unchanged and not copied. `heldout` is a mask (N,) of the pairs that
     no codec may train on; without it, whole views and lights are held out (`BTF.split`). `periodic` says that the
-    picture repeats without a seam. `InputError` names the array and the row that will not do.
+    picture repeats without a seam. `InputError` names the array and the row of a wrong value.
     """
     values = np.asarray(radiance)
     if values.ndim != 4 or values.shape[-1] != 3 or 0 in values.shape or values.dtype.kind != "f":

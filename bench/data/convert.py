@@ -1,7 +1,7 @@
-"""A BTF cut, shrunk or thinned, and written in an open format: `.npz`, or a folder of EXR pictures with `pairs.csv`.
+"""Cuts, shrinks or thins a BTF, and writes it as `.npz` or as a folder of EXR pictures with `pairs.csv`.
 
-Slices are read and written one at a time, so memory stays small whatever the size. A result is written beside its
-place under a temporary name, opened once to see that it can be read, and renamed.
+Slices are read and written one at a time, so memory stays small for any size. A result is first written under a
+temporary name beside its final one, opened once to check that it can be read, and then renamed.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample:
     if crop:
         (H, W), (row, col, height, width) = btf.shape, crop
         if min(row, col) < 0 or min(height, width) < 1 or row + height > H or col + width > W:
-            raise InputError(f"--crop {row},{col},{height},{width}: does not fit into {H} x {W} texels")
+            raise InputError(f"--crop {row},{col},{height},{width}: it does not fit into {H} x {W} texels")
         if (height, width) != (H, W):
             btf = btf.crop(*crop)
     if downsample > min(btf.shape):
@@ -34,7 +34,7 @@ def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample:
 
 
 class _Watched(Source):
-    """Another source that tells `show` how many of `total` slices have been read."""
+    """Wraps a source and tells `show` how many of `total` slices were read."""
 
     def __init__(self, source: Source, show: Progress, total: int):
         self.source, self.show, self.total, self.read = source, show, total, 0
@@ -47,16 +47,16 @@ class _Watched(Source):
 
 
 def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
-    """Write a BTF as one `.npz` (float32) where `out` ends so, else as a folder of EXR pictures with `pairs.csv`.
+    """Write a BTF as one `.npz` (float32) if `out` has that ending, else as a folder of EXR pictures with `pairs.csv`.
 
-    `show` is called for each slice. Nothing stands under `out` before it is complete; an `.npz` is
-    replaced. Raises `InputError` where `out` is a folder that holds something, or cannot be made.
+    `show` is called for each slice. `out` appears only when it is complete; an existing `.npz` is replaced. Raises
+    `InputError` if `out` is a folder that is not empty, or cannot be made.
     """
     check_place(out)
     btf = btf.over(_Watched(btf.source, show, len(btf)))
     with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:
         (write_npz if _is_file_name(out) else write_folder)(btf, partial)
-        open_btf(partial)  # what the readers would refuse must not stand there as if it were done
+        open_btf(partial)  # a result that readers would refuse must not look finished
 
 
 def write_maps(maps: dict[str, Array], out: Path) -> None:
@@ -71,13 +71,13 @@ def write_maps(maps: dict[str, Array], out: Path) -> None:
 
 
 def check_place(out: Path) -> None:
-    """Raise `InputError` where `write_btf` could not write, before any work is spent on it."""
+    """Raise `InputError` if `write_btf` could not write, before any work starts."""
     if not out.absolute().parent.is_dir():
-        raise InputError(f"{out}: its folder is not there: make it first")
+        raise InputError(f"{out}: there is no such folder: make it first")
     if _is_file_name(out) and out.is_dir():
-        raise InputError(f"{out}: a folder: choose another name")
+        raise InputError(f"{out}: it is a folder: choose another name")
     if not _is_file_name(out) and (out.is_file() or (out.is_dir() and any(out.iterdir()))):
-        raise InputError(f"{out}: is there and not an empty folder: choose another name (a file ends in .npz)")
+        raise InputError(f"{out}: it exists and is not an empty folder: choose another name (a file ends in .npz)")
 
 
 def _is_file_name(out: Path) -> bool:

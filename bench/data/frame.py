@@ -1,7 +1,7 @@
-"""Checks the frame of a BTF by its mean lobe: whether the azimuths of views and of lights turn the same way.
+"""Checks the frame of a BTF by its mean lobe: do the azimuths of views and lights turn the same way?
 
-A surface without a grain of its own answers by the azimuth between view and light, φ_i − φ_o. Where one side was
-measured clockwise and the other counter-clockwise, the lobe follows φ_i + φ_o instead.
+The answers of an isotropic surface depend on the azimuth between view and light, φ_i − φ_o. If one of them was measured
+clockwise and the other counter-clockwise, the lobe depends on φ_i + φ_o instead.
 """
 
 from dataclasses import dataclass
@@ -11,16 +11,17 @@ import numpy as np
 from bench.btf import BTF, Array, Layout
 from bench.hemisphere import to_degrees
 
-AZIMUTHS = 6  # of each side: 36 slices are read
-LEAST = 5  # azimuths a side; with fewer the two cannot be told apart
+AZIMUTHS = 6  # azimuths of views, and of lights: 36 slices are read
+LEAST = 5  # azimuths of views, and of lights; with fewer the two cannot be told apart
 HARMONICS = 2
-STEEP = 50.0  # degrees: nearer the normal a weave along one axis can follow the sum
-CLEAR = (0.5, 2.0)  # a mirrored side explains at least this share, and so many times what the frame as given does
+STEEP = 50.0  # degrees; nearer the normal, the lobe of a weave along one axis can follow the sum
+CLEAR = (0.5, 2.0)  # a mirrored side explains at least this share, and this many times the share of the given frame
 
 
 @dataclass(frozen=True)
 class MeanLobe:
-    """The shares of the mean lobe at θ_o = θ_i that φ_i − φ_o and φ_i + φ_o explain, and the former's largest place."""
+    """The shares of the mean lobe at θ_o = θ_i that φ_i − φ_o and φ_i + φ_o explain, and the angle of the former's
+    maximum."""
 
     theta_deg: float
     given: float
@@ -36,8 +37,8 @@ class MeanLobe:
 def mean_lobe(btf: BTF) -> MeanLobe | None:
     """The lobe of slices' means at the outermost ring of directions that views and lights share; None without one.
 
-    Each is divided by cos θ_i, and by the mean of its view and of its light; what is left is fitted with two harmonics
-    of each azimuth. The training pairs must be a product of views and lights.
+    Each mean is divided by cos θ_i, and by the mean of its view and of its light; two harmonics of each azimuth are
+    fitted to the rest. The training pairs must be a product of views and lights.
     """
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(~btf.heldout)
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])

@@ -1,4 +1,4 @@
-"""Joins two tables of one surface to one BTF: the product to train on, and the held-out pairs."""
+"""Joins two tables of one surface into one BTF: the product of training pairs, and the held-out pairs."""
 
 import hashlib
 from typing import Any
@@ -13,7 +13,7 @@ class Joined(Source):
 
     def __init__(self, first: Source, second: Source):
         if first.shape != second.shape:
-            raise ValueError(f"pictures of {first.shape} and of {second.shape} are no one surface's")
+            raise ValueError(f"pictures of {first.shape} and of {second.shape} cannot be of one surface")
         self.parts = (first, second)
         self.shape, self.count = first.shape, first.count + second.count
 
@@ -52,7 +52,7 @@ class Joined(Source):
 
 
 def with_heldout(product: BTF, drawn: BTF, **provenance: Any) -> BTF:
-    """A product of views and lights, and after it the pairs of another table of the surface, all of these held out."""
+    """A product of views and lights, followed by the held-out pairs of another table of the surface."""
     return BTF(
         product.name,
         np.concatenate([product.wo, drawn.wo]),
@@ -65,7 +65,7 @@ def with_heldout(product: BTF, drawn: BTF, **provenance: Any) -> BTF:
 
 
 def with_validation(btf: BTF, drawn: BTF, words: str) -> BTF:
-    """A BTF with declared held-out pairs, and after it further pairs of the surface, by which settings are chosen."""
+    """A BTF with declared held-out pairs, followed by its validation pairs, by which settings are chosen."""
     joined = with_heldout(btf, drawn, validation=words)
     joined.validation = joined.heldout
     joined.heldout = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])

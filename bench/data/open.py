@@ -24,14 +24,14 @@ def open_material(
     draw: int = 0,
     path_tracer: "Callable[[], PathTracer] | None" = None,
 ) -> BTF:
-    """Open a suite's material as a BTF, without the pairs that `data.split` hides.
+    """Open a suite's material as a BTF, without the pairs that `data.split` excludes.
 
     Its held-out pairs are validation or test pairs. A rendered material draws its test pairs by `draw`. The test pairs
-    of a measured material are those its data declare, or else whole views and lights (`BTF.split`); with
-    `split="validation"` the test pairs are left out, and `BTF.split` holds out whole views and lights of the rest.
-    `path_tracer` gives what `data.renderer = "mitsuba"` bakes folders of maps by.
-    With `validation` both are there: those whole views and lights of the rest are `BTF.validation`.
-    `MissingDataError` says where to get measured data that are not there.
+    of a measured material are those that its data declare, or else whole views and lights (`BTF.split`); with
+    `split="validation"` the test pairs are left out, and `BTF.split` holds out whole views and lights of the rest. With
+    `validation` the BTF has both: these views and lights of the rest are then `BTF.validation`. `path_tracer` loads the
+    tracer that bakes folders of maps for `data.renderer = "mitsuba"`. `MissingDataError` says where to get missing
+    measured data.
     """
     traced = data.renderer == "mitsuba"
     if not spec.path:
@@ -39,13 +39,13 @@ def open_material(
         from bench.data.materials.store import load_or_render
 
         if traced:
-            raise InputError(f"data.renderer: mitsuba bakes folders of maps, and {spec.name} is built in")
+            raise InputError(f"data.renderer: mitsuba bakes only folders of maps, and {spec.name} is built in")
         return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
     path = spec.existing()
     if path is None:
         under = f" or under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
         where = f"{spec.where}" if spec.where else "check the path"
-        raise (MissingDataError if spec.where else InputError)(f"{spec.path}: not there{under}: {where}")
+        raise (MissingDataError if spec.where else InputError)(f"{spec.path}: there is no such file{under}: {where}")
     from bench.data.bake.naming import looks_like_maps
 
     if looks_like_maps(path):
@@ -53,7 +53,7 @@ def open_material(
 
         if traced and path_tracer is None:
             raise InputError(
-                f"data.renderer: only a run bakes by mitsuba; for a file: neubtf-bench bake {path} --renderer mitsuba"
+                f"data.renderer: only a run bakes with mitsuba; instead: neubtf-bench bake {path} --renderer mitsuba"
             )
         return open_svbrdf(path, data, show, draw, path_tracer() if traced and path_tracer else None)
     from bench.data.readers import open_btf
@@ -67,7 +67,7 @@ def open_material(
 
 
 def outlined(spec: MaterialSpec, data: Preparation, draw: int = 0) -> BTF:
-    """A built-in material as `open_material` opens it, but without its values: its fingerprint takes no rendering."""
+    """A built-in material as `open_material` opens it, but without values: its fingerprint needs no rendering."""
     from bench.data.materials import recipe
     from bench.data.materials.store import load_or_render
 
@@ -75,25 +75,26 @@ def outlined(spec: MaterialSpec, data: Preparation, draw: int = 0) -> BTF:
 
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
-    """The draw of test pairs for a repetition; 0 where all repetitions share one."""
+    """The draw of test pairs for a repetition; 0 if all repetitions share one."""
     return repetition if spec.rendered and data.split == "test" else 0
 
 
 def without_test(btf: BTF) -> BTF:
-    """The BTF without its test pairs; the pairs held out of the rest are validation pairs."""
+    """The BTF without its test pairs; its held-out pairs are then validation pairs."""
     left = btf.subset(btf.split().train)
     left.heldout = None
     return left
 
 
 def hold_validation(btf: BTF) -> None:
-    """Hold validation pairs out of a measured BTF beside its test pairs: whole views and lights of the rest."""
+    """Hold validation pairs out of a measured BTF, besides its test pairs: whole views and lights of the rest."""
     train, rest = btf.split().train, without_test(btf).split()
     btf.validation = np.isin(np.arange(len(btf)), np.delete(train, rest.train))
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:
-    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` where it has no such."""
+    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` if it has no such
+    setting."""
     spec = named(name)
     data = changed(Preparation(), {key: value for key, value in changes.items() if key.startswith("data.")})
     for key in changes:

@@ -1,7 +1,7 @@
 """Inspects a BTF before it is used: warns of likely faults, and draws an overview as a PNG.
 
-It reads some 84 slices at most, so a table of 22 GB takes seconds: lights at the view nearest the normal, a contact
-sheet of views × lights, and the ring of directions that `frame` looks at.
+It reads at most about 84 slices, so a table of 22 GB takes seconds: lights at the view nearest the normal, a contact
+sheet of views × lights, and the ring of directions that `frame` uses.
 """
 
 from dataclasses import dataclass
@@ -20,22 +20,21 @@ from bench.metrics.display import exposure_of, to_display
 
 LIGHTS = 24  # slices of the view nearest the normal
 SHEET = (4, 6)  # views × lights of the contact sheet
-STEEP = 0.45  # least cos θ of the sheet's directions where possible, about 63°: beyond, highlights outshine the rest
-TEXELS = 4096  # texels of a slice that are counted
-THUMB = 256  # longest side of a picture of the sheet
-FLAT = 0.35  # power of cos θ_i below which a cosine seems missing; Lambert has 1, measured fabrics about 0.7
-SEAM = 1.5  # gradient across the border over that inside, from which on it shows
-CLIPPED = 1e-3  # share of values exactly at the maximum that no unclipped data reaches
+STEEP = 0.45  # least cos θ of the sheet's directions if possible, about 63°: beyond, highlights outshine all else
+TEXELS = 4096  # the most texels of a slice that are used
+THUMB = 256  # longest side of a picture in the sheet
+FLAT = 0.35  # below this power of cos θ_i a cosine seems to be missing; Lambert has 1, measured fabrics about 0.7
+SEAM = 1.5  # from this ratio of the gradient across the border to that inside, a seam is visible
+CLIPPED = 1e-3  # a larger share of values exactly at the maximum means clipping
 
 
 @dataclass(frozen=True)
 class Look:
     """The findings from a few slices of a BTF.
 
-    `values` (slices, n, 3) are the same n texels of each slice looked at; `power` is the exponent of cos θ_i with which
-    the median of a slice falls, or None if undefined; `seams` are the gradients across the left–right and the
-    top–bottom border, each over the mean and over the largest inside; `lobe` checks the azimuths, where that is
-    possible.
+    `values` (slices, n, 3) are the same n texels of each slice; `power` is the exponent of cos θ_i with which the
+    median of a slice falls, or None if undefined; `seams` are the gradients across the left–right and the top–bottom
+    border, each divided by the mean and by the largest gradient inside; `lobe` checks the azimuths, if possible.
     """
 
     btf: BTF
@@ -48,13 +47,13 @@ class Look:
 
     @cached_property
     def layout(self) -> Layout:
-        """The training pairs' layout: random held-out pairs belong to no product."""
+        """The layout of the training pairs; random held-out pairs belong to no product."""
         train = self.btf.split().train if self.btf.heldout is not None else slice(None)
         return Layout.of(self.btf.wo[train], self.btf.wi[train])
 
     @property
     def clipped(self) -> float:
-        """The share of values that lie exactly at the maximum; 0 where they are few, or of a flat tile."""
+        """The share of values that lie exactly at the maximum; 0 if they are few, or belong to a flat tile."""
         top = self.values == self.values.max()
         return top.mean() if 10 <= top.sum() < top.size and not self._alike(top.any(2)) else 0.0
 
@@ -67,7 +66,7 @@ class Look:
 
     @property
     def missing(self) -> int:
-        """The number of pairs missing of a product of views and lights; 0 where most are missing: it is no product."""
+        """The number of missing pairs of a product of views and lights; 0 if most are missing, so it is no product."""
         product = len(self.layout.views) * len(self.layout.lights)
         return product - len(self.layout.view) if len(self.layout.view) > product / 2 else 0
 
@@ -86,7 +85,7 @@ class Look:
             )
         if self.missing:
             whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
-            warnings.append(f"{self.missing:,} pairs are missing of the product of {whole}")
+            warnings.append(f"{self.missing:,} pairs of the product of {whole} are missing")
         if self.lobe and self.lobe.looks_mirrored:
             warnings.append(
                 f"the mean lobe follows phi_i + phi_o ({self.lobe.mirrored:.0%}), not phi_i - phi_o "
@@ -94,13 +93,13 @@ class Look:
             )
         for (mean, largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
             if mean >= SEAM and largest >= 1:
-                what = "though it is said to repeat" if self.btf.periodic else "repeated, it shows"
+                what = "although the data call it periodic" if self.btf.periodic else "it shows when repeated"
                 warnings.append(f"a seam at the {border} border, {mean:.1f} times the gradient inside: {what}")
         return warnings
 
 
 def look(btf: BTF) -> Look:
-    """Read at most 84 slices of a BTF, one at a time."""
+    """Read at most about 84 slices of a BTF, one at a time."""
     rng = np.random.default_rng(0)
     sheet, row = _sheet(btf), _row(btf)
     values, thumbs, medians, seams = [], {}, {}, []
@@ -146,7 +145,7 @@ def _row(btf: BTF) -> list[int]:
 
 
 def _power(cos: Array, median: Array) -> float | None:
-    """The slope of log median over log cos θ_i; None with fewer than 4 lit slices or lights of like inclination."""
+    """The slope of log median over log cos θ_i; None with fewer than 4 lit slices, or lights at similar angles."""
     lit = median > 0
     if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:
         return None
@@ -156,7 +155,7 @@ def _power(cos: Array, median: Array) -> float | None:
 def draw(seen: Look, out: Path) -> None:
     """Write a PNG: the directions in polar plots, a histogram of the values, and the contact sheet with angles.
 
-    Raises `InputError` where `out` cannot be written.
+    Raises `InputError` if `out` cannot be written.
     """
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""Masks radiance that is NaN or infinite: `--repair`."""
+"""Masks radiance that is NaN or infinite, for `--repair`."""
 
 import hashlib
 import logging
@@ -13,9 +13,9 @@ log = logging.getLogger(__name__)
 
 
 class Repaired(Source):
-    """Another source, its values that are not finite replaced by the mean of the finite ones of pair and channel.
+    """Wraps a source: values that are not finite become the mean of the finite ones of their pair and channel.
 
-    Scattered reads use the scratch file of `Source`, so every value is repaired once, and in the same way.
+    Scattered reads use the scratch file of `Source`, so every value is repaired only once.
     """
 
     def __init__(self, source: Source):
@@ -25,9 +25,9 @@ class Repaired(Source):
         return self.mended(pair)[0]
 
     def mended(self, pair: int) -> tuple[Array, int]:
-        """The slice of a pair (H, W, 3), and how many of its values are masked.
+        """The slice of a pair (H, W, 3), and the number of its masked values.
 
-        `InputError` where a channel of it has no finite value.
+        Raises `InputError` if one of its channels has no finite value.
         """
         try:
             picture = self.source.slice(pair)
@@ -37,7 +37,7 @@ class Repaired(Source):
         if not bad.any():
             return picture, 0
         if bad.all((0, 1)).any():
-            raise InputError(f"pair {pair}: a channel without any finite value cannot be repaired: leave the pair out")
+            raise InputError(f"pair {pair}: a channel without finite values cannot be repaired: leave the pair out")
         mean = np.mean(picture, (0, 1), where=~bad, dtype=np.float64)
         return np.where(bad, mean, picture).astype(np.float32), int(bad.sum())
 

@@ -1,8 +1,8 @@
-"""The specification of a material in a suite or a command: which one, and how it is prepared.
+"""The specification of a material in a suite or a command, and of its preparation.
 
 The pairs of a rendered material are a product to train on, and random held-out pairs for validation or test.
 `validation` pairs are one fixed draw; defaults, recipes and stopping are chosen on them. `test` pairs are only for
-tables; they use another random stream and are drawn anew for each repetition and each material.
+tables; they use another random stream, with another draw for each repetition and each material.
 """
 
 import dataclasses
@@ -27,20 +27,20 @@ Directions = Annotated[int, Range(1, 10_000)]
 
 @dataclass(frozen=True)
 class Preparation:
-    """How built-in materials and folders of maps are rendered, and how much of measured ones is used."""
+    """How built-in materials and folders of maps are rendered, and how much of measured data is used."""
 
     size: Annotated[int, Range(1, 8192)] = 64  # texels a side
-    directions: str = "ubo2003"  # the published direction set that is thinned
+    directions: str = "ubo2003"  # the published direction set to thin
     views: Directions = 25
     lights: Directions = 25
     heldout: Annotated[int, Range(0, 100_000)] = 150  # further random pairs, uniform in solid angle up to 75°
-    split: Split = "test"  # held-out pairs: "test", drawn anew for each seed, or "validation", to choose settings by
-    validation: bool = False  # score validation pairs beside the test pairs; of measured data no fit sees them then
+    split: Split = "test"  # held-out pairs: "test", another draw for each seed, or "validation", to choose settings
+    validation: bool = False  # score validation pairs besides test pairs; fits to measured data then exclude them
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
-    # At most so many training pairs are scored, always the same ones, and of whole held-out views and lights; 0: all.
+    # The most training pairs, and pairs of held-out views and lights, that are scored, always the same ones; 0: all.
     scored: Natural = 0
-    renderer: Renderer = "builtin"  # of folders of maps: "mitsuba" path-traces them, with inter-reflections
+    renderer: Renderer = "builtin"  # for folders of maps: "mitsuba" path-traces them, with inter-reflections
     repair: bool = False  # mask measured values that are not finite by the mean of their pair
 
     def __post_init__(self) -> None:
@@ -48,7 +48,7 @@ class Preparation:
         if needed > MOST:
             raise InputError(
                 f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {self.heldout} pairs are "
-                f"{needed / 2**30:,.0f} GiB, and {MOST >> 30} are the limit: lower size, views, lights or heldout"
+                f"{needed / 2**30:,.0f} GiB, but the limit is {MOST >> 30}: lower size, views, lights or heldout"
             )
         if self.heldout < 0:
             raise InputError(f"heldout must be at least 0, not {self.heldout}")
@@ -70,7 +70,7 @@ class Preparation:
         return thinned_product(everything, *counts)
 
     def drawn(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
-        """`wo` and `wi` (heldout, 3) float32, uniform in solid angle up to 75°; `draw` is of the test pairs."""
+        """`wo` and `wi` (heldout, 3) float32, uniform in solid angle up to 75°; `draw` selects test pairs."""
         stream = [seed, 0x5EED]
         if self.split == "test":
             named = int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
@@ -84,7 +84,7 @@ class Preparation:
         return wo, wi
 
     def of_validation(self) -> "Preparation":
-        """The same, with validation pairs alone as those held out."""
+        """The same, with only validation pairs as held-out pairs."""
         return dataclasses.replace(self, split="validation", validation=False)
 
     def described(self, draw: int = 0) -> str:
@@ -93,7 +93,7 @@ class Preparation:
         return f"{self.heldout} {which}, uniform in solid angle, theta_deg <= 75"
 
 
-# What to give in place of a setting that only a material of the other kind has.
+# What to use instead of a setting that only the other kind of material has.
 _OF_RENDERED = {
     "data.size": "give data.texels",
     "data.directions": "leave it out",
@@ -106,7 +106,7 @@ _OF_MEASURED = {"data.texels": "give data.size"}
 
 @dataclass(frozen=True)
 class MaterialSpec:
-    """A material of a suite: built in where `path` is empty."""
+    """A material of a suite; built in if `path` is empty."""
 
     name: str
     path: str = ""
@@ -123,7 +123,7 @@ class MaterialSpec:
         return path is not None and looks_like_maps(path)
 
     def ignores(self, key: str) -> str:
-        """Why `data.KEY` changes nothing of this material, and what does; "" where it does, or where no data are."""
+        """Why `data.KEY` does not affect this material, and what does; "" if it does, or if there are no data."""
         if not self.rendered and not self.existing():
             return ""
         kind, others = ("rendered", _OF_MEASURED) if self.rendered else ("measured", _OF_RENDERED)
@@ -139,7 +139,7 @@ class MaterialSpec:
 
 
 def named(material: str) -> MaterialSpec:
-    """The material of a bare string: a path where it looks like one or exists, else a built-in name."""
+    """The material of a bare string: a path if it looks like one or exists, else a built-in name."""
     spec = MaterialSpec(Path(material).name or material, material)
     is_path = os.sep in material or bool(Path(material).suffix) or spec.existing()
     return spec if is_path else MaterialSpec(material)

@@ -13,8 +13,8 @@ from bench.hemisphere import thin
 def thinned(btf: BTF, pairs: int) -> BTF:
     """About `pairs` of a BTF's pairs (0: all), evenly spread, so that a product of views and lights stays one.
 
-    Where the data declare held-out pairs off that product, the two sides keep their shares, and the held-out ones
-    are drawn by seed. Pairs that form no product are drawn by seed, too.
+    If the data declare held-out pairs outside that product, training and held-out pairs keep their shares, and the
+    held-out ones are drawn by seed. Pairs that form no product are drawn by seed, too.
     """
     if not 0 < pairs < len(btf):
         return btf
@@ -27,7 +27,8 @@ def thinned(btf: BTF, pairs: int) -> BTF:
 
 
 class _Shrunk(Source):
-    """Averages over boxes of texels, as halves in a scratch file: else every fit would read all texels of all boxes."""
+    """Averages over boxes of texels, kept as halves in a scratch file, so fits need not read all texels of all
+    boxes."""
 
     at_once = scratch.TOGETHER
 

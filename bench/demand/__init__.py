@@ -1,4 +1,4 @@
-"""Computes the demand of a scene: which texels it shows, at what size, from which directions, with which weight."""
+"""Computes the demand of a scene: the texels that it shows, with their footprints, directions and weights."""
 
 from typing import TYPE_CHECKING
 
@@ -11,8 +11,8 @@ UNIFORM = 0.1  # share of the samples of a fit to a scene, or of the weights of 
 
 
 def require_demand(codec: "Codec", demand: object) -> None:
-    """Raise an `InputError` where a codec is to be fitted to a scene, and there is no demand of one."""
+    """Raise `InputError` if a codec shall be fitted to a scene, but no demand is given."""
     if codec.scene and not demand:
         raise InputError(
-            f"codec {codec.name}: scene = true needs the demand of a scene: give `run` or `encode` one with --demand"
+            f"codec {codec.name}: scene = true needs the demand of a scene: give it to `run` or `encode` with --demand"
         )

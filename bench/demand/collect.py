@@ -11,9 +11,9 @@ from bench.demand.demand import CELLS, MOST, Demand
 from bench.demand.points import Light, Points, queries_of
 from bench.errors import InputError
 
-PREVIEW = 96  # cells along the longer side of the picture, for a first look at how much of it shows the material
+PREVIEW = 96  # cells along the longer side of the first picture, which estimates how much of it shows the material
 FRAME = 1 << 21  # cells of one frame: its rays are cast at once
-SPARE = 0.97  # of the limit, as the first look is coarse
+SPARE = 0.97  # share of the limit to aim at, because the first picture is coarse
 
 
 def checked(limit: int, out: Path) -> None:
@@ -23,7 +23,7 @@ def checked(limit: int, out: Path) -> None:
     if out.suffix != ".npz":
         raise InputError(f"{out}: a demand is an .npz file: give it that ending")
     if not out.parent.is_dir():
-        raise InputError(f"{out}: its folder is not there: make it first")
+        raise InputError(f"{out}: there is no such folder: make it first")
 
 
 class Caster(Protocol):
@@ -32,9 +32,9 @@ class Caster(Protocol):
     name: str
     frames: int
     picture: tuple[int, int]  # height and width in pixels
-    samples: int  # of the lights, at each point
+    samples: int  # samples of the lights at each point
 
-    def cast(self, frame: int, col: np.ndarray, row: np.ndarray) -> Points: ...  # at points (n,), in pixels
+    def cast(self, frame: int, col: np.ndarray, row: np.ndarray) -> Points: ...  # through points (n,), in pixels
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]: ...
 
@@ -57,17 +57,17 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
             queries["pixel"] += frame * cells
             parts.append(queries)
     if not parts:
-        raise InputError(f"{scene.name}: the material is too small for so few rays: move the camera, or ask for more")
+        raise InputError(f"{scene.name}: too few rays hit the material: move the camera, or raise --queries")
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     if not len(columns["pixel"]):
-        raise InputError(f"{scene.name}: the camera sees the material, but no light reaches it on that side")
+        raise InputError(f"{scene.name}: no light reaches the side of the material that the camera sees: move a light")
     provenance = {"scene": scene.name, "picture": list(scene.picture), "limit": limit, "seed": seed}
     demand = Demand(**columns, frames=(scene.frames, *size), provenance=provenance)
     return demand if len(demand) <= limit else demand.thinned(limit, rng)
 
 
 def _size(scene: Caster, limit: int) -> tuple[int, int]:
-    """Height and width of the frames that ask for about `limit` queries, none above the picture's own."""
+    """Height and width of the frames that make about `limit` queries, at most those of the picture."""
     height, width = scene.picture
     shrink = min(1.0, PREVIEW / max(height, width))
     preview = max(1, round(height * shrink)), max(1, round(width * shrink))
@@ -87,7 +87,7 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
 def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Column and row (H · W,) in pixels of a point in each of (H, W) cells: the middle of a pixel, else a random one.
 
-    Regular places would meet a regular texture at the same texels over and over.
+    A regular grid would hit the same texels of a regular texture again and again.
     """
     within = 0.5 if size == picture else rng.random((2, *size))
     row, col = (np.mgrid[: size[0], : size[1]] + within) * (np.array(picture) / np.array(size))[:, None, None]

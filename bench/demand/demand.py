@@ -17,11 +17,11 @@ from bench.metrics.display import LUMA
 from bench.settings import Count, converted
 
 FORMAT = 2
-MOST = 1_000_000  # queries of a demand
-CELLS = 1 << 24  # of all frames together
-MOST_BYTES = 64 << 20  # of a file, inflated: as many queries with what they are about
-FARTHEST = 64.0  # longer sides of the texture that a footprint is cut at: a pixel at the horizon sees no finite piece
-REACH = 1e12  # sides of the texture from its origin, at most
+MOST = 1_000_000  # the most queries of a demand
+CELLS = 1 << 24  # the most cells of all frames together
+MOST_BYTES = 64 << 20  # of a file, inflated: the most queries, frames and provenance
+FARTHEST = 64.0  # limit of a footprint, in longer sides of the texture: at the horizon a pixel covers an infinite area
+REACH = 1e12  # the largest distance from the texture's origin, in its sides
 BRIGHTEST = 1e30  # largest weight: sums of a million stay finite in float32
 SNORM = 32767  # directions are stored as signed 16-bit numbers; 1.5e-5 off at most
 COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
@@ -32,15 +32,15 @@ COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "wi": (np.int16, (3,)),
     "weight": (np.float32, (3,)),
 }
-NAMES = ("place", "footprint", "wo", "wi", "weight", "pixel")  # the same in the order of a file
+NAMES = ("place", "footprint", "wo", "wi", "weight", "pixel")  # the columns in the order of a file
 
 
 @dataclass(frozen=True)
 class Demand:
     """Queries of a material, in the frame and units of `bench.btf`, and the pixel that each adds to.
 
-    The linear RGB of a pixel is the sum over its queries of `weight` × the material's answer, since that is the
-    radiance under unit irradiance and `weight` the irradiance that the query stands for.
+    The linear RGB of a pixel is the sum over its queries of `weight` × the material's answer, because the answer is the
+    radiance under unit irradiance, and `weight` is the irradiance of the query.
     """
 
     place: np.ndarray  # (n, 2) float32 on the surface, not wrapped, in units of the longer side of the texture
@@ -49,24 +49,24 @@ class Demand:
     wi: np.ndarray  # (n, 3) float32, unit
     weight: np.ndarray  # (n, 3) float32, RGB irradiance
     pixel: np.ndarray  # (n,) int32 into the frames, row by row
-    frames: tuple[int, int, int]  # how many, and the height and width of each
+    frames: tuple[int, int, int]  # the number of frames, and their height and width
     provenance: dict[str, Any] = field(default_factory=dict)
-    fingerprint: str = ""  # of the file it was read from: a hex digest of its content
+    fingerprint: str = ""  # a hex digest of the file that it was read from
 
     def __len__(self) -> int:
         return len(self.pixel)
 
     def uv(self, size: tuple[int, int]) -> np.ndarray:
-        """(n, 2) float32 where the queries meet a texture of `size` (H, W), which keeps its shape on the surface."""
+        """uv (n, 2) float32 of the queries on a texture of `size` (H, W), which keeps its shape on the surface."""
         return np.mod(self.place * np.array(periods(size)), 1.0).astype(np.float32)
 
     def queries(self, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """uv, ω_o, ω_i and footprint, as a material of a texture of `size` (H, W) is asked."""
+        """uv, ω_o, ω_i and footprint, as inputs of a material with a texture of `size` (H, W)."""
         return self.uv(size), self.wo, self.wi, self.footprint
 
     @property
     def importance(self) -> np.ndarray:
-        """(n,) float64 that sum to 1: the luminance that each query would add if the material were a white diffuser."""
+        """Shares (n,) float64 with sum 1: the luminance of each query if the material were a white diffuser."""
         share = (self.weight.astype(np.float64) @ LUMA) * self.wi[:, 2]
         return share / share.sum()
 
@@ -76,7 +76,7 @@ class Demand:
         return str(self.provenance.get("scene", "scene"))
 
     def pictures(self, answers: np.ndarray) -> np.ndarray:
-        """The frames (frames, H, W, 3), float64 linear RGB, that answers (n, 3) of a material add up to."""
+        """The frames (frames, H, W, 3), float64 linear RGB, as sums of a material's answers (n, 3)."""
         flat = np.zeros((int(np.prod(self.frames)), 3))
         np.add.at(flat, self.pixel, self.weight * answers)
         return flat.reshape(*self.frames, 3)
@@ -89,7 +89,7 @@ class Demand:
         return Demand(**columns, frames=self.frames, provenance=self.provenance)
 
     def save(self, path: Path) -> None:
-        """Write an `.npz`, whole or not at all."""
+        """Write an `.npz` file, completely or not at all."""
         text = json.dumps({"format": FORMAT, "frames": self.frames, "provenance": self.provenance}, sort_keys=True)
         stored = {name: getattr(self, name) for name in NAMES}
         stored |= {name: np.round(stored[name] * SNORM).astype(np.int16) for name in ("wo", "wi")}
@@ -98,9 +98,9 @@ class Demand:
 
 
 def load(path: Path) -> Demand:
-    """Read a file of `Demand.save`. `InputError` if it is not a demand, holds what no scene asks, or is empty."""
+    """Read a file of `Demand.save`. `InputError` if it is not a demand, is empty, or has values that no scene makes."""
     if not path.is_file():
-        raise InputError(f"{path}: cannot be read (no such file)")
+        raise InputError(f"{path}: there is no such file: check the path")
     try:
         arrays = read_arrays(path, MOST_BYTES)
         frames, provenance = _about(arrays.pop("about", None))
@@ -115,11 +115,11 @@ def load(path: Path) -> Demand:
 
 
 def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, Any]]:
-    """Frames and provenance of a file. `InputError` where they are not what `save` writes."""
+    """Frames and provenance of a file. `InputError` if `save` cannot have written them."""
     with readable("about", "the file is damaged"):
         about = json.loads(np.asarray(stored, np.uint8).tobytes())
     if not isinstance(about, dict) or not isinstance(about.get("format"), int):
-        raise InputError("about says no format")
+        raise InputError("about gives no format")
     if about["format"] > FORMAT:
         raise InputError(f"format {shown(about['format'])} is newer than this version reads ({FORMAT}): upgrade")
     if about["format"] < FORMAT:
@@ -134,7 +134,7 @@ def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, A
 
 
 def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
-    """Check that there is each column of a demand, of its type and shape, with values that a scene can ask."""
+    """Check that each column of a demand exists, with its type and shape, and values that a scene can make."""
     for name, (kind, width) in COLUMNS.items():
         if name not in arrays:
             raise InputError(f"no array {name!r}")
@@ -142,9 +142,9 @@ def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
         if column.dtype != kind or column.shape != (count, *width):
             raise InputError(f"{name} is {column.shape} {column.dtype}, not {(count, *width)} {np.dtype(kind)}")
     if extra := arrays.keys() - COLUMNS.keys():
-        raise InputError(f"an array {min(extra)!r} that no demand has")
+        raise InputError(f"it has an array {min(extra)!r}, which no demand has")
     if not count or count > MOST:
-        raise InputError(f"{count:,} queries: it must be 1 to {MOST:,}")
+        raise InputError(f"it has {count:,} queries, but must have 1 to {MOST:,}")
     length = [np.linalg.norm(arrays[name].astype(np.float64), axis=1) / SNORM for name in ("wo", "wi")]
     upward = all((arrays[name][:, 2] >= 0).all() for name in ("wo", "wi"))
     good = {

@@ -1,4 +1,4 @@
-"""Fits codecs to a scene: to the part of the BTF that its demand needs, weighted by the demand, at the smallest size.
+"""Fits codecs to a scene: to the part of the BTF in its demand, weighted by the demand, at the smallest size.
 
 Codecs need no code for this: they get a smaller BTF, and a `Fit` with a density.
 """
@@ -33,7 +33,7 @@ from bench.metrics.psnr import psnr
 from bench.threads import torch_threads
 
 EQUAL_DB = 0.2  # a scene model within this many dB of the full one counts as equally good
-OUTSIDE_PAIRS = 48  # of which the error outside the scene is measured
+OUTSIDE_PAIRS = 48  # how many pairs measure the error outside the scene
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Problem:
 def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -> Density:
     """The density of a demand over the pairs of a BTF cut to a window."""
     weights, importance = pair_weights(layout, demand), demand.importance
-    cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as `PairInterpolator` takes it
+    cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as in `PairInterpolator`
     wi = torch.from_numpy(demand.wi)
     return Density(
         window.within(torch.from_numpy(demand.uv(window.size)).double()).float(),
@@ -80,7 +80,7 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand | None = None, uniform: float = UNIFORM) -> Parts:
     """Fit a codec to the pairs of a BTF, or to a demand on it; returns the encoded parts.
 
-    `InputError` where the network that it shares over materials was trained on this one.
+    Raises `InputError` if the network that it shares over materials was trained on this material.
     """
     if fit.network:
         shared.refuse(fit.network, btf)
@@ -98,7 +98,7 @@ class Goal:
     flip: float | None = None
 
     def met(self, model: "Model") -> bool:
-        """Whether a model reaches it; without any error, PSNR is None."""
+        """Whether a model reaches the goal; without error, PSNR is None."""
         enough = self.psnr is None or model.psnr is None or model.psnr >= self.psnr
         return enough and (self.flip is None or model.flip is None or model.flip <= self.flip)
 
@@ -109,9 +109,9 @@ class Model:
 
     header: Header
     material: Material
-    psnr: float | None  # dB, of the frames
+    psnr: float | None  # of the frames, in dB; None without error
     flip: float | None
-    steps: int  # of the fit; 0 where it has none
+    steps: int  # steps of the fit; 0 if it has none
     seconds: float  # of the fit
 
 
@@ -121,10 +121,10 @@ class SearchResult:
 
     full: Model
     scene: Model | None
-    why: str  # why there is no scene model, or what it leaves out
+    why: str  # why there is no scene model, or what the scene model omits
     met: bool  # whether the goal is reached
     fits: int
-    seconds: float  # of all fits but the full one's
+    seconds: float  # of all fits except the full model's
 
     @property
     def chosen(self) -> Model:
@@ -160,7 +160,7 @@ class Search:
         if best is None:
             finest = max(tried, key=lambda model: np.inf if model.psnr is None else model.psnr)
             better = None if goal.met(full) or not _beats(finest, full) else finest
-            return SearchResult(full, better, "no model of the scene does as well", goal.met(full), len(tried), seconds)
+            return SearchResult(full, better, "no model of the scene is as good", goal.met(full), len(tried), seconds)
         if best.header.file_bytes >= full.header.file_bytes and goal.met(full):
             return SearchResult(full, None, "the scene needs everything", True, len(tried), seconds)
         return SearchResult(full, best, left_out(self.problem.needed, self.btf), True, len(tried), seconds)
@@ -225,9 +225,9 @@ def left_out(needed: NeededPart, btf: BTF) -> str:
 
 
 def outside(scorer: FrameScorer, material: Material) -> float | None:
-    """Display PSNR in dB of slices at pairs that the scene does not touch, against the BTF; None where there are none.
+    """Display PSNR in dB of slices at pairs that the scene does not use, against the BTF; None if it uses all.
 
-    It is of `OUTSIDE_PAIRS` pairs evenly among them.
+    Measured at `OUTSIDE_PAIRS` pairs, evenly among them.
     """
     untouched = np.flatnonzero(scorer.shares == 0)
     if not len(untouched):

@@ -1,4 +1,4 @@
-"""Judges materials by a scene: compares frames of the decoded material with those of the reference table."""
+"""Scores materials in a scene: compares frames of the decoded material with those of the reference table."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,9 +24,9 @@ PSNR, FLIP = (records.metric_of(NAMES, family) for family in (records.PSNR, reco
 
 
 def table_of(btf: BTF) -> BTF:
-    """The reference table of a BTF: all of it where its pairs form a product, else its training pairs, which do.
+    """The reference table of a BTF: all of it if its pairs form a product, else its training pairs, which do.
 
-    Held-out pairs scattered between the others would make the table that is interpolated an uneven one.
+    Held-out pairs scattered between the others would make the interpolated table uneven.
     """
     return btf if btf.layout.grid is not None else btf.subset(btf.split().train)
 
@@ -59,17 +59,17 @@ class FrameScorer:
 
     @cached_property
     def shares(self) -> Array:
-        """The share (N,) of the demand on each pair of the reference table."""
+        """The share (N,) of each pair of the reference table in the demand."""
         return pair_shares(self.btf.layout, self.demand)
 
     def frames(self, material: Material) -> Array:
-        """The frames (frames, H, W, 3) that a decoded material makes."""
+        """The frames (frames, H, W, 3) of a decoded material."""
         return self.demand.pictures(material.query(*self.demand.queries(self.btf.shape)))
 
     def score(self, material: Material, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
         """Each metric of the frames over the pixels that show the material, pooled over frames.
 
-        A metric whose window is larger than a frame is left out; None stands for no error at all.
+        A metric whose window is larger than a frame is left out; None means no error at all.
         """
         return self.compare(self.frames(material), names)
 
@@ -107,6 +107,6 @@ class FrameScorer:
 
 
 def _inner(mask: Array, size: tuple[int, ...]) -> Array:
-    """The middle (frames, *size) of a mask: a metric with a window may answer nothing at the border."""
+    """The middle (frames, *size) of a mask: a metric with a window may have no values at the border."""
     top, left = ((whole - part) // 2 for whole, part in zip(mask.shape[1:], size, strict=True))
     return mask[:, top : top + size[0], left : left + size[1]]

@@ -1,4 +1,4 @@
-"""Finds the part of a BTF that a demand needs: a window of texels, no finer than visible, and the pairs around it."""
+"""Finds the part of a BTF that a demand needs: a window of texels, no finer than visible, and the nearby pairs."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +13,7 @@ from bench.demand.pair_weights import pair_shares, pair_weights, shares_from_wei
 from bench.density import COVERED
 from bench.directions import Hemisphere
 
-FINEST = 0.01  # the share of the demand that may be finer than what is stored
+FINEST = 0.01  # the share of the demand that may be finer than the stored texels
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,11 @@ class NeededPart:
     """The needed part of a BTF. `views` and `lights` are maps (CELLS, CELLS) of the demand's directions."""
 
     window: Window
-    pairs: Array  # indices of the BTF's
-    finest: float  # footprint, in longer sides of the texture, that little of the demand is finer than
+    pairs: Array  # indices of the BTF's pairs
+    finest: float  # footprint, in longer sides of the texture; only `FINEST` of the demand is finer
     views: Array
     lights: Array
-    whole: bool  # whether nothing of the BTF is left out
+    whole: bool  # whether it is all of the BTF
 
     @classmethod
     def for_demand(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "NeededPart":
@@ -60,7 +60,7 @@ class NeededPart:
 
 
 def needed_pairs(layout: Layout, demand: Demand) -> Array:
-    """Indices of the pairs that a demand lies between, in order; of a product those that form a smaller one."""
+    """Sorted indices of the pairs around a demand; for a product of directions, pairs that form a smaller product."""
     if layout.grid is None:
         return np.sort(_heaviest(pair_shares(layout, demand)))
     weights = pair_weights(layout, demand)
@@ -71,9 +71,9 @@ def needed_pairs(layout: Layout, demand: Demand) -> Array:
 
 
 def _side(directions: Array, share: Array) -> Array:
-    """The fewest directions of one side that hold the demand, and so many more that they can be interpolated between.
+    """The fewest directions of one side that hold the demand, and those needed to interpolate between them.
 
-    A triangle between kept directions is a triangle of the whole set: what lies in it is answered as before.
+    A triangle between kept directions is a triangle of the whole set, so answers inside it stay the same.
     """
     middle = share @ directions
     order = np.lexsort((-(directions @ middle), -share))
@@ -91,7 +91,7 @@ def _heaviest(share: Array) -> Array:
 
 
 def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
-    """The smallest window, in whole boxes, that holds what is seen of the texture and a box around it."""
+    """The smallest window, in whole boxes, that holds the visible part of the texture and a box around it."""
     height, width = size
     whole = Window.whole(size, factor)
     uv, (across, up) = demand.uv(size), periods(size)
@@ -101,7 +101,7 @@ def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
 
 
 def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) -> tuple[int, int]:
-    """Start and length in texels of the shortest stretch, around the end, that holds all places; or (0, `whole`)."""
+    """Start and length in texels of the shortest stretch with all places, which may wrap around; or (0, `whole`)."""
     reach = footprint / 2 + factor / side
     if float(reach.max()) >= 0.5:
         return 0, whole
@@ -118,7 +118,7 @@ def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) ->
 
 
 def _longest_run(mask: Array) -> tuple[int, int]:
-    """Start and length of the longest run of a mask (n,) with a False, around the end."""
+    """Start and length of the longest run of True in a mask (n,), which may wrap around; the mask has a False."""
     side, first = len(mask), int(np.flatnonzero(~mask)[0])
     turned = np.concatenate([np.roll(mask, -first), [False]]).astype(int)
     steps = np.diff(turned)

@@ -13,9 +13,9 @@ from bench.demand.demand import Demand
 from bench.hemisphere import to_degrees
 from bench.metrics.display import exposure_of, to_display
 
-COVERAGE = 64  # cells a side of the map of what is seen of the texture
+COVERAGE = 64  # cells along each side of the map of visible texture
 PERCENTILES = (1, 50, 99)
-ALBEDO = 0.5  # of the white stand-in that frames are shown with
+ALBEDO = 0.5  # of the white diffuser that frames are shown with
 
 Array = np.ndarray
 
@@ -30,7 +30,7 @@ class Summary:
     theta_i_deg: tuple[float, ...]
     footprint: tuple[float, ...]  # in longer sides of the texture
     finest: float  # the smallest footprint of all
-    coverage: float  # share of a square texture that is seen at all
+    coverage: float  # visible share of a square texture
 
     def text(self) -> str:
         """The summary as lines of text."""
@@ -55,7 +55,7 @@ class Summary:
 
 
 def texels(footprint: float) -> int:
-    """The texels along the longer side of a texture of which one is as large as a footprint."""
+    """The number of texels along the longer side of a texture whose texels are as large as a footprint."""
     return max(1, round(1 / footprint))
 
 
@@ -75,14 +75,15 @@ def _percentiles(values: Array, share: Array) -> tuple[float, ...]:
 
 
 def _coverage(demand: Demand) -> Array:
-    """The share of the demand in each cell of a square texture, row 0 on top; a query counts where its middle lies."""
+    """The share of the demand in each cell of a square texture, row 0 on top; a query counts in the cell of its
+    centre."""
     uv = demand.uv((1, 1))
     col, row = uv[:, 0], 1 - uv[:, 1]
     return np.histogram2d(row, col, COVERAGE, [[0, 1], [0, 1]], weights=demand.importance)[0]
 
 
 def draw(demand: Demand, path: Path) -> None:
-    """A PNG: a frame on a white diffuser, where views and lights lie, what is seen of the texture, and sizes."""
+    """A PNG: a frame on a white diffuser, the views and lights, the visible part of the texture, and footprints."""
     figure = Figure(figsize=(14, 7), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplot_mosaic([["frame", "frame", "wo", "wi"], ["frame", "frame", "uv", "footprint"]])
@@ -100,7 +101,7 @@ def draw(demand: Demand, path: Path) -> None:
 
 
 def _polar(axes, directions: Array, share: Array, title: str) -> None:  # type: ignore[no-untyped-def]
-    """The density of directions in the plane of θ (radius, degrees) and φ, each cell over its solid angle."""
+    """The density of directions in the plane of θ (radius, degrees) and φ, each cell divided by its solid angle."""
     theta, phi = to_degrees(directions)
     x, y = theta * np.cos(np.radians(phi)), theta * np.sin(np.radians(phi))
     edges = np.linspace(-90, 90, 46)

@@ -7,13 +7,13 @@ from bench.btf import Array, Layout
 from bench.demand.demand import Demand
 from bench.directions import PairInterpolator, Weights
 
-CHUNK = 8_192  # queries at once: scattered pairs are searched by their distances to all
+CHUNK = 8_192  # queries at once, because a search among scattered pairs computes all distances
 
 
 def pair_weights(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:
-    """Pairs and shares (n, k) of each query, as `bench.directions` interpolates between them.
+    """Pairs and shares (n, k) of each query, as `bench.directions` interpolates.
 
-    Shares add up to one; with `radiance` they are the weights that radiance is interpolated with, cosines included.
+    Shares add up to one; with `radiance` they are the interpolation weights of radiance, including cosines.
     """
     interpolator = PairInterpolator(layout)
     search = interpolator if radiance else interpolator.shares
@@ -28,6 +28,6 @@ def pair_shares(layout: Layout, demand: Demand) -> Array:
 
 
 def shares_from_weights(weights: Weights, importance: Array, count: int) -> Array:
-    """The share (count,) of each pair, from corners that are already known."""
+    """The share (count,) of each pair, from known corners."""
     weight = weights.weight.numpy() * importance[:, None]
     return np.bincount(weights.sample.numpy().ravel(), weight.ravel(), count)

@@ -1,6 +1,7 @@
-"""Holds the surface points that camera rays hit, and makes the queries of each light there.
+"""Holds the surface points that camera rays hit, and makes queries for each light there.
 
-A point's frame follows its texture: x along +u, y toward +v, z the normal, so that a material lies as its picture does.
+A point's frame follows its texture: x along +u, y toward +v, z is the normal, so a material has the orientation of its
+picture.
 """
 
 from dataclasses import dataclass
@@ -16,15 +17,15 @@ Array = np.ndarray
 class Points:
     """Visible points of the surface, float64; `ahead_x`, `ahead_y` point from the camera through the next pixels."""
 
-    pixel: Array  # (n,) of the frames, row by row
+    pixel: Array  # (n,) index into the frames, row by row
     uv: Array  # (n, 2) of the surface, not wrapped: a unit is the longer side of the texture
     position: Array  # (n, 3)
     normal: Array  # (n, 3) unit
-    dp_du: Array  # (n, 3) how the position moves with u …
-    dp_dv: Array  # (n, 3) … and with v
-    eye: Array  # (n, 3) where the camera is
-    ahead_x: Array  # (n, 3) of the pixel to the right
-    ahead_y: Array  # (n, 3) of the pixel below
+    dp_du: Array  # (n, 3) derivative of the position by u
+    dp_dv: Array  # (n, 3) derivative of the position by v
+    eye: Array  # (n, 3) position of the camera
+    ahead_x: Array  # (n, 3) direction through the pixel to the right
+    ahead_y: Array  # (n, 3) direction through the pixel below
 
     def __len__(self) -> int:
         return len(self.pixel)
@@ -42,12 +43,12 @@ class Points:
 
     @property
     def wo(self) -> Array:
-        """(n, 3) the direction to the camera, in the frame of each point."""
+        """The direction to the camera (n, 3), in the frame of each point."""
         return self.local(unit(self.eye - self.position))
 
     @property
     def footprint(self) -> Array:
-        """(n,) the longer side of a pixel on the surface, in units of uv: what isotropic filtering averages over."""
+        """The longer side (n,) of a pixel on the surface, in units of uv: the footprint for isotropic filtering."""
         sides = [np.linalg.norm(self._uv_of(self._moved(ahead)), axis=1) for ahead in (self.ahead_x, self.ahead_y)]
         return np.minimum(np.maximum(*sides), FARTHEST)
 
@@ -72,7 +73,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Light:
-    """Light at some points from one light or one sample of it: direction to it, and RGB irradiance facing it."""
+    """Light at some points from one light, or from one sample of it: its direction, and RGB irradiance facing it."""
 
     toward: Array  # (n, 3) unit
     irradiance: Array  # (n, 3)

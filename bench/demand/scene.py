@@ -17,8 +17,8 @@ centre = [0.0, 0.0, 0.0]
 normal = [0.0, 0.0, 1.0]         # of a plane; of a sphere, its axis
 up = [0.0, 1.0, 0.0]             # where the top of the texture points, on a plane
 size = [1.0, 1.0]                # of a plane, along the texture's u and v; of a sphere: radius = 0.5
-repeat = [4, 4]                  # of the longer side of the texture over the whole surface, along u and v; across it
-                                 # the texture repeats as often as its shape has it
+repeat = [4, 4]                  # times that the longer side of the texture fits along u and v; along its shorter
+                                 # side the texture repeats more often, so that texels stay square
 
 [[lights]]
 kind = "directional"             # toward = [x, y, z], irradiance = [r, g, b] on a plane that faces it
@@ -41,7 +41,7 @@ from bench.errors import InputError, did_you_mean
 from bench.settings import Range, fields, parse_toml, read_toml, shipped_toml, table
 
 MOST = 100_000  # samples of lights over all frames
-Length = Annotated[float, Range(1e-6, 1e6)]  # in scene units; beyond, rounding hides what the camera sees
+Length = Annotated[float, Range(1e-6, 1e6)]  # in scene units; beyond these limits, rounding is too coarse
 Place = Annotated[float, Range(-1e6, 1e6)]
 Vector = tuple[Place, Place, Place]
 Power = Annotated[float, Range(0, 1e9)]
@@ -62,7 +62,7 @@ class Camera:
 
     def __post_init__(self) -> None:
         if not _spread(np.subtract(self.target, self.position), self.up):
-            raise InputError("target - position and up must not be parallel, nor either of them 0")
+            raise InputError("target - position and up must not be parallel, and neither may be 0")
 
     def ahead(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Unit directions (n, 3) through points of the picture, in pixels from its top left corner."""
@@ -93,7 +93,7 @@ class Surface:
 
     def __post_init__(self) -> None:
         if not _spread(self.normal, self.up):
-            raise InputError("normal and up must not be parallel, nor either of them 0")
+            raise InputError("normal and up must not be parallel, and neither may be 0")
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Lamp:
 
 @dataclass(frozen=True)
 class LightSource:
-    """A light; which fields it needs is its kind's, see the module."""
+    """A light; the fields that it needs depend on its kind, see the module."""
 
     kind: str
     toward: Vector | None = None
@@ -124,7 +124,7 @@ class LightSource:
     def __post_init__(self) -> None:
         needs = {"directional": ("toward", "irradiance"), "point": ("position", "intensity"), "environment": ()}
         if self.kind not in needs:
-            raise InputError(f"no kind {self.kind!r}{did_you_mean(self.kind, needs)}")
+            raise InputError(f"there is no kind {self.kind!r}{did_you_mean(self.kind, needs)}")
         for name in needs[self.kind]:
             if getattr(self, name) is None:
                 raise InputError(f"a {self.kind} light needs {name}")
@@ -132,7 +132,7 @@ class LightSource:
             _check_toward(self.toward)
         lit = any(self.radiance or ()) or any(any(lamp.radiance) for lamp in self.lamps)
         if self.kind == "environment" and not lit:
-            raise InputError("an environment needs radiance, lamps, or both, that are not all 0")
+            raise InputError("an environment needs radiance, lamps, or both, and not all may be 0")
 
 
 def _check_toward(toward: Vector) -> None:
@@ -151,11 +151,11 @@ class Scene:
     description: str = ""
 
     def __post_init__(self) -> None:
-        # A lamp costs time at each sample of its environment.
+        # Each lamp takes time at each sample of its environment.
         samples = sum(light.samples * (1 + len(light.lamps)) for light in self.lights)
         if samples * len(self.cameras) > MOST:
             raise InputError(
-                f"{len(self.cameras):,} frames of {samples:,} samples of lights: {MOST:,} in all are the limit"
+                f"{len(self.cameras):,} frames of {samples:,} samples of lights: the limit is {MOST:,} in all"
             )
 
 
@@ -165,7 +165,7 @@ def shipped() -> dict[str, str]:
 
 
 def named_scene(name: str) -> Scene:
-    """A scene that ships with the suite, by name, or the one of a TOML file."""
+    """A scene that ships with the suite, by name, or the scene of a TOML file."""
     texts = shipped()
     if name in texts:
         return parse_scene(name, texts[name])
@@ -175,7 +175,7 @@ def named_scene(name: str) -> Scene:
 
 
 def read_scene(path: Path) -> Scene:
-    """The scene of a TOML file. `InputError` names the file and the key that is wrong."""
+    """The scene of a TOML file. `InputError` names the file and the wrong key."""
     text = read_toml(path)
     try:
         return parse_scene(path.stem, text)
@@ -200,5 +200,5 @@ def _frames(camera: Any) -> list[Any]:
     shared = {key: value for key, value in camera.items() if key != "path"}
     path = camera["path"]
     if not isinstance(path, list) or not path:
-        raise InputError("camera: path names no frame: it must be a list of tables")
+        raise InputError("camera: path has no frame: it must be a list of tables")
     return [shared | frame if isinstance(frame, dict) else frame for frame in path]

@@ -1,4 +1,4 @@
-"""The shapes of text scenes: where rays meet them, and how the texture lies there."""
+"""The shapes of text scenes: their intersections with rays, and their texture coordinates."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from bench.demand.demand import unit
 from bench.demand.points import Array
 from bench.demand.scene import Surface
 
-STEPS, HALVINGS = 96, 24  # of the search for a drape along a ray
+STEPS, HALVINGS = 96, 24  # steps of the search for a drape along a ray
 DRAPE_HALF = 1.1  # half the side of the cloth in the units of `_height`
-DRAPE_LOW, DRAPE_HIGH = -0.35, 0.6  # all heights lie between
+DRAPE_LOW, DRAPE_HIGH = -0.35, 0.6  # bounds of all heights
 
 
 def distance(surface: Surface, eye: Array, ahead: Array) -> Array:
-    """The distance (n,) from an eye (3,) to a surface along unit directions (n, 3), infinite where they miss it."""
+    """The distance (n,) from an eye (3,) to a surface along unit directions (n, 3), infinite if they miss it."""
     match surface.shape:
         case "plane":
             return _plane_distance(surface, eye, ahead)
@@ -43,7 +43,7 @@ def texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Arr
 
 
 def _axes(surface: Surface) -> tuple[Array, Array, Array]:
-    """Unit vectors along +u, +v and the normal of a plane; of a sphere two across its axis, and the axis."""
+    """Unit vectors along +u, +v and the normal of a plane; for a sphere, two across its axis, and the axis."""
     normal = unit(np.asarray(surface.normal, np.float64))
     x = unit(np.cross(surface.up, normal))
     return x, np.cross(normal, x), normal
@@ -74,7 +74,7 @@ def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Ar
     east = -np.sin(east_angle)[:, None] * x + np.cos(east_angle)[:, None] * y
     normal = unit(position - np.asarray(surface.centre))
     north = np.cross(normal, east)
-    # The poles have no east; a ring of a thousandth of the radius around them is left out.
+    # The poles have no direction of u, so a disc of a thousandth of the radius around them is left out.
     ring = np.hypot(local[:, 0], local[:, 1]) / surface.radius
     per_u = 2 * np.pi * surface.radius * ring / repeat[0]
     return uv, normal, east * per_u[:, None], north * np.pi * surface.radius / repeat[1], ring > 1e-3
@@ -124,7 +124,7 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
 
     first, step = above(enter), (leave - enter) / STEPS
     crossed = np.full(len(some), np.inf)
-    for number in range(STEPS, 0, -1):  # from far to near, so that the nearest is kept
+    for number in range(STEPS, 0, -1):  # from far to near, so that the nearest crossing is kept
         crossed[above(enter + step * number) != first] = number
     near, far = enter + step * (crossed - 1), enter + step * crossed
     hit = np.isfinite(crossed)

@@ -20,14 +20,14 @@ from bench.hemisphere import from_degrees
 from bench.material import Material
 from bench.metrics.display import exposure_of, to_display
 
-RAYS = 65_536  # cast at once
+RAYS = 65_536  # rays cast at once
 SUFFIXES = (".png", ".exr")
 
 Answers = Callable[[Demand], Array]  # the queries of a demand → linear radiance (n, 3)
 
 
 def lamps(kind: str) -> tuple[LightSource, ...]:
-    """Lights in place of a scene's own: `sun`, one direction, or `environment`, a sun and six weaker ones around."""
+    """Lights instead of a scene's own: `sun`, one direction, or `environment`, a sun and six weaker ones around it."""
     sun = from_degrees([40], [120])[0]
     if kind == "sun":
         return (LightSource("directional", toward=_vector(sun), irradiance=(1, 1, 1)),)
@@ -68,10 +68,10 @@ def of_btf(btf: BTF) -> Answers:
 def render(
     scene: Scene, sides: Sequence[Answers], frame: int = 0, rays: int = 2, seed: int = 0, show: Progress = silent
 ) -> Array:
-    """The pictures (sides, H, W, 4) of one frame: linear RGB, and how much of the pixel shows the surface.
+    """The pictures (sides, H, W, 4) of one frame: linear RGB, and the share of the pixel that shows the surface.
 
-    Each pixel is the mean of rays² rays through a regular grid in it; radiance counts 0 beside the surface. Surfaces
-    cast no shadow on themselves. `InputError` where no ray meets the surface.
+    Each pixel is the mean of rays² rays through a regular grid in it; radiance beside the surface is 0. Surfaces cast
+    no shadow on themselves. Raises `InputError` if no ray meets the surface.
     """
     caster, (height, width) = TextScene(scene), (scene.cameras[frame].height, scene.cameras[frame].width)
     rng = np.random.default_rng(seed)
@@ -100,14 +100,14 @@ def render(
 
 
 def exposure_for(picture: Array) -> float:
-    """The exposure of a picture (H, W, 4), by the pixels that show the surface alone."""
+    """The exposure of a picture (H, W, 4), from only the pixels that show the surface."""
     return exposure_of(picture[picture[..., 3] > 0.999][:, :3])
 
 
 def write(path: Path, picture: Array, exposure: float) -> None:
     """Write a picture (H, W, 4): linear floats, not exposed, as `.exr`; display-transformed 8 bits as `.png`.
 
-    What does not show the surface is transparent. `InputError` where the file's ending is another, or it cannot be
+    Pixels beside the surface are transparent. Raises `InputError` for any other ending, and if the file cannot be
     written.
     """
     check_ending(path)
@@ -117,7 +117,7 @@ def write(path: Path, picture: Array, exposure: float) -> None:
 
 def check_ending(path: Path) -> None:
     if path.suffix not in SUFFIXES:
-        raise InputError(f"{path}: a picture ends in {' or '.join(SUFFIXES)}: choose another name")
+        raise InputError(f"{path}: the name of a picture must end in {' or '.join(SUFFIXES)}")
 
 
 def _write_exr(path: Path, picture: Array, _: float) -> None:

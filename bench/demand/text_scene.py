@@ -9,7 +9,7 @@ from bench.demand.shapes import distance, texture
 
 
 class TextScene:
-    """A scene of one surface, ready to be asked what its camera sees and what lights it."""
+    """A scene of one surface that answers what its camera sees, and which light reaches it."""
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -18,7 +18,7 @@ class TextScene:
         self.samples = sum(light.samples if light.kind == "environment" else 1 for light in scene.lights)
 
     def cast(self, frame: int, col: Array, row: Array) -> Points:
-        """What the camera sees of the surface in a frame, through points (n,) of the picture, in pixels."""
+        """The points of the surface that the camera sees in a frame, through points (n,) of the picture, in pixels."""
         camera = self.scene.cameras[frame]
         ahead = camera.ahead(col, row)
         eye = np.asarray(camera.position, np.float64)
@@ -32,7 +32,7 @@ class TextScene:
         return Points(hit, uv, position, normal, dp_du, dp_dv, np.broadcast_to(eye, position.shape), *neighbours)
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
-        """Every light that may reach the points; of an environment a few samples each."""
+        """Every light that may reach the points; for an environment, a few samples at each."""
         return [light for source in self.scene.lights for light in _reaching(source, points, rng)]
 
 

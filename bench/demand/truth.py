@@ -15,7 +15,7 @@ from bench.material import sample_texture
 
 
 def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
-    """Linear radiance (n, 3) float32, not negative, of the queries of a demand. Each slice is read once at most."""
+    """Linear radiance (n, 3) float32, not negative, for the queries of a demand. Each slice is read at most once."""
     weights = pair_weights(btf.layout, demand, radiance=True)
     pair, weight = weights.sample.numpy().ravel(), weights.weight.numpy().ravel()
     used = np.flatnonzero(weight > 0)
@@ -52,6 +52,6 @@ def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Te
 
 
 def _within(uv: torch.Tensor, shape: tuple[int, ...], factor: int) -> torch.Tensor:
-    """uv on a level that leaves out what does not fill a box; see `bench.btf` for the frame."""
+    """uv on a level, which omits texels that do not fill a box; see `bench.btf` for the frame."""
     height, width = (side / (side // factor * factor) for side in shape[:2])
     return torch.stack([uv[:, 0] * width, 1 - (1 - uv[:, 1]) * height], 1)

@@ -1,4 +1,4 @@
-"""The records of a run: what their fields are (`schema`), what they mean (`meaning`), how they are stored (`lines`).
+"""The records of a run: their fields (`schema`), the meaning of fields (`meaning`), and their storage (`lines`).
 
 Imports neither PyTorch nor pandas.
 """

@@ -1,8 +1,8 @@
-"""Chooses among measured settings the best that fits a budget, by validation pairs alone: no test pair chooses.
+"""Chooses the best measured settings within a budget, by validation pairs only, never by test pairs.
 
-A *rung* is a codec at some settings, with what it costs and its error of validation pairs. Its score is the pooled
-display PSNR of those; where one slice holds over a tenth of the squared error of any rung in question, the mean over
-slices of all. Tables of budgets and `neubtf-bench choose` answer from here. Imports nothing heavy.
+A *rung* is a codec at some settings, with its cost and its error of validation pairs. Its score is their pooled display
+PSNR. But if one slice holds over a tenth of the squared error of any compared rung, all rungs are scored by their mean
+over slices. Tables of budgets and `neubtf-bench choose` use this module. Imports nothing heavy.
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import Any
 from bench.records.meaning import PSNR, VALIDATION, gate, metric_of
 from bench.records.schema import Record
 
-MUCH = 0.1  # of the squared error, for one slice
+MUCH = 0.1  # a large share of the squared error for one slice
 
 
 @dataclass(frozen=True)
@@ -22,32 +22,32 @@ class Rung:
     """A codec at some settings: its name, its cost, and its display PSNR of validation pairs; infinite if exact."""
 
     name: str
-    size: float  # of the whole file, in the unit of the limit
-    pooled: float  # dB, of the squared error of all slices
-    mean: float  # dB, over slices
+    size: float  # size of the whole file, in the unit of the limit
+    pooled: float  # PSNR in dB, of the squared error of all slices
+    mean: float  # mean PSNR in dB over slices
     largest: float = 0.0  # the largest share of the squared error that one slice holds
-    time: float | None = None  # of a query, in the unit of the limit; None: not measured
-    of: Any = None  # what it stands for
-    score: float | None = None  # by which it was chosen
+    time: float | None = None  # time of a query, in the unit of the limit; None: not measured
+    of: Any = None  # the jobs or the choice that it stands for
+    score: float | None = None  # the score by which it was chosen
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a rung may cost, and the score that it must reach; None: no limit."""
+    """The largest cost of a rung, and the score that it must reach; None: no limit."""
 
     size: float | None = None
     time: float | None = None
     score: float | None = None
 
     def misses(self, rung: Rung, score: float) -> list[float]:
-        """By how much a rung misses each limit, as a share of it (of a score: dB / 10); ≤ 0 where it meets it."""
+        """By how much a rung misses each limit, as a share of the limit (for a score: dB / 10); ≤ 0 if it meets it."""
         misses = [] if self.size is None else [rung.size / self.size - 1]
         misses += [] if self.time is None else [math.inf if rung.time is None else rung.time / self.time - 1]
         return misses + ([] if self.score is None else [(self.score - score) / 10])
 
 
 def validated(stats: Mapping[str, Any], **known: Any) -> Rung | None:
-    """A rung from its statistics of validation pairs, as records hold them; None where there are none."""
+    """A rung from its statistics of validation pairs, as records hold them; None if there are none."""
     if not stats.get("slices"):
         return None
     pooled, mean = (math.inf if stats.get(name) is None else float(stats[name]) for name in ("pooled", "mean"))
@@ -55,19 +55,19 @@ def validated(stats: Mapping[str, Any], **known: Any) -> Rung | None:
 
 
 def validation_of(job: Record) -> Mapping[str, Any]:
-    """The statistics of a job's display PSNR over validation pairs; empty where it was not scored at any."""
+    """The statistics of a job's display PSNR over validation pairs; empty if it was not scored at any."""
     metrics = job.get("scores", {}).get(VALIDATION, {}).get("metrics", {})
     stats: Mapping[str, Any] = metrics.get(metric_of(metrics, PSNR), {})
     return stats
 
 
 def has_validation(job: Record) -> bool:
-    """Whether a job may be chosen: it has a score of validation pairs, and one of test pairs to show."""
+    """Whether a job may be chosen: it has a score of validation pairs, and a score of test pairs to show."""
     return bool(validation_of(job).get("slices")) and gate(job["scores"]) == "heldout"
 
 
 def over_seeds(rungs: Sequence[Rung]) -> Rung:
-    """One rung of those of several seeds: means of its scores, the largest file and the mean time."""
+    """Combine the rungs of several seeds into one: mean scores, the largest file and the mean time."""
     times = [rung.time for rung in rungs if rung.time is not None]
     return Rung(
         rungs[0].name,
@@ -81,7 +81,7 @@ def over_seeds(rungs: Sequence[Rung]) -> Rung:
 
 
 def scores(rungs: Sequence[Rung]) -> list[float]:
-    """The score of each rung, alike for all: pooled, or the mean over slices where one slice decides a pooled one."""
+    """The score of each rung, by one rule for all: pooled, or the mean over slices if one slice dominates a rung."""
     by_slice = any(rung.largest > MUCH for rung in rungs)
     return [rung.mean if by_slice else rung.pooled for rung in rungs]
 
@@ -89,7 +89,7 @@ def scores(rungs: Sequence[Rung]) -> list[float]:
 def chosen(rungs: Sequence[Rung], limits: Limits) -> Rung | None:
     """The rung that meets the limits with the highest score or, if they ask for a score, with the smallest file.
 
-    Equals go to the smaller file, then to the faster query, then to the first. None where no rung meets the limits.
+    Ties go to the smaller file, then to the faster query, then to the first. None if no rung meets the limits.
     """
     met = [(r, score) for r, score in zip(rungs, scores(rungs), strict=True) if max(limits.misses(r, score)) <= 0]
     if not met:

@@ -1,4 +1,4 @@
-"""What the described fields of records mean for a record: its faults, its shorter forms, what it needs."""
+"""Applies the descriptions of fields to a record: finds faults, makes shorter forms, checks needed fields."""
 
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -10,7 +10,7 @@ from bench.records import kinds
 from bench.records.kinds import Each, Fields, Kind, Several
 from bench.records.schema import Facts, FileScene, Job, Needed, Record, Shown, Start, Stress, Timing, Trade, Use
 
-_MEASURED = ("scores", "metrics", "bytes", "parameters")  # of a job that has a result
+_MEASURED = ("scores", "metrics", "bytes", "parameters")  # the fields of a job that has a result
 _TIMED = ("ns_per_sample", "ratio_to_floor", "ratio_interval95", "batch", "threads")
 _CHOSEN = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", "smallest")
 
@@ -40,13 +40,13 @@ def kind_of(hint: Any) -> Kind:
 
 KINDS = {"run": Start, "job": Job, "timing": Timing, "stress": Stress}
 FIELDS: dict[str, Kind] = {name: kind_of(described) for name, described in KINDS.items()}
-FIELDS["rate"] = Fields({})  # of older runs, which nothing reads: rates are compared when a table is made
+FIELDS["rate"] = Fields({})  # older runs have it, and nothing reads it: rates are compared when a table is made
 _TRADE = kind_of(Trade)
 _OTHERS: dict[type, Kind] = {described: kind_of(described) for described in (Facts, FileScene)}
 
 
 def fault(record: Mapping[str, Any]) -> str:
-    """The first field of a record that is not what it must be, and what it must be; "" where all are."""
+    """The first wrong field of a record, and what it must be; "" if all are right."""
     needed: tuple[str, ...] = ()
     if record["kind"] == "job" and "status" in record:
         needed = _MEASURED if record["status"] == "ok" else ("error",)
@@ -54,7 +54,7 @@ def fault(record: Mapping[str, Any]) -> str:
 
 
 def fault_of_trade(trade: Mapping[str, Any]) -> str:
-    """The same of the measurements of `neubtf-bench trade`."""
+    """The same for the measurements of `neubtf-bench trade`."""
     if wrong := kinds.fault_of(_TRADE, trade):
         return kinds.in_words(wrong)
     for row in trade["choices"]:
@@ -65,12 +65,12 @@ def fault_of_trade(trade: Mapping[str, Any]) -> str:
 
 
 def fault_of(described: type, value: Any) -> str:
-    """The same of the facts of a fit, or of the scene that a codec file was fitted to."""
+    """The same for the facts of a fit, or for the scene that a codec file was fitted to."""
     return kinds.in_words(kinds.fault_of(_OTHERS[described], value))
 
 
 def kept(record: Record, use: Use) -> Record:
-    """The shorter form of a record: its fields of that use, and theirs, in the order in which they are described."""
+    """The shorter form of a record: its fields and nested fields of that use, in the order of their descriptions."""
     return _shortened(FIELDS[record["kind"]], record, use)
 
 
@@ -90,17 +90,17 @@ def field_names(use: Use, described: Any = Job) -> tuple[str, ...]:
 
 @cache
 def shown_columns() -> dict[str, Shown]:
-    """The columns that fields of a job ask for, by the path of the field."""
+    """The columns of the fields of a job, by the path of the field."""
     return {path: mark for path, marks in _marks(Job) for mark in marks if isinstance(mark, Shown)}
 
 
 def require(job: Record, by: Literal["comparison", "tables", "verification"], folder: Path) -> None:
-    """Check that a job has what it is needed for. `InputError` names a field that it lacks."""
+    """Check that a job has the fields needed for a use. `InputError` names a missing field."""
     for path in _needed(by):
         value: Any = job
         for part in path.split("/"):
             if not isinstance(value, dict) or part not in value:
-                raise InputError(f"{folder}: {job['job']} has no {path!r}: of another version; run it again")
+                raise InputError(f"{folder}: {job['job']} has no {path!r}: another version wrote it: run it again")
             value = value[part]
 
 
@@ -111,7 +111,7 @@ def _needed(by: str) -> list[str]:
 
 
 def _marks(described: Any) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    """What is said of each field of a class, and of the fields of these."""
+    """The description of each field of a class, and of nested fields."""
     for name, hint in get_type_hints(described, include_extras=True).items():
         while get_origin(hint) is Required:
             hint = get_args(hint)[0]

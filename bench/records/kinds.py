@@ -1,8 +1,7 @@
 """The kinds of values that a field can hold, and the first field of a record that holds something else.
 
-Records are lines of text, which people edit and write by hand. A reader of records relies on nothing that is not
-checked here. Fields that are not listed are free, but plain: finite numbers of a size that tables can show, and not
-nested deeply.
+Records are lines of text, which people edit and write by hand. A reader of records relies only on what is checked here.
+Fields that are not listed are free, but plain: no deep nesting, and finite numbers that tables can show.
 """
 
 import re
@@ -14,10 +13,10 @@ from typing import Any
 
 from bench.errors import shown
 
-LARGEST = 1e18  # a number beyond is no measurement
-WHOLE = (1 << 63) - 1  # seeds reach as far
+LARGEST = 1e18  # a larger number is not a measurement
+WHOLE = (1 << 63) - 1  # the largest whole number, which seeds reach
 DEEPEST = 12
-LONGEST = 1 << 20  # characters of a text; a traceback is far shorter
+LONGEST = 1 << 20  # the most characters of a text; a traceback is far shorter
 
 
 @dataclass(frozen=True)
@@ -30,14 +29,14 @@ class Plain:
 
 @dataclass(frozen=True)
 class Each:
-    """An object of any names whose values are all of one kind."""
+    """An object with any names, whose values are all of one kind."""
 
     item: "Kind"
 
 
 @dataclass(frozen=True)
 class Several:
-    """A list of values of one kind, of a length where that is given."""
+    """A list of values of one kind, with a fixed length if one is given."""
 
     item: "Kind"
     length: int | None = None
@@ -45,7 +44,7 @@ class Several:
 
 @dataclass(frozen=True)
 class Fields:
-    """An object: its known fields, and which of them must be there."""
+    """An object: its known fields, and which of them it must have."""
 
     known: "Mapping[str, Kind]"
     needed: tuple[str, ...] = ()
@@ -112,12 +111,12 @@ def in_words(fault: Fault | None) -> str:
 
 
 def missing(value: Mapping[str, Any], needed: tuple[str, ...]) -> Fault | None:
-    """The first field that is needed and not there."""
+    """The first needed field that is missing."""
     return next(((name, "is missing") for name in needed if name not in value), None)
 
 
 def fault_of(kind: Kind, value: Any, depth: int = 0) -> Fault | None:
-    """The first fault of a value, at a place within it."""
+    """The first fault of a value, and its place within the value."""
     if kind.__class__ is Plain and kind is not ANYTHING:
         return None if kind.test(value) else ("", f"must be {kind.words}, not {_shown(value)}")
     if depth > DEEPEST:
@@ -138,7 +137,7 @@ def fault_of(kind: Kind, value: Any, depth: int = 0) -> Fault | None:
 
 def _fault_of_object(kind: Kind, value: Mapping[str, Any], depth: int) -> Fault | None:
     if isinstance(kind, Each) and _all_of_kind(kind.item, value.values()):
-        return None  # the common case, thousands of times a run
+        return None  # the common case, tested thousands of times a run
     known: Mapping[str, Kind] = {}
     others: Kind = kind.item if isinstance(kind, Each) else ANYTHING
     if isinstance(kind, Fields):

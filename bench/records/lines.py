@@ -1,12 +1,12 @@
 """The records of a run: one JSON object per line, appended and synced as soon as it is known.
 
 `RUN/records.jsonl` holds four kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
-encoded, its bytes, its errors, or why it failed), `timing` (one codec timed beside the others of its material) and
-`stress` (one extreme tried on one codec or metric).
-Paths in records are relative to the run's folder. Imports neither PyTorch nor pandas.
+encoded, its bytes, its errors, or why it failed), `timing` (one codec timed in turns with the others of its material)
+and `stress` (one extreme tried on one codec or metric). Paths in records are relative to the run's folder. Imports
+neither PyTorch nor pandas.
 
 A line begins with a checksum of the rest, its kind, and, for jobs and timings, the job's name. So cut or altered lines
-are detected, and a large run is opened, without parsing the lines; each is parsed on demand. A line without a
+are detected, and a large run is opened, without parsing its lines; each line is parsed on demand. A line without a
 checksum, written by hand, is valid too.
 """
 
@@ -31,13 +31,13 @@ STRESS = "stress"  # the folder that `neubtf-bench stress` writes to, beside tho
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
 _NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": ("(?:[^"\\]|\\.)*")[,}]')
 
-_LONGEST_LINE = 16 << 20  # bytes; a record has some thousands
+_LONGEST_LINE = 16 << 20  # bytes; a record has a few thousand
 
 
 def append(folder: Path, record: Record) -> None:
-    """Append one record to a run and sync it to disk. `InputError` where it cannot be written."""
+    """Append one record to a run and sync it to disk. `InputError` if it cannot be written."""
     line = _line(record)
-    remedy = "make room, then give the same command again: what is finished is kept"
+    remedy = "make room, then give the same command again: finished work is kept"
     with writable(folder / FILE, remedy), open(folder / FILE, "ab", buffering=0) as file:
         start = file.tell()
         if start:
@@ -126,16 +126,16 @@ class Run:
         return self.jobs.latest(name)
 
     def timing(self, job: Record) -> Record | None:
-        """The timing of a job's decoder, where it was timed."""
+        """The timing of a job's decoder; None if it was not timed."""
         return self.timings.latest(job["job"])
 
 
 def load_run(folder: str | Path) -> Run:
     """Read the records of a run, given its folder or a file of records, `.jsonl`.
 
-    `InputError` where the file is missing or cannot be read, and for a record one of whose fields cannot be: it names
-    file, line and field, at once or, for a line with a checksum, when that record is asked for. The numbers of lines
-    that are no records (cut, altered, of another kind) are kept in `unreadable`.
+    Raises `InputError` if the file is missing or cannot be read, and for a wrong field, which it names with file and
+    line: immediately or, for a line with a checksum, when that record is used. Lines that are not records (cut,
+    altered, of another kind) are listed by number in `unreadable`.
     """
     path = Path(folder) if str(folder).endswith(".jsonl") else Path(folder) / FILE
     if not path.is_file():
@@ -157,8 +157,8 @@ def load_run(folder: str | Path) -> Run:
 def load_together(sources: Sequence[str | Path], wanted: Callable[[Record], bool] = lambda job: True) -> Run:
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
-    Of a job that two of them measured, the later one counts. `InputError` where it was measured on other data there.
-    Jobs with a result that are not `wanted` are kept aside: they stand in nobody's place.
+    If two runs measured the same job, the later one counts; `InputError` if they used different data. Jobs with a
+    result that are not `wanted` replace no other job.
     """
     runs = [load_run(path) for source in sources for path in _files_of(Path(source))]
     if len(runs) == 1:
@@ -174,7 +174,7 @@ def load_together(sources: Sequence[str | Path], wanted: Callable[[Record], bool
             known = together.job(job["job"]) or {}
             mine, theirs = (each.get("score_key", {}).get("btf") for each in (job, known))
             if mine and theirs and mine != theirs:
-                told = "was measured on other data than in the runs before: give fewer runs"
+                told = "was measured on other data in an earlier run: give fewer runs"
                 raise InputError(f"{run.folder}: {job['job']} {told}")
             names = [name for name in fields.field_names(ARTEFACT) if isinstance(job.get(name), str)]
             paths = {name: str(run.folder.absolute() / job[name]) for name in names}
@@ -193,9 +193,9 @@ def _files_of(source: Path) -> list[Path]:
 
 
 def load_trade(folder: Path) -> Record | None:
-    """Read what `neubtf-bench trade` measured of a run; None where it was not run. `InputError` for an unreadable file.
+    """Read the measurements of `neubtf-bench trade`; None if it was not run. `InputError` for an unreadable file.
 
-    Choices whose codec files were fitted again since then are left out.
+    Choices are left out if their codec files were fitted again since.
     """
     try:
         trade: Record = json.loads((folder / TRADE).read_text(encoding="utf-8"))
@@ -204,7 +204,7 @@ def load_trade(folder: Path) -> Record | None:
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{folder / TRADE}: cannot be read ({error}): remove it, and run trade again") from error
     if not isinstance(trade, dict) or trade.get("format") != TRADE_FORMAT:
-        raise InputError(f"{folder / TRADE}: not of format {TRADE_FORMAT}: remove it, and run trade again")
+        raise InputError(f"{folder / TRADE}: it does not have format {TRADE_FORMAT}: remove it, and run trade again")
     if fault := fields.fault_of_trade(trade):
         raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
     run = load_run(folder)
@@ -218,7 +218,7 @@ def _is_current(choice: Record, run: Run) -> bool:
 
 
 def _add_line(run: Run, line: Line) -> bool:
-    """Add the record of a line to the run; return False where the line is no record."""
+    """Add the record of a line to the run; return False if the line is not a record."""
     text = line.text
     sealed = _SEALED.match(text)
     if sealed and int(sealed[1], 16) != zlib.crc32(text[sealed.end() :].rstrip(b"\n")):
@@ -231,7 +231,7 @@ def _add_line(run: Run, line: Line) -> bool:
 
 
 def _name(quoted: bytes) -> str | None:
-    """The name in quotes; None where it is none."""
+    """The name in quotes; None if the text is not a name."""
     try:
         return str(json.loads(quoted))
     except ValueError:
@@ -256,7 +256,7 @@ def _add_record(run: Run, record: Record) -> bool:
 
 
 def _record_of(line: Line) -> Record:
-    """The record of a line; empty where it is of no kind that is known. `InputError` names a field that is wrong."""
+    """The record of a line; empty if its kind is unknown. `InputError` names a wrong field."""
     record = _parsed(line.text)
     if (kind := record.get("kind")) not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
         return {}
@@ -266,7 +266,7 @@ def _record_of(line: Line) -> Record:
 
 
 def of_both_floors(timing: Record) -> Record:
-    """A timing with ratios to the mean of the floor before and after; earlier versions took the one before alone."""
+    """A timing with ratios to the mean of the floor before and after; earlier versions used only the one before."""
     if "floors" in timing or "floor_again" not in timing or "ratio_to_floor" not in timing:
         return timing
     more = (1 + timing["floor_again"]) / 2
@@ -279,7 +279,7 @@ def of_both_floors(timing: Record) -> Record:
 
 
 def _parsed(text: bytes) -> Record:
-    """The object of a line, without its checksum; empty where the line holds none."""
+    """The object of a line, without its checksum; empty if the line holds none."""
     try:
         record = json.loads(text)
     except (ValueError, RecursionError):

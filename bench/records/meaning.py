@@ -12,17 +12,17 @@ PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_l
 
 VALIDATION = "validation"  # the group of pairs by which settings are chosen
 OUTSIDE = "outside the scene"  # the group of pairs that the demand of a scene does not touch
-SAME_EXPOSURE = 1e-4  # relative, 0.0004 dB of a gain: records are published rounded, machines differ in a last bit
+SAME_EXPOSURE = 1e-4  # relative, a gain of 0.0004 dB: published records are rounded, machines differ in the last bit
 
 # Two timings are compared only if these fields agree.
 CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
 
 _HEAD = ("material", "label", "codec", "seed", "job", "status")
-_LONGEST = 8  # longest list whose numbers become fields
+_LONGEST = 8  # a longer list does not become fields
 
 
 def scored_unlike(key: Record, other: Record) -> list[str]:
-    """Why no number of two jobs may be compared, by their score keys; empty where all may."""
+    """Why no numbers of two jobs may be compared, by their score keys; empty if they may."""
     reasons = ["other data (their fingerprint differs)"] if key.get("btf") != other.get("btf") else []
     reasons += ["other held-out pairs"] if key.get("deciding") != other.get("deciding") else []
     exposures = (each.get("exposure", 0.0) for each in (key, other))
@@ -37,7 +37,7 @@ def shown_label(job: Record) -> str:
 
 
 def gate(groups: Container[str]) -> str:
-    """The group of pairs that decides a comparison: `heldout`, or `all` where none are held out."""
+    """The group of pairs that decides a comparison: `heldout`, or `all` if none are held out."""
     return "heldout" if "heldout" in groups else "all"
 
 
@@ -55,13 +55,13 @@ def metric_of(names: Iterable[str], family: str) -> str:
 
 
 def metrics_of(job: Record, group: str = "") -> Record:
-    """The statistics of each metric over a group, by default the one that decides; empty where there are none."""
+    """The statistics of each metric over a group, by default the deciding one; empty if there are none."""
     metrics: Record = job["scores"].get(group or gate(job["scores"]), {}).get("metrics", {})
     return metrics
 
 
 def stats_of(job: Record, family: str, group: str = "") -> Record:
-    """The statistics of a family's metric over a group, by default the one that decides; empty where there are none."""
+    """The statistics of a family's metric over a group, by default the deciding one; empty if there are none."""
     metrics = metrics_of(job, group)
     stats: Record = metrics.get(metric_of(metrics, family), {})
     return stats
@@ -87,7 +87,7 @@ def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:
 
 
 def _flat(prefix: str, values: Record, fields: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
-    """Add the fields to those found: a generator in a generator would hand each number through every level."""
+    """Add the fields to those found; nested generators would pass each number through every level."""
     for name, value in values.items():
         if isinstance(value, dict):
             _flat(f"{prefix}{name}/", value, fields)

@@ -1,13 +1,13 @@
-"""The fields of every record: each says once what it holds, which shorter forms keep it, and how tables show it.
+"""The fields of every record: each states once its type, which shorter forms keep it, and how tables show it.
 
-A record is a dictionary; the classes here describe its kinds. Beside its type a field may say
+A record is a dictionary; the classes here describe its kinds. Besides its type a field may state
 
 - its `Use`: the shorter forms of a record that keep it (`kept`), or that it names a file of the run's folder;
-- `Needed`: that a comparison, or a table, cannot do without it (`require`);
-- `Shown`: a column, which tables, the page and published results then have.
+- `Needed`: a comparison or a table requires it (`require`);
+- `Shown`: tables, the page and published results have a column of it.
 
-So a new number takes two edits: where it is measured, and its field. Fields that are not listed are free, but plain
-(`bench.records.kinds`); the shorter forms drop them. `bench.records.fields` reads what is said here.
+So a new number takes two edits: its measurement and its field. Fields that are not listed are free, but plain
+(`bench.records.kinds`); the shorter forms drop them. `bench.records.fields` reads these descriptions.
 """
 
 from enum import Flag, auto
@@ -25,9 +25,9 @@ class Use(Flag):
     REFERENCE = auto()  # kept in the reference of a suite
     RESULTS = auto()  # kept in published results, and on the page
     NAMES = auto()  # names the job
-    CLAIM = auto()  # compared where a submitted record is verified
+    CLAIM = auto()  # compared when a submitted record is verified
     ARTEFACT = auto()  # names a file of the run's folder
-    APART = auto()  # no number of a table of all numbers: it names the row, or is shown in a form of its own
+    APART = auto()  # not in the table of all numbers: it names the row, or has its own form
 
 
 REFERENCE, RESULTS, NAMES, CLAIM, ARTEFACT, APART = Use
@@ -35,7 +35,7 @@ PUBLISHED = REFERENCE | RESULTS
 
 
 class Needed(NamedTuple):
-    """A job with a result must have the field, and these keys of it, to be compared, shown or verified."""
+    """A job with a result needs the field, with these keys, to be compared, shown or verified."""
 
     by: Literal["comparison", "tables", "verification"]
     keys: tuple[str, ...] = ()
@@ -86,7 +86,7 @@ class Point(TypedDict, total=False):
 
 
 class FitKey(TypedDict, total=False):
-    """All that a file depends on."""
+    """Everything that a file depends on."""
 
     codec: Annotated[Name, RESULTS | CLAIM]
     version: Annotated[Count, PUBLISHED | CLAIM]
@@ -99,7 +99,7 @@ class FitKey(TypedDict, total=False):
 
 
 class ScoreKey(TypedDict, total=False):
-    """All that scores depend on, beside the file."""
+    """Everything that scores depend on, besides the file."""
 
     sha256: Annotated[Text, RESULTS | CLAIM]
     btf: Annotated[Text, PUBLISHED | CLAIM]
@@ -111,7 +111,7 @@ class ScoreKey(TypedDict, total=False):
 
 
 class Bytes(TypedDict, total=False):
-    """The size of a file, by part; and of the network's file that it shares with others."""
+    """The size of a file by part, and of the file of a network that it shares with others."""
 
     decoder: Count
     texture: Count
@@ -134,7 +134,7 @@ class Provenance(TypedDict, total=False):
 
 
 class Machine(TypedDict, total=False):
-    """The machine of a job or a run; published without the name of its host."""
+    """The machine of a job or a run; published without the host's name."""
 
     host: Setting | None
     processor: Annotated[Setting | None, PUBLISHED]
@@ -215,7 +215,7 @@ class Job(TypedDict, total=False):
 
 
 class Timing(TypedDict, total=False):
-    """One codec timed beside the others of its material."""
+    """One codec timed in turns with the others of its material."""
 
     kind: Annotated[Text, PUBLISHED | APART]
     job: Annotated[Text, PUBLISHED | APART]
@@ -278,7 +278,7 @@ class Start(TypedDict, total=False):
 
 
 class Facts(TypedDict, total=False):
-    """The facts of a fit, which lie beside a codec file: they are not in the file, so that its bytes do not change."""
+    """The facts of a fit, stored beside a codec file and not in it, so that its bytes do not change."""
 
     fit_key: Required[FitKey]
     sha256: Required[Text]
@@ -307,7 +307,7 @@ class FileScene(TypedDict):
 
 
 class Noise(TypedDict):
-    """Samples and seconds to a noise of 1 % in a scene, by cosine and by lobes."""
+    """Samples and seconds until the noise in a scene is 1 %, by cosine and by lobes."""
 
     scene: Text
     samples: Annotated[list[float], Several(kinds.NOT_NEGATIVE, 2)]
@@ -364,7 +364,7 @@ class Profile(TypedDict, total=False):
 
 
 class Ceiling(TypedDict):
-    """What a machine can compute and read."""
+    """The measured rates of computing and reading of a machine."""
 
     device: Text
     dtype: Text

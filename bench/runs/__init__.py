@@ -1,1 +1,1 @@
-"""Runs suites: jobs, where they work, what they leave; and what is derived from their records."""
+"""Runs suites: jobs, the processes that run them, the files that they write, and results derived from records."""

@@ -1,7 +1,7 @@
-"""Packs the records and codec files of a run into one archive, and scores an archive's files anew on this machine.
+"""Packs the records and codec files of a run into one archive, and scores an archive's files again on this machine.
 
 The archive is a zip: `records.jsonl` as `bench.compare.results` keeps it, and the codec files in `files/`, with the
-networks that they share. Nothing in it is run: a codec that is not installed here is named, and not verified.
+networks that they share. Nothing in it is run: jobs of a codec that is not installed here are listed but not verified.
 """
 
 import dataclasses
@@ -32,17 +32,17 @@ from bench.runs.task import Task
 from bench.runs.workbench import Workbench, workbench
 from bench.settings import table
 
-MOST_BYTES, LEAST_BYTES, RATIO = 4 << 30, 256 << 20, 64  # of all unpacked files: at most, or as many times the archive
-MOST_BAKED = 4 << 30  # bytes of radiance that an archive may have baked here: they are not known to be its own before
+MOST_BYTES, LEAST_BYTES, RATIO = 4 << 30, 256 << 20, 64  # limits of all unpacked files; RATIO: over the archive
+MOST_BAKED = 4 << 30  # bytes of radiance that an archive may make us bake, before we know whether its data are the same
 SHOWN = 4  # reasons that a verdict lists
-_STARTED = ("kind", "run", "suite", "data", "materials", "jobs")  # what is taken from the start of a submitted run
+_STARTED = ("kind", "run", "suite", "data", "materials", "jobs")  # fields taken from the start of a submitted run
 _HERE = {"text": "", "device": "cpu", "threads": 1}
-_OTHER = "the data of {} here are others than those submitted"
+_OTHER = "the data of {} here differ from the submitted data"
 AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 
 def chosen(run: Run, codecs: list[str]) -> Run:
-    """The jobs of a run that have a result, or those of some codecs, with their timings. `InputError` if none has."""
+    """The jobs of a run with a result, of all or some codecs, and their timings. `InputError` if there are none."""
     part = dataclasses.replace(run, jobs=records.Records(), timings=records.Records())
     for job in run.jobs:
         if job["status"] == "ok" and (not codecs or job["codec"] in codecs):
@@ -50,7 +50,7 @@ def chosen(run: Run, codecs: list[str]) -> Run:
             if timing := run.timing(job):
                 part.timings.put(job["job"], timing)
     if not part.jobs:
-        raise InputError(f"{run.folder}: no job{' of ' + ' or '.join(codecs) if codecs else ''} has a result there")
+        raise InputError(f"{run.folder}: no job{' of ' + ' or '.join(codecs) if codecs else ''} has a result")
     if not any("materials" in start for start in run.starts):
         raise InputError(f"{run.folder}: its records do not say how materials were prepared: run the suite again")
     return part
@@ -69,14 +69,15 @@ def pack(run: Run, lines: str, path: Path) -> None:
 
 
 def _own(run: Run, name: str, digest: str) -> Path:
-    """A codec file of this run. `InputError` for any other: a record could name each file of this machine."""
+    """A codec file of this run. `InputError` for any other file, because a record could name any file of this
+    machine."""
     file = run.folder / name
     if not file.resolve().is_relative_to(run.folder.resolve()):
         raise InputError(
-            f"{run.folder}: a record names the file {name!r}, which is not of this run: run the suite again"
+            f"{run.folder}: a record names the file {name!r}, which does not belong to this run: run the suite again"
         )
     if not file.is_file():
-        raise InputError(f"{file}: gone, but its job is recorded: run the suite again")
+        raise InputError(f"{file}: the file of a recorded job is missing: run the suite again")
     if container.read_header(file).sha256 != digest:
         raise InputError(f"{file}: not the file that its job recorded: run the suite again")
     return file
@@ -87,10 +88,10 @@ def unpack(path: Path, folder: Path) -> Run:
     try:
         files = ZipFiles(path)
         if foreign := next((name for name in files.entries if not _belongs(name)), ""):
-            raise InputError(f"{path}: {foreign!r} does not belong into an archive of results")
+            raise InputError(f"{path}: {foreign!r} does not belong in an archive of results")
         most = min(MOST_BYTES, max(LEAST_BYTES, RATIO * files.length))
         if sum(map(files.size, files.entries)) > most:
-            raise InputError(f"{path}: unpacks to more than {most >> 20:,} MiB: verify it in parts")
+            raise InputError(f"{path}: it unpacks to more than {most >> 20:,} MiB: submit and verify it in parts")
         (folder / "files").mkdir(parents=True, exist_ok=True)
         for name in files.entries:
             (folder / name).write_bytes(files.read(name))
@@ -108,7 +109,7 @@ def _belongs(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one job: `AGREES`, `DIFFERS` or `NOT_VERIFIED`, why, and the record of what was measured here."""
+    """The verdict on one job: `AGREES`, `DIFFERS` or `NOT_VERIFIED`, why, and the record of the measurement here."""
 
     job: str
     verdict: str
@@ -117,10 +118,10 @@ class Verdict:
 
 
 def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, str] | None = None) -> Iterator[Verdict]:
-    """Decode and score the files of an unpacked archive, and write a run's folder of what was measured here.
+    """Decode and score the files of an unpacked archive, and write the measurements as a run's folder.
 
-    `places` are paths of materials by name. Without one, measured data are looked for under `NEUBTF_DATA` alone: which
-    paths of this machine are opened is not the archive's to choose.
+    `places` are paths of materials by name. Without one, measured data must be under `NEUBTF_DATA`: an archive may not
+    choose which paths of this machine are opened.
     """
     starts = {start["run"]: start for start in run.starts}
     for start in starts.values():
@@ -164,7 +165,7 @@ def _verified(
 
 
 def _material(job: Record, start: Record, places: Mapping[str, str]) -> MaterialSpec:
-    """The material of a job, with its place on this machine. `InputError` where the archive does not say, or know."""
+    """The material of a job, with its path on this machine. `InputError` if the archive or the machine lacks it."""
     listed = [table("materials of its run", MaterialSpec, each) for each in start.get("materials") or []]
     spec = next((each for each in listed if each.name == job["material"]), None)
     if spec is None:
@@ -176,19 +177,19 @@ def _material(job: Record, start: Record, places: Mapping[str, str]) -> Material
     remedy = f"say where it is with --material {shlex.quote(spec.name)}=PATH"
     root = os.environ.get("NEUBTF_DATA")
     if root is None or Path(spec.path).is_absolute():
-        raise InputError(f"the data of {spec.name} are not looked for at {spec.path}: {remedy}")
+        raise InputError(f"the archive may not choose the path {spec.path} of {spec.name}: {remedy}")
     return dataclasses.replace(spec, path=str(Path(root) / inside(spec.path, f"the data of {spec.name}")))
 
 
 def _other_data(job: Record, spec: MaterialSpec, data: Preparation) -> str:
-    """Why the data of a job need not be prepared: they are others, or too large to be baked on an archive's word."""
+    """Why the data of a job are not prepared: they differ, or are too large to be baked for an unverified archive."""
     draw = draw_of(spec, data, int(job["seed"]))
     if not spec.path:
         known = outlined(spec, data, draw).fingerprint == job["score_key"]["btf"]
         return "" if known else _OTHER.format(spec.name)
     needed = 12 * data.size**2 * (data.views * data.lights + data.heldout)
     baked = looks_like_maps(Path(spec.path))
-    return f"{needed >> 30} GiB would have to be baked of {spec.name}" if baked and needed > MOST_BAKED else ""
+    return f"baking {spec.name} would need {needed >> 30} GiB" if baked and needed > MOST_BAKED else ""
 
 
 def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verdict:

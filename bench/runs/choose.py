@@ -1,7 +1,6 @@
-"""The measured choices of a trade as rungs to choose among. `bench.runs.trade` measures them, `bench.records.choosing`
-chooses.
+"""Turns the measured choices of a trade into rungs: `bench.runs.trade` measures, `bench.records.choosing` chooses.
 
-Imports no PyTorch, so that an answer from stored measurements comes at once.
+Imports no PyTorch, so an answer from stored measurements comes at once.
 """
 
 import re
@@ -21,12 +20,12 @@ _SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
 
 
 def psnr(row: Choice) -> float:
-    """dB; infinite without any error."""
+    """dB; infinite without error."""
     return float("inf") if row["psnr"] is None else float(row["psnr"])
 
 
 def usable(choices: list[Choice], material: str) -> list[Rung]:
-    """The choices of a material that were measured, at validation pairs too: bytes, ns a sample, and the choice."""
+    """The choices of a material that have scores of validation pairs, as rungs with bytes and ns a sample."""
     rungs = (
         validated(row["validation"], name=named(row), size=row["bytes"], time=row["ns_per_sample"], of=row)
         for row in choices
@@ -36,10 +35,10 @@ def usable(choices: list[Choice], material: str) -> list[Rung]:
 
 
 def parse_bytes(text: str) -> int:
-    """A size: `300k`, `1.5M`, `20000`."""
+    """A size in bytes from its text: `300k`, `1.5M`, `20000`."""
     match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)(?:B)?", text)
     if not match or float(match[1]) <= 0:
-        raise InputError(f"--max-bytes {text}: write a number, or one with k or M, as 300k")
+        raise InputError(f"--max-bytes {text}: write a number, or a number with k or M, such as 300k")
     return round(float(match[1]) * _SUFFIXES[match[2]])
 
 
@@ -59,13 +58,13 @@ def answers(material: str, choices: list[Choice]) -> Iterator[str]:
         least = min(near, key=lambda rung: (getattr(rung, key), rung.time))
         within = f"{material}: within {NEAR_DB} dB of it,"
         if getattr(least, key) == getattr(best, key):
-            yield f"{within} none is {word}."
+            yield f"{within} no other is {word}."
         else:
             yield f"{within} the {word[:-1]}st is {described(least.of)}."
 
 
 def named(row: Choice) -> str:
-    """A choice by name: the codec's label, and how it is computed where that is not the default."""
+    """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
     how = f"{row['execution']} {row['precision']}" + (", emulated" if row.get("emulated") else "")
     return str(row["label"]) + ("" if how == PLAIN else f" [{how}]")
 
@@ -77,7 +76,7 @@ def described(row: Choice) -> str:
 
 
 def held(folder: Path, row: Choice) -> str:
-    """Whose time that of a choice is, and what a GPU would hold of its file, by the record of its job."""
+    """Which device a choice was timed on, and the size of its textures on a GPU, by the record of its job."""
     threads = row.get("threads", 1)
     whose = "the GPU's" if row["device"] != "cpu" else f"the CPU's, {threads} thread{'s' * (threads != 1)}"
     job = load_run(folder).job(row.get("job", "")) or {}

@@ -1,4 +1,4 @@
-"""Compares what a submitted record says of a codec file with what was measured of it on this machine."""
+"""Compares the numbers of a submitted record with those measured from its codec file on this machine."""
 
 import json
 import math
@@ -11,16 +11,16 @@ from bench.codecs.registry import COMMAND, make_codec
 from bench.errors import InputError
 from bench.records import CLAIM, OUTSIDE, PSNR, Record, gate, kept, metrics_of
 
-DECIBELS, RELATIVE = 0.01, 1e-3  # what rounding on another processor may change
+DECIBELS, RELATIVE = 0.01, 1e-3  # the largest change by rounding on another processor
 
 
 def compared(claimed: Record) -> bool:
-    """Whether a record says the score by which jobs are compared."""
+    """Whether a record has the score by which jobs are compared."""
     return "pooled" in metrics_of(claimed, gate(claimed["scores"])).get(PSNR, {})
 
 
 def differences(claimed: Record, here: Record) -> Iterator[str]:
-    """The claims that are not what was measured here, but for rounding on another processor, in words."""
+    """The claims that differ from the measurements here by more than rounding on another processor, in words."""
     here = json.loads(json.dumps(here))
     for name, value in kept(claimed, CLAIM).items():
         yield from _unlike(name, value, here[name])
@@ -30,7 +30,7 @@ def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
     if isinstance(claimed, dict) and isinstance(measured, dict):
         for name, value in claimed.items():
             if place in ("scores", "pairs") and name in ("scene", OUTSIDE):
-                continue  # of a scene's demand, which no archive holds; not published
+                continue  # scores in a scene: archives hold no demand, and these are not published
             yield from _unlike(f"{place}/{name}", value, measured.get(name))
     elif not _close(place, claimed, measured):
         yield f"{place} is {measured}, not {claimed}"
@@ -44,7 +44,7 @@ def _close(place: str, claimed: Any, measured: Any) -> bool:
 
 
 def misnamed(claimed: Record, header: Header) -> Iterator[str]:
-    """Why the names of a job are not those of its file: a label holds the codec and what differs from its defaults."""
+    """Why the names of a job do not fit its file: a label holds the codec and the settings that are not defaults."""
     label, curve = str(claimed["label"]), str(claimed["curve"])
     given = header.settings if header.codec == COMMAND else {}
     own = {key: given[key] for key in ("called", "encode", "decode") if key in given}
@@ -57,8 +57,8 @@ def misnamed(claimed: Record, header: Header) -> Iterator[str]:
     except (InputError, ValueError):
         named, whole = {}, {"": None}
     if not label.startswith(called) or named != whole:
-        yield f"label is {label!r}, which is not what the file's codec and settings are called"
+        yield f"label is {label!r}, but the file's codec and settings have another label"
     if not curve.startswith(called) or not {*curve.removeprefix(called).split()} <= {*words}:
-        yield f"curve is {curve!r}, which is not of the label"
+        yield f"curve is {curve!r}, which does not belong to the label"
     if (name := f"{claimed['material']}/{label}/{claimed['seed']}") != claimed["job"]:
         yield f"job is {claimed['job']!r}, not {name!r}"

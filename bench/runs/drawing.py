@@ -15,7 +15,7 @@ from bench.program import Program
 from bench.program.recording import program_of
 
 QUERIES = 65_536
-BAKED = 13  # directions a side of a material that cannot be a program: 5.5 MB at 64² texels
+BAKED = 13  # views, and lights, of a material that cannot be a program: 5.5 MB at 64² texels
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Drawable:
 def drawable(material: Material) -> Drawable:
     """A material's program. The exposure is that of random queries up to 75°.
 
-    `InputError` where the material cannot be recorded as a program.
+    Raises `InputError` if the material cannot be recorded as a program.
     """
     program = program_of(material)
     rng = np.random.default_rng(0)
@@ -39,7 +39,7 @@ def drawable(material: Material) -> Drawable:
 
 
 def baked(material: Material, name: str, show: Progress = silent) -> BTF:
-    """The slices of a material at `BAKED` × `BAKED` pairs: what stands in where there is no program."""
+    """The slices of a material at `BAKED` × `BAKED` pairs, used instead of a program."""
     wo, wi = thinned_product(ubo2003(), BAKED, BAKED)
     pairs = followed(show, zip(wo.tolist(), wi.tolist(), strict=True), f"baking {name}", len(wo))
     return BTF(name, wo, wi, ArraySource(np.stack([material.slice(*pair).numpy() for pair in pairs])))

@@ -1,9 +1,9 @@
-"""Says how many jobs of a run are left, and for about how long, from fits of the same codecs that are on record.
+"""Estimates how many jobs of a run are left and how long they take, from recorded fits of the same codecs.
 
-A fit lasts as long as the most alike one on record, in proportion to its steps and batch or, without steps, to its
-data. On record are the fits of this folder and of the folders beside it, made on this processor. What a job takes
-besides its fit (opening, scoring) is known once one of this run has ended. A codec that was never fitted here has no
-estimate; its jobs are counted apart.
+A fit is assumed to take as long as the most similar recorded one, in proportion to its steps and batch or, without
+steps, to its data. Recorded fits are those of this folder and of the folders beside it, made on this processor. The
+time of a job besides its fit (opening, scoring) is known once one job of this run has ended. A codec that was never
+fitted here has no estimate; its jobs are counted separately.
 """
 
 import time
@@ -21,7 +21,7 @@ from bench.runs.task import Task
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit on record: of which job, how much work it was, and how long it took."""
+    """A recorded fit: its job, its amount of work, and its time."""
 
     codec: str
     material: str
@@ -37,22 +37,22 @@ class Fitted:
 
 
 class Estimate:
-    """The jobs of a run that are left; `holds` are those whose records are expected to hold.
+    """The remaining jobs of a run; `holds` are those whose records are expected to hold.
 
-    `seats` says how many run side by side.
+    `seats` gives the number of jobs that run at once.
     """
 
     def __init__(self, tasks: Iterable[Task], holds: set[str], folder: Path, seats: Callable[[], int]):
         self.waiting = {task.name: task for task in tasks}
         self.total, self.holds, self.seats = len(self.waiting), holds, seats
-        self.known: dict[str, list[Fitted]] = {}  # by codec; of those, the latest last
+        self.known: dict[str, list[Fitted]] = {}  # by codec, the latest last
         for fit in _on_record(folder):
             self._keep(fit)
         self.start = time.monotonic()
         self.worked, self.spent = 0, 0.0  # jobs that were fitted or scored, and seconds of their fits
 
     def ended(self, record: Record, cached: str) -> None:
-        """Take note of a job that ended, given its record and what of it was on record before."""
+        """Count a job that ended, given its record and its earlier record."""
         name = record["job"]
         self.waiting.pop(name, None)
         if cached == "record":
@@ -70,22 +70,22 @@ class Estimate:
 
     @property
     def first(self) -> str:
-        """What is said before the run starts."""
+        """The message before the run starts."""
         left = len(self._left)
-        recorded = f", {len(self.holds)} of them on record" if self.holds else ""
+        recorded = f", {len(self.holds)} of them recorded" if self.holds else ""
         seconds, unknown = self._ahead()
         names = ", ".join(sorted({task.codec.codec for task in unknown}))
         if not left:
-            return f"{_jobs(self.total)}, all on record"
+            return f"{_jobs(self.total)}, all recorded"
         start = f"{_jobs(self.total)}{recorded}: {left} left, "
         if len(unknown) == left:
-            return f"{start}no estimate, since no fit of {names} is on record here"
-        rest = f", and {_jobs(len(unknown))} of {names}, of which no fit is on record here" if unknown else ""
+            return f"{start}no estimate, because no fit of {names} is recorded here"
+        rest = f", and {_jobs(len(unknown))} of {names}, which have no recorded fit here" if unknown else ""
         return f"{start}about {duration(seconds)} of fits{rest}"
 
     @property
     def left(self) -> str:
-        """What is said while the run goes on: the time left; "" where nothing is known."""
+        """The message during the run: the time left; "" if nothing is known."""
         seconds, unknown = self._ahead()
         left = len(self._left)
         if not left or len(unknown) == left:
@@ -103,14 +103,14 @@ class Estimate:
         return [task for name, task in self.waiting.items() if name not in self.holds]
 
     def _ahead(self) -> tuple[float, list[Task]]:
-        """Seconds of the jobs left whose fits can be estimated, and the other ones."""
+        """The seconds of the remaining jobs whose fits can be estimated, and the other jobs."""
         fits = dict[tuple[str, str], float | None]()
         left = self._left
         for task in left:
             cell = task.material.name, task.codec.label
             fits[cell] = fits[cell] if cell in fits else self._fit(task)
         seconds, seats = [fits[task.material.name, task.codec.label] for task in left], self.seats()
-        # What a job takes besides its fit, as far as this run knows.
+        # The time of a job besides its fit, as measured in this run so far.
         apart = (time.monotonic() - self.start) * min(seats, self.total) - self.spent
         besides = max(0.0, apart / self.worked) if self.worked else 0.0
         known = [each + besides for each in seconds if each is not None]
@@ -118,7 +118,7 @@ class Estimate:
         return sum(known) / min(seats, max(1, len(left))), unknown
 
     def _fit(self, task: Task) -> float | None:
-        """Seconds of the fit of a job, after the one on record that is most like it; None without one."""
+        """Seconds of the fit of a job, estimated from the most similar recorded fit; None without one."""
         try:
             settings = settings_dict(make_codec(task.codec.codec, task.codec.settings))
         except InputError:  # it fails with this error

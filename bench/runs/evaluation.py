@@ -36,9 +36,9 @@ from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
 from bench.threads import torch_threads
 
-DRAWN_FLOATS = 2_000_000  # of a texture, at most, that a page draws live
-COARSE = (2, 4, 8)  # footprints in texels that are scored besides the slices, whose footprint is one texel
-DESCRIBED = ("unit", "direction", "space", "version")  # of a metric: tables show them with its numbers
+DRAWN_FLOATS = 2_000_000  # the most floats of a texture that a page draws live
+COARSE = (2, 4, 8)  # footprints in texels that are scored in addition to slices, whose footprint is one texel
+DESCRIBED = ("unit", "direction", "space", "version")  # fields of a metric that tables show with its numbers
 Keep = Callable[[str, dict[str, Any]], str]
 
 
@@ -50,7 +50,7 @@ def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
 
 
 def conditions(bench: Workbench) -> dict[str, Any]:
-    """What scores depend on besides the file: the part of a score key that comparable rows share."""
+    """Everything besides the file that scores depend on: the part of a score key that comparable rows share."""
     key = {
         "btf": bench.btf.fingerprint,
         "exposure": bench.exposure,
@@ -69,7 +69,7 @@ def conditions(bench: Workbench) -> dict[str, Any]:
 def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Record:
     """Score the material decoded from a codec file; returns the part of its record that the score key covers.
 
-    `keep(name, content)` stores what does not go into the record, and returns the name that the record holds.
+    `keep(name, content)` stores content that is too large for the record, and returns the name that the record holds.
     """
     if file.network:
         shared.refuse(file.network, bench.btf)
@@ -78,11 +78,11 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
 
 
 def scored(bench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Record:
-    """Score a material, wherever it comes from: its record but settings and bytes; `name` is that of kept files."""
+    """Score any material: its record without settings and bytes; kept files are called after `name`."""
     decoder = Slices(bench, material, show)
     groups, decides = dict(bench.groups), gate(bench.groups)
     if decides != "all" and len(bench.scored) < len(bench.btf):
-        del groups["all"]  # where few training pairs are scored, a mean over all that are is of neither set
+        del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
     with torch_threads(threads):
         scores = bench.scorer.score(bench.scored, decoder.watched)
         coarse = footprint_errors(bench.btf, bench.deciding, decoder.slice, bench.exposure, COARSE)
@@ -96,7 +96,7 @@ def scored(bench: Workbench, material: Material, name: str, threads: int, keep: 
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
     angular["polar"] = polar_maps(scores, bench.btf.wo, bench.btf.wi)
     program: Record = {}
-    if isinstance(material, ProgramMaterial):  # no decoder's time, since files pass in between
+    if isinstance(material, ProgramMaterial):  # its time would include exchanging files
         nanoseconds = 1e9 * material.waited / max(1, material.queries)
         program = {"program": {"queries": material.queries, "ns_per_query": nanoseconds}}
     return {

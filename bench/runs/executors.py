@@ -54,7 +54,7 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
     if count < 1:
         raise InputError(f"--jobs {count}: must be at least 1")
     if device.startswith("cuda:"):
-        raise InputError(f"--device {device}: with --jobs each job has a GPU of its own: give --device cuda")
+        raise InputError(f"--device {device}: with --jobs each job has its own GPU: give --device cuda")
     pool = Processes(count, threads, _gpu_names(count) if device == "cuda" else [], limit)
     try:
         yield Workers(pool, count)
@@ -88,14 +88,14 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
 
 
 def _threads_of(client: Any) -> int:
-    """Threads of all workers that are there now; 1 where there is none, or nobody answers."""
+    """Threads of all present workers; 1 if there are none, or the scheduler does not answer."""
     with suppress(OSError):
         return max(1, sum(client.nthreads().values()))
     return 1
 
 
 def _require_package(client: Any) -> None:
-    """`InputError` names the workers without this package: the first job would end them without a word, and wait."""
+    """Raise `InputError` for workers without this package: the first job would end them silently, and hang."""
     versions = client.get_versions(packages=["neubtf-bench"])["workers"]
     lacking = [name for name, worker in versions.items() if not worker["packages"].get("neubtf-bench")]
     if lacking:
@@ -137,7 +137,7 @@ class Processes(Executor):
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         seat = self.free.get()
         if seat not in self.pools:
-            context = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks, and no CUDA
+            context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
             theirs, ours = context.Pipe(duplex=False)
             given = (self.threads, self.gpus[seat] if self.gpus else None, theirs)
             self.pools[seat] = ProcessPoolExecutor(1, context, _prepare, given), ours
@@ -218,5 +218,5 @@ def _gpu_names(count: int) -> list[str]:
     else:
         names = [name.strip() for name in chosen.split(",") if name.strip()]
     if len(names) < count:
-        raise InputError(f"--jobs {count}: each job needs a GPU of its own, and there are {len(names)}")
+        raise InputError(f"--jobs {count}: each job needs its own GPU, and there are {len(names)}: give fewer jobs")
     return names[:count]

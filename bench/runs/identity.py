@@ -1,4 +1,4 @@
-"""Identifies the code that fits a codec: the file depends on it, besides its settings and its data.
+"""Identifies the code that fits a codec, because the file depends on it, as on settings and data.
 
 The identity is computed, not declared, so that no author can forget it. Starting from the modules of the codec's
 class, it follows imports in the source through the codec's own package, `bench`, and every other package that is not
@@ -64,15 +64,15 @@ def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[s
             source = _source(path, name)
             sources[name] = source.digest
             waiting += source.imported
-            waiting += [name.rpartition(".")[0]] if "." in name else []  # a package runs before what is in it
+            waiting += [name.rpartition(".")[0]] if "." in name else []  # a package runs before its modules
             waiting += _everything_in(top) if source.by_name and top != "bench" else []
-    # Code typed into a shell has no source: it gets a new digest in each process, so that its files are never reused.
+    # Code typed into a shell has no source. It gets a new digest in each process, so its files are never reused.
     return sources | {root: str(uuid.uuid4()) for root in roots if root not in sources}, libraries
 
 
 @dataclass(frozen=True)
 class _Source:
-    """A module's file: a digest of what it does, the modules it imports, and whether it imports by computed names."""
+    """A module's file: a digest of its syntax, the modules it imports, and whether it imports by computed names."""
 
     digest: str
     imported: tuple[str, ...] = ()

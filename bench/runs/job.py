@@ -80,7 +80,7 @@ def work(task: Task, show: Progress = silent) -> Answer:
             return Job(task, bench, lambda label, done, total: show(f"{task.name}: {label}", done, total)).run()
     except MissingDataError as error:
         return Result(task.base | {"status": "unavailable", "error": str(error)})
-    except OSError as error:  # while the material was opened: the cache has no room, which is no fault of the job
+    except OSError as error:  # while opening the material: the cache has no room, which is not the job's fault
         _raise_where_no_job_can_help(error)
         raise
 
@@ -176,7 +176,7 @@ class Job:
     def _failed(self, error: BaseException) -> Result:
         more = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
         try:
-            self.checkpoint.unlink(missing_ok=True)  # by the next try, the code that wrote it may have been fixed
+            self.checkpoint.unlink(missing_ok=True)  # before the next try, the code that wrote it may be fixed
             more |= {"fit_key": self.fit_key}
         except InputError:  # a codec that cannot be made has no key
             pass
@@ -200,7 +200,7 @@ class Job:
     def _scored(self, header: container.Header) -> Record:
         file = loading.load(header.path, self.task.device, self.network)
         scores = evaluate(self.bench, file, self.task.threads, self.folder.keep, self.show)
-        if self.task.repetition:  # pictures are of the first seed
+        if self.task.repetition:  # only the first seed has pictures
             return scores
         if self.task.device != "cpu":
             file = loading.load(header.path, "cpu", self.network)
@@ -267,7 +267,7 @@ def _facts_of_record(facts: Record) -> Record:
 
 
 def stamp() -> Record:
-    """The revision of the suite and the time at which something was made that later runs may reuse."""
+    """The revision of the suite and the current time, for results that later runs may reuse."""
     return {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
 
 

@@ -59,7 +59,7 @@ def encode(
     `codec` is a name, with its `settings`, or a codec. The fit calls `show(label, done, total)` as it progresses.
     """
     if isinstance(codec, Codec) and settings:
-        raise InputError(f"encode: codec {codec.name} has its settings already: give {min(settings)} where it is made")
+        raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
     instance = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
     require_demand(instance, None)
     fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(instance))
@@ -80,14 +80,14 @@ def score(
     device: str = "cpu",
     show: Progress = silent,
 ) -> Record:
-    """Score against its BTF what was decoded, as a run does; returns the numbers of a job's record.
+    """Score a decoded material against its BTF, as a run does; returns the numbers of a job's record.
 
     `decoded` is a codec file, which is decoded here; or slices at the pairs of the BTF, as a folder with `pairs.csv` or
-    a BTF; or a material. The last two have no file: no bytes are counted.
+    as a BTF; or a material. Slices and materials have no file, so no bytes are counted.
 
     `scores` holds every metric over groups of pairs (`heldout`, `train`, `all`, …), `footprints` the PSNR at footprints
-    of several texels; `bytes`, `parameters` and `cost` are those of the file. `demand` is the demand file of a scene to
-    judge by as well. Raises `ContainerError` for a bad file, `InputError` if the BTF has another resolution.
+    of several texels; `bytes`, `parameters` and `cost` are those of the file. With `demand`, a demand file, the scores
+    include those in its scene. Raises `ContainerError` for a bad file, `InputError` if the BTF has another resolution.
     """
     bench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
@@ -98,7 +98,7 @@ def score(
     else:
         name, material = _material(decoded, btf)
         if demand and isinstance(material, SlicesMaterial):
-            raise InputError(f"{name}: slices cannot be judged by a scene, which asks for more pairs: no demand")
+            raise InputError(f"{name}: slices cannot be scored in a scene, which needs more pairs: leave out demand")
         figures = {"codec": name, "settings": {}, "bytes": {}, "score_key": conditions(bench)}
         figures |= scored(bench, material, name, threads, lambda name, content: name, show)
     for field in field_names(ARTEFACT):  # a run keeps these files, `score` does not
@@ -107,7 +107,7 @@ def score(
 
 
 def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Material]:
-    """The name and the material of what was decoded elsewhere."""
+    """The name and the material of data decoded elsewhere."""
     if isinstance(decoded, Material):
         name, size = type(decoded).__name__, decoded.size
         _same_size(name, size, btf)
@@ -121,5 +121,5 @@ def _same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
     if size != btf.shape:
         decoded, wanted = (" × ".join(map(str, sides)) for sides in (size, btf.shape))
         raise InputError(
-            f"{name}: decodes to {decoded} texels, and {btf.name} has {wanted}: open the BTF as it was encoded"
+            f"{name}: it decodes to {decoded} texels, but {btf.name} has {wanted}: open the BTF as it was encoded"
         )

@@ -51,7 +51,7 @@ def locked(folder: Path, run: str) -> Iterator[None]:
 
 
 def reaches(folder: Path, run: str) -> bool:
-    """Whether this process can write in the folder that a run has locked; one on another machine may be unable to."""
+    """Whether this process can write in the locked folder of a run; on another machine it may be unable to."""
     return _holder(folder / FILE).get("run") == run and os.access(folder, os.W_OK)
 
 
@@ -80,11 +80,11 @@ def _acquire(folder: Path, run: str) -> int:
         except BaseException:
             os.close(file)
             raise
-        os.close(file)  # it was removed by its holder between our opening and our locking it
+        os.close(file)  # its holder removed it after we opened it and before we locked it
 
 
 def _flock(file: int) -> bool:
-    """Lock the file; False where its file system cannot. `BlockingIOError` where another process holds it."""
+    """Lock the file; False if its file system cannot. `BlockingIOError` if another process holds the lock."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -102,12 +102,12 @@ def _check(folder: Path, kept_by_kernel: bool) -> None:
     if holder.get("host") == platform.node():
         alive = not kept_by_kernel and _runs(int(holder["process"]))
     else:
-        # Renewed by the clock of the file system: those of two hosts differ.
+        # Renewed by the clock of the file system, because the clocks of two hosts differ.
         with tempfile.TemporaryFile(dir=folder) as now:
             alive = os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime < STALE_AFTER
     if alive:
         raise InputError(_busy(folder, holder))
-    log.warning("%s: the lock of %s is taken over, because that process is gone", folder, _named(holder))
+    log.warning("%s: the lock of %s is taken over, because its process is gone", folder, _named(holder))
 
 
 def _holder(path: Path) -> dict[str, Any]:

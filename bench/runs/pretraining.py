@@ -12,8 +12,8 @@ from bench.data.materials.variations import load_variation
 from bench.errors import InputError
 from bench.threads import torch_threads
 
-MATERIALS = 224  # variations that a network is trained on
-UNSEEN = range(100_000, 100_016)  # those that its curve is measured on
+MATERIALS = 224  # the default number of variations in training
+UNSEEN = range(100_000, 100_016)  # variations for its curve, kept out of training
 
 
 def pretrain(
@@ -21,11 +21,11 @@ def pretrain(
 ) -> Header:
     """Train a network on the first `materials` variations and on the BTFs in `added`, and write its file.
 
-    Its curve, in `fit.history`, is the PSNR on variations that it is not trained on. The default needs no data, so that
-    everybody can make the same file. `InputError` if there is nothing to train on.
+    Its curve, in `fit.history`, is the PSNR on variations kept out of training. The default needs no data, so everybody
+    can make the same file. Raises `InputError` if there is no material to train on.
     """
     if materials < 0 or materials + len(added) < 1:
-        raise InputError(f"a network needs at least one material to be trained on, not {materials}")
+        raise InputError(f"a network needs at least one training material, not {materials}")
     numbers = fit.progress([*range(materials), *UNSEEN], "rendering materials to train on")
     btfs = [load_variation(number) for number in numbers]
     fit = dataclasses.replace(fit, unseen=btfs[materials:])

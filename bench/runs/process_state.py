@@ -23,7 +23,7 @@ def restored_process_state() -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(OSError):  # it may be gone
+        with suppress(OSError):  # the folder may be gone
             os.chdir(folder)
         torch.set_default_dtype(dtype)
         if torch.get_default_device() != device:  # setting it, even to the same device, slows every call down

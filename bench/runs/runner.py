@@ -52,7 +52,7 @@ class Options:
     fresh: bool = False  # fit and score everything again
     retry_failed: bool = False
     show: Progress = silent
-    say: Callable[[str], None] = lambda text: None  # is told before the first job how many are left, and for how long
+    say: Callable[[str], None] = lambda text: None  # gets a message before the first job: jobs and time left
     workers: Callable[[], AbstractContextManager[Workers]] | None = None  # None: see `_workers`
 
 
@@ -62,7 +62,7 @@ class Outcome:
 
     record: Record
     cached: str = ""
-    progress: str = ""  # of the run after it, in words
+    progress: str = ""  # the progress of the run after it, in words
 
 
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
@@ -102,7 +102,7 @@ def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
 
 
 def _workers(suite: Suite) -> Callable[[], AbstractContextManager[Workers]]:
-    """Where jobs run by default: in this process, or in a worker if a codec of another distribution might crash it."""
+    """The default workers: this process, or a worker process if a codec of another distribution might crash."""
     if any(from_outside(spec.codec) for spec in suite.codecs):
         return partial(processes, 1, suite.threads)
     return in_process
@@ -119,7 +119,7 @@ def _networks(codecs: list[Codec], options: Options) -> dict[str, tuple[str, byt
         try:
             trained = shared.find_for(codec)
         except MissingDataError:
-            continue  # each of its jobs says so
+            continue  # each of its jobs fails with this reason
         if trained:
             networks[name] = (shared.hashed_name(name, trained.sha256), trained.path.read_bytes())
             atomic.write(options.folder / "files" / networks[name][0], networks[name][1])
@@ -203,7 +203,7 @@ class _Session:
             yield outcome
 
     def _complete(self, task: Task, scorers: int | None) -> Task:
-        """The task with what a worker cannot look up."""
+        """The task with the data that a worker cannot look up."""
         earlier, network = self._earlier(task.name), self.networks.get(task.codec.codec)
         return dataclasses.replace(task, scorers=scorers, earlier=earlier, network=network)
 

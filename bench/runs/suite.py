@@ -16,7 +16,7 @@
     views = 25
     lights = 25
     heldout = 150
-    scored = 0                       # so many training pairs, and of whole views and lights held out; 0: all
+    scored = 0                       # the most training pairs, and pairs of held-out views and lights, to score; 0: all
     split = "test"                   # held-out pairs to score: test, for tables, or validation, to choose settings
     validation = false               # true: score validation pairs beside the test pairs, as budgets need
 
@@ -74,7 +74,7 @@ class CodecSpec:
 
 
 def _label(codec: str, settings: dict[str, Any]) -> str:
-    if codec == COMMAND:  # its programs' command lines would be no name
+    if codec == COMMAND:  # command lines are not a useful name
         codec = settings.get("called", codec)
         settings = {key: value for key, value in settings.items() if key not in ("called", "encode", "decode")}
     plain = {k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in settings.items()}
@@ -154,7 +154,7 @@ def _check(file: str, suite: Suite) -> None:
 
 def _check_jobs(file: str, jobs: int) -> None:
     if jobs > MOST_JOBS:
-        raise InputError(f"{file}: asks for {jobs:,} jobs, and {MOST_JOBS:,} are the limit: split it")
+        raise InputError(f"{file}: it has {jobs:,} jobs, but the limit is {MOST_JOBS:,}: split it")
 
 
 def with_metrics(suite: Suite, names: list[str]) -> Suite:
@@ -277,7 +277,7 @@ def _material(where: str, entry: Any) -> MaterialSpec:
 
 
 def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
-    """The codecs of all tables: one for each combination of the values in the lists of one."""
+    """The codecs of all tables: for each table, one for each combination of its listed values."""
     jobs = 0
     for entry in entries:
         if not isinstance(entry, dict):
@@ -293,7 +293,7 @@ def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
 
 
 def _values(what: str, value: Any) -> list[Any]:
-    """The values of a setting, a list or a single one; what each may be is the codec's to say."""
+    """The values of a setting, given as a list or a single value; the codec checks each value."""
     values = value if isinstance(value, list) else [value]
     for each in values:
         converted(what, str if isinstance(each, str) else bool if isinstance(each, bool) else float, each)

@@ -21,7 +21,7 @@ class Task:
     codec: CodecSpec
     repetition: int
     threads: int
-    demand: str = ""  # path of the demand to judge by
+    demand: str = ""  # path of the demand to score with
     uniform: float = UNIFORM
     metrics: tuple[str, ...] = DEFAULTS  # as the suite names them
     device: str = "cpu"

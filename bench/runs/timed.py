@@ -12,7 +12,7 @@ from bench.records import Record
 from bench.runs.evaluation import recorded
 from bench.runs.executors import processes
 
-ONE_TEXEL = " at one texel"  # after the name of a job: a contestant beside it
+ONE_TEXEL = " at one texel"  # suffix of a job's name: a second contestant for this job
 
 log = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: P
 
 
 def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
-    """The timing of each job's decoder, measured in this process; where it can, at one texel a query as well."""
+    """The timing of each job's decoder, measured in this process; also at one texel a query if it can."""
     materials = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
     decoded = {name: material for name, material in materials.items() if not material.opaque}
     if not decoded:

@@ -74,7 +74,7 @@ def run_and_measure(
     for variant in suite.variants:
         Variant.parse(variant)  # a wrong word stops here
     if noise:
-        _path_tracer()  # and what is not installed
+        _path_tracer()  # and a missing Mitsuba
     load_trade(options.folder)  # an unreadable file stops here
     states = []
     for outcome in runner.run(suite, options):
@@ -82,7 +82,7 @@ def run_and_measure(
         tell(outcome)
     if "ok" in states:
         measured, given = load_run(options.folder), (options.device, full, options.show, emulated, noise)
-        for spec in suite.materials:  # written as it goes
+        for spec in suite.materials:  # written after each material
             result = measure(replace(suite, materials=(spec,)), measured, *given)
             write(options.folder, merged(load_trade(options.folder), result))
     return states
@@ -97,12 +97,12 @@ def measure(
     emulated: bool = False,
     noise: bool = False,
 ) -> dict[str, Any]:
-    """Score and time every choice of a finished run of a suite; what `trade.json` holds.
+    """Score and time every choice of a finished run of a suite; returns the content of `trade.json`.
 
-    `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more; `emulated` measures precisions
-    that the processor only emulates too; `noise` how noisy a path tracer is that wears each file.
+    `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more; `emulated` also measures
+    precisions that the processor only emulates; `noise` measures the noise of a path tracer with each file as material.
     """
-    suite = canonical(suite)  # jobs are recorded under the names of that
+    suite = canonical(suite)  # jobs are recorded under its names
     on, cores, batches = torch.device(device), torch.get_num_threads(), ALL_BATCHES if full else BATCHES
     there = [text for text in suite.variants if exists_on(Variant.parse(text), on)]
     left_out = [text for text in there if not emulated and native.emulated(Variant.parse(text).precision, on)]
@@ -182,8 +182,8 @@ def _choices(
             try:
                 ready = prepared(material, variant)
                 row |= _quality(bench, job, run) if variant == Variant() else _score(bench, ready, suite.threads, show)
-            except Exception as error:  # one variant costs no figures of the others
-                kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "  # nobody foresaw it
+            except Exception as error:  # an error in one variant must not lose the figures of the others
+                kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "  # an unexpected error
                 rows.append(row | {"error": kind + " ".join(str(error).split())})
                 continue
             rows.append(row)
@@ -200,7 +200,7 @@ def _choices(
 
 
 def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
-    """Those of the suite, for a material whose entry sweeps nothing; without a network only those of whole codecs."""
+    """The variants of the suite, for an entry without a sweep; without a network only variants of whole codecs."""
     if not _plain(suite, job):
         return []
     variants = [Variant.parse(text) for text in suite.variants]
@@ -224,7 +224,7 @@ def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, Any]:
 
 
 def _score(bench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, Any]:
-    """The same of a material in another execution or precision, scored now."""
+    """The same for a material in another execution or precision, scored now."""
     groups = {gate(bench.groups): bench.deciding} | {
         name: np.intersect1d(bench.scored, pairs) for name, pairs in bench.groups.items() if name == VALIDATION
     }
@@ -245,7 +245,7 @@ def _figures(job: Record, squared: np.ndarray) -> dict[str, Any]:
 
 
 def _path_tracer() -> ModuleType:
-    """The module that measures noise. `InputError` where Mitsuba is not installed, or cannot run here."""
+    """The module that measures noise. `InputError` if Mitsuba is not installed, or cannot run here."""
     try:
         from bench.demand.mitsuba import noise, scene
     except ImportError as error:
@@ -256,8 +256,8 @@ def _path_tracer() -> ModuleType:
 
 
 def _noise(run: Run, row: dict[str, Any], show: Progress) -> dict[str, Any]:
-    """How noisy a path tracer is whose surface answers from the file of a choice, or why it cannot; {} where the file
-    is computed otherwise than by default, which changes no noise."""
+    """The noise of a path tracer with the file of a choice as material, or why it was not measured; {} for other
+    executions and precisions, which have the same noise."""
     if "sha256" not in row or (row["execution"], row["precision"]) != (Variant().execution, Variant().precision):
         return {}
     path_tracer = _path_tracer()
@@ -265,7 +265,7 @@ def _noise(run: Run, row: dict[str, Any], show: Progress) -> dict[str, Any]:
     try:
         lobes = fitted(load(file).material, show=show)
         noises = path_tracer.reached(file, [None, lobes])
-    except (InputError, RuntimeError) as error:  # the second is Mitsuba's: one file costs no figures of the others
+    except (InputError, RuntimeError) as error:  # the second is Mitsuba's; keep the figures of other files
         return {"noise_error": " ".join(str(error).split())}
     both = {"samples": [each.samples for each in noises], "seconds": [each.seconds for each in noises]}
     return {"noise": {"scene": path_tracer.EVEN, **both}}

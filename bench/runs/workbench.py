@@ -26,7 +26,7 @@ from bench.metrics.scoring import Scorer
 from bench.records import OUTSIDE, VALIDATION, gate
 from bench.runs.task import Task
 
-STORED = 16  # slices that are stored as pictures, for the slice viewer of a report
+STORED = 16  # how many slices are stored as pictures, for the slice viewer of a report
 SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
 
 
@@ -37,15 +37,15 @@ class Workbench:
     btf: BTF
     name: str
     scorers: int | None = None
-    demand: Demand | None = None  # of a scene to judge by
-    most_scored: int = 0  # at most so many training pairs are scored, and of held-out views and lights; 0: all
+    demand: Demand | None = None  # of a scene to score in
+    most_scored: int = 0  # the most training pairs, and pairs of held-out views and lights, that are scored; 0: all
     metrics: tuple[str, ...] = DEFAULTS  # as a suite names them
     split: Split = field(init=False)
 
     def __post_init__(self) -> None:
         self.split = self.btf.split()
         if not len(self.split.train):
-            raise InputError(f"{self.name}: no pair is left to train on")
+            raise InputError(f"{self.name}: no training pairs are left")
 
     @cached_property
     def training(self) -> BTF:
@@ -53,18 +53,18 @@ class Workbench:
 
     @cached_property
     def scorer(self) -> Scorer:
-        # The training pairs set the exposure, so that a material has the same one whichever test pairs are drawn.
+        # The training pairs set the exposure, so a material has the same one for any draw of test pairs.
         names = chosen_names(self.metrics, self.btf.periodic)
         return Scorer(self.btf, names, threads=self.scorers, sampled=self.training)
 
     @cached_property
     def judge(self) -> FrameScorer | None:
-        """The judge of the scene; None without a demand."""
+        """The scorer of the scene's frames; None without a demand."""
         return FrameScorer(table_of(self.btf), self.demand) if self.demand else None
 
     @cached_property
     def scene_shares(self) -> np.ndarray | None:
-        """The share (N,) of the scene's demand on each pair."""
+        """The share (N,) of each pair in the scene's demand."""
         return pair_shares(self.btf.layout, self.demand) if self.demand else None
 
     @property
@@ -91,8 +91,9 @@ class Workbench:
     def scored(self) -> np.ndarray:
         """The pairs that are scored: all, or the held-out ones and a fixed draw of the training pairs.
 
-        Held-out pairs that were drawn or declared are all scored. Whole views and lights of a measurement are thousands
-        of pairs, and a fixed draw of them is. The weights of a scene's demand are of all pairs: all are scored.
+        Held-out pairs that were drawn or declared are all scored. Held-out views and lights of a measurement have
+        thousands of pairs, of which a fixed draw is scored. With a scene's demand, which weights all pairs, all are
+        scored.
         """
         if self.demand or not self.most_scored:
             return self.groups["all"]
@@ -126,7 +127,7 @@ class Workbench:
 
     @cached_property
     def deciding(self) -> np.ndarray:
-        """The pairs that decide a comparison: the held-out ones that are scored, or all where none are held out."""
+        """The pairs that decide a comparison: the scored held-out pairs, or all pairs if none are held out."""
         return np.intersect1d(self.scored, self.groups[gate(self.groups)])
 
 
@@ -154,6 +155,6 @@ def workbench(task: Task, show: Progress) -> Iterator[Workbench]:
             demand = demand_of(task.run, task.demand) if task.demand else None
             btf = open_material(task.material, task.data, show, draw, load_path_tracer)
             if task.data.texels:
-                btf.gather([0], [0], [0])  # writes the scratch file, if there is one: its time is no fit's
+                btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it
             _latest[key] = Workbench(btf, task.material.name, task.scorers, demand, task.data.scored, task.metrics)
         yield _latest[key]

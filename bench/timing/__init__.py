@@ -1,12 +1,12 @@
-"""Measures the time per sample of decoded materials, as a renderer would pay it.
+"""Measures the time per sample of decoded materials, as a renderer would see it.
 
-Materials take turns (A B C A B C …), so that a machine that slows down slows all of them. The floor, one bilinear fetch
-of a colour, is timed first and last in each turn, and each material is divided by the mean of both. If the two differ,
-or other processes use the processor, the figures say that the machine was not quiet.
+Materials take turns (A B C A B C …), so if the machine slows down, it slows down all of them. The floor, one bilinear
+fetch of a colour, is timed first and last in each turn, and each material is divided by the mean of both. If the two
+differ, or other processes use the processor, the figures say that the machine was not quiet.
 
-These ratios compare codecs within a run. Nothing of a timing carries over to another processor, neither nanoseconds nor
-ratios: a floor waits for memory where a network multiplies, and the two change by different factors. `rainer2019` took
-15 times the floor on one processor and 23 to 28 times on another.
+These ratios compare codecs within a run. Neither nanoseconds nor ratios carry over to another processor: the floor
+waits for memory and a network multiplies, and these speeds change by different factors. `rainer2019` took 15 times the
+floor on one processor and 23 to 28 times on another.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ from bench.timing.queries import Queries
 SAMPLES = 30
 BATCH = 16_384
 FLOOR = "floor"
-FLOORS = 2  # the first and the last of a turn, whose mean a ratio is of
+FLOORS = 2  # the first and the last of a turn; ratios are to their mean
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Timing:
     def summary(self) -> dict[str, Any]:
         """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor.
 
-        `unrest` says in words why the machine was not quiet, "" where it was.
+        `unrest` says in words why the machine was not quiet; it is "" if it was.
         """
         quarter, three_quarters = np.percentile(self.samples, [25, 75])
         return {
@@ -74,7 +74,7 @@ class _Floor(Material):
 
 
 def conditions(threads: int, device: str) -> dict[str, Any]:
-    """The conditions under which `time_materials` measures, to be stated with its figures."""
+    """The conditions under which `time_materials` measures, to be published with its figures."""
     return {
         "batch": BATCH,
         "dtype": "float32",

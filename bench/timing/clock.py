@@ -1,4 +1,4 @@
-"""Times a call: on the CPU by the clock, on a GPU by events; warms it up and repeats it until it is long enough."""
+"""Times a call, on the CPU by the clock, on a GPU by events; warms it up and repeats it to be long enough."""
 
 from collections.abc import Callable
 from time import perf_counter_ns
@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 SPAN_NS = 10_000_000  # an inner loop runs at least this long, far above the clock's resolution
-STABLE = 0.1  # two calls in a row that differ by less are warm
+STABLE = 0.1  # a call is warm if two in a row differ by less
 MOST_WARM_UPS = 10
 
 

@@ -6,11 +6,11 @@
 | `compiled` | `evaluate` through torch.compile, on the network folded by `bench.timing.fused.lean` |
 | `fused` | on the CPU all of `evaluate` as one kernel, by Dr.Jit; on a GPU the network and its fetch, by Triton |
 
-Where `evaluate` cannot be recorded, or LLVM is too old for what codecs do beside their network, `fused` on the CPU is
-the network and its fetch, too.
+If `evaluate` cannot be recorded, or LLVM is too old for the operations of codecs outside their network, `fused` on the
+CPU, too, is only the network and its fetch.
 
-Precisions are those of textures, weights and products; places and directions stay float32. `TOLERANCES` says how far
-the network's answer may lie from float64's.
+Precisions are those of textures, weights and products; places and directions stay float32. `TOLERANCES` gives the
+largest error of the network's answer relative to float64.
 """
 
 import copy
@@ -35,11 +35,11 @@ DTYPES = {
     "bfloat16": torch.bfloat16,
     "float16": torch.float16,
 }
-# |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half
-# precisions promise it to networks with a layer norm or without a sine: a phase of hundreds of turns is beyond them.
+# |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half #
+# precisions promise it only for networks with a layer norm or without a sine: they cannot hold a phase of many turns.
 TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
-LONG_CHUNK = 65_536  # of compiled half precisions on the CPU: small intermediates, but some overhead a call
-FUSED_CHUNK = 1 << 17  # on the CPU: PyTorch's threads and Dr.Jit's hinder each other where one takes over
+LONG_CHUNK = 65_536  # for compiled half precisions on the CPU: small intermediates, but some overhead a call
+FUSED_CHUNK = 1 << 17  # on the CPU: long, because switching between PyTorch's and Dr.Jit's threads is slow
 GPU_CHUNK = 1 << 22  # a chunk must fill a GPU
 
 
@@ -65,13 +65,13 @@ class Variant:
 
 
 def exists_on(variant: Variant, device: torch.device) -> bool:
-    """Whether a kind of device supports a variant; `prepared` reports what is not installed."""
+    """Whether a kind of device supports a variant; `prepared` reports missing packages."""
     of_gpus = variant.precision == "tf32" or (variant.execution == "fused" and variant.precision != "float32")
     return device.type == "cuda" or not of_gpus
 
 
 def is_whole(variant: Variant, device: torch.device) -> bool:
-    """Whether a variant fuses the whole of a material, so that it also computes codecs without a network."""
+    """Whether a variant fuses a whole material, so that it also computes codecs without a network."""
     return variant.execution == "fused" and variant.precision == "float32" and device.type == "cpu"
 
 
@@ -127,7 +127,7 @@ def _fused(material: Material, variant: Variant) -> Material:
 
 
 def _fused_on_cpu(material: Material) -> Material:
-    """All of `evaluate` as one kernel, or else the networks alone."""
+    """All of `evaluate` as one kernel, or else only the networks."""
     from bench.timing.fused.with_drjit import DrJitNetwork
 
     drjit()
@@ -139,7 +139,7 @@ def _fused_on_cpu(material: Material) -> Material:
             why = str(error)
     material.chunk = FUSED_CHUNK
     if not _replaced(material, DrJitNetwork):
-        raise InputError(f"fused has no kernel for this codec, nor has it a decoder network ({why}): use eager")
+        raise InputError(f"fused has no kernel for this codec, which has no decoder network either ({why}): use eager")
     return material
 
 
@@ -173,18 +173,18 @@ class _Compiled(Around):
         self.rest = compiled(inner.evaluate, dynamic=True)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        # A slice expands one direction to all texels: its strides would be compiled for apart.
+        # `slice` expands one direction to all texels (stride 0): torch.compile would make another kernel for it.
         queries = [x.contiguous() for x in (uv, wo, wi, footprint)]
         compute = self.whole if len(uv) == self.chunk else self.rest
         try:
-            # Sizes vary, numbers do not: by default a kernel of any size would read each constant from memory.
+            # Only sizes vary: by default a kernel for any size would also read each constant from memory.
             with torch._dynamo.config.patch(specialize_float=True):
                 rgb: Tensor = compute(*queries)
         except torch._dynamo.exc.TorchDynamoException as error:
             from torch._inductor.runtime.cache_dir_utils import cache_dir
 
             last = str(error).strip().splitlines()[0]
-            # A process that is killed while it compiles leaves half a library in the cache.
+            # A process that is killed while compiling leaves an incomplete library in the cache.
             raise InputError(f"torch.compile failed ({last}): remove its cache, {cache_dir()}, or use eager") from error
         return rgb
 
@@ -202,6 +202,6 @@ class _Tf32(Around):
 
 
 def needs_compiler(device: torch.device) -> None:
-    """`InputError` where torch.compile would find no compiler for a device."""
+    """Raise `InputError` if torch.compile would find no compiler for a device."""
     if device.type == "cpu" and not any(map(shutil.which, filter(None, (os.environ.get("CXX"), "g++", "clang++")))):
         raise InputError("compiled needs a C++ compiler: install g++ or clang++, or name one in CXX; or use eager")

@@ -24,13 +24,13 @@ class Watch:
             self.others = max(0.0, (busy - self.busy - (time.process_time() - self.own)) / max(seconds, 1e-9))
 
     def state(self) -> dict[str, Any]:
-        """Cores that others used (None where the system does not say), and the load average of a minute."""
+        """Cores that other processes used (None if the system does not say), and the load average of a minute."""
         load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
         return {"others_cores": self.others, "load_average": load}
 
 
 def unrest(state: dict[str, Any]) -> str:
-    """Why a machine was not quiet, in words; "" where it was."""
+    """Why a machine was not quiet, in words; "" if it was."""
     reasons = []
     if abs(state.get("floor_again", 1.0) - 1) > AGAIN:
         reasons.append(f"the floor, timed twice, differed by {100 * abs(state['floor_again'] - 1):.0f} %")

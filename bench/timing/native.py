@@ -1,11 +1,12 @@
-"""Tells which short floats a processor multiplies itself; it emulates the others: it widens, multiplies, rounds."""
+"""Tells which short floats a processor multiplies itself; others are emulated: widened, multiplied and rounded."""
 
 import platform
 from pathlib import Path
 
 import torch
 
-# Words of /proc/cpuinfo and of `torch.cpu.get_capabilities`, of x86 and of ARM: any of them multiplies such numbers.
+# Words of /proc/cpuinfo and of `torch.cpu.get_capabilities`, of x86 and of ARM: each stands for an instruction that
+# multiplies such numbers.
 _PRODUCTS = {
     "bfloat16": {"avx512_bf16", "amx_bf16", "bf16", "svebf16"},
     "float16": {"avx512_fp16", "amx_fp16", "asimdhp", "fphp"},
@@ -13,17 +14,17 @@ _PRODUCTS = {
 
 
 def emulated(precision: str, device: torch.device) -> bool:
-    """Whether a device only emulates products in a precision; False where the system does not say."""
+    """Whether a device only emulates products in a precision; False if the system does not say."""
     if device.type != "cpu" or precision not in _PRODUCTS:
         return False
     if _x86() and not torch.backends.cpu.get_cpu_capability().startswith("AVX512"):
-        return True  # PyTorch was told, or found, that it has none of the instructions above
+        return True  # PyTorch was told, or found, that none of the instructions above exist
     extensions = features()
     return extensions is not None and not _PRODUCTS[precision] & extensions
 
 
 def features() -> set[str] | None:
-    """The processor's extensions by name; None where neither Linux nor PyTorch tells."""
+    """The processor's extensions by name; None if neither Linux nor PyTorch gives them."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -32,7 +33,7 @@ def features() -> set[str] | None:
         name, _, words = line.partition(":")
         if name.strip() in ("flags", "Features"):
             return set(words.split())
-    if _x86() and hasattr(torch.cpu, "get_capabilities"):  # since PyTorch 2.11; of ARM it uses other words
+    if _x86() and hasattr(torch.cpu, "get_capabilities"):  # since PyTorch 2.11; for ARM it uses other words
         return {name for name, value in torch.cpu.get_capabilities().items() if value is True}
     return None
 

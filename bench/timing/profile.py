@@ -22,7 +22,7 @@ FOOTPRINTS = (1, 2, 4, 8)  # in texels
 
 @dataclass(frozen=True)
 class Condition:
-    """What is timed: `decoder` (the networks alone), `evaluate` (with the fetch) or `query` (with all checks)."""
+    """The timed part: `decoder` (the networks alone), `evaluate` (with the fetch) or `query` (with all checks)."""
 
     part: str = "query"
     batch: int = BATCH
@@ -57,7 +57,7 @@ def profile(
 
 
 def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
-    """What answers the batch of a condition once; None where a material has no such part."""
+    """A call that answers the batch of a condition once; None if a material has no such part."""
     queries = Queries(condition.batch, condition.coherent, condition.footprint).draw(material.size, material.device)
     match condition.part:
         case "query":

@@ -8,7 +8,7 @@ from bench.material import DecoderCost
 from bench.threads import torch_threads
 from bench.timing.clock import calibrated
 
-SIDE = 1024  # of the matrices that are multiplied
+SIDE = 1024  # side of the multiplied matrices
 COPIED = 64 << 20  # bytes: far beyond any cache
 ROUNDS = 10
 
@@ -16,7 +16,7 @@ ROUNDS = 10
 def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.float32) -> dict[str, Any]:
     """Measured flop/s of a matrix product (a fused multiply-add counts as two) and bytes/s of a copy, read and written.
 
-    The best of some rounds: a limit is what was possible once.
+    The best of several rounds, because a limit needs to be reached only once.
     """
     with torch_threads(threads):
         a, b = (torch.rand(SIDE, SIDE, device=device).to(dtype) for _ in range(2))
@@ -36,5 +36,5 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
 
 
 def limit_ns(cost: DecoderCost, ceiling: dict[str, Any]) -> float:
-    """The least ns a sample that a ceiling allows: its arithmetic or its reads, whichever takes longer."""
+    """The fewest ns a sample that a ceiling allows: for its arithmetic or its reads, whichever takes longer."""
     return max(cost.flops_per_sample / ceiling["flops_per_ns"], cost.bytes_per_sample / ceiling["bytes_per_ns"])

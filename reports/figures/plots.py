@@ -44,7 +44,7 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
     axes.set_title(title if fits else f"{title}\n{material.split}", loc="left")
     absent = [] if fits else [codec.label for codec in material.codecs if codec.exact and codec.measured]
     if absent:
-        drawing.supxlabel("not drawn, without any error: " + ", ".join(absent), fontsize=8)
+        drawing.supxlabel("not drawn, because they have no error: " + ", ".join(absent), fontsize=8)
     legend(axes, handles, list(curves))
     return Figure(material.name, plot["kind"], title, png(drawing), drawing)
 

@@ -49,7 +49,7 @@ def _draw(axes: Any, best: str, differences: "Differences", styles: Styles) -> N
         remark = ", not told apart" if each.materials > 1 and not each.apart else ""
         axes.text(1.02, row, interval(each) + remark, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
     axes.set_yticks(range(len(differences) + 1), [short(label) for label in (best, *differences)], fontsize=8)
-    axes.set(ylim=(len(differences) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better than it)")
+    axes.set(ylim=(len(differences) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better)")
     axes.grid(axis="y", visible=False)
 
 
@@ -62,9 +62,9 @@ def _caption(differences: "Differences") -> str:
     if materials > 1:
         words, caveat = "by Student's t over material means", ""
     else:
-        words = f"of a bootstrap over {'seeds and ' * (seeds > 1)}pairs, of this material alone"
-        caveat = "" if seeds > 1 else " Of one seed: how much another fit would differ is not in it."
+        words = f"of a bootstrap over {'seeds and ' * (seeds > 1)}pairs, of this material only"
+        caveat = "" if seeds > 1 else " With one seed, it does not include the scatter of fits."
     return (
         f"Bars: 95 % interval {words}: {', '.join(counts)}.{caveat}\n"
-        "Both codecs at the same pairs; slices without any error in either are left out."
+        "Both codecs at the same pairs; slices without error in one of them are left out."
     )

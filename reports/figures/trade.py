@@ -33,7 +33,7 @@ def _fronts(material: str, rows: Sequence[Choice], styles: Styles) -> Any:
     _front(rate, [row for row in rows if row["smallest"]], "bytes", "size of the file (less is better)", "B")
     speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
     speed.set_title(f"{material}: speed and accuracy", loc="left")
-    rate.set_title("rate and accuracy; grey: nothing else is as good for less", loc="left")
+    rate.set_title("rate and accuracy; grey: no other is as good for less", loc="left")
     legend(rate, handles, list(groups))
     return drawing
 

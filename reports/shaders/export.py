@@ -13,16 +13,16 @@ from reports.shaders.generator import shader
 
 README = """# {name} as {language}
 
-`{name}.{suffix}` holds one function, `material(uv, wo, wi, footprint)`. It was generated from what the codec file
-decodes to. It needs two textures:
+`{name}.{suffix}` holds one function, `material(uv, wo, wi, footprint)`, generated from the decoded codec file. It needs
+two textures:
 
 | file | binding | format | size |
 | --- | --- | --- | --- |
 | `exact.exr` | `exactTable` | RGBA, 32-bit floats | {exact} |
 | `half.exr` | `halfTable` | RGBA, 16-bit floats | {half} |
 
-Row 0 of a picture is row 0 of its texture. Texels are read one by one: no filter, no compression, no mip levels,
-no colour conversion.
+Row 0 of a picture is row 0 of its texture. Texels are read one by one: use no filter, no compression, no mip
+levels and no colour conversion.
 
 - **Answer**: f_r · cos θ_i, linear Rec. 709 RGB. Multiply it by the light's irradiance on a plane that faces the
   light; add no cosine.
@@ -31,7 +31,7 @@ no colour conversion.
 - **uv**: the period of the material is 1 in u and in v; it holds {width} × {height} square texels, so a unit of u is
   {aspect:.6g} times as long on the surface as one of v{stretch}. Pass `uv - floor(uv)`. v grows upwards: v = 1 is the
   top edge of the picture.
-- **footprint**: the side of the square that a pixel covers, 1 being the longer side of a period; 0 is a point. Codecs
+- **footprint**: the side of the square that a pixel covers; 1 is the longer side of a period, 0 is a point. Codecs
   without levels of detail ignore it.
 - **Your part**: answer 0 where `wo.z <= 0` or `wi.z <= 0`, and clamp the answer at 0.
 """
@@ -45,14 +45,14 @@ def export(program: Program, name: str, language: str, folder: Path) -> tuple[li
     `InputError` where no shader can do the program.
     """
     if language not in DIALECTS:
-        raise InputError(f"format {language!r}: one of {', '.join(DIALECTS)}")
+        raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
     dialect = DIALECTS[language]
     code = shader(program, dialect)
     folder.mkdir(parents=True, exist_ok=True)
     sizes = {which: "{1} × {0}".format(*array.shape) for which, array in (("exact", code.exact), ("half", code.half))}
     height, width = program.size
     across, up = program.periods
-    stretch = "" if height == width else f": a surface whose uv are square is asked at ({across:g} u, {up:g} v)"
+    stretch = "" if height == width else f": for a surface with square uv, pass ({across:g} u, {up:g} v)"
     texture = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
     text = README.format(name=name, language=language.upper(), suffix=language, **sizes, **texture)
     files = [folder / f"{name}.{language}", folder / "exact.exr", folder / "half.exr", folder / "README.md"]

@@ -49,7 +49,7 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     three = dialect.vec4.replace("4", "3")
     body = [*writer.lines, f"return {three}({', '.join(rgb)});"]
     if len(writer.uniforms) > UNIFORMS:
-        raise InputError(f"its weights take more than {16 * UNIFORMS:,} bytes of a uniform buffer")
+        raise InputError(f"its weights need more than {16 * UNIFORMS:,} bytes of a uniform buffer")
     buffer = dialect.uniforms.format(count=len(writer.uniforms)) if writer.uniforms else ""
     text = dialect.prologue.format(width=WIDTH) + buffer + dialect.signature + " {\n  " + "\n  ".join(body) + "\n}\n"
     for ours, theirs in dialect.calls.items():

@@ -1,7 +1,8 @@
-"""The commands of `neubtf-bench`, one module each; a method's own come by entry point, `neubtf_bench.commands`.
+"""The commands of `neubtf-bench`, one module each; other packages add theirs by entry point, `neubtf_bench.commands`.
 
-A command's module has a docstring, whose first line stands in lists, `arguments(parser)`, and `run(options)`, which
-prints and returns an exit code of `bench.errors`. It imports what it needs when it runs, so that the others start fast.
+A command's module has a docstring, whose first line stands in the list of commands; `arguments(parser)`; and
+`run(options)`, which prints and returns an exit code of `bench.errors`. It imports other modules only when it runs, so
+that all commands start fast.
 """
 
 import argparse
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from bench.runs.executors import Workers
 
 GROUP = "neubtf_bench.commands"
-GROUPS = {  # how the list of commands is divided; those of other packages follow
+GROUPS = {  # the groups of the list of commands; commands of other packages follow
     "measure": ("run", "score", "trade", "choose", "demand"),
     "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export", "new"),
     "data": ("info", "bake", "convert", "cache"),
@@ -35,7 +36,7 @@ GROUPS = {  # how the list of commands is divided; those of other packages follo
 
 
 def modules() -> dict[str, str]:
-    """The module of each command by its name; imports none. Two packages that claim one name are an error."""
+    """The module of each command by name; imports none. `InputError` if two packages use the same name."""
     names = (info.name for info in pkgutil.iter_modules(__path__) if not info.name.startswith("_"))  # no helpers
     by_name = {name.replace("_", "-"): f"{__name__}.{name}" for name in names}
     for entry in entry_points(group=GROUP):
@@ -46,7 +47,7 @@ def modules() -> dict[str, str]:
 
 
 def grouped(known: dict[str, str]) -> str:
-    """The commands of `modules` in groups, a line each with what it does."""
+    """The commands of `modules` in groups; a line each says what it does."""
     others = [name for name in known if not any(name in names for names in GROUPS.values())]
     lines = []
     for group, names in (GROUPS | ({"of methods": tuple(others)} if others else {})).items():
@@ -77,20 +78,20 @@ def threads(word: str) -> int:
 
 
 def write_text(path: Path, text: str, remedy: str = "choose another place") -> None:
-    """Write a file whole or not at all, and say so."""
+    """Write a file completely or not at all, and print its name."""
     with writable(path, remedy):
         atomic.write(path, text.encode())
     print(f"wrote {path}")
 
 
 def usable_device(name: str) -> str:
-    """The name of a device of PyTorch that is there."""
+    """The name of a device that PyTorch finds here; `InputError` for any other."""
     import torch
 
     try:
         device = torch.device(name)
     except RuntimeError:
-        raise InputError(f"--device {name}: no such device; cpu or cuda") from None
+        raise InputError(f"--device {name}: no such device: use cpu or cuda") from None
     if device.type == "cuda" and not torch.cuda.is_available():
         raise InputError(f"--device {name}: PyTorch finds no CUDA device here; use cpu")
     return name
@@ -99,7 +100,7 @@ def usable_device(name: str) -> str:
 def workers(
     jobs: int, threads: int, device: str, limit: float | None = None
 ) -> "Callable[[], AbstractContextManager[Workers]] | None":
-    """Where so many jobs run at once, 0: one a core; None where the runner decides."""
+    """The workers for so many jobs at once (0: one a core); None if the runner decides."""
     from bench.runs import executors
     from bench.threads import cores
 

@@ -1,4 +1,4 @@
-"""the conformance test of a codec, yours or ours
+"""test whether a codec, yours or ours, keeps the rules
 
 examples:
   neubtf-bench check pca

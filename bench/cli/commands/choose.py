@@ -1,7 +1,7 @@
 """pick the codec and settings that meet a wish for quality, bytes or time
 
-Where nothing that was measured meets it, and not all of the suite was, the rest is fitted and measured first: it says
-how many fits that takes, and for about how long.
+If no measured setting meets the wish, and some settings of the suite are not measured yet, the command first fits and
+measures these. It says how many fits that takes, and about how long.
 
 examples:
   neubtf-bench choose satin --min-psnr 30
@@ -26,26 +26,28 @@ if TYPE_CHECKING:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("material", help="a built-in material or the path of a BTF")
-    parser.add_argument("--min-psnr", type=float, metavar="DB", help="the PSNR to reach, at validation pairs")
-    parser.add_argument("--max-bytes", metavar="BYTES", help="what the file may take: 300k, 1.5M, 20000")
+    parser.add_argument("--min-psnr", type=float, metavar="DB", help="the least PSNR of validation pairs")
+    parser.add_argument("--max-bytes", metavar="BYTES", help="the largest size of the file: 300k, 1.5M, 20000")
     parser.add_argument(
         "--max-ns",
         type=float,
         metavar="NS",
-        help="what a sample may take, as a whole query: the CPU's time on the suite's threads, one in a built-in suite "
-        "(the GPU's with --device cuda)",
+        help="the longest time of a sample, as a whole query: CPU time on the suite's threads, one in a built-in suite "
+        "(GPU time with --device cuda)",
     )
     parser.add_argument("--codec", action="append", default=[], help="fit and choose only this codec; repeatable")
-    parser.add_argument("--steps", type=int, metavar="N", help="fit in N steps what is missing (default: the suite's)")
+    parser.add_argument("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
     parser.add_argument(
         "--jobs",
         type=int,
         default=1,
         metavar="N",
-        help="this many fits at once, each in a process, and on a GPU, of its own; 0: one a core (default: 1)",
+        help="how many fits at once, each in its own process (and on its own GPU); 0: one a core (default: 1)",
     )
-    parser.add_argument("--suite", default="trade", help="what is fitted where it is missing (default: trade)")
-    parser.add_argument("--out", type=Path, help="the folder of a `trade` (default: runs/SUITE), extended if need be")
+    parser.add_argument(
+        "--suite", default="trade", help="the suite whose settings are fitted if missing (default: trade)"
+    )
+    parser.add_argument("--out", type=Path, help="the folder of a `trade`, extended if need be (default: runs/SUITE)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
 
 
@@ -57,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
     wishes = Limits(size, options.max_ns, options.min_psnr)
     if wishes == Limits():
-        raise InputError("choose: give a wish: --min-psnr, --max-bytes or --max-ns")
+        raise InputError("choose: no wish is given: give --min-psnr, --max-bytes or --max-ns")
     suite = _suite(options)
     folder, material = options.out or Path("runs") / suite.name, suite.materials[0].name
     if not suite.data.validation:
@@ -89,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _suite(options: argparse.Namespace) -> "Suite":
-    """The suite of the options, of one material."""
+    """The suite that the options name, for one material."""
     from bench.runs.suite import load_suite, with_changes
 
     suite = with_changes(load_suite(options.suite), [options.material], options.codec, {}, None)
@@ -102,7 +104,7 @@ def _suite(options: argparse.Namespace) -> "Suite":
 
 
 def _changed(data: "Preparation") -> dict[str, object]:
-    """The settings of a suite's data that are not the defaults, as `--set` takes them; an `encode` scores no pairs."""
+    """The settings of a suite's data that differ from the defaults, as `--set` takes them, without `validation`."""
     changed = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
     changed.pop("validation", None)
     return {f"data.{key}": str(value).lower() if value is True else value for key, value in changed.items()}
@@ -125,7 +127,7 @@ def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], 
 def _measure(
     folder: Path, suite: "Suite", options: argparse.Namespace, missing: list[str]
 ) -> tuple[list["Rung"], list[str]]:
-    """The same, after a trade over the suite, which fits only what is missing."""
+    """The same, after a trade over the suite, which fits only the missing settings."""
     from bench.cli.console import Console
     from bench.runs.runner import Options
     from bench.runs.trade import run_and_measure

@@ -1,10 +1,10 @@
 """compare two runs, or a run with a reference: what got worse by more than chance
 
-Parameters and bytes must be the same; PSNR of held-out pairs, pooled and slice by slice, at grazing directions and over
-footprints, and FLIP must be within a margin that the table shows, for each row, each codec over its materials and all
-codecs together. Everything else is shown, and times advise. Exit codes: 0 nothing got worse, 1 a regression, or what
-vanished or is not comparable and that --allow does not name, 2 a damaged BASE, 3 a job failed, 4 nothing can be
-compared. Two stress tests are compared cell by cell, as text.
+Parameters and bytes must be the same. FLIP and PSNR of held-out pairs (pooled, slice by slice, at grazing directions
+and over footprints) must be within a margin that the table shows: for each row, for each codec over its materials, and
+for all codecs together. Other numbers are only shown; a longer time gives advice. Exit codes: 0 nothing got worse; 1 a
+regression, or a row that vanished or is not comparable and that --allow does not name; 2 BASE is damaged; 3 a job
+failed; 4 nothing can be compared. Two stress tests are compared cell by cell, as text.
 
 examples:
   neubtf-bench compare bench/compare/references/ci.jsonl runs/ci
@@ -21,7 +21,7 @@ _OF_JOBS = ("material", "markdown", "junit", "tracker", "annotations")  # option
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("base", metavar="BASE", help="the folder of a run, or a file of records such as a reference")
-    parser.add_argument("new", metavar="NEW", help="the same, of what is to be judged")
+    parser.add_argument("new", metavar="NEW", help="the folder or file of records to judge")
     parser.add_argument("--material", action="append", default=[], help="only this material; repeatable")
     parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
     parser.add_argument(
@@ -29,12 +29,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="a codec, a label, a material, MATERIAL/LABEL or a pattern that may be gone or not comparable; repeatable",
+        help="accept that this codec, label, material, MATERIAL/LABEL or pattern is gone or incomparable; repeatable",
     )
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write it as GitHub Markdown")
-    parser.add_argument("--junit", type=Path, metavar="FILE", help="write it as JUnit XML")
-    parser.add_argument("--tracker", type=Path, metavar="FOLDER", help="write NEW for github-action-benchmark")
-    parser.add_argument("--annotations", action="store_true", help="print GitHub annotations too")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the verdict as GitHub Markdown")
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="write the verdict as JUnit XML")
+    parser.add_argument(
+        "--tracker", type=Path, metavar="FOLDER", help="write the numbers of NEW for github-action-benchmark"
+    )
+    parser.add_argument("--annotations", action="store_true", help="also print annotations for GitHub")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -46,12 +48,12 @@ def run(options: argparse.Namespace) -> int:
     base, new = load_run(options.base), load_run(options.new)
     for name, each in ((options.base, base), (options.new, new)):
         if each.jobs and each.stress:
-            raise InputError(f"{name}: holds jobs and a stress test: compare each from a file of its own")
+            raise InputError(f"{name}: it holds jobs and a stress test: compare each from a file of its own")
     if base.stress:
         from bench.compare.extremes import report
 
         if ignored := [f"--{name}" for name in _OF_JOBS if getattr(options, name)]:
-            raise InputError(f"{', '.join(ignored)}: not of stress tests, which are compared as text: leave it out")
+            raise InputError(f"{', '.join(ignored)}: not for stress tests, which are compared as text: leave it out")
         text, code = report(base, new, options.codec, options.allow)
         print(text)
         return code

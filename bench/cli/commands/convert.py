@@ -1,4 +1,4 @@
-"""write a BTF anew, cut, shrunk or thinned, as .npz or EXR pictures
+"""write a BTF as .npz or EXR pictures, if wanted cut, shrunk or thinned
 
 examples:
   neubtf-bench convert material.btf --thin 1000 -o thinned.npz
@@ -13,11 +13,15 @@ from bench.errors import FINE
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("btf", help="a built-in material or the path of a BTF")
-    parser.add_argument("--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, evenly in angle")
+    parser.add_argument(
+        "--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, spread evenly in angle"
+    )
     parser.add_argument("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
     parser.add_argument("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
     parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="an .npz file, or a folder of EXR pictures")
+    parser.add_argument(
+        "-o", "--out", type=Path, required=True, help="the .npz file, or the folder of EXR pictures, to write"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""decode a codec file into slices: a folder of EXR pictures with pairs.csv; or one of svbrdf into its maps
+"""decode a codec file into slices (EXR pictures and pairs.csv), or a file of svbrdf into its maps
 
 examples:
   neubtf-bench decode satin.nbtf -o slices
@@ -19,10 +19,14 @@ if TYPE_CHECKING:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path)
-    parser.add_argument("--like", help="decode the pairs of this BTF (a built-in material or a path)")
-    parser.add_argument("--directions", default="ubo2003", help="else the product of this set's directions …")
-    parser.add_argument("--count", type=int, default=9, help="… thinned to this many a side (default: 9)")
-    parser.add_argument("--maps", action="store_true", help="write its PBR maps as PNG instead: codec svbrdf has them")
+    parser.add_argument("--like", help="decode at the pairs of this BTF (a built-in material or a path)")
+    parser.add_argument(
+        "--directions", default="ubo2003", help="without --like: the set of directions (default: ubo2003)"
+    )
+    parser.add_argument(
+        "--count", type=int, default=9, help="without --like: how many views, and lights, of it (default: 9)"
+    )
+    parser.add_argument("--maps", action="store_true", help="write its PBR maps as PNG instead (only files of svbrdf)")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the folder to write")
 

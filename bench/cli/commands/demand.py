@@ -1,6 +1,6 @@
-"""what a scene asks of a material: which texels, how large, seen and lit from where
+"""find which texels, footprints and directions of a material a scene looks up
 
-The scene is a TOML file (see docs/scenes.md), one that ships with the suite, by name, or a Mitsuba 3 XML file.
+The scene is a TOML file (see docs/scenes.md), the name of a scene that ships with the suite, or a Mitsuba 3 XML file.
 
 examples:
   neubtf-bench demand table-top -o table-top.npz
@@ -19,10 +19,14 @@ if TYPE_CHECKING:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", help="a scene of the suite, a TOML file, or an XML file of Mitsuba 3")
-    parser.add_argument("--bsdf", metavar="ID", help="of a Mitsuba scene, the material: the id of its BSDF")
-    parser.add_argument("--queries", type=int, default=250_000, help="at most (default: 250000, no more than 1000000)")
-    parser.add_argument("--seed", type=int, default=0, help="of the samples of an environment (default: 0)")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="the demand, .npz; a .png is drawn beside it")
+    parser.add_argument("--bsdf", metavar="ID", help="the id of the BSDF that is the material, in a Mitsuba scene")
+    parser.add_argument(
+        "--queries", type=int, default=250_000, help="the most queries to keep, up to 1000000 (default: 250000)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the samples of an environment (default: 0)")
+    parser.add_argument(
+        "-o", "--out", type=Path, required=True, help="the .npz file to write; a .png is drawn beside it"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -45,7 +49,7 @@ def _scene(options: argparse.Namespace) -> "Caster":
     if Path(options.scene).suffix == ".xml":
         return _mitsuba_scene(Path(options.scene), options.bsdf)
     if options.bsdf:
-        raise InputError(f"--bsdf: is of a Mitsuba scene, an .xml file; {options.scene} has one material")
+        raise InputError(f"--bsdf: only for a Mitsuba scene, an .xml file: {options.scene} has one material")
     from bench.demand.scene import named_scene
     from bench.demand.text_scene import TextScene
 
@@ -54,7 +58,7 @@ def _scene(options: argparse.Namespace) -> "Caster":
 
 def _mitsuba_scene(path: Path, bsdf: str | None) -> "Caster":
     if not path.is_file():
-        raise InputError(f"{path}: not there: check the path")
+        raise InputError(f"{path}: there is no such file: check the path")
     if not bsdf:
         raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
     with installed(f"{path}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]', or describe the scene in TOML"):

@@ -1,6 +1,6 @@
-"""encode one BTF, all its training pairs, into a codec file
+"""encode the training pairs of one BTF into a codec file
 
-With --demand the file is the smallest that does as well in the pictures of a scene: see docs/scenes.md.
+With --demand the file is the smallest one that reaches a target in the pictures of a scene: see docs/scenes.md.
 
 examples:
   neubtf-bench encode satin --codec pca --set components=8 -o satin.nbtf
@@ -27,10 +27,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codec", required=True)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
     parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
-    parser.add_argument("--demand", type=Path, help="fit to a scene, an .npz of `neubtf-bench demand`: the smallest …")
-    parser.add_argument("--target-psnr", type=float, metavar="DB", help="… whose frames have this PSNR …")
-    parser.add_argument("--target-flip", type=float, metavar="FLIP", help="… or this FLIP (default: as the full model)")
-    parser.add_argument("--uniform", type=float, help="the share of such a fit that is spread evenly (default: 0.1)")
+    parser.add_argument("--demand", type=Path, help="fit the smallest file for a scene, an .npz of `demand`")
+    parser.add_argument("--target-psnr", type=float, metavar="DB", help="with --demand: the PSNR that frames reach …")
+    parser.add_argument(
+        "--target-flip", type=float, metavar="FLIP", help="… or their FLIP (default: that of the full model)"
+    )
+    parser.add_argument(
+        "--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=threads, default=1)
     parser.add_argument("--device", default="cpu")
@@ -52,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     scene_demand = demand.load(options.demand) if options.demand else None
     require_demand(codec, scene_demand)
     device = usable_device(options.device)
-    network, code = shared.find_for(codec), FINE  # missing, it is said before anything is rendered
+    network, code = shared.find_for(codec), FINE  # a missing one is said before anything is rendered
     with Console() as console:
         btf = open_named(options.btf, changes, console.show)
         if scene_demand:
@@ -65,15 +69,15 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _refuse_wrong_options(options: argparse.Namespace) -> None:
-    """Refuse, before any work, what will not do."""
+    """Refuse wrong options before any work."""
     if not options.out.parent.is_dir():
-        raise InputError(f"{options.out}: its folder is not there: make it first")
+        raise InputError(f"{options.out}: there is no such folder: make it first")
     words = {"--target-psnr": options.target_psnr, "--target-flip": options.target_flip, "--uniform": options.uniform}
     for word, value in words.items():
         if value is not None and not options.demand:
-            raise InputError(f"{word}: is of a fit to a scene: give its --demand")
+            raise InputError(f"{word}: only for a fit to a scene: give its --demand")
     if options.uniform is not None and not 0 <= options.uniform <= 1:
-        raise InputError(f"--uniform {options.uniform}: a share lies between 0 and 1")
+        raise InputError(f"--uniform {options.uniform}: must be between 0 and 1")
 
 
 def _encode_for_scene(
@@ -84,7 +88,7 @@ def _encode_for_scene(
     network: "TrainedNetwork | None",
     console: "Console",
 ) -> int:
-    """Write the smallest model that does in a scene, or the full one, and show what is gained and paid."""
+    """Write the smallest model that reaches the target in a scene, or the full one, and show gains and losses."""
     import tempfile
 
     import torch

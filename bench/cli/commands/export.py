@@ -29,5 +29,5 @@ def run(options: argparse.Namespace) -> int:
     except InputError as error:
         raise InputError(f"{options.file}: {error}") from error
     print("\n".join(f"wrote {path}" for path in files))
-    print(f"{held:,} bytes of textures on a GPU, of a file of {options.file.stat().st_size:,}")
+    print(f"{held:,} bytes of textures on a GPU; the file has {options.file.stat().st_size:,} bytes")
     return FINE

@@ -1,9 +1,9 @@
 """collect the records of many runs: one table, CSV or Parquet, or plots over revisions
 
-Prints how each codec did from run to run. With `--plot` quality, bytes and time of each codec over the revisions go
-into a folder: a figure a material as PNG and SVG, and a page, history.html. With `--out` every number of every job goes
-into a file: FILE.csv, or FILE.parquet where pyarrow is installed. In a notebook, `bench.load_runs(paths)` gives the
-same as a pandas frame.
+Prints the numbers of each codec from run to run. With `--plot` it draws quality, bytes and time of each codec over the
+revisions into a folder: a figure a material as PNG and SVG, and a page, history.html. With `--out` it writes every
+number of every job into FILE.csv, or into FILE.parquet if pyarrow is installed. In a notebook, `bench.load_runs(paths)`
+gives the same as a pandas frame.
 
 examples:
   neubtf-bench history runs/*
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     for warning in caught:
         print(f"neubtf-bench: {warning.message}", file=sys.stderr)
     if frame.empty:
-        print("no job is recorded there")
+        print("these runs have no records of jobs")
         return NOTHING
     if options.out:
         _write(frame, options.out)
@@ -109,7 +109,7 @@ _POOLED = re.compile("scores/heldout/metrics/(.*)/pooled")
 
 
 def _heldout(frame: "pd.DataFrame") -> "dict[str, tuple[pd.Series[float], str]]":
-    """The numbers of held-out pairs and their format, by the metric's label, whichever variant of it was measured."""
+    """The numbers of held-out pairs and their format, by the metric's label, for whichever variant was measured."""
     from bench.metrics import label_of
 
     by_label: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""what a codec file or a BTF holds
+"""show what a codec file or a BTF holds
 
 examples:
   neubtf-bench info satin.nbtf
@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> int:
     path = Path(options.path)
     if path.is_file() and _is_codec_file(path):
         if options.picture:
-            raise InputError(f"{path}: a codec file: decode it, and draw what it decodes to")
+            raise InputError(f"{path}: --picture draws a BTF, and this is a codec file: decode it and draw the result")
         from bench.codecs.container import read_header
 
         print(file_lines(read_header(path)))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", nargs="?", choices=["codecs", "materials", "suites", "metrics"], help="only these")
-    parser.add_argument("name", nargs="?", help="of a codec: list its settings, their defaults and what they may be")
+    parser.add_argument("name", nargs="?", help="the name of a codec, to list its settings, defaults and limits")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _settings(what: str, name: str) -> int:
-    """Print the settings of a codec, and of the network that it shares over materials, where it has one."""
+    """Print the settings of a codec, and of the network that it shares over materials if it has one."""
     from bench.codec import described_settings
     from bench.codecs.registry import codec_entries, describe, load_codec, origin
     from bench.errors import InputError

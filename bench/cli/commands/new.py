@@ -1,9 +1,9 @@
-"""write the files that a project of your own begins with: a codec, or its guard in CI
+"""write the files that start your own project: a codec, or its check in CI
 
-`new codec NAME` writes the folder NAME-codec: a small codec that works, to be changed, and its `pyproject.toml`. After
-`pip install ./NAME-codec` it is listed, and `neubtf-bench check NAME` passes. `new ci NAME` writes `tracking.toml`, a
-suite that measures the codec, and `.github/workflows/quality.yml`, which compares each push with `reference.jsonl`.
-Nothing that is there is written over.
+`new codec NAME` writes the folder NAME-codec: a small working codec for you to change, and its `pyproject.toml`. After
+`pip install ./NAME-codec`, `neubtf-bench list` shows it and `neubtf-bench check NAME` passes. `new ci NAME` writes
+`tracking.toml`, a suite that measures the codec, and `.github/workflows/quality.yml`, which compares each push with
+`reference.jsonl`. The command never overwrites a file.
 
 examples:
   neubtf-bench new codec my-codec
@@ -18,7 +18,7 @@ from string import Template
 
 from bench.errors import FINE, InputError, writable
 
-# By kind: the place of each file and its template.
+# For each kind: the place of each file, and its template.
 _FILES = {
     "codec": {"{name}-codec/{module}.py": "codec", "{name}-codec/pyproject.toml": "pyproject"},
     "ci": {"tracking.toml": "suite", ".github/workflows/quality.yml": "workflow"},
@@ -42,14 +42,14 @@ def run(options: argparse.Namespace) -> int:
 
     name = options.name
     if not re.fullmatch("[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
-        raise InputError(f"new {name}: a name is of small letters, digits and single hyphens, such as my-codec")
+        raise InputError(f"new {name}: a name has small letters, digits and single hyphens, such as my-codec")
     if options.what == "codec" and name in codec_entries():
         raise InputError(f"new codec {name}: a codec of this name is installed: choose another")
     words = {"name": name, "module": f"{name.replace('-', '_')}_codec"}
     words["class_name"] = "".join(part.capitalize() for part in name.split("-"))
     places = {options.out / place.format(**words): template for place, template in _FILES[options.what].items()}
     if there := next((path for path in places if path.exists()), None):
-        raise InputError(f"{there}: is there already: remove it, or choose another --out")
+        raise InputError(f"{there}: it exists already: remove it, or choose another --out")
     for path, template in places.items():
         text = (files("bench.cli") / "templates" / f"{template}.txt").read_text("utf-8")
         with writable(path, "choose another --out"):

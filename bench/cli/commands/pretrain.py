@@ -1,9 +1,10 @@
 """train the network that a codec shares over materials, and write its file
 
-The training set is procedural, so that it needs no data: variations of the built-in materials and random surfaces,
-none of which a suite holds. The file lies where encoding and decoding look for it: in $NEUBTF_SHARED, else in shared/
-under the cache folder, and is preferred to one that comes with the codec. A training that was killed goes on from where
-it was. The curve that is printed at the end is of surfaces of the same kinds that are not trained on.
+The training set is procedural, so it needs no data: variations of the built-in materials and random surfaces, and no
+suite contains any of them. The file goes where encoding and decoding look for it: into $NEUBTF_SHARED, else into
+shared/ under the cache folder. There it takes precedence over the network that comes with the codec. A training that
+was killed resumes. The curve that is printed at the end is measured on surfaces of the same kinds, kept out of
+training.
 
 examples:
   neubtf-bench pretrain rainer2020
@@ -20,7 +21,7 @@ from bench.errors import FINE, InputError
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("codec", help="a codec that shares a network, such as rainer2020")
     parser.add_argument("-o", "--out", type=Path, help="the file to write (default: where codecs look for it)")
-    parser.add_argument("--steps", type=int, help="steps of the training, short for --set steps=N")
+    parser.add_argument("--steps", type=int, help="the number of training steps, short for --set steps=N")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of the network")
     parser.add_argument("--materials", type=int, help="how many procedural surfaces to train on, 0 for none")
     parser.add_argument(
@@ -54,5 +55,5 @@ def run(options: argparse.Namespace) -> int:
         header = pretrain(network, fit, options.out or shared.place(codec.name), count, added)
     console.say(file_lines(header))
     for point in fit.history:
-        console.say(f"{point['step']:8,} steps  {point['psnr']:6.2f} dB on surfaces that it is not trained on")
+        console.say(f"{point['step']:8,} steps  {point['psnr']:6.2f} dB on surfaces kept out of training")
     return FINE

@@ -1,8 +1,8 @@
 """make the reference that `compare` judges by, from a run
 
-`reference update RUN` writes the committed reference of the suite that was run, or FILE, and prints what changed. To
-know how far the seeds of a codec scatter, a reference should have more of them than a run: add seeds to the run's
-folder first, with `neubtf-bench run SUITE --seed N --out RUN`.
+`reference update RUN` writes the committed reference of the run's suite, or FILE, and prints what changed. A reference
+should have more seeds than a run, because they tell how far the results of a codec scatter: first add seeds to the
+run's folder, with `neubtf-bench run SUITE --seed N --out RUN`.
 
 examples:
   neubtf-bench reference update runs/ci
@@ -17,9 +17,11 @@ from bench.errors import FINE
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(required=True, metavar="ACTION")
-    update = actions.add_parser("update", help="write the reference anew, and print what changed")
+    update = actions.add_parser("update", help="write the reference again, and print what changed")
     update.add_argument("run", metavar="RUN", help="the folder of a run")
-    update.add_argument("-o", "--out", type=Path, metavar="FILE", help="a .jsonl file (default: this package's)")
+    update.add_argument(
+        "-o", "--out", type=Path, metavar="FILE", help="the .jsonl file to write (default: this package's)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -51,11 +53,11 @@ def run(options: argparse.Namespace) -> int:
     print(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
     drawn = pairs_by_seed(after)
     if few := [name for name in few_seeds(after) if name not in drawn]:
-        print(f"few seeds to tell a spread by; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
+        print(f"too few seeds to tell a spread; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
     if drawn:
         print(
-            "warning: each seed is scored at test pairs of its own, so that only seeds that a run shares with this "
-            'reference tell of a change, and margins are wide; write split = "validation" into [data] of the suite, '
-            f"and run it anew: {', '.join(drawn)}"
+            "warning: each seed is scored at its own test pairs, so only seeds that a run shares with this reference "
+            'show a change, and margins are wide; write split = "validation" into [data] of the suite, and run it '
+            f"again: {', '.join(drawn)}"
         )
     return FINE

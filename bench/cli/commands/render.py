@@ -1,8 +1,8 @@
 """render codec files in a scene, as still pictures
 
-The scene is `sphere`, `plane`, `drape` or another that ships with the suite, or a TOML file (see docs/scenes.md). With
-the extra [mitsuba] it may be an XML file of Mitsuba 3, of which the files replace one BSDF (see docs/rendering.md).
-Several files, and the BTF of --truth before them, stand side by side, at one exposure.
+The scene is `sphere`, `plane`, `drape` or another one that ships with the suite, or a TOML file (see docs/scenes.md).
+With the extra [mitsuba] it may be a Mitsuba 3 XML file: the codec files replace one of its BSDFs (see
+docs/rendering.md). Several files, and the BTF of --truth before them, stand side by side at one exposure.
 
 examples:
   neubtf-bench render satin.nbtf -o satin.png
@@ -28,21 +28,25 @@ LIMITS: dict[str, tuple[float, float]] = {
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
-    parser.add_argument("--truth", metavar="BTF", help="a built-in material or a path, at the left of them")
+    parser.add_argument("--truth", metavar="BTF", help="show this BTF, a built-in material or a path, at the left")
     parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how --truth is prepared")
     parser.add_argument(
         "--scene", default="sphere", help="a scene of the suite, a TOML file or Mitsuba's XML (default: sphere)"
     )
-    parser.add_argument("--bsdf", metavar="ID", help="of a Mitsuba scene: what the files replace")
-    parser.add_argument("--samples", type=int, help="of a Mitsuba scene: a pixel (default: the scene's)")
-    parser.add_argument("--frame", type=int, default=0, help="of a scene with a path of cameras (default: 0)")
-    parser.add_argument("--lights", choices=("sun", "environment"), help="instead of the scene's own")
-    parser.add_argument("--tiling", type=float, default=1.0, help="times as many of the texture's periods (default: 1)")
-    parser.add_argument("--width", type=int, help="of one picture in pixels (default: the scene's)")
-    parser.add_argument("--rays", type=int, help="along each side of a pixel (default: 2)")
-    parser.add_argument("--exposure", type=float, help="factor on radiance (default: 0.8 over the 99th percentile)")
-    parser.add_argument("--device", help="what answers (default: cpu)")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="the picture, .png or .exr (linear)")
+    parser.add_argument("--bsdf", metavar="ID", help="the id of the BSDF that the files replace, in a Mitsuba scene")
+    parser.add_argument("--samples", type=int, help="samples a pixel, in a Mitsuba scene (default: the scene's)")
+    parser.add_argument("--frame", type=int, default=0, help="which frame of a scene with several cameras (default: 0)")
+    parser.add_argument("--lights", choices=("sun", "environment"), help="use these lights instead of the scene's")
+    parser.add_argument(
+        "--tiling", type=float, default=1.0, help="repeat the texture this many times as often (default: 1)"
+    )
+    parser.add_argument("--width", type=int, help="width of each picture in pixels (default: the scene's)")
+    parser.add_argument("--rays", type=int, help="rays along each side of a pixel (default: 2)")
+    parser.add_argument(
+        "--exposure", type=float, help="factor on radiance (default: 0.8 divided by its 99th percentile)"
+    )
+    parser.add_argument("--device", help="the device that decodes (default: cpu)")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="the picture to write, .png or .exr (linear)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -65,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     if not (options.files or options.truth):
         raise InputError("nothing to render: name a codec file, or a BTF with --truth")
     if options.set and not options.truth:
-        raise InputError("--set: says how --truth is prepared: name it, too")
+        raise InputError("--set: it says how --truth is prepared: give --truth, too")
     device = usable_device(options.device or "cpu")
     with Console() as console:
         sides = [still.of_material(load(file, device).material) for file in options.files]
@@ -81,17 +85,17 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _path_traced(options: argparse.Namespace) -> int:
-    """Render files by Mitsuba, side by side."""
+    """Render files with Mitsuba, side by side."""
     import numpy as np
 
     from bench.demand import still
 
     if not (options.files and options.bsdf):
-        raise InputError("a Mitsuba scene needs codec files, and --bsdf ID: which of its BSDFs they replace")
+        raise InputError("a Mitsuba scene needs codec files, and the BSDF that they replace: give --bsdf ID")
     own = {
-        **{"--truth": "its files are codec files", "--set": "it has no --truth", "--lights": "its lights are its own"},
-        **{"--width": "its film says so", "--frame": "its first camera is rendered", "--rays": "give --samples"},
-        "--device": "Mitsuba's variant says so",
+        **{"--truth": "it shows codec files only", "--set": "it has no --truth", "--lights": "it has its own lights"},
+        **{"--width": "its film gives it", "--frame": "its first camera is rendered", "--rays": "give --samples"},
+        "--device": "Mitsuba's variant gives it",
     }
     for name, reason in own.items():
         if getattr(options, name[2:]):
@@ -112,7 +116,7 @@ def _scene(options: argparse.Namespace) -> "Scene":
 
     for name in ("bsdf", "samples"):
         if getattr(options, name) is not None:
-            raise InputError(f"--{name}: is of a Mitsuba scene, an .xml file; {options.scene} has one material")
+            raise InputError(f"--{name}: only for a Mitsuba scene, an .xml file: {options.scene} has one material")
     scene = still.changed(named_scene(options.scene), options.lights, options.tiling, options.width)
     if not 0 <= options.frame < len(scene.cameras):
         raise InputError(f"--frame {options.frame}: {scene.name} has frames 0 to {len(scene.cameras) - 1}")

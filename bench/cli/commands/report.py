@@ -13,7 +13,7 @@ from bench.errors import FINE
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, help="the folder of a run")
-    parser.add_argument("--vector", action="store_true", help="write every figure as SVG and PDF, too")
+    parser.add_argument("--vector", action="store_true", help="write every figure as SVG and PDF too")
 
 
 def run(options: argparse.Namespace) -> int:

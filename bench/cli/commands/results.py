@@ -1,14 +1,14 @@
-"""keep records beside a document, and write the document's tables from them
+"""keep records beside a document, and write its tables from them
 
-`results add RUN FILE` puts the records of a run (or of what `verify` scored) into FILE.jsonl, small enough to commit.
-`results write DOC` writes the tables of a Markdown file anew. Each stands between two comments, the first of which is
-the command that makes it:
+`results add RUN FILE` adds the records of a run, or of a run that `verify` wrote, to FILE, a .jsonl file small enough
+to commit. `results write DOC` writes the tables of a Markdown file again. Each stands between two comments; the first
+one is the command that makes it:
 
     <!-- neubtf-bench table summary docs/results/quick.jsonl -->
     …
     <!-- end -->
 
-`results check DOC` changes nothing, and fails where a table is not what its command makes.
+`results check DOC` changes nothing, and fails if a table differs from the output of its command.
 
 `results write --site DIR` makes the board: a folder of pages that needs no server, of the records (`*.jsonl`) and
 archives (`*.zip`, whose results are only claimed) in docs/results, with the pictures of the runs that you name.
@@ -40,10 +40,13 @@ _SUITE = """@software{neubtfbench,
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
-    add = actions.add_parser("add", help="put the records of a run into a file to commit")
+    add = actions.add_parser("add", help="add the records of a run to a file to commit")
     add.add_argument("run", type=Path, help="the folder of a run")
-    add.add_argument("file", type=Path, metavar="FILE", help="a .jsonl file; what it holds already stays")
-    for action, about in (("write", "write the tables of documents anew"), ("check", "fail where a table is not so")):
+    add.add_argument("file", type=Path, metavar="FILE", help="a .jsonl file; its own records stay")
+    for action, about in (
+        ("write", "write the tables again"),
+        ("check", "fail if a table is out of date"),
+    ):
         each = actions.add_parser(action, help=about)
         each.add_argument(
             "documents", type=Path, nargs="*" if action == "write" else "+", metavar="DOC", help="a Markdown file"
@@ -66,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     stale = [path for path in options.documents if _written(path, options.action == "write")]
     if options.action == "check" and stale:
         names = " ".join(map(str, stale))
-        print(f"not what the records say: {names}: `neubtf-bench results write {names}` mends it")
+        print(f"tables differ from the records: {names}: `neubtf-bench results write {names}` mends them")
         return NO
     return FINE
 
@@ -150,7 +153,7 @@ def _written(path: Path, writes: bool) -> bool:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from error
     if not _BLOCK.search(text):
-        raise InputError(f"{path}: no table of a command is in it: see `neubtf-bench results --help`")
+        raise InputError(f"{path}: it has no table made by a command: see `neubtf-bench results --help`")
     new = _BLOCK.sub(lambda match: match["start"] + _table(path, match["words"]) + match["end"], text)
     if writes and new != text:
         write(path, new.encode())
@@ -159,7 +162,7 @@ def _written(path: Path, writes: bool) -> bool:
 
 
 def _table(path: Path, words: str) -> str:
-    """What a command prints, as Markdown: plain text in a fence, or a Markdown table as it is."""
+    """The output of a command as Markdown: plain text in a fence, or a Markdown table unchanged."""
     from reports import KINDS, WHY_EMPTY, table_text
 
     command, *rest = shlex.split(words)

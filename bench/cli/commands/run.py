@@ -1,6 +1,6 @@
 """run a suite: encode, write, decode, score, time, record, report
 
-A run that was stopped, by Ctrl-C, a kill or a full disk, goes on when the same command is given again.
+If a run was stopped by Ctrl-C, a kill or a full disk, the same command resumes it.
 
 examples:
   neubtf-bench run quick
@@ -31,35 +31,37 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
     parser.add_argument("--metric", action="append", default=[], help="score with this metric too; repeatable")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
     parser.add_argument("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
     parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
-    parser.add_argument("--demand", help="judge by a scene too, and fit to it where a codec has scene=true: an .npz")
+    parser.add_argument(
+        "--demand", help="an .npz of `demand`: score in its scene too; codecs with scene=true fit to it"
+    )
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
-    parser.add_argument("--seed", type=int, help="run this one seed instead of the suite's")
-    parser.add_argument("--fresh", action="store_true", help="fit and score again what is already there")
-    parser.add_argument("--retry-failed", action="store_true", help="try jobs again that failed before")
+    parser.add_argument("--seed", type=int, help="run only this seed, instead of the suite's")
+    parser.add_argument("--fresh", action="store_true", help="fit and score finished jobs again")
+    parser.add_argument("--retry-failed", action="store_true", help="try failed jobs again")
     parser.add_argument(
         "--jobs",
         type=int,
         default=1,
         metavar="N",
-        help="this many jobs at once, each in a process, and on a GPU, of its own; 0: one a core (default: 1)",
+        help="how many jobs at once, each in its own process (and on its own GPU); 0: one a core (default: 1)",
     )
     parser.add_argument(
-        "--max-seconds", type=float, metavar="S", help="a job that takes longer has failed (default: no limit)"
+        "--max-seconds", type=float, metavar="S", help="a job that takes longer fails (default: no limit)"
     )
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="jobs on the workers of a Dask scheduler, by its address or the .json file it wrote",
+        help="run jobs on the workers of a Dask scheduler: its address, or the .json file that it wrote",
     )
     parser.add_argument(
         "--resource",
         action="append",
         default=[],
         metavar="NAME=COUNT",
-        help="what a job takes of a Dask worker, as GPU=1; repeatable",
+        help="a resource that a job needs of a Dask worker, such as GPU=1; repeatable",
     )
 
 
@@ -89,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             console.say(_summary(outcomes))
             total = len(suite.cells)
-            console.say(f"interrupted: {len(outcomes)} of {total} jobs are done; the same command goes on: {folder}")
+            console.say(f"interrupted: {len(outcomes)} of {total} jobs are done; the same command resumes: {folder}")
             return INTERRUPTED
         from reports import write_report
 
@@ -103,16 +105,16 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]] | None":
-    """Where jobs run; None where the runner decides."""
+    """The workers that run jobs; None if the runner decides."""
     from bench.runs import executors
 
     if options.resource and not options.scheduler:
-        raise InputError("--resource: for the workers of a Dask --scheduler only")
+        raise InputError("--resource: only for the workers of a Dask --scheduler: give it, or leave --resource out")
     if options.max_seconds is not None and options.scheduler:
-        raise InputError("--max-seconds: not with a --scheduler, whose workers this process cannot end")
+        raise InputError("--max-seconds: not with a --scheduler, because this process cannot end its workers")
     if options.scheduler:
         if options.jobs != 1:
-            raise InputError("--jobs, --scheduler: give one of them; the scheduler knows how many workers it has")
+            raise InputError("--jobs, --scheduler: give only one of them; the scheduler knows how many workers it has")
         return partial(executors.dask, options.scheduler, _resources(options.resource))
     return workers(options.jobs, threads, options.device, options.max_seconds)
 
@@ -121,7 +123,7 @@ def _resources(words: list[str]) -> dict[str, float]:
     try:
         return {name: float(count) for name, count in (word.split("=") for word in words)}
     except ValueError:
-        raise InputError(f"--resource {' '.join(words)}: write NAME=COUNT, as GPU=1") from None
+        raise InputError(f"--resource {' '.join(words)}: write NAME=COUNT, such as GPU=1") from None
 
 
 def _summary(outcomes: list[Any]) -> str:
@@ -130,11 +132,11 @@ def _summary(outcomes: list[Any]) -> str:
     words = [f"{len(outcomes)} jobs: {status.count('ok')} ok"]
     words += [f"{status.count(word)} {text}" for word, text in _WORDS.items() if word in status]
     if any(cached):
-        words += [f"{cached.count('record')} cached whole, {cached.count('file')} scored again from cached files"]
-    return "; ".join(words) + ("" if not any(cached) else " (--fresh runs them anew); timings are new")
+        words += [f"{cached.count('record')} from the cache, {cached.count('file')} scored again from cached files"]
+    return "; ".join(words) + ("" if not any(cached) else " (--fresh runs them again); times were measured again")
 
 
-_WORDS = {"failed": "failed (see the records; --retry-failed tries again)", "unavailable": "not available"}
+_WORDS = {"failed": "failed (see the records; --retry-failed tries them again)", "unavailable": "not available"}
 
 
 def _verdict(status: list[str]) -> int:

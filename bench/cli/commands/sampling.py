@@ -1,8 +1,8 @@
-"""fit lobes to a codec file, from which a renderer draws light directions
+"""fit lobes to a codec file, so that a renderer can draw light directions from them
 
-The lobes are a small part of their own (8 × 8 cells of five halves, 640 bytes). No query reads them, so quality and
-answers stay the same; renderers that draw from them, as the plug-in for Mitsuba, have less noise. Prints the variance
-beside that of drawing by the cosine, under a uniform environment.
+The lobes are a small extra part of the file (8 × 8 cells of five halves, 640 bytes). No query reads them, so answers
+stay the same; renderers that draw from them, such as the plug-in for Mitsuba, have less noise. The command prints the
+variance under a uniform environment, relative to drawing by the cosine.
 
 examples:
   neubtf-bench sampling satin.nbtf -o satin-sampled.nbtf
@@ -17,7 +17,7 @@ from bench.errors import FINE, InputError
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="the codec file")
     parser.add_argument(
-        "--cells", type=int, default=8, help="cells a side of the texture, each with a lobe (default: 8)"
+        "--cells", type=int, default=8, help="cells along each side of the texture, each with a lobe (default: 8)"
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="the codec file to write")
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     written = container.save(options.out, make_codec(header.codec, header.settings), whole, header.provenance)
     print(
         f"variance under a uniform environment: {ratios.total:.3f} × that of the cosine (median {ratios.median:.3f}); "
-        f"most reflected: {ratios.largest_albedo:.2f} of what arrives"
+        f"largest albedo: {ratios.largest_albedo:.2f}"
     )
     print(f"wrote {options.out}: {written.file_bytes:,} bytes, {written.part_bytes()['sampling']:,} of them lobes")
     return FINE

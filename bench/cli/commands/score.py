@@ -1,8 +1,8 @@
 """score a codec file, or a folder of decoded slices, against its BTF
 
-The file may come from `neubtf-bench encode`, from a run, or from elsewhere. A folder holds what any program decoded: a
-slice for each pair of the BTF, and `pairs.csv`, as `neubtf-bench decode` and `convert` write them. BTF is what was
-encoded: a built-in material or a path, with the same `--set data.KEY=VALUE`. Numbers are those that a run records.
+The file may come from `neubtf-bench encode`, from a run, or from elsewhere. A folder holds slices that any program
+decoded, one for each pair of the BTF, and `pairs.csv`, as `neubtf-bench decode` and `convert` write them. BTF is the
+encoded material, built-in or a path, with the same `--set data.KEY=VALUE`. A run records the same numbers.
 
 examples:
   neubtf-bench score satin.nbtf satin
@@ -21,9 +21,9 @@ from bench.errors import FINE, InputError
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE|FOLDER", type=Path, help="the codec file, or the folder of slices")
-    parser.add_argument("btf", metavar="BTF", help="what it was encoded from: a built-in material or a path")
+    parser.add_argument("btf", metavar="BTF", help="the encoded BTF: a built-in material or a path")
     parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how the BTF is prepared")
-    parser.add_argument("--demand", type=Path, help="judge by a scene too, an .npz of `neubtf-bench demand`")
+    parser.add_argument("--demand", type=Path, help="an .npz of `neubtf-bench demand`: score in its scene too")
     parser.add_argument("--threads", type=threads, default=1, help="CPU threads of the decoder (default: 1)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every number as JSON")
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     if foreign := next((key for key in changes if not key.startswith("data.")), None):
         raise InputError(f"--set {foreign}: the file has its codec's settings already; only data.KEY can be set here")
     if not options.file.is_dir():
-        read_header(options.file)  # a file that is none is said before anything is rendered
+        read_header(options.file)  # report a wrong file before anything is rendered
     with Console() as console:
         btf = open_named(options.btf, changes, console.show)
         scores = score(

@@ -1,8 +1,8 @@
-"""try codecs on extremes of data, queries, precision and training, and print what breaks
+"""try codecs on extreme data, queries, precision and training, and print what breaks
 
-Every installed codec is tried, or those of --codec, and every metric and loss on extreme pictures. Rows are extremes,
-columns codecs; a cell is pass, FAIL with the figure that is wrong, or n/a with the reason below. Records go to --out,
-and every report beside it shows them. --query and --data try one drawn case again, as a failure prints it.
+It tries every installed codec, or those of --codec, and every metric and loss on extreme pictures. Rows are extremes,
+columns are codecs; a cell is pass, FAIL with the wrong number, or n/a with the reason below. Records go to --out, and
+every report beside it shows them. --query and --data try one drawn case again, in the form that a failure prints.
 
 examples:
   neubtf-bench stress
@@ -18,17 +18,25 @@ from typing import Any
 from bench.errors import FINE, NO, InputError, writable
 from bench.records import STRESS
 
-MOST = 81  # directions of a side to draw from
+MOST = 81  # the most views, and the most lights, of a drawn material
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
     parser.add_argument("--case", action="append", default=[], metavar="NAME", help="only this extreme; repeatable")
-    parser.add_argument("--cheap", action="store_true", help="only the extremes that `check` tries, too")
-    parser.add_argument("--list", action="store_true", help="list the extremes and what must hold, and try nothing")
-    parser.add_argument("--out", type=Path, default=Path("runs") / STRESS, help="its folder (default: runs/stress)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="at once (default: cores)")
-    parser.add_argument("--format", default="text", choices=["text", "markdown"], help="of the tables that are printed")
+    parser.add_argument("--cheap", action="store_true", help="only the extremes that `check` tries too")
+    parser.add_argument("--list", action="store_true", help="only list the extremes and what must hold in each")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs") / STRESS, help="the folder of the records (default: runs/stress)"
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count(),
+        metavar="N",
+        help="how many processes to use (default: one a core)",
+    )
+    parser.add_argument("--format", default="text", choices=["text", "markdown"], help="format of the printed tables")
     parser.add_argument("--query", metavar="NUMBERS", help='ask one query: "u v ω_o ω_i footprint", nine numbers')
     parser.add_argument(
         "--data", metavar="NUMBERS", help='try one drawn material: "height width views lights exponent seed"'
@@ -76,7 +84,7 @@ def _list() -> int:
 
 
 def _again(options: argparse.Namespace) -> int:
-    """Try one query or one drawn material on each codec, as a failed property prints it."""
+    """Try one query or one drawn material, in the form that a failed property prints, on each codec."""
     import tempfile
 
     from bench.codecs.registry import load_codec
@@ -99,7 +107,7 @@ def _again(options: argparse.Namespace) -> int:
                 print(f"pass  {name}: {', '.join(map(str, answers))}")
             except InputError:
                 raise
-            except Exception as error:  # whatever a codec raises is its failure
+            except Exception as error:  # any exception of a codec is its failure
                 failed = True
                 what = error if isinstance(error, CheckError) else f"{type(error).__name__}: {error}"
                 print(f"FAIL  {name}: {what}")
@@ -115,5 +123,5 @@ def _numbers(option: str, text: str | None, kind: type) -> list[Any]:
         raise InputError(f"{option} {text!r}: {error}: give numbers with spaces between them") from error
     wanted = 9 if option == "--query" else 6
     if len(numbers) != wanted:
-        raise InputError(f"{option} {text!r}: has {len(numbers)} numbers: it takes {wanted}")
+        raise InputError(f"{option} {text!r}: it takes {wanted} numbers, not {len(numbers)}")
     return numbers

@@ -1,7 +1,7 @@
-"""pack the results of a run, records and codec files, into one archive that others can verify
+"""pack the records and codec files of a run into an archive that others can verify
 
-Whoever has the archive scores every file anew with `neubtf-bench verify ARCHIVE`, so nobody's word is needed. The last
-lines printed are a text to hand it in with.
+Anyone who has the archive can score every file again with `neubtf-bench verify ARCHIVE`, so nobody has to trust you. The
+last lines printed are a text to hand it in with.
 
 examples:
   neubtf-bench submit runs/mine -o mine.zip
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, help="the folder of a run")
     parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="the .zip to write")
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="the .zip file to write")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.runs.archive import chosen, pack
 
     if options.out.suffix != ".zip":
-        raise InputError(f"--out {options.out}: the name of an archive ends in .zip")
+        raise InputError(f"--out {options.out}: the name must end in .zip")
     run = chosen(load_run(options.run), options.codec)
     pack(run, published(run), options.out)
     print(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")

@@ -1,7 +1,7 @@
-"""print the tables of a run, or of several together
+"""print the tables of one run, or of several runs together
 
-`table parameters` sets decoder parameters and texture channels beside those of the NeuBTF paper. Codecs that the run
-did not measure are counted in a small file that is made for it, so that it needs no run.
+`table parameters` shows decoder parameters and texture channels beside those of the NeuBTF paper. It needs no run: for
+codecs that the run did not measure, it makes a small file and counts in that.
 
 examples:
   neubtf-bench table
@@ -31,13 +31,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         metavar="KIND|RUN",
         help=f"one kind of table ({', '.join(KINDS)}; default: "
-        "all) and folders of runs or files of records (default: the newest run under runs/)",
+        "all), and folders of runs or files of records (default: the newest run under runs/)",
     )
     parser.add_argument(
         "--format",
         default="text",
         choices=["text", "markdown", "latex", "csv", "raw"],
-        help="raw: a CSV of every number of every job (default: text)",
+        help="the format; raw is a CSV of every number of every job (default: text)",
     )
     parser.add_argument("--codec", action="append", default=[], help="only this codec, or this row; repeatable")
     parser.add_argument("--column", action="append", default=[], help="only this column, by its header; repeatable")
@@ -46,7 +46,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="WORD=NAME",
-        help="call a codec, row, column or material otherwise, in rows, headers, title and notes; repeatable",
+        help="rename a codec, row, column or material in rows, headers, title and notes; repeatable",
     )
 
 
@@ -72,13 +72,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _choice(options: argparse.Namespace) -> "Choice | None":
-    """What the options choose of tables; None where they choose nothing."""
+    """The rows, columns and names that the options choose; None if they choose none."""
     from reports.choice import Choice
 
     if not (options.codec or options.column or options.name):
         return None
     if options.column and options.format == "raw":
-        raise InputError("--column: not of --format raw, which has every number: choose --format csv")
+        raise InputError("--column: not with --format raw, which has every number: choose --format csv")
     names = {word: name for word, _, name in (words.rpartition("=") for words in options.name)}
     if "" in names:
         raise InputError("--name: write WORD=NAME, such as 'neubtf-direct=NeuBTF, direct'")
@@ -86,7 +86,7 @@ def _choice(options: argparse.Namespace) -> "Choice | None":
 
 
 def _parameters(folders: list[Path], format: str, choice: "Choice | None") -> str:
-    """The table of parameters, from the records of runs as far as they go."""
+    """The table of parameters, from the records of runs where they have the codec."""
     from bench.codecs.registry import codec_entries
     from bench.records import load_together, require
     from reports import parameters_text
@@ -115,7 +115,7 @@ def _newest_run(kinds: list[str]) -> Path:
 
 
 def _runs() -> list[Path]:
-    """The folders of runs under runs/ without the stress test's, the newest last."""
+    """The folders of runs under runs/, without the stress test's, newest last."""
     from bench.records import FILE, STRESS
 
     files = [path for path in Path("runs").glob(f"*/{FILE}") if path.parent.name != STRESS]

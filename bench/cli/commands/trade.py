@@ -1,4 +1,4 @@
-"""measure what each setting, execution and precision gives up in quality for speed and bytes
+"""measure the quality, speed and bytes of each setting, execution and precision
 
 examples:
   neubtf-bench trade --material satin
@@ -16,18 +16,22 @@ from bench.errors import FAILED, FINE, NOTHING
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("suite", nargs="?", default="trade", help="a built-in suite or a TOML file (default: trade)")
     parser.add_argument("--out", type=Path, help="the run's folder (default: runs/SUITE)")
-    parser.add_argument("--material", action="append", default=[], help="this material, by name or path; repeatable")
-    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="codec setting, or data.KEY")
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
-    parser.add_argument("--full", action="store_true", help="time batches up to 2^22, half an hour more")
     parser.add_argument(
-        "--emulated", action="store_true", help="measure precisions that the processor only emulates too"
+        "--material", action="append", default=[], help="only this material, by name or path; repeatable"
+    )
+    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    parser.add_argument(
+        "--full", action="store_true", help="also time batches up to 2^22, which takes half an hour more"
+    )
+    parser.add_argument(
+        "--emulated", action="store_true", help="also measure precisions that the processor only emulates"
     )
     parser.add_argument(
         "--noise",
         action="store_true",
-        help="path-trace each file with Mitsuba: samples and seconds to 1 %% noise, a minute or two a file more",
+        help="render each file with Mitsuba: samples and seconds to 1 %% noise; takes a minute or two a file",
     )
 
 

@@ -1,9 +1,9 @@
-"""decode and score every codec file of an archive anew on this machine, and say what agrees
+"""decode and score every codec file of an archive here, and say which numbers agree
 
 Nothing in an archive is run or installed. A codec from elsewhere must be installed here first; otherwise its jobs are
-named, with version and hash, and not verified. What was measured here is written as a run, which `table`, `compare` and
-`results add` read: nothing that is only claimed, such as the seconds of a fit. Measured data are looked for under
-NEUBTF_DATA, or where you say.
+listed with version and hash, but not verified. Numbers that were measured here become a run, which `table`, `compare`
+and `results add` read; it has no numbers that are only claimed, such as the seconds of a fit. Measured data must be
+under NEUBTF_DATA, or where --material says.
 
 examples:
   neubtf-bench verify mine.zip
@@ -22,7 +22,13 @@ from bench.errors import FINE, NO, NOTHING, InputError
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("archive", type=Path, help="an archive of `neubtf-bench submit`")
-    parser.add_argument("--material", action="append", default=[], metavar="NAME=PATH", help="where its data are here")
+    parser.add_argument(
+        "--material",
+        action="append",
+        default=[],
+        metavar="NAME=PATH",
+        help="where the data of this material are here; repeatable",
+    )
     parser.add_argument("--out", type=Path, help="the folder of the run to write (default: runs/NAME)")
 
 
@@ -37,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
 
     folder = options.out or Path("runs") / options.archive.stem
     if (folder / FILE).exists():
-        raise InputError(f"--out {folder}: there is a run already: name another folder")
+        raise InputError(f"--out {folder}: it holds a run already: name another folder")
     places = assignments(options.material, "--material", "NAME=PATH")
     with tempfile.TemporaryDirectory(prefix="neubtf-verify-") as scratch, Console() as console:
         try:
@@ -56,5 +62,5 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _naming_archive(message: str, scratch: str, archive: Path) -> str:
-    """A message that names the archive instead of the folder that it was unpacked to, which is gone by now."""
+    """A message that names the archive instead of the temporary folder that it was unpacked to."""
     return message.replace(f"{scratch}{os.sep}", f"{archive}: ").replace(scratch, str(archive))

@@ -1,7 +1,7 @@
-"""show codec files as live materials, in a page for the browser
+"""show codec files as live materials in the browser
 
-Plane, sphere and drape; camera and light to drag; two files, or a file and its BTF, side by side. The page holds
-everything that it shows: it needs neither a server nor a network.
+The page shows a plane, a sphere or a drape, lets you drag camera and light, and compares two files, or a file and its
+BTF, side by side. It contains everything that it shows, and needs no server and no network.
 
 examples:
   neubtf-bench view satin.nbtf --truth satin
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="codec files to look at")
-    parser.add_argument("--truth", metavar="BTF", help="the BTF beside them: a built-in material or a path")
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="the codec files to show")
+    parser.add_argument("--truth", metavar="BTF", help="show this BTF, a built-in material or a path, beside them")
     parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how --truth is prepared")
     parser.add_argument("-o", "--out", type=Path, help="write the page here, and open nothing")
 
@@ -51,7 +51,7 @@ def _page(options: argparse.Namespace) -> str:
     from reports.viewer.page import Model, page
 
     if options.set and not options.truth:
-        raise InputError("--set: says how --truth is prepared: name it, too")
+        raise InputError("--set: it says how --truth is prepared: give --truth, too")
     changes = assignments(options.set)
     with Console() as console:
         models, shown = [], None
@@ -69,7 +69,7 @@ def _page(options: argparse.Namespace) -> str:
 
 
 def _drawn(file: "Loaded", show: "Progress") -> "tuple[Drawable, str]":
-    """What a file decodes to and a note on it; its baked slices where no shader can do what it does."""
+    """The material of a file and a note on it; its baked slices if no shader can evaluate it."""
     from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
     from reports.shaders.dialects import GLSL
     from reports.shaders.generator import shader
@@ -79,6 +79,6 @@ def _drawn(file: "Loaded", show: "Progress") -> "tuple[Drawable, str]":
         shader(drawing.program, GLSL)
     except InputError as error:
         name = file.header.path.stem
-        note = f"{name} is baked: its slices at {BAKED} × {BAKED} pairs, interpolated between directions, since {error}"
+        note = f"{name} is baked to slices at {BAKED} × {BAKED} pairs, interpolated between directions, because {error}"
         return drawable_truth(baked(file.material, name, show), show), note
     return drawing, ""

@@ -1,8 +1,8 @@
-"""Extremes that a codec must survive: the catalogue as data, and what tries it. `neubtf-bench stress` prints it.
+"""Extremes that a codec must survive: the catalogue as data, and the code that tries it for `neubtf-bench stress`.
 
-Each case has a name, how it is made, and what must hold, in one sentence: materials (`data`), queries (`queries`),
-numbers inside a decoder (`networks`), what must hold anywhere (`invariants`); for metrics and losses, pictures
-(`metrics`). The cheap ones are part of `neubtf-bench check`.
+Each case has a name, a function that makes it, and one sentence that says what must hold. There are cases of materials
+(`data`), queries (`queries`), numbers inside a decoder (`networks`) and rules for all queries (`invariants`), and of
+pictures for metrics and losses (`metrics`). The cheap ones are part of `neubtf-bench check`.
 """
 
 from bench.conformance.stress import data, invariants, networks, queries

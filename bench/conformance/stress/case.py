@@ -1,4 +1,4 @@
-"""A case of the catalogue, the codec that it is tried on, and what came of it."""
+"""A case of the catalogue, the codec that it is tried on, and its result."""
 
 import dataclasses
 import time
@@ -19,18 +19,18 @@ from bench.conformance.check import CheckError, CodecUnderTest, raised
 from bench.material import Material
 from bench.threads import torch_threads
 
-# A fit of the catalogue is short: whichever of these knobs a codec has is turned down to this from its default. `check`
-# fits as it is told to.
+# Fits of the catalogue are short: those of these settings that a codec has are lowered to these values. `check` fits #
+# with the settings that it is given.
 SHORT = {"steps": 200, "batch": 1024, "texels": 16}
 
 
-class NotApplicable(Exception):  # noqa: N818  (it is no error)
-    """The reason for which a case says nothing of a codec."""
+class NotApplicable(Exception):  # noqa: N818 (it is not an error)
+    """The reason why a case does not apply to a codec."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The result of a test that passed: a figure for the cell, the share of the bound that is used, and where."""
+    """The result of a test that passed: a figure for the cell, the used share of the bound, and where it is used."""
 
     figure: str = ""
     used: float | None = None
@@ -42,9 +42,9 @@ Test = Callable[["Subject"], Measured | None]
 
 @dataclass(frozen=True)
 class Case:
-    """One row: what it is called, what must hold in one sentence, and the test.
+    """One row: its name, one sentence that says what must hold, and the test.
 
-    The test raises `CheckError` with the figure that is wrong, or `NotApplicable` with a reason; else the case passed.
+    The test raises `CheckError` with the wrong figure, or `NotApplicable` with a reason; otherwise the case passed.
     """
 
     group: str
@@ -62,12 +62,12 @@ class CaseVerdict:
     figure: str = ""
     detail: str = ""
     used: float | None = None
-    seconds: float = 0.0  # that the test took
+    seconds: float = 0.0  # duration of the test
 
 
 @dataclass(frozen=True)
 class Encoded:
-    """A BTF that went through a codec file, and what was decoded from it."""
+    """A BTF that went through a codec file, and the decoded result."""
 
     btf: BTF
     material: Material
@@ -89,7 +89,7 @@ class Subject:
     """A codec under stress: its conformance bench holds the ordinary small material, encoded once."""
 
     tested: CodecUnderTest
-    stored: Parts | None = None  # tensors to look at in place of those of the ordinary material's file
+    stored: Parts | None = None  # tensors to use instead of those of the ordinary material's file
 
     @property
     def fits(self) -> bool:
@@ -106,11 +106,11 @@ class Subject:
         return self.tested.material.query(*queries)
 
     def fit(self) -> Fit:
-        """A new `Fit`, the same for each fit."""
+        """A new `Fit`, with the same values for each fit."""
         return Fit(seed=1, network=self.tested.network)
 
     def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
-        """Encode by the codec's fit, or one of `stretch` times its steps, write, read and decode."""
+        """Encode with the codec's fit, or with `stretch` times its steps, then write, read and decode."""
         if stretch > 1 and self.fits:
             changes = {"steps": stretch * self.tested.codec.settings.steps} | changes
         codec, path = self.codec(**changes), self.tested.folder / f"stress{container.SUFFIX}"
@@ -135,23 +135,23 @@ class Subject:
         return dataclasses.replace(container.read_parts(self.tested.header.path)[1], network=self.tested.network)
 
     def decode(self, parts: Parts) -> Material:
-        """The material of some tensors, which need not be those of a file."""
+        """The material of some tensors, which need not come from a file."""
         return self.tested.codec.decode(parts, torch.device("cpu"))
 
 
 def subject_of(kind: type[Codec], folder: Path) -> Subject:
-    """A codec under stress with its default settings but for short fits; its files go into a folder."""
+    """A codec under stress with its default settings, except for short fits; its files go into a folder."""
     return Subject(CodecUnderTest(kind(**short(kind)), folder))
 
 
 def short(kind: type[Configured]) -> dict[str, Any]:
-    """The settings that make fits short: `SHORT`, or the defaults where these are less."""
+    """The settings that make fits short: `SHORT`, or the defaults if they are less."""
     defaults = settings_dict(kind())
     return {name: min(defaults[name], most) for name, most in SHORT.items() if name in defaults}
 
 
 def judge(case: Case, subject: Subject) -> CaseVerdict:
-    """Try a case on a codec. Whatever a codec raises is its failure."""
+    """Try a case on a codec. Any exception that the codec raises is its failure."""
     with torch_threads(1):
         return judged(lambda: case.test(subject), NotApplicable, lambda error: raised(error, subject.tested.codec))
 
@@ -159,7 +159,7 @@ def judge(case: Case, subject: Subject) -> CaseVerdict:
 def judged(
     test: Callable[[], Measured | None], inapplicable: type[Exception], described: Callable[[Exception], str]
 ) -> CaseVerdict:
-    """What came of a test: whatever it raises is a failure, but for the reason why it says nothing."""
+    """The result of a test: any exception is a failure, except a reason why it does not apply."""
     start = time.perf_counter()
     try:
         measured = test() or Measured()
@@ -168,18 +168,18 @@ def judged(
         verdict = CaseVerdict("n/a", "n/a", str(reason))
     except CheckError as error:
         verdict = CaseVerdict("fail", error.figure or "failed", str(error))
-    except Exception as error:  # whatever is tried raises is its failure, and the next case still runs
+    except Exception as error:  # any exception is a failure, and the next case still runs
         verdict = CaseVerdict("fail", type(error).__name__, described(error))
     return dataclasses.replace(verdict, seconds=time.perf_counter() - start)
 
 
 def applicable(condition: object, reason: str) -> None:
-    """`NotApplicable` for that reason unless the condition holds."""
+    """Raise `NotApplicable` with that reason unless the condition holds."""
     if not condition:
         raise NotApplicable(reason)
 
 
 def require(condition: object, figure: str, detail: str) -> None:
-    """`CheckError` with that figure unless the condition holds."""
+    """Raise `CheckError` with that figure unless the condition holds."""
     if not condition:
         raise CheckError(detail, figure)

@@ -1,6 +1,6 @@
-"""Materials at the extremes: each is encoded, written, decoded and held against what it was.
+"""Materials at the extremes: each is encoded, written and decoded, and compared with the original.
 
-The bound is that of the catalogue: each texel's mean colour, which any codec can store, must not be better.
+The bound of the catalogue is the mean colour of each texel, which any codec can store: it must not be better.
 """
 
 import dataclasses
@@ -21,9 +21,9 @@ from bench.material import HALF_MAX
 from bench.metrics.display import LOG_SCALE, display_error, exposure_of, to_log1p
 from bench.metrics.psnr import psnr
 
-CONSTANT = 0.1  # of a value; a codec that knows the mean alone is off by 1.5
-SAME_DB = 0.1  # two qualities within this are the same
-EXACT_DB = 70.0  # a codec this good is exact but for the rounding of its halves, 2⁻¹² of a value, which may differ
+CONSTANT = 0.1  # share of a value; a codec that stores only the mean is off by 1.5
+SAME_DB = 0.1  # two qualities within this count as the same
+EXACT_DB = 70.0  # a codec this good is exact except for the rounding of its halves, 2⁻¹² of a value, which may differ
 
 
 @cache
@@ -41,13 +41,13 @@ def values() -> Array:
 
 
 def material(radiance: Array, wo: Array | None = None, wi: Array | None = None) -> BTF:
-    """A BTF of radiance (N, H, W, 3), by default at the pairs of the ordinary material."""
+    """A BTF with radiance (N, H, W, 3), by default at the pairs of the ordinary material."""
     wo, wi = ordinary().wo if wo is None else wo, ordinary().wi if wi is None else wi
     return BTF("extreme", wo, wi, ArraySource(np.asarray(radiance, np.float32)), periodic=True)
 
 
 def one_pair() -> BTF:
-    """One picture of 5 × 5 texels, which a codebook of 32 entries can hold as well."""
+    """One picture of 5 × 5 texels, which a codebook of 32 entries can hold too."""
     return material(values()[40:41, :5, :5], ordinary().wo[40:41], ordinary().wi[40:41])
 
 
@@ -58,7 +58,7 @@ def long_strip() -> BTF:
 
 
 def rank_one() -> BTF:
-    """One picture, brighter or darker by one number a pair."""
+    """One picture, scaled by one number for each pair."""
     return material(values()[:1] * values()[:, 3:4, 4:5, 1:2])
 
 
@@ -77,7 +77,7 @@ def random_highlights() -> BTF:
 
 
 def beyond_half() -> BTF:
-    """1e6, which no half holds, in all views on 2 of 256 texels: so few that the rest sets the exposure."""
+    """1e6, too large for a half, in all views on 2 of 256 texels: so few that the others set the exposure."""
     like = tiny_btf(16)
     radiance = np.stack(list(like))
     radiance[:, [3, 11], [5, 8]] = 1e6
@@ -85,14 +85,14 @@ def beyond_half() -> BTF:
 
 
 def two_constants() -> BTF:
-    """Two colours, left and right: what one bias cannot answer."""
+    """Two colours, left and right: one bias cannot answer both."""
     radiance = np.full_like(values(), 0.5)
     radiance[:, :, 4:] = 0.125
     return material(radiance)
 
 
 def black_from_above() -> BTF:
-    """Black but for a quarter of the texels, and these but at grazing views: no picture from above tells them apart."""
+    """Black except for a quarter of the texels at grazing views: in pictures from above, all texels look alike."""
     radiance = np.zeros_like(values())
     radiance[:, ::2, ::2] = values()[:, ::2, ::2]
     radiance[ordinary().wo[:, 2] > 0.5] = 0
@@ -100,7 +100,7 @@ def black_from_above() -> BTF:
 
 
 def subnormal() -> BTF:
-    """Radiance below 2⁻¹⁴, in steps of 2⁻²⁴: halves without their leading bit."""
+    """Radiance below 2⁻¹⁴, in steps of 2⁻²⁴: subnormal halves."""
     return material((values() * 2.0**-15).astype(np.float16))
 
 
@@ -172,19 +172,19 @@ def sound(encoded: Encoded) -> None:
 
 
 def bound(encoded: Encoded) -> dict[str, float]:
-    """By space, the mean squared error that is allowed: mean-colour's, or that of half a step of 8 bits."""
+    """The allowed mean squared error by space: that of mean-colour, or of half a step of 8 bits."""
     mean = np.broadcast_to(encoded.truth.mean(0, dtype=np.float64), encoded.truth.shape)
     floor = mean_squares(encoded, mean)
     return {space: max(mse * 10 ** (SAME_DB / 10), peak / 510**2) for space, (mse, peak) in floor.items()}
 
 
 def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
-    """Measure the error as a share of what each space allows; `CheckError` where it is larger."""
+    """Measure the error as a share of the allowed error in each space; raise `CheckError` if it is larger."""
     sound(encoded)
     errors, used = mean_squares(encoded, encoded.decoded), 0.0
     for space, (mse, peak) in errors.items():
         ours, least = (float(psnr(x / peak, 1.0)) for x in (mse, allowed[space]))
-        require(mse <= allowed[space], f"{ours:.1f} dB", f"{space} PSNR {ours:.2f} dB, at least {least:.2f} dB is due")
+        require(mse <= allowed[space], f"{ours:.1f} dB", f"{space} PSNR {ours:.2f} dB, required {least:.2f} dB")
         used = max(used, mse / allowed[space])
     return Measured(used=used)
 
@@ -218,7 +218,7 @@ def same_quality(factor: float, subject: Subject) -> None:
     before, after = quality(unscaled, unscaled.decoded), quality(scaled, scaled.decoded)
     for space, now in after.items():
         lost = min(before[space], EXACT_DB) - min(now, EXACT_DB)
-        told = f"{space} PSNR {now:.2f} dB, {before[space]:.2f} dB where the same data are not scaled"
+        told = f"{space} PSNR {now:.2f} dB, {before[space]:.2f} dB for the same data unscaled"
         require(abs(lost) <= SAME_DB, f"{-lost:+.1f} dB", told)
 
 
@@ -228,7 +228,7 @@ def refused(subject: Subject) -> None:
     except InputError as error:
         message = str(error)
         count, place = (re.search(pattern, message) for pattern in (r"\d of [\d,]+ values", r"\(\d+, "))
-        require(count and place, "unclear", f"names no count and place: {message}")
+        require(count and place, "unclear", f"the error gives no count and place: {message}")
         return
     raise CheckError("values that are not finite were encoded", "encoded")
 
@@ -239,21 +239,21 @@ def stored_or_refused(subject: Subject) -> Measured:
         encoded = subject.encode(beyond_half(), stretch=5)
     except InputError as error:
         named = re.search(r"1e\+?0?6|1,?000,?000|65,?504", str(error))
-        require(named, "unclear", f"names no value and no limit: {error}")
+        require(named, "unclear", f"the error gives no value and no limit: {error}")
         return Measured("refused", detail=str(error))
     return no_worse(encoded)
 
 
 def mended(subject: Subject) -> Measured:
     btf = repaired(not_finite())
-    require("3 values" in str(btf.provenance), "silent", f"does not say what was masked: {btf.provenance}")
+    require("3 values" in str(btf.provenance), "silent", f"it does not say what was masked: {btf.provenance}")
     return no_worse(subject.encode(btf))
 
 
 def one_pair_holds(subject: Subject) -> Measured:
     """no worse than mean-colour, exact here, or than the codec on the ordinary material, after three times its steps"""
     usual, encoded = subject.usual, subject.encode(one_pair(), stretch=3)
-    # What is ordinary for the codec counts as far as it is better than mean-colour there.
+    # The codec's result on the ordinary material counts only if it is better than mean-colour there.
     limits, errors = bound(usual), mean_squares(usual, usual.decoded)
     lossy = {space: min(errors[space][0] * 10 ** (SAME_DB / 10), limits[space]) for space in limits}
     return within(encoded, {space: max(allowed, lossy[space]) for space, allowed in bound(encoded).items()})
@@ -266,7 +266,7 @@ def data(
     cheap: bool = False,
     holds: str = "",
 ) -> Case:
-    """A case: what it is called, how it is made, what must hold of it once it is decoded."""
+    """A case: its name, the function that makes it, and what must hold of it after decoding."""
     return Case("data", name, holds or test.__doc__ or "", lambda subject: test(subject.encode(make())), cheap)
 
 
@@ -275,7 +275,7 @@ SAME_UNSCALED = f"the quality of the same data unscaled, within {SAME_DB} dB (ab
 
 
 def unphysical(case: Case) -> Case:
-    """The case of data that no surface reflects: nothing that a codec which models reflectance must answer."""
+    """A case of data that no real surface gives, so it does not apply to a codec that models reflectance."""
 
     def test(subject: Subject) -> Measured | None:
         applicable(not subject.tested.codec.physical, "models reflectance: no surface looks like this")
@@ -306,7 +306,7 @@ CASES = (
     data("identical pairs twice", pairs_twice),
     data("black seen from above", black_from_above),
     data("views only at the zenith", zenith_views),
-    unphysical(data("lights only at grazing", grazing_lights)),  # brighter than Fresnel leaves a base at 89°
+    unphysical(data("lights only at grazing", grazing_lights)),  # brighter than Fresnel lets the base layer be at 89°
     Case("data", "NaN and infinite texels", "an error that says how many and where", refused, cheap=True),
     Case("data", "NaN texels, repaired", "masked, said so; no worse than mean-colour", mended),
 )

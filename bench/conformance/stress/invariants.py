@@ -1,4 +1,4 @@
-"""What must hold of every decoder wherever it is asked, and of every fit however it goes."""
+"""Rules for every decoder at any query, and for every fit."""
 
 from collections.abc import Callable
 from functools import partial
@@ -23,9 +23,9 @@ from bench.conformance.stress.queries import Queries, described, spread
 
 MANY = 10_000
 LINES, HALVINGS = 2_000, 20  # 2⁻²⁰ is 1e-6
-STEP = 1e-6  # a query moves by this …
-SLOPE = 100.0  # … and its answer by no more than this times the brightest sample a unit
-SHORT_STEPS = 16  # roundings that |Δ| may take: three layers of linear, norm, ω, sine and sum, and the fetch
+STEP = 1e-6  # a query moves by this distance
+SLOPE = 100.0  # the largest slope of answers, in brightest samples per unit of distance
+SHORT_STEPS = 16  # roundings allowed in |Δ|: three layers of linear, norm, ω, sine and sum, and the fetch
 HIGH_RATE = 1e30
 SAYS_CONTINUOUS = f"moved by {STEP:g}, answers move by at most {SLOPE:g} × {STEP:g} of the brightest sample"
 
@@ -36,7 +36,7 @@ def finite(subject: Subject) -> None:
 
 
 def tilted(directions: Tensor, angle: float, seed: int) -> Tensor:
-    """Unit directions (n, 3) turned by an angle any way."""
+    """Unit directions (n, 3), each turned by an angle towards a random side."""
     generator = torch.Generator().manual_seed(seed)
     random = torch.randn(directions.shape, generator=generator, dtype=torch.float64)
     along = functional.normalize(random - directions * (random * directions).sum(1, keepdim=True), dim=1)
@@ -52,7 +52,7 @@ def across_wrap() -> tuple[Queries, Queries]:
 
 
 def across_zenith() -> tuple[Queries, Queries]:
-    """Views, or lights, just to both sides of the zenith, all around."""
+    """Views, or lights, just beside the zenith on both sides, at all azimuths."""
     queries = spread(MANY, 80.0, seed=9)
     azimuth = torch.linspace(0, 2 * torch.pi, MANY, dtype=torch.float64)
     offset = torch.stack([azimuth.cos(), azimuth.sin(), torch.zeros_like(azimuth)], 1) * STEP / 2
@@ -65,7 +65,7 @@ def across_zenith() -> tuple[Queries, Queries]:
 
 
 def at_samples() -> tuple[Queries, Queries]:
-    """The pairs of the data themselves, where the triangles of an interpolator meet, and just beside them."""
+    """The pairs of the data, where the triangles of an interpolator meet, and pairs just beside them."""
     queries, btf = spread(MANY, 80.0, seed=10), ordinary()
     pair = torch.arange(MANY) % len(btf)
     wo, wi = (torch.from_numpy(w)[pair] for w in (btf.wo, btf.wi))
@@ -88,14 +88,14 @@ def _moves_little(subject: Subject, here: Queries, there: Queries, apart: Tensor
 
 
 def no_jump(subject: Subject) -> None:
-    """Along random lines, halved again and again towards where the answer moves most: a jump on the way is found."""
+    """Halve random lines again and again towards the part where the answer moves most: this finds a jump."""
     start, rng = spread(LINES, 80.0, seed=6), np.random.default_rng(7)
     end = spread(LINES, 80.0, seed=13)
     uv = start.uv.double() + torch.from_numpy(rng.uniform(-0.5, 0.5, (LINES, 2)))
 
     def at(share: Tensor) -> Queries:
         share = share[:, None]
-        # Half way to the other direction at most: about as far as uv goes.
+        # At most half way to the other direction: about as far as uv moves.
         wo, wi = (
             functional.normalize(a + 0.5 * share * (b - a), dim=1) for a, b in ((start.wo, end.wo), (start.wi, end.wi))
         )
@@ -135,13 +135,13 @@ def diverges(subject: Subject) -> None:
         _fit_wildly(subject, path)
     except NotApplicable:
         raise
-    except Exception as error:  # of whatever kind a codec raises: it must say what happened
+    except Exception as error:  # a codec may raise any kind, but it must say what happened
         message = str(error)
         require("diverged" in message or "not finite" in message, "unclear", f"{type(error).__name__}: {message}")
         left = [file.name for file in subject.tested.folder.glob(f"{path.stem}*")]
         require(not left, "left a file", f"left {left}")
         return
-    raise CheckError(f"a fit at a rate of {HIGH_RATE:g} ended as if nothing were wrong", "silent")
+    raise CheckError(f"a fit at a learning rate of {HIGH_RATE:g} ended without an error", "silent")
 
 
 def _fit_wildly(subject: Subject, path: Path) -> None:
@@ -158,7 +158,7 @@ def _fit_wildly(subject: Subject, path: Path) -> None:
 
 def wild_rates(kind: type[Configured]) -> dict[str, float]:
     """The learning rates among the settings, each far too high."""
-    kinds = get_type_hints(kind.Settings)  # without the ranges that types of settings may say
+    kinds = get_type_hints(kind.Settings)  # without the ranges that types of settings may give
     return {name: HIGH_RATE for name in kinds if kinds[name] is float and (name == "rate" or name.endswith("_rate"))}
 
 
@@ -172,7 +172,7 @@ CASES = (
     invariant("continuous at the samples", SAYS_CONTINUOUS, partial(continuous, at_samples)),
     invariant("continuous across the wrap", SAYS_CONTINUOUS, partial(continuous, across_wrap)),
     invariant("continuous across the zenith", SAYS_CONTINUOUS, partial(continuous, across_zenith)),
-    # `neubtf-bench check` has these two already.
+    # `neubtf-bench check` already has these two.
     invariant(
         "size of a batch", check.batches.__doc__ or "", lambda subject: check.batches(subject.tested), cheap=False
     ),

@@ -43,7 +43,7 @@ def hdr(seed: int) -> Array:
 
 @dataclass(frozen=True)
 class PictureCase:
-    """A column: what it is called, the two pictures, and whether they are to be found equal (None: no matter)."""
+    """A column: its name, the two pictures, and whether they must count as equal (None: either)."""
 
     name: str
     make: Callable[[], Pictures]
@@ -54,7 +54,7 @@ class PictureCase:
     def holds(self) -> str:
         """What must hold, in one sentence."""
         words = {True: "exactly no error", False: "a finite number, and some error", None: "a finite number"}
-        return f"{words[self.equal]}; of losses the gradient, too"
+        return f"{words[self.equal]}; the gradient of a loss, too"
 
 
 CASES = (
@@ -78,14 +78,14 @@ def scored(metric: SliceMetric, case: PictureCase) -> None:
     raw = metric.score(metric.prepare(pictures.reference, 1.0), pictures.test)
     require(np.isfinite(raw), f"{raw}", f"the raw number is {raw}")
     value = float(metric.values(np.array([raw]))[0])
-    require(not np.isnan(value), "NaN", "the number in its unit is not a number")
+    require(not np.isnan(value), "NaN", "the number in its unit is NaN")
     perfect = abs(raw - metric.perfect) <= 1e-12
     if case.equal is not None:
-        require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}, a perfect one {metric.perfect}")
+        require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}; a perfect one is {metric.perfect}")
 
 
 def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None:
-    """Compute a loss of log radiances, ours and the target, and its gradient. `CheckError` says what does not hold."""
+    """Compute a loss between log radiances, ours and the target, and its gradient. `CheckError` says what is wrong."""
     pictures = case.make()
     target, ours = (
         torch.from_numpy(np.maximum(x, 0)).mul(LOG_SCALE).log1p() for x in (pictures.reference, pictures.test)
@@ -109,5 +109,5 @@ def subjects() -> dict[str, Callable[[PictureCase], None]]:
 
 
 def judge(test: Callable[[PictureCase], None], case: PictureCase) -> CaseVerdict:
-    """Try a metric or a loss on two pictures; a picture that is too small for it is refused by name."""
+    """Try a metric or a loss on two pictures; the case does not apply if a picture is too small for it."""
     return judged(lambda: test(case), InputError, lambda error: f"{type(error).__name__}: {error}".splitlines()[0])

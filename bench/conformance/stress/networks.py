@@ -1,7 +1,6 @@
 """Numbers inside a decoder at the extremes: in its file, in its layers, in its gradients, in short floats.
 
-What stands here is done to any decoder: to the tensors of its file, and to the linear, norm and sine layers that its
-material holds.
+These changes apply to any decoder: to the tensors of its file, and to the linear, norm and sine layers of its material.
 """
 
 import dataclasses
@@ -27,10 +26,10 @@ FINITE = "finite and not negative"
 
 
 def scaled_texture(subject: Subject) -> Material:
-    """The stored texture times 1e4; of eight bits, its scale and its offset."""
+    """The stored texture times 1e4; for a texture of eight bits, its scale and offset times 1e4."""
     stored = subject.parts.texture
     floats = {name: values.float() * 1e4 for name, values in stored.items() if values.is_floating_point()}
-    applicable(floats, "stores no numbers a texel, only indices")
+    applicable(floats, "stores only indices, and no other numbers, a texel")
     return subject.decode(dataclasses.replace(subject.parts, texture=stored | floats))
 
 
@@ -54,7 +53,7 @@ def of_kind(material: Material, kind: type) -> list[nn.Module]:
 
 @torch.no_grad()
 def constant_vector(subject: Subject) -> Material:
-    """Linear layers that answer one number in every channel, so that layer norms divide by a deviation of 0."""
+    """Linear layers give the same number in every channel, so that layer norms divide by a deviation of 0."""
     material = subject.decode(subject.parts)
     applicable(of_kind(material, nn.LayerNorm), "has no layer norm")
     for layer in of_kind(material, nn.Linear):
@@ -79,7 +78,7 @@ def large_arguments(subject: Subject) -> Material:
 
 @torch.no_grad()
 def overflowing_level(subject: Subject) -> Material:
-    """A last layer that answers a log radiance of 1,000, of which expm1 is no float."""
+    """A last layer that gives a log radiance of 1,000, whose expm1 overflows a float."""
     material = subject.decode(subject.parts)
     applicable(material.modules(), "has no network")
     last = _answering(material)
@@ -89,7 +88,7 @@ def overflowing_level(subject: Subject) -> Material:
 
 
 def _answering(material: Material) -> nn.Linear:
-    """The linear layer that gives the radiance: the last one to run, wherever it stands in its network."""
+    """The linear layer that gives the radiance: the last one to run, whatever its position in the network."""
     ran: list[nn.Linear] = []
     layers = of_kind(material, nn.Linear)
     hooks = [layer.register_forward_hook(lambda layer, *_: ran.append(layer)) for layer in layers]
@@ -117,7 +116,7 @@ def random_and_grazing() -> Queries:
 
 
 def sound(material: Material, what: str = "", queries: Queries | None = None) -> None:
-    """`CheckError` where a material answers something negative or not finite; by default `random_and_grazing`."""
+    """Raise `CheckError` if an answer is negative or not finite; queries default to `random_and_grazing`."""
     queries = queries or random_and_grazing()
     answers = material.query(*queries)
     bad = ~(answers.isfinite() & (answers >= 0)).all(1)
@@ -131,7 +130,7 @@ def spoiled(make: Callable[[Subject], Material], subject: Subject) -> None:
 
 
 def exact_sine(subject: Subject) -> None:
-    """The answers, and the sine itself: float32's against float64's of the same arguments."""
+    """Check the answers, and the sine itself: float32 against float64 at the same arguments."""
     sound(large_arguments(subject))
     x = torch.linspace(-ARGUMENT, ARGUMENT, 100_001)
     worst = float((x.sin().double() - x.double().sin()).abs().max())
@@ -139,7 +138,7 @@ def exact_sine(subject: Subject) -> None:
 
 
 def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
-    """The ordinary material and all that was spoiled answer soundly, as floats of a type where one is given."""
+    """Check the answers of the ordinary material and of all spoiled ones, in another float type if one is given."""
     for name, make in {"ordinary": lambda s: s.decode(s.parts), **SPOILED}.items():
         try:
             material = make(subject)
@@ -149,15 +148,15 @@ def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
 
 
 def eight_bits(subject: Subject) -> None:
-    """Try `all_sound` with the texture stored at eight bits, where the codec can."""
+    """Try `all_sound` with the texture stored at eight bits, if the codec can."""
     settings = {field.name: str(field.type) for field in dataclasses.fields(subject.tested.codec.Settings)}
-    applicable("bits" in settings, "stores no eight bits")
+    applicable("bits" in settings, "cannot store a texture at eight bits")
     codec = subject.codec(bits=8)
     all_sound(Subject(dataclasses.replace(subject.tested, codec=codec), codec.encode(ordinary(), subject.fit())))
 
 
 def gradients_at_zero(subject: Subject) -> None:
-    """Gradients of the answers where every stored number and every weight is exactly 0, the view at the zenith."""
+    """Gradients of the answers if every stored number and every weight is exactly 0 and the view is at the zenith."""
     material = subject.decode(subject.parts)
     leaves: list[Tensor] = [p for network in material.modules() for p in network.parameters()]
     for name, value in vars(material).items():
@@ -175,7 +174,7 @@ def gradients_at_zero(subject: Subject) -> None:
 
 
 def trained_with_firefly(subject: Subject) -> Measured:
-    """Measure what the other texels lose to one firefly, in dB; they stay no worse than mean-colour."""
+    """Measure how many dB the other texels lose to one firefly; they must stay no worse than mean-colour."""
     others = np.ones(ordinary().shape, bool)
     others[3, 5] = False
 
@@ -191,7 +190,7 @@ def trained_with_firefly(subject: Subject) -> Measured:
         f"the other texels have a PSNR of {db[0]:.2f} dB, {db[1]:.2f} dB as mean colours",
     )
     gained = round(db[0] - float(psnr(before, 1.0)), 1)
-    return Measured(f"{gained + 0.0:+.1f} dB")  # no minus before a zero
+    return Measured(f"{gained + 0.0:+.1f} dB")  # avoids −0.0
 
 
 def network(name: str, test: Test, holds: str = FINITE, cheap: bool = True) -> Case:

@@ -1,7 +1,7 @@
-"""What physics asks of a decoder: reciprocity and energy, held against the small material's closed form.
+"""Reciprocity and conservation of energy of a decoder, measured against the small material's closed form.
 
-No codec here is built to keep either, so that the figure is reported; a mean colour, which knows no directions, bounds
-it.
+No codec here is built to keep either, so the figure is reported; that of a mean colour, which ignores directions, is
+the bound.
 """
 
 import math
@@ -19,9 +19,9 @@ from bench.conformance.stress.queries import Queries, spread
 from bench.hemisphere import uniform
 from bench.material import sample_texture
 
-PAIRS = 10_000  # of reciprocity
-VIEWS, LIGHTS = 128, 1024  # of an albedo
-NO_WORSE = 1.01  # times what a mean colour is off by; halves round it by 2⁻¹¹
+PAIRS = 10_000  # pairs for reciprocity
+VIEWS, LIGHTS = 128, 1024  # views and lights for an albedo
+NO_WORSE = 1.01  # times the error of a mean colour, which halves round by 2⁻¹¹
 RECIPROCAL = "exchanging view and light changes f_r no more than a mean colour's"
 CONSERVES = "at most 1, the truth's, or what a mean colour reflects more than these"
 
@@ -29,7 +29,7 @@ Answer = Callable[[Queries], Tensor]
 
 
 def mean_colour() -> Answer:
-    """The answers of the mean-colour codec on the ordinary material, but for its halves."""
+    """The answers of the mean-colour codec on the ordinary material, without the rounding to halves."""
     texture = torch.from_numpy(values().mean(0))
     return lambda queries: sample_texture(texture, queries.uv)
 
@@ -37,7 +37,7 @@ def mean_colour() -> Answer:
 def reciprocity(subject: Subject) -> Measured:
     """Root mean square of f_r(ω_o, ω_i) − f_r(ω_i, ω_o) over the mean of f_r, at pairs up to 75°.
 
-    The ordinary material is reciprocal in closed form, so that all of it is the codec's error.
+    The closed form of the ordinary material is reciprocal, so all of it is the codec's error.
     """
     queries = spread(PAIRS, 75.0, seed=12)
     there = queries._replace(wo=queries.wi, wi=queries.wo)
@@ -55,7 +55,7 @@ def reciprocity(subject: Subject) -> Measured:
 
 
 def energy(subject: Subject) -> Measured:
-    """The directional albedo at random texels and views, as a share of the truth's or of 1 where that is more.
+    """The directional albedo at random texels and views, as a share of the truth's, or of 1 if that is more.
 
     Light comes evenly from all around. The truth is the ordinary material's closed form under the same lights.
     """

@@ -1,4 +1,4 @@
-"""Queries and materials drawn by Hypothesis, seeded; what fails is shrunk to the smallest case, given as a command."""
+"""Queries and materials drawn by Hypothesis from a seed; a failure is shrunk to the smallest case, as a command."""
 
 import importlib.util
 from collections.abc import Callable, Sequence
@@ -13,15 +13,15 @@ from bench.conformance.stress.case import Subject, applicable, require
 from bench.conformance.stress.queries import BOUND, Queries, spread
 from bench.hemisphere import from_degrees, thinned_product, ubo2003
 
-NUMBERS = 9  # of a query: u v, ω_o, ω_i, footprint
+NUMBERS = 9  # numbers of a query: u v, ω_o, ω_i, footprint
 QUERIES_HOLD = "finite, not negative, bounded, 0 below the horizon, periodic, the same alone as among others"
 DATA_HOLDS = "finite, not negative, at most twice the brightest sample"
-FITTED, CLOSED = 12, 60  # drawn materials for a codec that fits in steps, and for one that does not
+FITTED, CLOSED = 12, 60  # drawn materials for a codec that is fitted in steps, and for one that is not
 DRAWN = 200  # drawn queries
 
 
 def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
-    """The answer to one query, nine numbers as `described` writes them; `CheckError` where it breaks a promise."""
+    """The answer to one query, nine numbers as `described` writes them; raises `CheckError` if it breaks a promise."""
     if len(numbers) != NUMBERS:
         raise ValueError(f"a query has {NUMBERS} numbers: u v, ω_o, ω_i, footprint; not {len(numbers)}")
     row = torch.tensor(numbers, dtype=torch.float32)
@@ -32,7 +32,7 @@ def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
     require(answer.isfinite().all() and (answer >= 0).all(), "bad", f"{listed} is negative or not finite")
     require((answer <= BOUND * subject.brightest).all(), f"{answer.max():.3g}", f"{listed}: a firefly")
     if min(query.wo[0, 2], query.wi[0, 2]) <= 0:
-        require(not answer.any(), f"{answer.max():.3g}", f"{listed} below the horizon")
+        require(not answer.any(), f"{answer.max():.3g}", f"{listed} is not 0 below the horizon")
     allowed = ROUNDING * max(1.0, subject.brightest)
     # Sixteenths are exact in float32, here and three periods away.
     place = query._replace(uv=(query.uv * 16).round().remainder(16) / 16)
@@ -41,19 +41,19 @@ def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
     require(apart <= allowed, f"{apart:.2g}", f"three periods away the answer differs by {apart:.3g}")
     among = Queries(*(torch.cat([column.flip(0), one]) for column, one in zip(spread(), query, strict=True)))
     apart = (material.query(*among)[-1] - answer).abs().max().item()
-    require(apart <= allowed, f"{apart:.2g}", f"among others the answer differs by {apart:.3g}")
+    require(apart <= allowed, f"{apart:.2g}", f"in a batch with others the answer differs by {apart:.3g}")
     return answer.tolist()
 
 
 def drawn(height: int, width: int, views: int, lights: int, exponent: int, seed: int) -> BTF:
-    """A material of noise of that size, up to 10 to the power of `exponent`."""
+    """A material of that size, of noise up to 10 to the power of `exponent`."""
     noise = np.random.default_rng(seed).random((views * lights, height, width, 3)) * 10.0**exponent
     source = ArraySource(noise.astype(np.float32))
     return BTF("drawn", *thinned_product(ubo2003(), views, lights), source, periodic=True)
 
 
 def data_hold(subject: Subject, numbers: Sequence[int]) -> float:
-    """The largest decoded value of a material that `drawn` makes of six numbers; `CheckError` where one is off."""
+    """The largest decoded value of a material that `drawn` makes from six numbers; `CheckError` if a value is wrong."""
     encoded = subject.encode(drawn(*numbers), **({"steps": 10} if subject.fits else {}))
     decoded, brightest = encoded.decoded, encoded.truth.max()
     require(np.isfinite(decoded).all() and (decoded >= 0).all(), "bad", "a value is negative or not finite")
@@ -92,7 +92,7 @@ def _numbers(
 
 
 def _search(subject: Subject, word: str, strategy: Any, count: int, holds: Callable[[Subject, Any], object]) -> None:
-    """Try drawn numbers; the smallest that fail are named as a command that tries them again."""
+    """Try drawn numbers; the error gives the smallest that fail, as a command that tries them again."""
     hypothesis, failing = _hypothesis(), []
 
     @hypothesis.settings(
@@ -113,7 +113,7 @@ def _search(subject: Subject, word: str, strategy: Any, count: int, holds: Calla
 
     try:
         attempt()
-    except Exception as raised:  # of whatever kind a codec raises; Hypothesis tries the smallest case last
+    except Exception as raised:  # a codec may raise any kind; Hypothesis tries the smallest case last
         if not failing:
             raise
         numbers, error = failing[-1]

@@ -16,7 +16,7 @@ from bench.hemisphere import from_angles, from_degrees, uniform
 
 COUNT = 64
 UP = torch.tensor([0.0, 0.0, 1.0])
-BOUND = 2.0  # an answer beyond so many times the brightest sample is a firefly
+BOUND = 2.0  # an answer above this many times the brightest sample is a firefly
 LARGE = (1 << 22) + 1
 
 
@@ -38,26 +38,26 @@ def spread(count: int = COUNT, theta_max_deg: float = 75.0, seed: int = 0) -> Qu
 
 
 def grazing(theta_deg: float = 89.99) -> Tensor:
-    """Directions (n, 3) all around at one θ."""
+    """Directions (n, 3) at one θ and all azimuths."""
     return torch.from_numpy(from_degrees(np.full(COUNT, theta_deg), np.arange(COUNT) * 360.0 / COUNT))
 
 
 def barely_above() -> Tensor:
-    """Horizontal directions (n, 3) whose z is positive, and as small as float32 allows."""
+    """Horizontal directions (n, 3) with the smallest positive z of float32."""
     flat = from_angles(np.full(COUNT, math.pi / 2), np.arange(COUNT) * 0.1)
     flat[:, 2] = np.finfo(np.float32).smallest_subnormal
     return torch.from_numpy(flat)
 
 
 def at(wo: Tensor | None = None, wi: Tensor | None = None) -> Callable[[], Queries]:
-    """Random queries with the view, the light or both put elsewhere."""
+    """Random queries with another view, another light, or both."""
     moved = {} if wo is None else {"wo": wo.expand(COUNT, 3).clone()}
     moved |= {} if wi is None else {"wi": wi.expand(COUNT, 3).roll(7, 0)}
     return lambda: spread()._replace(**moved)
 
 
 def light_of_view(*signs: float) -> Callable[[], Queries]:
-    """Random queries whose light is the view, each coordinate times a sign."""
+    """Random queries whose light is the view with each coordinate multiplied by a sign."""
     return lambda: (queries := spread())._replace(wi=queries.wo * torch.tensor(signs))
 
 
@@ -87,14 +87,14 @@ def refused(subject: Subject, queries: Queries) -> None:
     try:
         subject.tested.material.query(queries.uv, bad, queries.wi, queries.footprint)
     except InputError as error:
-        require("row 41" in str(error), "no row", f"the error names no row: {error}")
+        require("row 41" in str(error), "no row", f"the error does not name the row: {error}")
     else:
         raise CheckError("a direction of length 2 was answered", "answered")
     bounded(subject, queries._replace(wo=queries.wo * (1 + 5e-4)))
 
 
 def agree(subject: Subject, ours: Queries, theirs: Queries, tolerance: float = ROUNDING) -> None:
-    """Two sets of queries are answered alike within a tolerance relative to the brightest sample."""
+    """Check that two sets of queries get the same answers, within a tolerance relative to the brightest sample."""
     answers, wanted = (subject.answers(queries) for queries in (ours, theirs))
     apart = (answers - wanted).abs().amax(1)
     worst, allowed = int(apart.argmax()), tolerance * subject.brightest
@@ -127,7 +127,7 @@ def footprint(size: float) -> Callable[[], Queries]:
 
 
 def batch_of(count: int, subject: Subject) -> None:
-    """One batch of so many queries: few different ones, in turns, which are asked again in a small batch."""
+    """One batch of so many queries: a few different ones in turns, which are asked again in a small batch."""
     few = spread(1021, seed=3)
     turns = torch.arange(count) % len(few.uv)
     answers, wanted = subject.answers(Queries(*(column[turns] for column in few))), subject.answers(few)
@@ -145,12 +145,12 @@ def described(queries: Queries, row: int) -> str:
 def query(
     name: str, make: Callable[[], Queries], holds: Callable[[Subject, Queries], None] = bounded, cheap: bool = True
 ) -> Case:
-    """A case: what it is called, how the queries are made, what must hold of the answers."""
+    """A case: its name, how the queries are made, and what must hold of the answers."""
     return Case("queries", name, holds.__doc__ or "", lambda subject: holds(subject, make()), cheap)
 
 
 def below() -> Queries:
-    """Views and lights at z = 0, −0 and below, by turns."""
+    """Views and lights in turns at z = 0, at −0 and below."""
     queries = spread()
     side = torch.arange(COUNT) % 2 == 0
     flat = grazing(90.0)
@@ -180,6 +180,6 @@ CASES = (
     query("footprint 1e-9", footprint(1e-9)),
     query("footprint 10", footprint(10.0)),
     Case("queries", "batch of 0", "no answer", partial(batch_of, 0), cheap=True),
-    Case("queries", "batch of 1", "the answer is that in a larger batch", partial(batch_of, 1), cheap=True),
-    Case("queries", "batch of 2²² + 1", "the answers are those in a smaller batch", partial(batch_of, LARGE)),
+    Case("queries", "batch of 1", "the same answer as in a larger batch", partial(batch_of, 1), cheap=True),
+    Case("queries", "batch of 2²² + 1", "the same answers as in a smaller batch", partial(batch_of, LARGE)),
 )

@@ -18,7 +18,7 @@ from bench.runs.executors import Workers
 
 
 def chosen(codecs: Sequence[str], names: Sequence[str]) -> tuple[list[str], list[Case]]:
-    """The codecs, by default all that are installed, and the cases, by default all. `InputError` for unknown ones."""
+    """The chosen codecs (by default all installed ones) and cases (by default all). `InputError` for unknown names."""
     known = {case.name: case for case in CASES}
     for name in names:
         if name not in known:
@@ -28,7 +28,8 @@ def chosen(codecs: Sequence[str], names: Sequence[str]) -> tuple[list[str], list
 
 
 def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Progress = silent) -> Iterator[Record]:
-    """A record for each codec and case, as workers finish: a codec's material cases are one task, the rest another."""
+    """A record for each codec and case, as workers finish: the material cases of a codec are one task, its other cases
+    another."""
     names = {case.name for case in cases}
     tasks = [
         (codec, [case.name for case in CASES if case.name in names and (case.group == "data") == of_data])
@@ -39,7 +40,7 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
     waiting: set[Future[list[Record]]] = set()
     for number, task in enumerate(tasks):
         show("stress", number - len(waiting), len(tasks))
-        waiting.add(workers.executor.submit(attempt, *task))  # waits for a worker that is free
+        waiting.add(workers.executor.submit(attempt, *task))  # waits for a free worker
         for future in [future for future in waiting if future.done()]:
             waiting.remove(future)
             yield from future.result()
@@ -50,7 +51,7 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
 
 
 def attempt(codec: str, names: Sequence[str]) -> list[Record]:
-    """The records of some cases of one codec, in a folder of their own; what is logged on the way is not shown."""
+    """The records of some cases of one codec, in a folder of their own; their log is not shown."""
     kind = load_codec(codec)
     with tempfile.TemporaryDirectory() as folder, _quiet():
         subject = subject_of(kind, Path(folder))
@@ -79,10 +80,10 @@ def picture_records() -> Iterator[Record]:
 
 
 def _record(subject: str, case: Case | metrics.PictureCase, verdict: CaseVerdict) -> Record:
-    """A line of `records.jsonl`: `subject` is a codec, or of the group `pictures` a metric or a loss.
+    """A line of `records.jsonl`: `subject` is a codec or, in the group `pictures`, a metric or a loss.
 
-    `used` is the share of the bound that a comparison with float64 uses, else None. Beside what stands here it says
-    `order`, the place in the catalogue, and of a codec `version`.
+    `used` is the share of the bound that a comparison with float64 uses, else None. The record also has `order`, the
+    place in the catalogue, and for a codec its `version`.
     """
     about = {"kind": "stress", "subject": subject, "group": case.group, "extreme": case.name, "holds": case.holds}
     return about | dataclasses.asdict(verdict)

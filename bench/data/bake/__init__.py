@@ -1,7 +1,7 @@
-"""Bakes a folder of PBR maps to a BTF: recognises them by name, orients them, renders them by
-`bench.data.materials.renderer`, or with inter-reflections by a path tracer that is given.
+"""Bakes a folder of PBR maps to a BTF: recognises them by name, orients them, renders them with
+`bench.data.materials.renderer`, or with inter-reflections by a given path tracer.
 
-`neubtf-bench bake` writes it where it is told; a suite or `run --material FOLDER` bakes into the cache.
+`neubtf-bench bake` writes the BTF to a given path; a suite or `run --material FOLDER` bakes into the cache.
 """
 
 import hashlib
@@ -67,9 +67,9 @@ def bake(
     """Render a surface at the pairs that `data` asks for and write it: `.npz`, or a folder of EXR pictures.
 
     Pairs are those of the built-in materials (`bench.data.spec`): a product, then held-out pairs, drawn by `seed`.
-    Values are linear Rec. 709 f_r · cos θ_i. The result appears under its name when it is complete.
-    What a path tracer had finished when it was killed is kept beside `out`, and taken up by the same call.
-    Raises `InputError` where `out` cannot be written or counts are out of range.
+    Values are linear Rec. 709 f_r · cos θ_i. The result appears under its name when it is complete. If a path tracer is
+    killed, its finished slices stay beside `out`, and the same call resumes from them. Raises `InputError` if `out`
+    cannot be written or counts are out of range.
     """
     wo, wi = data.everything(surface.name, seed)
     heldout = np.arange(len(wo)) >= data.views * data.lights if data.heldout else None
@@ -122,11 +122,11 @@ def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -
 def open_svbrdf(
     folder: Path, data: Preparation, show: Progress, draw: int = 0, path_tracer: PathTracer | None = None
 ) -> BTF:
-    """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` is of its test pairs.
+    """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` selects its test pairs.
 
-    Training pairs and held-out pairs are separate files, so another draw does not bake the product again.
-    What a path tracer had finished when it was killed is kept beside them, and taken up by the next call.
-    Raises `InputError` for maps that cannot be recognised or read, and for counts out of range.
+    Training pairs and held-out pairs are separate files, so another draw does not bake the product again. If a path
+    tracer is killed, its finished slices stay beside them, and the next call resumes from them. Raises `InputError` for
+    maps that cannot be recognised or read, and for counts out of range.
     """
     tracer = path_tracer.described() if path_tracer else {}
     product = _cached(folder, data.size, Pairs(*data.product()), _sampled(data) | tracer, show, path_tracer)
@@ -146,11 +146,12 @@ def open_svbrdf(
 def _cached(
     folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], show: Progress, path_tracer: PathTracer | None
 ) -> BTF:
-    """A folder of maps at some pairs; `sampled` describes them and the tracer. From the cache, or baked into it."""
+    """A folder of maps at some pairs; `sampled` describes them and the tracer. Read from the cache, or baked into
+    it."""
     maps, name = recognise(folder), folder.resolve().name
     path = cache_dir() / "materials" / f"{name}-{size}-{_key(maps, size, sampled)[:24]}.npz"
     if not path.exists():
-        with atomic.locked(path):  # two that bake at once would share what a killed one left
+        with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
             if not path.exists():
                 surface = read_surface(maps, size)
                 log.warning("baking %s\n%s", folder, table(surface))

@@ -1,8 +1,8 @@
 """Compares a normal map with a displacement map, and finds which of the two is inverted.
 
 Normals that lean against the slopes, n ∝ (−∂h/∂x, −∂h/∂y, 1), agree. Both possible mistakes change signs: an inverted
-displacement (dark is high) flips both axes, a normal map with green downwards (DirectX) flips y alone. So the sign
-along x decides about the displacement, and then the sign along y about the normal map.
+displacement (dark is high) flips both axes, a normal map with green downwards (DirectX) flips only y. So the sign along
+x decides on the displacement, and then the sign along y on the normal map.
 """
 
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 Array = np.ndarray
-CLEAR = 0.2  # from this correlation on the maps decide, not their names; maps of one asset reach 0.6 to 0.9
+CLEAR = 0.2  # from this correlation on, the maps decide instead of their names; maps of one asset reach 0.6 to 0.9
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Correlations of normals and slopes along x and y, 0 where there is nothing to compare.
+    """Correlations of normals and slopes along x and y; 0 if there is nothing to compare.
 
     `depth` is the height of white over black, in widths of the picture, with which the slopes fit the normals best.
     """
@@ -25,14 +25,14 @@ class Agreement:
     depth: float | None = None
 
     def verdict(self, named_depth: bool, normal_role: str) -> tuple[bool, bool]:
-        """Whether the displacement is inverted (dark is high), and whether green points down; else as named."""
+        """Whether the displacement is inverted (dark is high), and whether green points down; by names if unclear."""
         named_down = normal_role == "normal_dx"
         y = -self.y if named_down else self.y
         if abs(self.x) >= CLEAR:
             inverted = self.x < 0
             down = (self.y < 0) != inverted if abs(self.y) >= CLEAR else named_down
             return inverted, down
-        if abs(y) >= CLEAR and normal_role != "normal":  # ridges along x alone: the normal map's name must do
+        if abs(y) >= CLEAR and normal_role != "normal":  # ridges only along x: use the normal map's name
             return y < 0, named_down
         return named_depth, named_down
 

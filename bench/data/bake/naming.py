@@ -1,7 +1,7 @@
 """Assigns the files of a folder to maps, by the names of ambientCG, Poly Haven, glTF exporters and Substance.
 
-A file's name is cut into words at separators and capitals, the words that all pictures begin with (the asset's name)
-are left out, and the last phrase that the vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map.
+A file's name is cut into words at separators and capitals. Words with which all names begin (the asset's name) are left
+out. The last phrase that the vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map.
 """
 
 import os
@@ -29,7 +29,7 @@ _PHRASES = {
 }
 _ROLES = {phrase: role for role, phrases in _PHRASES.items() for phrase in phrases.split(", ")}
 _LONGEST = max(len(phrase.split()) for phrase in _ROLES)
-# Of several files for the same map, the first role is taken.
+# If several files give the same map, the first role is used.
 _CHOICES = (("normal_gl", "normal_dx", "normal"), ("displacement", "depth"))
 
 
@@ -47,7 +47,7 @@ class MapFiles:
 
 
 def looks_like_maps(folder: Path) -> bool:
-    """True where a folder holds two maps by name, and no list of pairs or lights that makes it a BTF."""
+    """True if a folder holds two maps by name, and no list of pairs or lights that makes it a BTF."""
     if not folder.is_dir():
         return False
     names = os.listdir(folder)
@@ -57,7 +57,7 @@ def looks_like_maps(folder: Path) -> bool:
 
 
 def recognise(folder: Path) -> MapFiles:
-    """The maps of a folder. Raises `InputError` where the albedo is missing or two files claim one role."""
+    """The maps of a folder. Raises `InputError` if the albedo is missing or two files have the same role."""
     try:
         names = sorted(os.listdir(folder))
     except OSError as error:
@@ -74,18 +74,18 @@ def recognise(folder: Path) -> MapFiles:
         raise InputError(f"{folder}: no albedo among its files ({seen}): name one like albedo.png or NAME_diff.jpg")
     for role, several in by_role.items():
         if len(several) > 1:
-            raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: leave one in the folder")
+            raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: keep one in the folder")
     files = {role: several[0] for role, several in by_role.items()}
     for choice in _CHOICES:
         for role in [role for role in choice if role in files][1:]:
-            unused[files.pop(role)] = "another file tells the same"
+            unused[files.pop(role)] = "another file gives the same map"
     if {"roughness", "metalness"} <= set(files) and "packed" in files:
-        unused[files.pop("packed")] = "roughness and metalness are there unpacked"
+        unused[files.pop("packed")] = "the folder has separate roughness and metalness"
     return MapFiles(folder, files, unused)
 
 
 def _roles(names: list[str]) -> dict[str, str]:
-    """The role of each picture among files, empty where its name says none."""
+    """The role of each picture among files; empty if its name gives none."""
     pictures = [name for name in names if name.lower().endswith(PICTURES) and not name.startswith(".")]
     words = {name: _words(Path(name).stem) for name in pictures}
     columns = takewhile(lambda column: len(set(column)) == 1, zip(*words.values(), strict=False))
@@ -99,7 +99,7 @@ def _words(stem: str) -> list[str]:
 
 
 def _role(words: list[str]) -> str:
-    """The role of the phrase that ends last; of several, the longest."""
+    """The role of the phrase that ends last; if several do, of the longest."""
     for end in range(len(words), 0, -1):
         for start in range(max(0, end - _LONGEST), end):
             if role := _ROLES.get(" ".join(words[start:end])):

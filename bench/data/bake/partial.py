@@ -13,7 +13,7 @@ COUNT = "finished"
 
 
 class Partial:
-    """Slices (N, H, W, 3) float32 in a hidden folder beside `out`; `done` of them are finished, the first ones.
+    """Slices (N, H, W, 3) float32 in a hidden folder beside `out`; the first `done` of them are finished.
 
     `key` is made from everything that determines the values; slices under another key are not used.
     """

@@ -1,7 +1,7 @@
-"""Reads the maps of a folder as a surface to render: decoded, oriented, at the size of the bake.
+"""Reads the maps of a folder as a surface to render: decodes, orients and resizes them for the bake.
 
-Albedo is decoded from sRGB, every other map is read as its plain codes. Pictures are shrunk by area averages of those
-values, normals as vectors and renormalised.
+Albedo is decoded from sRGB; the codes of every other map are used directly. Pictures are shrunk by area averages of
+these values; normals are averaged as vectors and renormalised.
 """
 
 from dataclasses import dataclass, field
@@ -17,15 +17,15 @@ from bench.errors import InputError
 from bench.metrics.display import encode_srgb
 
 Array = np.ndarray
-SUB_POINTS = 4  # points a side that make a texel; see docs/baking.md for what 2 and 8 would change
-JUDGED = 256  # longest side at which normals and displacement are compared, whatever the bake's size
+SUB_POINTS = 4  # points along each side of a texel; docs/baking.md compares 2 and 8
+JUDGED = 256  # longest side at which normals and displacement are compared, for any size of the bake
 DEFAULT_DEPTH = 0.02
 DEFAULT_ROUGHNESS = 0.5
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A periodic surface ready to bake; `shape` (H, W) is the bake's, `notes` say what each map was taken for."""
+    """A periodic surface ready to bake; `shape` (H, W) is the bake's, `notes` say how each map was used."""
 
     name: str
     shape: tuple[int, int]
@@ -37,8 +37,8 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     """The surface of a folder's maps for a bake whose longer side has `size` texels; square map texels stay square.
 
     `depth` is the height of code 1 (white) over code 0 (black) of the displacement, in units of the picture's width. By
-    default it is the one whose slopes fit those of the normal map best, else 0.02.
-    Raises `InputError` that names the file for pictures that cannot be read or differ in proportion.
+    default its slopes fit the normal map best; without a normal map it is 0.02. Raises `InputError` that names the file
+    if pictures cannot be read or differ in proportion.
     """
     reader = _Reader(map_files, size)
     notes = {role: name for role, name in map_files.files.items() if role != "packed"}
@@ -72,10 +72,10 @@ class _Reader:
         self.albedo = self._albedo()
         self.full = self.albedo.shape[:2]
         self.shape = _fitted(self.full, size)
-        self.grid = self.limited(SUB_POINTS * size)  # one map texel per sub-point: no detail is skipped
+        self.grid = self.limited(SUB_POINTS * size)  # one map texel per sub-point, so no detail is skipped
 
     def limited(self, longest: int) -> tuple[int, int]:
-        """The maps' own size, shrunk where its longer side exceeds `longest`."""
+        """The maps' own size, shrunk if its longer side exceeds `longest`."""
         return _fitted(self.full, min(longest, max(self.full)))
 
     def shrunk(self, picture: Array) -> Array:
@@ -89,7 +89,7 @@ class _Reader:
         return picture
 
     def codes(self, role: str) -> Array | None:
-        """A map that is no colour, (H, W, 3) at full size: codes as fractions of white, EXR as stored."""
+        """A map that is not a colour, (H, W, 3) at full size: codes as fractions of white, EXR as stored."""
         if role not in self.roles:
             return None
         name = self.roles[role]
@@ -97,8 +97,8 @@ class _Reader:
         if abs(height * self.full[1] / (width * self.full[0]) - 1) > 0.01:
             other = self.files.label(self.roles["albedo"])
             raise InputError(
-                f"{self.files.label(name)}: {width} x {height} pixels are not of the same proportion as the "
-                f"{self.full[1]} x {self.full[0]} of {other}: bring both to one"
+                f"{self.files.label(name)}: {width} x {height} pixels have another proportion than the "
+                f"{self.full[1]} x {self.full[0]} of {other}: give both the same"
             )
         picture = read_picture(self.files, name)
         stored = kind_of(self.files.head(name, 8)) in ("exr", "hdr")
@@ -117,14 +117,14 @@ class _Reader:
 
 
 def _fitted(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
-    """(H, W) of the same proportion whose longer side is `longest`."""
+    """The (H, W) of the same proportion with longer side `longest`."""
     height, width = (max(1, round(side * longest / max(shape))) for side in shape[:2])
     return height, width
 
 
 def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tuple[Array | None, Array | None]:
-    """Mean normals (H, W, 3), the shorter the more they vary, and displacement (H, W) in units of the width; None where
-    there is no map."""
+    """Mean normals (H, W, 3), which are shorter if they vary more, and displacement (H, W) in units of the width; each
+    is None without a map."""
     normal_role = next((role for role in ("normal_gl", "normal_dx", "normal") if role in reader.roles), "")
     height_role = next((role for role in ("displacement", "depth") if role in reader.roles), "")
     codes = reader.codes(normal_role)
@@ -159,7 +159,7 @@ def _roughened(roughness: Array | float, length: Array) -> Array:
 
 
 def _vectors(codes: Array, label: str) -> Array:
-    """Unit vectors of a tangent-space normal map's codes: n = 2 · code − 1."""
+    """Unit vectors from the codes of a tangent-space normal map: n = 2 · code − 1."""
     normal = 2 * codes - 1
     if normal[..., 2].mean() < 0.3:
         raise InputError(f"{label}: its blue is too dark for a tangent-space normal map: bake it in tangent space")
@@ -171,8 +171,8 @@ def _unit(normal: Array) -> Array:
 
 
 def _anisotropy(reader: _Reader) -> tuple[Array | float, Array | float]:
-    """Strength and direction. A coloured map packs both (glTF KHR_materials_anisotropy: red, green direction; blue
-    strength); else a grey angle map counts once round, counter-clockwise (Substance)."""
+    """Strength and direction. A coloured map packs both (glTF KHR_materials_anisotropy: direction in red and green,
+    strength in blue); a grey angle map goes once around, counter-clockwise (Substance)."""
     picture = reader.codes("anisotropy")
     if picture is None:
         return 0.0, 0.0

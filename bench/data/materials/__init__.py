@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bench.codec import Progress
     from bench.data.materials.maps import Recipe
 
-_REGISTRY: dict[str, tuple[str, str]] = {  # name → "module:Class" of this package, and what it is
+_REGISTRY: dict[str, tuple[str, str]] = {  # name → "module:Class" of this package, and a description
     "brick": ("photographs:Brick", "rough diffuse relief: brickwork from a photograph"),
     "gravel": ("photographs:Gravel", "rough diffuse relief with sharp shadows, from a photograph"),
     "grass": ("photographs:Grass", "fine, irregular relief from a photograph"),
@@ -55,12 +55,12 @@ def load(
 ) -> "BTF":
     """A built-in material as a periodic BTF of size² texels, rendered once and then mapped from the cache.
 
-    Pairs are those of a `Preparation` with the fields given by name: `load("satin", views=81, lights=81)`. They are
-    the product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights + light), then
-    `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks: test pairs, of a
-    `draw`, or those of `split="validation"`, to choose settings by. `seed` shapes the material's random structure and
-    the held-out pairs. `show(label, done, pairs)` is called while rendering. Raises `InputError` for an unknown name or
-    direction set and for counts out of range.
+    Pairs are those of a `Preparation` with the fields given by name: `load("satin", views=81, lights=81)`. They are the
+    product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights + light), then
+    `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks: test pairs of one
+    `draw`, or with `split="validation"` those by which settings are chosen. `seed` determines the material's random
+    structure and the held-out pairs. `show(label, done, pairs)` is called while rendering. Raises `InputError` for an
+    unknown name or direction set and for counts out of range.
     """
     from bench.data.materials.store import load_or_render
     from bench.data.spec import Preparation

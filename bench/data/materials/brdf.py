@@ -7,11 +7,11 @@ With t, b, n the components along tangent, bitangent and normal, h the unit half
 - V = G₂ / (4 o_n i_n) = 0.5 / (i_n Λ(o) + o_n Λ(i)), Λ(x) = √(α_t² x_t² + α_b² x_b² + x_n²): Smith's height-correlated
   masking and shadowing (Heitz 2014, eq. 99, with the anisotropic projected roughness of section 5.3).
 - F = F0 + (F90 − F0)(1 − o·h)⁵ (Schlick 1994).
-- f = F D V + (1 − F_d(o_n)) (1 − F_d(i_n)) (1 − metalness) · base / π, with F_d the dielectric's Fresnel term: what is
-  reflected on the way in or out cannot be scattered below, which is reciprocal and keeps the albedo below one
+- f = F D V + (1 − F_d(o_n)) (1 − F_d(i_n)) (1 − metalness) · base / π, with F_d the dielectric's Fresnel term: light
+  that is reflected on the way in or out is not scattered below. This is reciprocal and keeps the albedo below one
   (Shirley et al. 1997; Ashikhmin and Shirley 2000).
 
-Arrays are NumPy's or PyTorch's, so a codec fits the very reflectance that the renderer has.
+Arrays are NumPy's or PyTorch's, so a codec can fit exactly the reflectance that the renderer uses.
 """
 
 from dataclasses import dataclass

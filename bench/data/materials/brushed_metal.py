@@ -12,7 +12,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class BrushedMetal:
-    """Scratches are white noise drawn out along x; they tilt the surface across, and change its width and tint."""
+    """Scratches are white noise stretched along x; they tilt the surface across, and change its roughness and tint."""
 
     resolution: int = 256
     height: float = 0.0012  # deviation of the scratches' depth

@@ -1,7 +1,7 @@
-"""A periodic height field: where a bundle of parallel rays meets it, and what a distant light reaches.
+"""A periodic height field: its intersections with a bundle of parallel rays, and its shadows under a distant light.
 
-All rays of a view are parallel and start on a regular grid, so that one marching step of the whole bundle is a shift
-of the height map; no scattered read is needed. Heights and grid cells are in units of the picture's width, heights
+All rays of a view are parallel and start on a regular grid, so one marching step of the whole bundle is a shift of the
+height map, and no scattered reads are needed. Heights and grid cells are in units of the picture's width, heights
 relative to the reference plane z = 0, the mean. Grid row i has its centre at y = (H − i − 0.5) · cell_y: rows grow
 downwards, y up.
 """
@@ -17,7 +17,7 @@ class HeightField:
     """`height` is (H, W) float32, periodic; `aspect` is the picture's physical height over its width."""
 
     def __init__(self, height: Array, aspect: float):
-        above = height - height.min()  # exactly 0 on a plane, whatever its height
+        above = height - height.min()  # exactly 0 on a plane of any height
         self.height = np.ascontiguousarray(above - above.mean(dtype=np.float64), np.float32)
         self.shape = self.height.shape
         self.cell = (aspect / self.shape[0], 1 / self.shape[1])

@@ -14,7 +14,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Leather:
-    """Pebbles are the cells of scattered points (Worley 1996): the further from the border of two cells, the higher."""
+    """Pebbles are the cells of scattered points (Worley 1996): they rise with the distance from the borders."""
 
     resolution: int = 256
     height: float = 0.02

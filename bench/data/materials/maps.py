@@ -29,9 +29,9 @@ class Maps:
       s = √(1 − 0.9 · anisotropy) (Burley 2012).
     - `angle`: direction in which the highlight is stretched, across the scratches or fibres; radians from +x,
       counter-clockwise, the same modulo π.
-    - `normal`: unit vectors (OpenGL: y up) to shade with instead of the slopes of `height`; None takes those.
+    - `normal`: unit vectors (OpenGL: y up) for shading instead of the slopes of `height`; None uses the slopes.
 
-    Raises `InputError` where shapes differ, a value is not finite or one of the weights lies outside [0, 1].
+    Raises `InputError` if shapes differ, a value is not finite or one of the weights lies outside [0, 1].
     """
 
     height: Map
@@ -74,7 +74,7 @@ class Recipe(Protocol):
     """A material's parameters as a frozen dataclass; they are part of the key of every rendering."""
 
     def maps(self, seed: int) -> Maps:
-        """The surface, at a resolution of its own; the same for the same seed and parameters."""
+        """The surface, at a resolution of its choice; the same for the same seed and parameters."""
         ...
 
 
@@ -88,7 +88,7 @@ def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     try:
         array = np.broadcast_to(array, wanted)
     except ValueError:
-        raise InputError(f"map {name} has shape {array.shape}, the others ask for {wanted}") from None
+        raise InputError(f"map {name} has shape {array.shape}, but the others need {wanted}") from None
     if not np.isfinite(array).all():
         raise InputError(f"map {name} holds values that are not finite")
     if name not in ("height", "angle", "normal") and (array.min() < 0 or array.max() > 1):

@@ -1,4 +1,4 @@
-"""Reliefs from photographs in scikit-image, which are grey and not periodic: they are coloured and made periodic."""
+"""Reliefs from grey photographs in scikit-image; they are coloured and made periodic."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ Array = np.ndarray
 
 
 def _detail(picture: Array, sigma: float) -> Array:
-    """The picture less its slow changes, zero mean and unit deviation."""
+    """The picture without its low frequencies, with zero mean and unit deviation."""
     detail = picture - gaussian_filter(picture, sigma, mode="wrap")
     return (detail - detail.mean()) / detail.std()
 
@@ -45,7 +45,7 @@ class Brick:
 def _rectified(picture: Array) -> Array:
     """The wall with its long joints made parallel and turned flat, cut in two joints eight courses apart: (324, 400).
 
-    The numbers are those that make the mean over the courses' length vary most.
+    The numbers were chosen so that the mean along the courses varies most.
     """
     y, x = np.mgrid[0:400, 0:400] / 399.0
     row = 30 + 475 * y

@@ -1,4 +1,4 @@
-"""Maps and directions → slices of a BTF: primary visibility with parallax, one distant light, self-shadowing.
+"""Renders slices of a BTF from maps and directions: primary visibility with parallax, one light, self-shadowing.
 
 A value is the mean of f_r · (n·ω_i)⁺ · V over the fixed sub-points of a texel: the radiance leaving toward ω_o per unit
 irradiance on a plane that faces the light. Texel (row, col) is viewed through its place on the reference plane, the
@@ -29,7 +29,7 @@ DESCRIBED = {
     "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
 }
 RENDERER_VERSION = 3  # increment when a value changes; part of the key of every cached rendering
-SUB_POINTS = 2  # along each side of a texel; see docs/materials.md for what it costs and what 3 would change
+SUB_POINTS = 2  # along each side of a texel; docs/materials.md compares 3
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ class View:
     wo: Array
     points: brdf.Points
     frame: Array  # (3 components, 3 axes t b n, s, H · W)
-    cell: Array  # (s, H · W) the grid cell of each point, for visibility
+    cell: Array  # (s, H · W) grid cell of each point, for visibility
 
 
 class Renderer:
     """A surface prepared to render pictures of `size` (H, W), each texel the mean of sub_points² fixed sub-points.
 
-    The maps are resized to a working grid that is a whole multiple of the sub-points; maps much finer than the
-    sub-points should be shrunk before (`Maps.resized`), else their detail is aliased.
+    The maps are resized to a working grid that is a whole multiple of the sub-points; shrink maps that are much finer
+    than the sub-points first (`Maps.resized`), or their detail is aliased.
     """
 
     def __init__(self, maps: Maps, size: tuple[int, int], sub_points: int = 2):
@@ -155,18 +155,18 @@ def render(
     """Slices (N, H, W, 3) of a surface at N pairs, linear Rec. 709: each view is traced once and each light cast once.
 
     `wo` and `wi` are (N, 3) unit vectors with z > 0; `size` is (H, W), rows at the top first. `out`, any float array of
-    that shape (a memory map, say), receives the slices, as infinity where its type cannot hold a highlight; float32 is
-    made where it is None. `show(label, done, N)` is called
-    after each view. Uses one thread for each processor this process may run on; the result does not depend on how many.
+    that shape such as a memory map, receives the slices, with infinity for highlights that its type cannot hold; None
+    makes a float32 array. `show(label, done, N)` is called after each view. Uses one thread for each processor that
+    this process may use; the result does not depend on their number.
     """
     wo, wi = (np.asarray(d, np.float32).reshape(-1, 3) for d in (wo, wi))
     if wo.shape != wi.shape or not (np.minimum(wo[:, 2], wi[:, 2]) > 0).all():
-        raise InputError("wo and wi must be as many directions, all above the horizon (z > 0)")
+        raise InputError("wo and wi must have the same number of directions, all above the horizon (z > 0)")
     renderer = Renderer(maps, size, sub_points)
     result = np.empty((len(wo), *size, 3), np.float32) if out is None else out
     views, view_of = np.unique(wo, axis=0, return_inverse=True)
     lights, light_of, uses = np.unique(wi, axis=0, return_inverse=True, return_counts=True)
-    view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # numpy 2.0 alone gives (N, 1)
+    view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # only numpy 2.0 gives (N, 1)
 
     def light(index: int) -> Array | None:
         return renderer.light(lights[index]) if uses[index] > 1 else None

@@ -19,8 +19,8 @@ class Satin:
 
     resolution: int = 256
     threads: int = 10  # warp threads and weft threads in a tile, a multiple of five
-    height: float = 0.011  # how far a thread bulges above the interlacing plane
-    twist_deg: float = 12.0  # of the fibres against the axis of their thread
+    height: float = 0.011  # height of a thread above the interlacing plane
+    twist_deg: float = 12.0  # angle of the fibres to the axis of their thread
     roughness: float = 0.42
     anisotropy: float = 0.85
     warp_srgb: tuple[float, float, float] = (150, 22, 48)

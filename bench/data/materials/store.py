@@ -1,7 +1,7 @@
 """Renderings on disk: rendered once, then memory-mapped. A rendering exists when its description (.json) does.
 
-The description is written last and both files are renamed into place, so that an interrupted rendering leaves nothing
-that a reader would accept. Values are float16 (half the bytes, 5e-4 relative), float32 where a highlight overflows.
+The description is written last and both files are renamed into place, so readers never accept an interrupted rendering.
+Values are float16 (half the bytes, 5e-4 relative), or float32 if a highlight would overflow.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class StoredSource(ArraySource):
-    """A rendering whose fingerprint is the key it was rendered under, so that opening it reads no values."""
+    """A rendering whose fingerprint is its cache key, so that opening it reads no values."""
 
     def __init__(self, values: Array, key: str):
         super().__init__(values)
@@ -79,8 +79,8 @@ def _rendered(
     pairs: tuple[Array, Array],
     sampled: dict[str, Any],
 ) -> BTF:
-    """A surface at some pairs, `wo` and `wi`, which `sampled` describes: from the cache, or rendered into it."""
-    # Everything that determines the values; its hash is the cache key, and `BTF.provenance` holds it.
+    """A surface at some pairs, `wo` and `wi`, which `sampled` describes: read from the cache, or rendered into it."""
+    # Everything that determines the values. Its hash is the cache key, and `BTF.provenance` contains it.
     described: dict[str, Any] = {
         "source": RENDERED,
         "renderer_version": RENDERER_VERSION,
@@ -105,12 +105,12 @@ def _rendered(
                 _write(path, recipe, *pairs, shape, seed, described, show)
                 values = _read(path, shape)
     if values is None:
-        raise InputError(f"{path}: cannot be read back after writing it; is the disk full?")
+        raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
     return BTF(name, *pairs, StoredSource(values, key), periodic=True, provenance=described)
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> Array | None:
-    """The stored values, memory-mapped; None where there is no finished rendering of that shape."""
+    """The stored values, memory-mapped; None if there is no finished rendering of that shape."""
     if not path.with_suffix(".json").exists():
         return None
     try:

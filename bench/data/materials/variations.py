@@ -1,8 +1,8 @@
 """Any number of training surfaces for shared networks, which are then measured on the built-in materials.
 
 Half are the built-in recipes that are procedural (satin, brushed metal, leather, cable-knit) with every parameter drawn
-anew; the photographs (brick, gravel, grass) are left out, since another colour would be the same relief. Half are
-patchworks: two substances over a random relief. Number n is the same surface everywhere.
+at random; the photographs (brick, gravel, grass) are left out, because another colour would not change their relief.
+The other half are patchworks: two substances over a random relief. Number n is the same surface everywhere.
 """
 
 from collections.abc import Callable
@@ -18,14 +18,14 @@ from bench.data.materials.maps import Maps, Recipe
 from bench.data.materials.noise import mix, normalised, smooth, srgb
 from bench.data.materials.satin import Satin
 
-RESOLUTION = 128  # of the maps: rendered at 32², a texel is as fine against the relief as those of the suites
+RESOLUTION = 128  # of the maps: at 32² texels, the relief is as coarse in texels as in the suites
 Colour = tuple[float, float, float]
 Pair = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Patchwork:
-    """Two substances, one in the low places or strewn about, over noise that is more or less flattened to plateaus."""
+    """Two substances, one of them in low places or scattered, over noise that is partly flattened to plateaus."""
 
     resolution: int
     height: float
@@ -33,7 +33,7 @@ class Patchwork:
     detail: float  # relief of a quarter of the grain
     plateau: float  # 0: hills; 1: almost two levels
     low: float  # share of the mask that follows the height
-    cover: float  # about which height the substances change
+    cover: float  # height about which the substances change
     srgb: tuple[Colour, Colour]
     roughness: Pair
     metalness: Pair
@@ -81,7 +81,7 @@ def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
     from bench.data.spec import Preparation
 
     kind, recipe = variation(number)
-    # Seed 0 is that of the built-in materials, whose random structure must not be trained on.
+    # The built-in materials use seed 0, and their random structure must not be trained on.
     data = Preparation(size, heldout=heldout, split="validation")
     return load_or_render(f"variation-{number}-{kind}", recipe, data, number + 1)
 

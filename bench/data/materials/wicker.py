@@ -16,7 +16,7 @@ class Wicker:
 
     resolution: int = 256
     height: float = 0.09
-    rods: int = 8  # in a tile, an even number, as the stakes
+    rods: int = 8  # in a tile; an even number, like the stakes
     stakes: int = 4
     roughness: float = 0.5
     willow_srgb: tuple[float, float, float] = (182, 134, 78)

@@ -1,7 +1,7 @@
-"""Readers of measured BTFs. `open_btf` chooses one by what a file or folder holds, never by its extension.
+"""Readers of measured BTFs. `open_btf` chooses one by the content of a file or folder, never by its extension.
 
-To add a reader, write one file with a function `opened(seen)` and add one line below. It is given a
-`bench.data.readers.candidate.Candidate` and returns the BTF, or None where the file or folder is not of its format.
+To add a reader, write one file with a function `opened(seen)` and add one line below. The function gets a
+`bench.data.readers.candidate.Candidate` and returns the BTF, or None if the file or folder has another format.
 """
 
 import importlib
@@ -11,7 +11,7 @@ from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
 from bench.errors import InputError
 
-# A module of this package, or any other by its full name, and what it opens. They are asked in this order.
+# A module of this package, or any other by its full name, and the format that it opens. They are tried in this order.
 READERS = {
     "folder": "a folder with pairs.csv",
     "rti": "an RTI folder or .lp list",
@@ -28,11 +28,11 @@ READERS = {
 def open_btf(path: str | Path) -> BTF:
     """Open a file or folder as a BTF, lazily: cheap checks are made now, values are read on demand.
 
-    Raises `InputError` that names the file, what was seen and what to do.
+    Raises `InputError` that names the file, the fault and the remedy.
     """
     path, supported = Path(path), ", ".join(READERS.values())
     if not path.exists():
-        raise InputError(f"{path}: no such file or folder: give {supported}")
+        raise InputError(f"{path}: there is no such file or folder: give {supported}")
     try:
         seen = Candidate.read(path)
         for name in READERS:

@@ -18,7 +18,7 @@ class Candidate:
 
     @classmethod
     def read(cls, path: Path) -> "Candidate":
-        """Look at a path; `OSError` where it cannot be read."""
+        """Look at a path; `OSError` if it cannot be read."""
         if path.is_dir():
             return cls(path, b"")
         refuse_pipe(path)
@@ -48,17 +48,17 @@ class Candidate:
 
     @property
     def first_line(self) -> str:
-        """The first line of a file of text; "" of an archive."""
+        """The first line of a text file; "" for an archive."""
         if self.is_zip:
             return ""
         return self.head.decode("utf-8-sig", "replace").lstrip().split("\n", 1)[0].strip()
 
     @property
     def described(self) -> str:
-        """The reason why it is no known BTF, and a remedy, in words."""
+        """The reason why it is not a known BTF, and the start of a remedy."""
         if self.is_folder:
             held = ", ".join(sorted(p.name for p in self.path.iterdir())[:3]) or "nothing"
-            return f"no BTF folder (it holds {held}): add pairs.csv, or"
+            return f"it is not a BTF folder (it holds {held}): add pairs.csv, or"
         if self.is_zip:
-            return f"an archive of no BTF known here (it holds {', '.join(self.names[:3]) or 'nothing'}):"
-        return f"begins with {self.head[:10]!r}, no BTF known here:"
+            return f"it is not an archive of a known BTF (it holds {', '.join(self.names[:3]) or 'nothing'}):"
+        return f"it begins with {self.head[:10]!r}, like no known BTF:"

@@ -11,14 +11,14 @@ HORIZON = 1e-6
 
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
-    """Unit vectors (N, 3) float32 of finite vectors above the horizon, whose length is 1 within `tolerance`."""
+    """Unit vectors (N, 3) float32 from finite vectors above the horizon, whose length is 1 within `tolerance`."""
     with np.errstate(over="ignore", invalid="ignore"):
         vectors = np.asarray(vectors, np.float64)
         length = np.linalg.norm(vectors, axis=1)
     good = np.isfinite(length) & (np.abs(length - 1) <= tolerance)
     if not good.all():
         row = int(np.argmin(good))
-        raise InputError(f"{label(row)}: {_listed(vectors[row])} is no unit vector: give x y z of length 1")
+        raise InputError(f"{label(row)}: {_listed(vectors[row])} is not a unit vector: give x y z of length 1")
     above = vectors[:, 2] > HORIZON
     if not above.all():
         row = int(np.argmin(above))
@@ -29,7 +29,7 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
 
 
 def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> None:
-    """Raise unless every θ (radians) lies in [0°, 90°) and every φ in [−360°, 360°]."""
+    """Raise `InputError` unless every θ (radians) lies in [0°, 90°) and every φ in [−360°, 360°]."""
     with np.errstate(over="ignore", invalid="ignore"):
         theta_deg, phi_deg = np.degrees(np.asarray(theta, np.float64)), np.degrees(np.asarray(phi, np.float64))
         steep = ~((theta_deg >= -1e-4) & (np.cos(np.radians(theta_deg)) > HORIZON) & (theta_deg < 90.0))
@@ -44,13 +44,13 @@ def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what:
 
 
 def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
-    """Raise where two of the pairs (wo[i], wi[i]), each (N, 3), are the same; both are named."""
+    """Raise `InputError` if two of the pairs (wo[i], wi[i]), each (N, 3), are equal; it names both."""
     key = np.round(np.concatenate([wo, wi], 1).astype(np.float64), 6) + 0.0
     order = np.lexsort(key.T[::-1])
     same = np.flatnonzero((key[order[1:]] == key[order[:-1]]).all(1))
     if len(same):
         first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
-        raise InputError(f"{label(second)}: the same view and light as {label(first)}: leave one of the two out")
+        raise InputError(f"{label(second)}: it has the same view and light as {label(first)}: leave one of the two out")
 
 
 def view_major(wo: Array, wi: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Named files in a folder, read without state, so that threads and forks can share them; those of a zip: `ZipFiles`."""
+"""Named files in a folder, read without state, so threads and forks can share them; `ZipFiles` reads archives."""
 
 import hashlib
 from collections.abc import Iterable
@@ -18,11 +18,11 @@ class FolderFiles:
         self.root = root
 
     def label(self, name: str) -> str:
-        """The name that messages give the file."""
+        """The name of the file in messages."""
         return str(self.root / name)
 
     def has(self, name: str) -> bool:
-        """True where the name is a regular file (a pipe would make a reader wait)."""
+        """Whether the name is a regular file (a pipe would make a reader wait)."""
         return (self.root / name).is_file()
 
     def size(self, name: str) -> int:
@@ -32,7 +32,7 @@ class FolderFiles:
             return (self.root / name).stat().st_size
 
     def head(self, name: str, count: int) -> bytes:
-        """The first `count` bytes, fewer where the file ends."""
+        """The first `count` bytes, or fewer if the file ends."""
         refuse_pipe(self.root / name)
         with readable(self.label(name)), open(self.root / name, "rb") as stream:
             return stream.read(count)
@@ -40,11 +40,11 @@ class FolderFiles:
     def read(self, name: str) -> bytes:
         """All bytes; a file above `MAX_FILE` is refused."""
         if self.size(name) > MAX_FILE:
-            raise InputError(f"{self.label(name)}: larger than {MAX_FILE >> 20} MiB: split it")
+            raise InputError(f"{self.label(name)}: it is larger than {MAX_FILE >> 20} MiB: split it")
         return self.head(name, MAX_FILE)
 
     def digest(self, names: Iterable[str]) -> str:
-        """Hex digest of the files; of large sets, of sizes and spread blocks of each file."""
+        """Hex digest of the files; for large sets, of the sizes and spread blocks of each file."""
         names = list(names)
         sizes = [self.size(name) for name in names]
         digest = hashlib.sha256()
@@ -56,7 +56,7 @@ class FolderFiles:
 
 
 def file_digest(path: Path) -> str:
-    """Hex digest of a file: all of it up to 64 MiB, else its size and 256 blocks of 64 KiB spread over it."""
+    """Hex digest of a file: of all its bytes up to 64 MiB, else of its size and 256 spread blocks of 64 KiB."""
     size = path.stat().st_size
     digest = hashlib.sha256(str(size).encode())
     _update(digest, path, size, None if size <= WHOLE else 256 * BLOCK)

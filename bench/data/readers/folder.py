@@ -33,7 +33,7 @@ def opened(seen: Candidate) -> BTF | None:
     """The BTF of a folder with `pairs.csv`, or of that list, or None; pairs sorted by view, then by light.
 
     Radiance is linear Rec. 709 f_r · cos θ_i as the pictures hold it: EXR and .hdr as stored, 8- and 16-bit codes
-    decoded as sRGB. Raises `InputError` naming `pairs.csv` and the row for whatever cannot be used.
+    decoded as sRGB. Raises `InputError` that names `pairs.csv` and the row of any fault.
     """
     path = seen.path if seen.is_folder else seen.path.parent
     if not (path / LIST).is_file() if seen.is_folder else ANGLES[0] not in seen.first_line:
@@ -79,18 +79,18 @@ def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     """Line number and cells of each line of `pairs.csv`; empty lines are left out."""
     with readable(str(path), "save it as plain comma-separated text in UTF-8"):
         if path.stat().st_size > MAX_LIST:
-            raise InputError(f"{path}: larger than {MAX_LIST >> 20} MiB: no list of pairs")
+            raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of pairs")
         reader = csv.reader(io.StringIO(path.read_text("utf-8-sig"), newline=""), skipinitialspace=True)
         lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader if any(cells)]
     if not lines:
-        raise InputError(f"{path}: empty: give a header {','.join(COLUMNS)} and one line a picture")
+        raise InputError(f"{path}: it is empty: give a header {','.join(COLUMNS)} and one line a picture")
     header = lines[0][1]
     missing = [name for name in COLUMNS if name not in header]
     if missing or len(set(header)) < len(header):
         fault = f"without column {', '.join(missing)}" if missing else "with a column twice"
         raise InputError(f"{path}: a header {fault} ({','.join(header)[:100]!r}): it needs {','.join(COLUMNS)}")
     if len(lines) == 1:
-        raise InputError(f"{path}: lists no picture: add one line a picture below the header")
+        raise InputError(f"{path}: it lists no picture: add one line a picture below the header")
     for number, cells in lines[1:]:
         if len(cells) != len(header):
             raise InputError(f"{path}, line {number}: {len(cells)} cells under {len(header)} columns: mend the line")
@@ -105,13 +105,13 @@ def _angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
             values.append(float(row[name]))
         except ValueError as error:
             raise InputError(
-                f"{_row(path, number)}: {name} = {row[name][:40]!r} is no number: give degrees, like 22.5"
+                f"{_row(path, number)}: {name} = {row[name][:40]!r} is not a number: give degrees, like 22.5"
             ) from error
     return values
 
 
 def _heldout(path: Path, rows: list[tuple[int, dict[str, str]]]) -> Array | None:
-    """Mask (N,) of the column `split`, None where there is none or where it holds nothing out."""
+    """Mask (N,) of the column `split`; None without that column, or if it holds nothing out."""
     if "split" not in rows[0][1]:
         return None
     for number, row in rows:
@@ -124,27 +124,27 @@ def _heldout(path: Path, rows: list[tuple[int, dict[str, str]]]) -> Array | None
 
 
 def _notes(path: Path) -> dict[str, Any]:
-    """The contents of `btf.json`, {} where there is none."""
+    """The contents of `btf.json`; {} without that file."""
     if not path.is_file():
         return {}
     with readable(str(path), "mend the file or remove it"):
         if path.stat().st_size > MAX_LIST:
-            raise InputError(f"{path}: larger than {MAX_LIST >> 20} MiB: remove it")
+            raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB: remove it")
         notes = json.loads(path.read_text("utf-8"))
     if not isinstance(notes, dict) or not isinstance(notes.get("provenance", {}), dict):
-        raise InputError(f"{path}: must hold an object with an object `provenance`: mend the file or remove it")
+        raise InputError(f"{path}: it must hold an object with an object `provenance`: mend the file or remove it")
     return notes
 
 
 def write_folder(btf: BTF, path: str | Path) -> None:
     """Write a BTF as a folder: one EXR (float, R G B) a pair, `pairs.csv`, and `btf.json` with name and provenance.
 
-    Slices are read one at a time and written without loss; a declared split becomes the column `split`. The list
-    comes last, so that a folder left half-way is no BTF. Raises `InputError` where the folder already holds one.
+    Slices are read one at a time and written without loss; a declared split becomes the column `split`. The list is
+    written last, so an unfinished folder is not a BTF. Raises `InputError` if the folder already holds one.
     """
     folder = Path(path)
     if (folder / LIST).exists():
-        raise InputError(f"{folder}: already holds {LIST}: choose another folder")
+        raise InputError(f"{folder}: it already holds {LIST}: choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
     names = [f"{index:05d}.exr" for index in range(len(btf))]
     for name, picture in zip(names, btf, strict=True):

@@ -1,12 +1,12 @@
 """The HDF5 files of neural BTF codecs: `ground_color` (N, H, W, 3), `ground_camera_dir` and `ground_light` (N, 2).
 
 The two directions of a picture are x and y of unit vectors away from the surface, as NeuralBTF writes and reads them
-(https://github.com/mandyxmq/NeuralBTF-release). Where a file is called `…_full…` and one `…_random…` lies beside it,
-the pairs of the latter are held out, as that code does. In it, and in NeuMIP (https://github.com/straintensor/NeuMIP),
-which brought these names, a place's second coordinate and y both grow with the row: row 0 is the bottom of the picture.
+(https://github.com/mandyxmq/NeuralBTF-release). If a file called `…_full…` has one called `…_random…` beside it, the
+pairs of the latter are held out, as in that code. There, and in NeuMIP (https://github.com/straintensor/NeuMIP), which
+introduced these names, v and y both grow with the row, so row 0 is the bottom of the picture.
 
-NeuMIP and the Hierarchical Architecture store a direction for each *pixel*, drawn at random or of a near camera, the
-way that light travels; such a file holds no picture of one pair, and is refused. Biplane trains on EXR files instead.
+NeuMIP and the Hierarchical Architecture store a direction for each *pixel*, random or of a near camera, the way that
+light travels. Such a file holds no picture of a single pair, and is refused. Biplane trains on EXR files instead.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ def opened(seen: Candidate) -> BTF | None:
     """The BTF of an HDF5 file in the order stored, or None; the pairs of its held-out file, if any, come last.
 
     Radiance is taken as linear Rec. 709 and as photographed. Pictures are read by windows, on demand. Raises
-    `InputError` naming the file, the data set and the row.
+    `InputError` that names the file, the data set and the row.
     """
     if not seen.head.startswith(SIGNATURE):
         return None
@@ -52,7 +52,7 @@ def opened(seen: Candidate) -> BTF | None:
     if other.shape != btf.shape:
         (height, width), (rows, cols) = other.shape, btf.shape
         raise InputError(
-            f"{heldout}: pictures of {width} x {height}, but {path.name} has {cols} x {rows}: move it away"
+            f"{heldout}: its pictures are {width} x {height}, those of {path.name} {cols} x {rows}: move it away"
         )
     whole = with_heldout(btf, other, heldout=f"the {len(other)} pairs of {heldout.name}")
 
@@ -70,7 +70,7 @@ def _open(path: Path) -> BTF:
             raise InputError(f"{path}: {COLOUR} is {colour.shape}: it must be (N, H, W, 3)")
         count, height, width = colour.shape[:3]
         if count > MAX_PAIRS or height * width > MAX_PIXELS:
-            raise InputError(f"{path}: {COLOUR} of {colour.shape} is absurd: {MAX_PAIRS} pairs are the limit")
+            raise InputError(f"{path}: {COLOUR} of {colour.shape} is too large: the limit is {MAX_PAIRS} pairs")
         wo, wi = (_directions(path, key, data, count) for key, data in ((VIEW, view), (LIGHT, light)))
         source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), (colour.chunks or (1,))[0])
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
@@ -91,23 +91,23 @@ def _open(path: Path) -> BTF:
 
 @contextmanager
 def _file(path: Path) -> Iterator[Any]:
-    """The open file. It is opened for each read, so that threads and forks share no state of the library."""
+    """The open file. It is opened for each read, so threads and forks share no state of the library."""
     try:
         import h5py
     except ImportError as error:
-        raise InputError(f"{path}: HDF5 is read by h5py: pip install 'neubtf-bench[hdf5]'") from error
+        raise InputError(f"{path}: reading HDF5 needs h5py: pip install 'neubtf-bench[hdf5]'") from error
     with readable(str(path)), h5py.File(path, "r", locking=False) as file:
         yield file
 
 
 def _stored(path: Path, file: Any, key: str) -> Any:
-    """A data set of plain floats whose values lie in this very file and whose size its bytes can hold."""
+    """A data set of plain floats, with values in this file and a size that its bytes can hold."""
     import h5py
 
     link = file.get(key, getlink=True) if key in file else None
     if not isinstance(link, h5py.HardLink) or not isinstance(file[key], h5py.Dataset):
         held = ", ".join(sorted(file)[:5])[:200] or "nothing"
-        raise InputError(f"{path}: no data set {key} (it holds {held}): it needs {COLOUR}, {VIEW}, {LIGHT}")
+        raise InputError(f"{path}: it has no data set {key}, but {held}: it needs {COLOUR}, {VIEW}, {LIGHT}")
     data = file[key]
     if data.is_virtual or data.external:
         raise InputError(f"{path}: {key} lies in other files: copy it into this one")
@@ -120,7 +120,7 @@ def _stored(path: Path, file: Any, key: str) -> Any:
 
 
 def _directions(path: Path, key: str, data: Any, count: int) -> Array:
-    """Unit vectors (N, 3) float32 of a data set of x and y."""
+    """Unit vectors (N, 3) float32 from a data set of x and y."""
     if data.ndim == 4:
         raise InputError(
             f"{path}: {key} is {data.shape}, a direction for each pixel, as NeuMIP's own files have: a BTF needs one "

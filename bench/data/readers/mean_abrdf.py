@@ -14,9 +14,9 @@ KEY = "rgb_geomean"
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF (1 × 1 texel) of a mean ABRDF, or None: view-major, linear Rec. 709, cosine of the light included.
+    """The BTF (1 × 1 texel) of a mean ABRDF, or None: view-major, linear Rec. 709, including the cosine of the light.
 
-    `theta_deg` and `phi_deg` (V,) give the directions of both sides. Raises `InputError` naming file and array.
+    `theta_deg` and `phi_deg` (V,) give the directions of both sides. Raises `InputError` that names file and array.
     """
     if not seen.is_zip or f"{KEY}.npy" not in seen.names:
         return None

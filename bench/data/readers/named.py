@@ -42,12 +42,12 @@ def open_pictures(path: Path, pattern: re.Pattern[str], provenance: dict[str, An
     """The BTF of the pictures in a folder or zip whose names match; pairs sorted by view, then by light.
 
     Groups of the pattern are θ_i, φ_i, θ_o, φ_o in whole degrees; `options` go to `pictures.read_picture`. Raises
-    `InputError` naming the picture where angles are out of range, a pair comes twice or sizes differ.
+    `InputError` that names the picture if angles are out of range, a pair appears twice or sizes differ.
     """
     files: Files = FolderFiles(path) if path.is_dir() else ZipFiles(path)
     names = matching(list_folder(path) if isinstance(files, FolderFiles) else sorted(files.entries), pattern)
     if not names:
-        raise InputError(f"{path}: holds no picture named like tl000 pl000 tv000 pv000: give the folder that does")
+        raise InputError(f"{path}: it holds no picture named like tl000 pl000 tv000 pv000: give the folder that does")
     matches = [pattern.search(name) for name in names]
     degrees = np.array([[int(group) for group in match.groups()] for match in matches if match], np.float64)
 

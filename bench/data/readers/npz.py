@@ -13,7 +13,7 @@ from bench.data.readers.checks import no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
 from bench.errors import InputError, readable
 
-NOTES = 16 << 20  # bytes of a provenance, at most, four to a character
+NOTES = 16 << 20  # the most bytes of a provenance, four to a character
 
 
 class NpzSource(ArraySource):
@@ -40,9 +40,9 @@ class NpzSource(ArraySource):
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of an `.npz`, or None; its radiance is memory-mapped where `numpy.savez` (uncompressed) wrote it.
+    """The BTF of an `.npz`, or None; its radiance is memory-mapped if `numpy.savez` (uncompressed) wrote it.
 
-    Radiance is linear Rec. 709 f_r · cos θ_i, taken as stored, in the order stored. Raises `InputError` naming the
+    Radiance is linear Rec. 709 f_r · cos θ_i, taken as stored, in the order stored. Raises `InputError` that names the
     file, the array and the row.
     """
     if not seen.is_zip or "radiance.npy" not in seen.names:
@@ -103,9 +103,11 @@ def _provenance(files: ZipFiles) -> dict[str, Any]:
     label = files.label("provenance.npy")
     array = stored(files, "provenance")
     if array.shape != () or array.dtype.kind != "U" or array.dtype.itemsize > NOTES:
-        raise InputError(f"{label}: {array.shape} {array.dtype} is no text of {NOTES >> 22} M: leave the array out")
+        raise InputError(
+            f"{label}: {array.shape} {array.dtype} is not a text up to {NOTES >> 22} M: leave the array out"
+        )
     with readable(label, "leave the array out"):
         notes = json.loads(str(array.values()))
         if not isinstance(notes, dict):
-            raise InputError(f"{label}: must hold an object: leave the array out")
+            raise InputError(f"{label}: it must hold an object: leave the array out")
         return notes

@@ -24,7 +24,7 @@ _TURNS: dict[int, Callable[[Array], Array]] = {
 
 
 def orientation(data: bytes, kind: str | None) -> int:
-    """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 where none is noted, or none that is one."""
+    """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 without a valid note."""
     in_png = (content for name, content in png_chunks(data) if name == b"eXIf")
     payload = next({"jpeg": _jpeg_notes(data), "png": in_png}.get(kind or "", iter(())), b"")
     if not payload:
@@ -37,7 +37,7 @@ def orientation(data: bytes, kind: str | None) -> int:
         try:
             notes.load(payload)
             noted = notes.get(TAG)
-        except Exception:  # damaged notes raise many types; the picture is then as it is stored
+        except Exception:  # damaged notes raise many types; the picture is then used as stored
             return 1
     return noted if isinstance(noted, int) and noted in _TURNS else 1
 
@@ -63,7 +63,7 @@ def _jpeg_notes(data: bytes) -> Iterator[bytes]:
 
 
 def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Name and content of the chunks of a PNG before its pixels; ends with `IDAT`, where the data reach that far."""
+    """Name and content of the chunks of a PNG before its pixels; ends with `IDAT`, if the data contain it."""
     at = PNG_START
     while at + 8 <= len(data):
         size, name = struct.unpack_from(">I4s", data, at)

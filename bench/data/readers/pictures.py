@@ -1,7 +1,7 @@
 """Pictures as linear Rec. 709 RGB: JPEG, PNG (8 and 16 bit), OpenEXR (half and float) and Radiance RGBE.
 
-The kind is told from the first bytes, never from the name. Sizes come from headers alone, so that thousands of
-pictures are checked in a second and an absurd size is refused before anything is allocated.
+The first bytes tell the kind, never the name. Sizes come only from headers, so thousands of pictures are checked in a
+second, and an absurd size is refused before anything is allocated.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ MAX_PIXELS = 1 << 26
 PIXELS_PER_BYTE = 8192
 SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
 
-# IEC 61966-2-1: the primaries and the white (D65) of sRGB, which are those of Rec. 709.
+# IEC 61966-2-1: the primaries and the white (D65) of sRGB, equal to those of Rec. 709.
 XYZ_TO_REC709 = np.array(
     [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
 )
@@ -61,7 +61,7 @@ def _size_and_orientation(files: Files, name: str) -> tuple[tuple[int, int], int
     data = files.head(name, 4096)
     kind = kind_of(data)
     if kind is None:
-        raise InputError(f"{label}: begins with {data[:8]!r}, no picture known here: {SUPPORTED}")
+        raise InputError(f"{label}: it begins with {data[:8]!r}, like no known picture: {SUPPORTED}")
     with readable(label, "the picture is damaged; get it again"):
         size = _SIZES[kind](data, label)
         if not size and len(data) < total:
@@ -71,7 +71,7 @@ def _size_and_orientation(files: Files, name: str) -> tuple[tuple[int, int], int
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
     height, width = size
     if min(size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * total):
-        raise InputError(f"{label}: a header of {width} x {height} pixels on {total} bytes is absurd: get it again")
+        raise InputError(f"{label}: its header says {width} x {height} pixels, but it has {total} bytes: get it again")
     noted = orientation(data, kind)
     return upright_size(size, noted), noted
 
@@ -97,7 +97,7 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False) -> Array:
             codes = _read_codes(files.read(name), kind, upright_size((height, width), noted), label)
             picture = upright(codes, noted)
     if picture.shape != (height, width, 3):
-        raise InputError(f"{label}: holds {picture.shape}, but its header says {(height, width, 3)}: get it again")
+        raise InputError(f"{label}: it holds {picture.shape}, but its header says {(height, width, 3)}: get it again")
     return finite(picture, label)
 
 
@@ -105,7 +105,7 @@ class PictureSource(Source):
     """One picture a pair, all of one size, in a folder or a zip. `texels` and `gather` go through the scratch file."""
 
     def __init__(self, files: Files, names: Sequence[str], labels: Sequence[str] | None = None, **options: Any):
-        """Checks that every picture is there and of the same size, by headers. `labels` name the entries in errors."""
+        """Check by headers that every picture exists and has the same size. `labels` name the entries in errors."""
         self.files, self.names, self.options = files, list(names), options
         self.count = len(self.names)
         self.turned: dict[str, int] = {}
@@ -120,13 +120,13 @@ class PictureSource(Source):
             if size != self.shape:
                 raise InputError(
                     f"{label}: {name} is {size[1]} x {size[0]} pixels, but {self.names[0]} is "
-                    f"{self.shape[1]} x {self.shape[0]}: bring all pictures to one size"
+                    f"{self.shape[1]} x {self.shape[0]}: give all pictures one size"
                 )
 
     def slice(self, pair: int) -> Array:
         picture = read_picture(self.files, self.names[pair], **self.options)
         if picture.shape[:2] != self.shape:
-            raise InputError(f"{self.files.label(self.names[pair])}: changed its size since it was opened")
+            raise InputError(f"{self.files.label(self.names[pair])}: its size changed since it was opened")
         return picture
 
     def fingerprint(self) -> str:
@@ -138,18 +138,18 @@ class PictureSource(Source):
 
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2), None where the data ends before it."""
+    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before it."""
     at = 2
     while at + 10 <= len(data):
         if data[at] != 0xFF:
-            raise InputError(f"{label}: no JPEG marker at offset {at}: the picture is damaged; get it again")
+            raise InputError(f"{label}: there is no JPEG marker at offset {at}: the picture is damaged; get it again")
         marker = data[at + 1]
         if marker in (0xFF, 0x01) or 0xD0 <= marker <= 0xD8:
             at += 1 if marker == 0xFF else 2
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             _, height, width, channels = struct.unpack_from(">BHHB", data, at + 4)
             if channels not in (1, 3):
-                raise InputError(f"{label}: a JPEG of {channels} channels (CMYK?): save it as RGB")
+                raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
             return height, width
         else:
             at += 2 + max(2, struct.unpack_from(">H", data, at + 2)[0])
@@ -158,7 +158,7 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
 
 def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
     if data[12:16] != b"IHDR":
-        raise InputError(f"{label}: a PNG without its header: the picture is damaged; get it again")
+        raise InputError(f"{label}: this PNG has no header: the picture is damaged; get it again")
     width, height = struct.unpack_from(">II", data, 16)
     notes_are_seen = any(name == b"IDAT" for name, _ in png_chunks(data))
     return (height, width) if notes_are_seen else None
@@ -170,22 +170,22 @@ def _exr_size(data: bytes, label: str) -> tuple[int, int] | None:
         return None
     missing = [name for name in ("channels", "dataWindow", "displayWindow") if name not in attributes]
     if missing:
-        raise InputError(f"{label}: an EXR without {', '.join(missing)}: save it anew")
+        raise InputError(f"{label}: this EXR lacks {', '.join(missing)}: save it again")
     window = struct.unpack("<4i", attributes["dataWindow"])
     if window != struct.unpack("<4i", attributes["displayWindow"]):
         raise InputError(f"{label}: its data window differs from its display window: save it uncropped")
     if "tiles" in attributes and max(struct.unpack_from("<II", attributes["tiles"])) > 4096:
-        raise InputError(f"{label}: an EXR of tiles above 4096 pixels: save it in scan lines")
+        raise InputError(f"{label}: this EXR has tiles above 4096 pixels: save it in scan lines")
     _exr_choice(attributes, label)
     return window[3] - window[1] + 1, window[2] - window[0] + 1
 
 
 def _exr_attributes(data: bytes, label: str) -> dict[str, bytes] | None:
-    """The header of a single-part EXR by attribute name, None where the data ends before the header does."""
+    """The header of a single-part EXR by attribute name; None if the data end before the header does."""
     version = struct.unpack_from("<I", data, 4)[0]
     if version & 0xFF != 2 or version & 0x1800:
         raise InputError(
-            f"{label}: a deep or multi-part EXR (version field {version:#x}): save it as a single flat part"
+            f"{label}: this EXR is deep or multi-part (version field {version:#x}): save it as a single flat part"
         )
     attributes: dict[str, bytes] = {}
     at = 8
@@ -225,12 +225,12 @@ def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
     else:
         missing = ", ".join(c for c in "RGB" if c not in channels)
         raise InputError(
-            f"{label}: channel {missing} missing (it holds {', '.join(sorted(channels)) or 'none'}): "
+            f"{label}: it has no channel {missing} (but {', '.join(sorted(channels)) or 'none'}): "
             "save it with channels R, G, B"
         )
     for name in choice:
         if channels[name] not in ((1, 1, 1), (2, 1, 1)):
-            raise InputError(f"{label}: channel {name} is no full half or float channel: save it as half or float RGB")
+            raise InputError(f"{label}: channel {name} is not full-size half or float: save it as half or float RGB")
     return choice
 
 
@@ -270,7 +270,7 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
 
 
 def _check_inflated(data: bytes, size: tuple[int, int], label: str) -> None:
-    """Raise where the compressed pixels would inflate far beyond what (H, W) of 16-bit RGBA can hold."""
+    """Raise `InputError` if the compressed pixels would inflate far beyond (H, W) of 16-bit RGBA."""
     packed, at = bytearray(), 8
     while at + 8 <= len(data):
         length = struct.unpack_from(">I", data, at)[0]
@@ -313,7 +313,7 @@ class _HdrHeader(NamedTuple):
 
 
 def _hdr_header(data: bytes) -> _HdrHeader | None:
-    """The header of a Radiance picture (Ward, "Real Pixels", Graphics Gems II), None where the data ends before it."""
+    """The header of a Radiance picture (Ward, "Real Pixels", Graphics Gems II); None if the data end before it."""
     end = data.find(b"\n\n")
     line_end = data.find(b"\n", end + 2)
     if end < 0 or line_end < 0:
@@ -333,13 +333,13 @@ def _hdr_header(data: bytes) -> _HdrHeader | None:
 
 
 def _read_hdr(data: bytes) -> Array:
-    """A Radiance picture (H, W, 3) float32, upright whatever its axis order, divided by its exposure."""
+    """A Radiance picture (H, W, 3) float32, upright for any axis order, divided by its exposure."""
     header = _hdr_header(data)
     if header is None:
         raise ValueError("the header ends early")
     lines, length = header.counts
     rgbe = _hdr_pixels(data, header.start, lines, length)
-    # m · 2^(e − 136) as in rgbe.c and OpenCV, so that black stays black; Ward's own reader adds half a code.
+    # m · 2^(e − 136) as in rgbe.c and OpenCV, so black stays black; Ward's own reader adds half a code.
     scale = np.ldexp(np.float32(1 / header.exposure), rgbe[..., 3].astype(np.int32) - 136)
     with np.errstate(over="ignore"):
         picture = rgbe[..., :3] * scale[..., None]
@@ -361,7 +361,7 @@ def _hdr_pixels(data: bytes, at: int, lines: int, length: int) -> Array:
     planes = []
     for _ in range(lines):
         if data[at : at + 4] != first:
-            raise ValueError(f"no scan line at offset {at}")
+            raise ValueError(f"there is no scan line at offset {at}")
         line, at = _hdr_line(data, at + 4, 4 * length)
         planes.append(line)
     return np.frombuffer(b"".join(planes), np.uint8).reshape(lines, 4, length).swapaxes(1, 2)
@@ -381,5 +381,5 @@ def _hdr_line(data: bytes, at: int, length: int) -> tuple[bytes, int]:
         if count == 0 or at > len(data):
             raise ValueError(f"a bad run at offset {at}")
     if len(line) != length:
-        raise ValueError(f"a scan line too long before offset {at}")
+        raise ValueError(f"the scan line before offset {at} is too long")
     return bytes(line), at

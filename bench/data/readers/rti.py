@@ -19,10 +19,10 @@ MAX_LIST = 16 << 20
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of an `.lp` list or the folder of one, or None: one view (0, 0, 1), lights sorted by θ, then φ.
+    """The BTF of an `.lp` list or of its folder, or None: one view (0, 0, 1), lights sorted by θ, then φ.
 
-    Codes are decoded as sRGB to linear Rec. 709. Radiance is as photographed, so the cosine is the light's own fall
-    on the surface; its scale is the camera's exposure. Raises `InputError` naming the list and the line.
+    Codes are decoded as sRGB to linear Rec. 709. Radiance is as photographed, so it contains the cosine of the light;
+    its scale is the camera's exposure. Raises `InputError` that names the list and the line.
     """
     path = find_list(seen.path) if seen.is_folder else seen.path if seen.first_line.isdecimal() else None
     if path is None:
@@ -55,11 +55,11 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def find_list(folder: Path) -> Path | None:
-    """The one `.lp` file of a folder, None where there is none; an `InputError` where there are several."""
+    """The only `.lp` file of a folder; None if there is none, `InputError` if there are several."""
     lists = sorted(p for p in folder.iterdir() if p.suffix.lower() == ".lp" and p.is_file())
     if len(lists) > 1:
         raise InputError(
-            f"{folder}: holds several lists ({', '.join(p.name for p in lists[:5])}): give the path of one"
+            f"{folder}: it holds several lists ({', '.join(p.name for p in lists[:5])}): give the path of one"
         )
     return lists[0] if lists else None
 
@@ -68,14 +68,16 @@ def _read_list(path: Path) -> tuple[list[str], list[int], np.ndarray]:
     """Image names, their line numbers and the vectors (N, 3) float64 of a list."""
     with readable(str(path), "save it as plain text"):
         if path.stat().st_size > MAX_LIST:
-            raise InputError(f"{path}: larger than {MAX_LIST >> 20} MiB: no list of lights")
+            raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of lights")
         text = path.read_text("utf-8-sig")
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines or not lines[0][1].isdecimal():
         raise InputError(f"{path}: its first line is not the count of images: write the count there")
     entries = [_entry(path, number, line) for number, line in lines[1:]]
     if len(entries) != int(lines[0][1][:18]) or not entries:
-        raise InputError(f"{path}: line 1 says {lines[0][1][:18]} images, {len(entries)} are listed: correct the count")
+        raise InputError(
+            f"{path}: line 1 says {lines[0][1][:18]} images, the list has {len(entries)}: correct the count"
+        )
     return [name for name, _ in entries], [n for n, _ in lines[1:]], np.array([vector for _, vector in entries])
 
 
@@ -89,7 +91,8 @@ def _entry(path: Path, number: int, line: str) -> tuple[str, list[float]]:
 
 
 def _picture(files: FolderFiles, listed: str, label: str) -> str:
-    """The picture a line means: as listed below the folder, else by its bare name (lists often keep foreign paths)."""
+    """The picture of a line: by its listed path in the folder, else by its bare name (lists often have foreign
+    paths)."""
     tidy = listed.replace("\\", "/")
     bare = tidy.rsplit("/", 1)[-1]
     with readable(label):

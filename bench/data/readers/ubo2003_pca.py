@@ -1,9 +1,9 @@
 """UBO2003 materials as a local PCA in PNGs: blocks of adjacent views, each a sum of eight products of texels and pairs.
 
-A folder holds `meta.json`, `0.png` … `7.png` and `R.png`, all RGBA of 8 bits whose bytes are read in order. Picture j
-has component j of each block: the texels of block 0 row by row, then those of block 1. The first pixels of R.png have,
-for each column ((view in block · lights + light) · 3 + colour) of a block, its eight weights; then come the singular
-values of all blocks, two a pixel. Byte b is b / 255 · 2 − 1, a singular value 10 · b + 0.1 · c of two bytes.
+A folder holds `meta.json`, `0.png` … `7.png` and `R.png`, all RGBA of 8 bits with their bytes in order. Picture j has
+component j of each block: the texels of block 0 row by row, then those of block 1. The first pixels of R.png have, for
+each column ((view in block · lights + light) · 3 + colour) of a block, its eight weights; then come the singular values
+of all blocks, two a pixel. Byte b is b / 255 · 2 − 1, a singular value 10 · b + 0.1 · c of two bytes.
 
 Format: server/SplitVersions of https://github.com/sotnychenko/xml3d-btf, and the shaders there that read it.
 """
@@ -32,11 +32,11 @@ from bench.metrics.display import decode_srgb
 NOTES, WEIGHTS = "meta.json", "R.png"
 COMPONENTS, VIEWS, LIGHTS, TOGETHER = 8, 81, 81, 3
 BLOCKS, COLUMNS = VIEWS // TOGETHER, TOGETHER * LIGHTS * 3
-PIXELS = BLOCKS * COLUMNS * COMPONENTS // 4 + BLOCKS * COMPONENTS // 2  # of R.png that hold something
+PIXELS = BLOCKS * COLUMNS * COMPONENTS // 4 + BLOCKS * COMPONENTS // 2  # of R.png that hold data
 KNOWN = {"numComp": COMPONENTS, "numDirections": VIEWS, "blockSize": TOGETHER}
 FIELD = b'"numComp"'
 MAX_NOTES, MAX_SIZE = 1 << 16, 1024
-SPLIT = re.compile(r"\d{1,3}_\d{1,3}")  # a clone has NAME/3_8, after block size and components
+SPLIT = re.compile(r"\d{1,3}_\d{1,3}")  # a clone has NAME/3_8: block size and components
 
 
 def opened(seen: Candidate) -> BTF | None:
@@ -56,7 +56,7 @@ def open_ubo2003_pca(folder: Path) -> BTF:
     """The BTF of such a folder: 81 views × 81 lights in the order of UBO2003, by view, then light.
 
     Opening reads `meta.json` and the headers of the pictures. Codes are clipped to [0, 1] and decoded as sRGB to linear
-    Rec. 709; radiance as photographed. Raises `InputError` naming the file and the field.
+    Rec. 709; radiance as photographed. Raises `InputError` that names the file and the field.
     """
     files = FolderFiles(folder)
     size = _image_size(files)
@@ -80,25 +80,25 @@ def open_ubo2003_pca(folder: Path) -> BTF:
 
 
 def _image_size(files: FolderFiles) -> int:
-    """The side of the picture of a pair, from `meta.json`, whose other fields must be those known."""
+    """The side of the picture of a pair, from `meta.json`, whose other fields must have the known values."""
     label = files.label(NOTES)
     if files.size(NOTES) > MAX_NOTES:
-        raise InputError(f"{label}: larger than {MAX_NOTES >> 10} KiB: no notes of this format; get it again")
+        raise InputError(f"{label}: it is larger than {MAX_NOTES >> 10} KiB, too large for this format: get it again")
     with readable(label):
         notes = json.loads(files.read(NOTES))
     if not isinstance(notes, dict):
-        raise InputError(f"{label}: must hold an object: get it again")
+        raise InputError(f"{label}: it must hold an object: get it again")
     for key, known in KNOWN.items():
         if _number(notes, key, label) != known:
             raise InputError(f"{label}: {key} = {notes[key]!r}: only {known} is read")
     size = _number(notes, "imageSize", label)
     if not 1 <= size <= MAX_SIZE:
-        raise InputError(f"{label}: imageSize = {size}: 1 to {MAX_SIZE} are read")
+        raise InputError(f"{label}: imageSize = {size}: it must be 1 to {MAX_SIZE}")
     return size
 
 
 def _number(notes: dict[str, Any], key: str, label: str) -> int:
-    """A field that is a whole number, or the text of one."""
+    """A field that is a whole number, or a text of digits."""
     text = str(notes.get(key))[:40]
     if not re.fullmatch(r"\d{1,9}", text, re.ASCII):
         raise InputError(f"{label}: {key} = {text}: it must be a whole number; get the file again")
@@ -109,16 +109,16 @@ class LocalPCA(Source):
     """The pictures of a folder, decoded at the first read and multiplied on demand: cheap by slice and scattered."""
 
     def __init__(self, files: FolderFiles, size: int):
-        """Checks by headers that every picture is there and holds what `size` (texels a side) asks."""
+        """Check by headers that every picture exists and is large enough for `size` (texels a side)."""
         self.files, self.shape, self.count = files, (size, size), VIEWS * LIGHTS
         self.names = [*(f"{j}.png" for j in range(COMPONENTS)), WEIGHTS]
         for name in self.names:
             label = files.label(name)
             if not files.has(name):
-                raise InputError(f"{label}: missing: the material has {', '.join(self.names)}; get it again")
+                raise InputError(f"{label}: it is missing: the material has {', '.join(self.names)}; get it again")
             height, width = picture_size(files, name)
             if files.head(name, 26)[24:] != b"\x08\x06":
-                raise InputError(f"{label}: no PNG of 8 bits with red, green, blue and alpha: get it again")
+                raise InputError(f"{label}: it is not a PNG of 8 bits with red, green, blue and alpha: get it again")
             if name == WEIGHTS and height * width < PIXELS:
                 raise InputError(f"{label}: {width} x {height} pixels are too few: {PIXELS} hold the weights")
             if name != WEIGHTS and 4 * height * width != BLOCKS * size * size:
@@ -144,7 +144,7 @@ class LocalPCA(Source):
         return np.ascontiguousarray((columns * singular[:, None, None]).swapaxes(2, 3))
 
     def _bytes(self, name: str) -> Array:
-        """The bytes of a picture in order; `InputError` where it is damaged or was changed."""
+        """The bytes of a picture in order; `InputError` if it is damaged or was changed."""
         from PIL import Image
 
         size = picture_size(self.files, name)
@@ -188,7 +188,7 @@ class LocalPCA(Source):
 
 
 def _check_sums(data: bytes) -> None:
-    """Raise where a chunk of a PNG is not what its checksum says, or the end is missing: Pillow lets both pass."""
+    """Raise if a chunk of a PNG does not match its checksum, or if the end is missing; Pillow accepts both."""
     at, name = PNG_START, b""
     while name != b"IEND":
         size, name = struct.unpack_from(">I4s", data, at)
@@ -198,10 +198,10 @@ def _check_sums(data: bytes) -> None:
 
 
 def _signed(codes: Array) -> Array:
-    """Numbers in [−1, 1] float32 of bytes."""
+    """Numbers in [−1, 1] float32 from bytes."""
     return codes.astype(np.float32) * np.float32(2 / 255) - 1
 
 
 def _linear(codes: Array) -> Array:
-    """Linear radiance float32 of sRGB codes over 255, clipped to [0, 1]."""
+    """Linear radiance float32 from sRGB codes divided by 255, clipped to [0, 1]."""
     return np.asarray(decode_srgb(np.clip(codes, 0, 1)), np.float32)

@@ -1,8 +1,8 @@
 """UBO2014 `.btf` files of the Bonn BTF database: factorised matrices (DFMF and FMF), little-endian.
 
 A file holds the signature, a header about the measurement, the directions (radians), the size, and per colour channel
-the factors U (pairs × K) and S·V (texels × K). The picture of a pair is S·V · U[pair], from the bottom row up, so it
-is flipped. The files are memory-mapped and multiplied on demand: a decoded material would take 22 GB.
+the factors U (pairs × K) and S·V (texels × K). The picture of a pair is S·V · U[pair], from the bottom row up, so it is
+flipped. The files are memory-mapped and multiplied on demand, because a decoded material would take 22 GB.
 
 Format: https://cg.cs.uni-bonn.de/en/projects/btfdbb/download/ubo2014/ (DFMF08 and FMF12).
 """
@@ -35,11 +35,11 @@ SCALARS = {2: "<f2", 4: "<f4", 8: "<f8"}
 EPSILON = np.float32(1e-5)
 YUV_TO_RGB = np.array([[1, 0, 1.13983], [1, -0.39465, -0.58060], [1, 2.03211, 0]], np.float32)
 DENSE_BYTES = 1 << 30
-MULTIPLIED = 64 << 20  # bytes at once: of 400 × 400 texels 17 slices, in half the time of one by one
+MULTIPLIED = 64 << 20  # bytes at once: 17 slices of 400 × 400 texels, in half the time of one by one
 
 
 class Cursor:
-    """Reads a file from front to back and knows what it was reading when the file ended."""
+    """Reads a file from front to back; errors say what was read when the file ended."""
 
     def __init__(self, path: Path):
         self.path, self.at = path, 0
@@ -53,7 +53,7 @@ class Cursor:
         """The next `count` bytes, as a view of the file."""
         left = len(self.bytes) - self.at
         if count > left:
-            raise self.fail(f"{what} needs {count} bytes, {left} are left", "the file is truncated; get it again")
+            raise self.fail(f"{what} needs {count} bytes, but {left} are left", "the file is truncated; get it again")
         self.at += count
         return self.bytes[self.at - count : self.at]
 
@@ -76,7 +76,7 @@ class Cursor:
 
 @dataclass
 class Matrix:
-    """A factor (rows, K) of the file: expanded once to aligned float32 where that fits, else row by row."""
+    """A factor (rows, K) of the file: expanded once to aligned float32 if it fits, else row by row."""
 
     stored: Array
     expand: bool = True
@@ -115,11 +115,11 @@ class Factorisation:
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a file that begins as those of UBO2014 do, in milliseconds, or None; pairs view-major, as stored.
+    """The BTF of a file that begins like those of UBO2014, or None; takes milliseconds; pairs view-major, as stored.
 
     Values are linear RGB with the cosine of the light, decoded from colour model 0, 11 or 12 or from log (FMF) and
-    never clamped. `provenance` keeps what the file says about itself; `provenance["native"]` holds its bytes and
-    ranks. Raises `InputError` naming file and offset for a foreign, damaged or unsupported file.
+    never clamped. `provenance` keeps what the file says about itself; `provenance["native"]` holds its bytes and ranks.
+    Raises `InputError` that names file and offset for a foreign, damaged or unsupported file.
     """
     if seen.head[:1] != b"!":
         return None
@@ -129,7 +129,7 @@ def opened(seen: Candidate) -> BTF | None:
     if signature not in (DFMF, FMF):
         known = next((k.decode() for k in UNSUPPORTED if signature.startswith(k)), None)
         fault = f"the signature {known} is known but not read" if known else f"unknown signature {signature!r}"
-        raise InputError(f"{path}: {fault}: only {DFMF.decode()} and {FMF.decode()} are")
+        raise InputError(f"{path}: {fault}: only {DFMF.decode()} and {FMF.decode()} are read")
     notes = _header(cursor)
     material = _directions(cursor)
     notes |= _size(cursor, material)
@@ -174,7 +174,7 @@ def _header(cursor: Cursor) -> dict[str, Any]:
             raise cursor.fail(f"{channels} channels", "three are read")
         notes["channels"] = [cursor.text(cursor.count("a channel's name"), "a channel's name") for _ in range(3)]
     if cursor.at - start != size:
-        raise cursor.fail(f"the header says it has {size} bytes, it has {cursor.at - start}")
+        raise cursor.fail(f"the header says it has {size} bytes, but it has {cursor.at - start}")
     return notes
 
 
@@ -194,7 +194,7 @@ def _directions(cursor: Cursor) -> Factorisation:
 
 
 def _side(path: Path, side: str, stored: Array) -> Array:
-    """θ, φ (n, 2) float64 of the views or the lights, in range and no two the same."""
+    """θ, φ (n, 2) float64 of the views or the lights, all in range and different."""
     with np.errstate(invalid="ignore"):
         angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
 
@@ -266,13 +266,13 @@ def _factors(cursor: Cursor, material: Factorisation, rows: int, what: str) -> t
     if scalar not in SCALARS or not rank:
         raise cursor.fail(f"{what}: rank {rank} in scalars of {scalar} bytes")
     if (stated_rows, stated_cols) != (rows, cols):
-        raise cursor.fail(f"{what}: {stated_rows} x {stated_cols} factors, the directions and size say {rows} x {cols}")
+        raise cursor.fail(f"{what}: {stated_rows} x {stated_cols} factors; directions and size need {rows} x {cols}")
     cursor.floats((rank,), scalar, f"{what}: S")
     return cursor.floats((rows, rank), scalar, f"{what}: U"), cursor.floats((cols, rank), scalar, f"{what}: SV")
 
 
 def _limit_expansion(material: Factorisation) -> None:
-    """Keep the float32 copies of all factors below `DENSE_BYTES` together; pairs go first, being small."""
+    """Keep the float32 copies of all factors below `DENSE_BYTES` together; pairs go first, because they are small."""
     left = DENSE_BYTES
     for matrix in {id(m): m for m in [*material.pairs, *material.texels]}.values():
         left -= 4 * matrix.stored.size

@@ -1,4 +1,4 @@
-"""Mitsuba 3: its scenes, codec files as its surfaces, and a path tracer that bakes. Imports nothing by itself."""
+"""Mitsuba 3: its scenes, codec files as BSDFs, and a path tracer for baking. Imports Mitsuba only on demand."""
 
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def load_path_tracer() -> "PathTracer":
-    """The path tracer, for `bench.data.bake`. `MissingDataError` where Mitsuba is not installed."""
+    """The path tracer, for `bench.data.bake`. `MissingDataError` if Mitsuba is not installed."""
     try:
         from bench.demand.mitsuba import path_tracer
     except ImportError as error:

@@ -5,13 +5,12 @@
         <float name="repeat" value="4"/>
     </bsdf>
 
-`repeat` is how often the longer side of the texture fits in a unit of the shape's uv, so that texels are square where
-uv keep the proportions of the surface; across it the texture repeats as often as its shape has it. `two_sided` mirrors
-the material to the back, which is black otherwise. The frame is the shape's: u along `dp_du`, v to the side of `dp_dv`,
-the normal its shading normal. Answers are averaged over what a pixel covers there: `pixel_angle`, in radians, at the
-distance that a ray went, or the derivatives of uv where an integrator gives them, which it does not in the
-differentiable variants. Directions are drawn by the cosine, or from the file's lobes where `neubtf-bench sampling` has
-fitted some.
+`repeat` is the number of times that the longer side of the texture fits in a unit of the shape's uv; the shorter side
+repeats more often, so texels are square if uv keep the proportions of the surface. `two_sided` mirrors the material to
+the back, which is black otherwise. The frame is the shape's: u along `dp_du`, v to the side of `dp_dv`, and its shading
+normal. Answers are averaged over the footprint of a pixel: from the derivatives of uv if an integrator gives them (in
+the differentiable variants it does not), else from `pixel_angle`, in radians, and the length of the ray. Directions are
+drawn by the cosine, or from the file's lobes if `neubtf-bench sampling` has fitted some.
 """
 
 from functools import cache
@@ -39,7 +38,7 @@ VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
 
 
 def register() -> type:
-    """Make the plug-in known to Mitsuba's present variant: its class. `InputError` where that cannot run it."""
+    """Register the plug-in in Mitsuba's current variant; returns its class. `InputError` if that cannot run it."""
     variant = mi.variant() or ""
     if variant not in VARIANTS:
         raise InputError(f"Mitsuba's variant {variant or 'none'} cannot run a codec: set {' or '.join(VARIANTS)}")
@@ -59,7 +58,7 @@ class _Lobes:
         self.columns = [mi.Float(column.numpy()) for column in columns]
 
     def _at(self, si: Any) -> tuple[Any, Any, Any, list[Any]]:
-        """Share, roughnesses and axes where the texture is looked up."""
+        """Share, roughnesses and axes at the place where the texture is looked up."""
         uv = _wrapped(si, self.repeat)
         column = dr.minimum(mi.UInt32(uv.x * self.cells), self.cells - 1)
         row = dr.minimum(mi.UInt32((1 - uv.y) * self.cells), self.cells - 1)
@@ -72,7 +71,7 @@ class _Lobes:
         return dr.select(dr.dot(view, axes[2]) > 1e-4, share, 0)
 
     def drawn(self, si: Any, view: Any, sample: Any) -> Any:
-        """A direction toward the light; below the horizon where the lobe reaches there."""
+        """A direction toward the light; it may lie below the horizon."""
         _, along, across, axes = self._at(si)
         inside = mi.Vector3f(*(dr.dot(view, axis) for axis in axes))
         normal, _ = _ggx(along, across).sample(inside, sample)
@@ -90,13 +89,13 @@ class _Lobes:
 
 
 def _wrapped(si: Any, repeat: tuple[float, float]) -> Any:
-    """Where in one period of the texture a surface is looked up, of so many periods in a unit of its u and of its v."""
+    """The place in one period of the texture, for `periods` in a unit of the surface's u and v."""
     uv = mi.Point2f(si.uv.x * repeat[0], si.uv.y * repeat[1])
     return uv - dr.floor(uv)
 
 
 def _uv_of(si: Any, step: Any) -> Any:
-    """The change of uv of a step in the surface's frame, by least squares; 0 where the surface has no uv."""
+    """The change of uv for a step in the surface's frame, by least squares; 0 if the surface has no uv."""
     step = si.sh_frame.to_world(step)
     uu, uv, vv = dr.squared_norm(si.dp_du), dr.dot(si.dp_du, si.dp_dv), dr.squared_norm(si.dp_dv)
     u, v, area = dr.dot(step, si.dp_du), dr.dot(step, si.dp_dv), uu * vv - uv * uv
@@ -129,7 +128,7 @@ class _Answers:
         self.draw_from(checked(read_parts(self.file)[1].sampling))
 
     def draw_from(self, lobes: Tensor | None) -> None:
-        """Draw directions from lobes (cells, cells, 5) instead of the file's own; from None by the cosine."""
+        """Draw directions from lobes (cells, cells, 5) instead of the file's, or by the cosine for None."""
         self.lobes = None if lobes is None else _Lobes(lobes.float().numpy(), self.periods)
 
     def sample(self, context: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
@@ -146,7 +145,7 @@ class _Answers:
 
     def _turned(self, si: Any, direction: Any) -> Any:
         """A direction of the surface's frame in the texture's, or back."""
-        # As of Mitsuba's spheres, where v runs against the frame's y: the texture is mirrored, and its relief with it.
+        # On Mitsuba's spheres v runs against the frame's y: the texture is mirrored, and its relief with it.
         mirrored = dr.dot(dr.cross(si.dp_du, si.dp_dv), si.sh_frame.n) < 0
         turned = mi.Vector3f(direction.x, dr.select(mirrored, -direction.y, direction.y), direction.z)
         if self.two_sided:
@@ -157,7 +156,7 @@ class _Answers:
         # Mitsuba's wi is toward the camera and its wo toward the light.
         view, light = self._turned(si, si.wi), self._turned(si, wo)
         active = active & (view.z > 0) & (light.z > 0)
-        # What is not asked may be no number, of which an index is none either: a division by it ends the process.
+        # Inactive lanes may hold NaN; an index computed from NaN can be 0, and a division by it kills the process.
         up = mi.Vector3f(0, 0, 1)
         view, light = dr.select(active, view, up), dr.select(active, light, up)
         uv = dr.select(active, _wrapped(si, self.periods), 0)
@@ -166,11 +165,11 @@ class _Answers:
         return dr.select(active, dr.maximum(mi.Color3f(*rgb), 0), 0)
 
     def _footprint(self, si: Any) -> Any:
-        """The longer side in uv of what a ray sees: of its derivatives, or of a cone as wide as a pixel."""
+        """The longer side of a ray's footprint in uv: from its derivatives, or from a cone as wide as a pixel."""
         side = dr.maximum(dr.norm(si.duv_dx), dr.norm(si.duv_dy))
         if not self.pixel_angle:
             return side
-        # A circle across the ray is an ellipse on the surface, longer away from the viewer by 1 over the cosine.
+        # A circle around the ray is an ellipse on the surface, longer by 1 / cosine away from the viewer.
         slant = dr.maximum(dr.hypot(si.wi.x, si.wi.y), 1e-6)
         away, across = mi.Vector3f(si.wi.x, si.wi.y, 0) / slant, mi.Vector3f(-si.wi.y, si.wi.x, 0) / slant
         away = dr.select(slant > 1e-6, away, mi.Vector3f(1, 0, 0)) / dr.maximum(abs(si.wi.z), 1e-6)
@@ -191,7 +190,7 @@ class _Answers:
         return self.eval(context, si, wo, active), self.pdf(context, si, wo, active)
 
     def traverse(self, callback: Any) -> None:
-        """Nothing of a codec file can be changed in a scene."""
+        """A scene can change nothing of a codec file."""
 
     def to_string(self) -> str:
         return f"{NAME}[{self.file.name}, repeat={self.repeat:g}, two_sided={self.two_sided}]"
@@ -199,7 +198,7 @@ class _Answers:
 
 @cache
 def _plugin(variant: str) -> type:
-    """The class of the plug-in: Mitsuba's classes are those of a variant, and take no second base."""
+    """The class of the plug-in: Mitsuba's classes belong to a variant, and allow no second base."""
     return type("NeuBTF", (mi.BSDF,), {name: value for name, value in vars(_Answers).items() if callable(value)})
 
 

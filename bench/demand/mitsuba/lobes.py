@@ -1,9 +1,9 @@
-"""Lobes to draw light directions from: a small model of where a material reflects, fitted to what it answers.
+"""Lobes to draw light directions from: a small model of the directions of reflection, fitted to a material's answers.
 
 The texture is divided into cells. Each has a mixture of the cosine and one GGX lobe, whose visible normals are drawn
 about a tilted normal with two roughnesses, along u and across (Heitz, "Sampling the GGX Distribution of Visible
-Normals", JCGT 2018). The fit minimises the cross entropy to f_r · cos θ_i: any decoded material will do. The lobes
-change no answer; they only lessen the noise of a renderer that draws from them.
+Normals", JCGT 2018). The fit minimises the cross entropy to f_r · cos θ_i, so it works for any decoded material. The
+lobes change no answer; they only reduce the noise of a renderer that draws from them.
 """
 
 import math
@@ -18,20 +18,20 @@ from bench.errors import ContainerError
 from bench.hemisphere import uniform
 from bench.material import Material
 
-NAME = "lobes"  # of the tensor (cells, cells, 5) in the part `sampling`
+NAME = "lobes"  # name of the tensor (cells, cells, 5) in the part `sampling`
 CELLS, STEPS, RATE = 8, 150, 0.05
-VIEWS, LIGHTS = 4, 64  # of each cell in a step
-CHECKED = 512  # lights of each view that say whether a cell's lobe is worth it
-OFF = -20.0  # a share of none
-LOWEST_VIEW, LOWEST_LIGHT = 84.0, 89.9  # degrees from the normal: of what is fitted, and of what is lit at all
-LEAST_COSINE = 0.05  # share of the cosine in the mixture: no light is left out
+VIEWS, LIGHTS = 4, 64  # views, and lights of each view, for each cell in a step
+CHECKED = 512  # lights of each view that decide whether a cell keeps its lobe
+OFF = -20.0  # raw share of a lobe that is switched off
+LOWEST_VIEW, LOWEST_LIGHT = 84.0, 89.9  # degrees from the normal: limit of fitted views, and of lights
+LEAST_COSINE = 0.05  # share of the cosine in the mixture, so that every light can be drawn
 LEAST_ROUGHNESS = 0.03
-START = (0.0, -1.0, -1.0, 0.0, 0.0)  # as many of both, roughness 0.29, no tilt
+START = (0.0, -1.0, -1.0, 0.0, 0.0)  # equal shares, roughness 0.29, no tilt
 
 
 @dataclass(frozen=True)
 class Lobe:
-    """The lobe of each query: share of the lobe, roughness along and across, and the axes (n, 3) it stands in."""
+    """The lobe of each query: share of the lobe, roughness along and across, and its axes (n, 3)."""
 
     share: Tensor
     along: Tensor
@@ -40,7 +40,7 @@ class Lobe:
 
     @classmethod
     def from_stored(cls, raw: Tensor) -> "Lobe":
-        """From the five stored numbers (n, 5): any number is valid."""
+        """Lobes from the five stored numbers (n, 5); all numbers are valid."""
         share = (1 - LEAST_COSINE) * raw[:, 0].sigmoid()
         along, across = (LEAST_ROUGHNESS + (1 - LEAST_ROUGHNESS) * raw[:, 1:3].sigmoid()).unbind(1)
         x, y = raw[:, 3:].tanh().unbind(1)
@@ -86,7 +86,7 @@ def fitted(
         show("fitting lobes", step + 1, steps)
     lobes = raw.detach()
     cosine, mixed = (each.view(len(lobes), -1).sum(1) for each in _variances(material, lobes, CHECKED, rng)[:2])
-    lobes[mixed > cosine, 0] = OFF  # the entropy is not the variance: some cells are better off with the cosine
+    lobes[mixed > cosine, 0] = OFF  # the fit minimises entropy, not variance: some cells are better with the cosine
     return lobes.reshape(cells, cells, -1).half()
 
 
@@ -105,7 +105,7 @@ def drawn(
 
 
 def checked(sampling: dict[str, Tensor]) -> Tensor | None:
-    """The lobes of a file's part `sampling`, float32; None where it has none. `ContainerError` if they are none."""
+    """The lobes of a file's part `sampling`, float32; None without that part. `ContainerError` if they are invalid."""
     if NAME not in sampling:
         return None
     lobes = sampling[NAME]
@@ -118,9 +118,9 @@ def checked(sampling: dict[str, Tensor]) -> Tensor | None:
 class Noise:
     """Compares the noise of drawing from lobes with that of drawing by the cosine, under a uniform environment."""
 
-    total: float  # the variances over all views and places, summed, as a ratio
-    median: float  # of the ratios of the variances of each
-    largest_albedo: float  # the most that any view and place reflects of a uniform environment of radiance 1
+    total: float  # ratio of the sums of variances over all views and places
+    median: float  # median of the ratios of variances
+    largest_albedo: float  # the largest radiance of any view and place under a uniform environment of radiance 1
 
 
 @torch.no_grad()

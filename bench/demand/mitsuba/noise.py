@@ -1,7 +1,7 @@
-"""Measures the noise of a path tracer whose surface answers from a codec file, by each way to draw light directions.
+"""Measures the noise of a path tracer with a codec file as material, for each way to draw light directions.
 
 Noise is the standard deviation of a pixel about its own mean, root mean square over the picture, as a share of the
-picture's mean: what more samples lessen. How far the mean lies from the truth is the codec's error, which they do not.
+picture's mean. More samples reduce it; they do not reduce the codec's error, the distance of the mean from the truth.
 """
 
 import time
@@ -18,8 +18,8 @@ from bench.demand.mitsuba.bsdf import NAME, register
 from bench.demand.mitsuba.scene import set_variant
 from bench.errors import InputError
 
-NOISE = 0.01  # of the mean of the picture
-REPEAT = 3.0  # of the texture
+NOISE = 0.01  # share of the picture's mean
+REPEAT = 3.0  # periods of the texture
 BALL = {"type": "sphere", "radius": 0.5}
 PLANE = {"type": "rectangle"}
 
@@ -42,7 +42,7 @@ def _lamps() -> dict[str, Any]:
 
 EVEN = "ball, even sky"
 SCENES: dict[str, tuple[dict[str, Any], Callable[[], dict[str, Any]], int]] = {
-    EVEN: (BALL, lambda: {"type": "constant"}, 0),  # the last: samples of the light beside each one of the material
+    EVEN: (BALL, lambda: {"type": "constant"}, 0),  # the last: samples of the light for each sample of the material
     "plane, low sun": (PLANE, _low_sun, 1),
     "ball, small lamps": (BALL, _lamps, 1),
 }
@@ -53,9 +53,9 @@ class Picture:
     """The settings of a measurement: the picture and its repetitions."""
 
     side: int = 24  # pixels
-    samples: int = 64  # a pixel, of each repetition
+    samples: int = 64  # a pixel, in each repetition
     repetitions: int = 16
-    timed: int = 1024  # samples a pixel, beside those, whose time is taken
+    timed: int = 1024  # further samples a pixel, which are timed
 
 
 @dataclass(frozen=True)
@@ -63,15 +63,15 @@ class Reached:
     """The samples and the time that bring the noise of the scene's picture down to `NOISE`."""
 
     samples: float  # a pixel
-    seconds: float  # of the processor, over all its cores and all pixels, without what a picture takes however small
+    seconds: float  # CPU time of all cores for the whole picture, without the fixed cost of a render
 
 
 def reached(
     file: Path, drawn: Sequence[Tensor | None], scene: str = EVEN, picture: Picture = Picture()
 ) -> list[Reached]:
-    """The figures of a codec file that draws from each of some lobes (cells, cells, 5), of None by the cosine.
+    """The figures of a codec file for each of several lobes (cells, cells, 5); None draws by the cosine.
 
-    All take turns. `InputError` where Mitsuba cannot run here, or the file cannot be recorded.
+    All take turns. Raises `InputError` if Mitsuba cannot run here, or the file cannot be recorded.
     """
     set_variant()
     properties = mi.Properties(NAME)
@@ -88,20 +88,20 @@ def reached(
         return colours, time.process_time() - start
 
     long = picture.samples + picture.timed
-    for number in range(len(drawn)):  # compiles, each number of samples for itself
+    for number in range(len(drawn)):  # compile: once for each number of samples
         render(number, picture.samples, 0)
         render(number, long, 0)
     for seed in range(1, picture.repetitions + 1):
         for number in range(len(drawn)):
             colours, short = render(number, picture.samples, seed)
             pictures[number].append(colours)
-            if seed % 4 == 1:  # the time that a picture of no samples would take is no part of a sample's
+            if seed % 4 == 1:  # subtract the fixed cost of a render
                 slopes[number].append((render(number, long, seed)[1] - short) / picture.timed)
     return [_figures(np.stack(p), float(np.median(s)), picture.samples) for p, s in zip(pictures, slopes, strict=True)]
 
 
 def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
-    """From pictures (n, H, W, 3) of so many samples a pixel, one of which takes some seconds for all pixels."""
+    """The figures of pictures (n, H, W, 3) with `samples` a pixel; one sample of all pixels takes `seconds`."""
     if not pictures.mean() > 0:
         raise InputError("the picture is black: it has no noise to measure")
     variance = pictures.mean(3).var(0, ddof=1).mean() * samples

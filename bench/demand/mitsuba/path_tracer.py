@@ -1,4 +1,4 @@
-"""Path-traces a surface by Mitsuba 3: the values of `bench.data.materials.renderer`, plus inter-reflections.
+"""Path-traces a surface with Mitsuba 3: the values of `bench.data.materials.renderer`, plus inter-reflections.
 
 Heights become a triangle mesh, repeated around the reference tile as far as rays reach. A path starts where the view
 ray through a fixed sub-point of the reference plane meets the surface, as in the built-in renderer. Each of its points
@@ -25,12 +25,12 @@ from bench.program.llvm import unusable
 Array = np.ndarray
 Values = Any  # Dr.Jit arrays over paths, or numbers in a scalar variant
 PATH_VERSION = 1  # increment when a value changes
-MAX_DEPTH = 16  # edges of a path, the light's included, as Mitsuba counts: 2 is direct light alone
+MAX_DEPTH = 16  # edges of a path, including the light's, as Mitsuba counts: 2 is direct light only
 WAVEFRONT = 1 << 21  # paths in one launch
-REACH = 20.0  # depths of relief that a path may go on beyond the shadows: (1 / REACH)² of what it gathers is lost
-MAX_CELLS = 30_000_000  # of the mesh; 3 GB with its search tree
-LIFT = 1e-5  # of rays that leave the surface, in widths of the picture
-NUDGE = (0.0017, 0.0031)  # shift of a sub-point, in sub-points: rays exactly along edges of triangles miss the mesh
+REACH = 20.0  # depths of relief that a path may go beyond the shadows: (1 / REACH)² of its light is lost
+MAX_CELLS = 30_000_000  # cells of the mesh; 3 GB with its search tree
+LIFT = 1e-5  # offset of rays that leave the surface, in widths of the picture
+NUDGE = (0.0017, 0.0031)  # shift of a sub-point, in sub-points: rays exactly on edges of triangles miss the mesh
 STEPS = (0.8191725134, 0.6710436067, 0.5497004779)  # Roberts' additive recurrence in three dimensions
 log = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ def fastest_variant() -> str:
     reason = unusable() if "llvm_ad_rgb" in mi.variants() else "this Mitsuba is built without llvm_ad_rgb"
     if not reason:
         return "llvm_ad_rgb"
-    log.warning(f"tracing with Mitsuba's scalar_rgb, some thousand times slower: {reason}")
+    log.warning(f"tracing with Mitsuba's scalar_rgb, which is about a thousand times slower: {reason}")
     return "scalar_rgb"
 
 
@@ -80,11 +80,11 @@ def launches(
 
     They are linear Rec. 709 f_r · cos θ_i with inter-reflections. `wo` and `wi` are (N, 3) unit vectors with z > 0;
     `size` is (H, W), rows at the top first; `depth` counts the edges of a path (2: direct light alone). The same seed
-    gives the same values, whatever is launched together. Raises `InputError` for directions below the horizon and
-    reliefs too deep to surround.
+    gives the same values, however pairs are grouped into launches. Raises `InputError` for directions below the horizon
+    and reliefs too deep to surround.
     """
     if wo.shape != wi.shape or not (np.minimum(wo[:, 2], wi[:, 2]) > 0).all():
-        raise InputError("wo and wi must be as many directions, all above the horizon (z > 0)")
+        raise InputError("wo and wi must have the same number of directions, all above the horizon (z > 0)")
     with using(fastest_variant()):
         tracer = PathTracer(maps, size, sub_points, float(wo[:, 2].min()), float(wi[:, 2].min()), seed)
         for first in range(start, len(wo), tracer.pairs_a_launch):
@@ -93,7 +93,7 @@ def launches(
 
 
 class PathTracer:
-    """A surface made ready under the variant that is set, for views and lights whose z is at least the two given."""
+    """A surface prepared in the current variant, for views and lights with at least the two given z."""
 
     def __init__(
         self, maps: Maps, size: tuple[int, int], sub_points: int, view_z: float, light_z: float, seed: int = 0
@@ -123,8 +123,8 @@ class PathTracer:
         border = [math.ceil(reach / side) + 1 for side in cell]
         if (H + 2 * border[0]) * (W + 2 * border[1]) > MAX_CELLS:
             raise InputError(
-                f"a relief of {relief:.2g} widths seen this flat reaches {reach:.2g} widths: too far to "
-                "surround it; take a smaller --depth or --size"
+                f"at these grazing directions a relief of {relief:.2g} widths reaches {reach:.2g} widths: the "
+                "mesh would be too large: take a smaller --depth or --size"
             )
         rows, cols = (np.arange(-b, n + b) for b, n in zip(border, (H, W), strict=True))
         y, x = np.meshgrid((H - rows - 0.5) * cell[0], (cols + 0.5) * cell[1], indexing="ij")
@@ -167,14 +167,15 @@ class PathTracer:
         return frame, shading(frame.to_local(o), mi.Color3f(t[3], t[4], t[5]), t[6], t[7], t[8], t[9])
 
     def leave(self, p: Values, wi: Values) -> Values:
-        """Where a ray to the light starts: a cell on, as in the built-in renderer. Relief inside a cell is not in
-        the map, and its flat triangles would shade each other where the normals say that they are lit."""
+        """The start of a ray to the light: one cell further, as in the built-in renderer. The map has no relief inside
+        a cell, and its flat triangles would shade each other although their normals say that they are lit."""
         rows, cols = dr.abs(wi.y) / self.field.cell[0], dr.abs(wi.x) / self.field.cell[1]
         return p + wi / at_least(1e-3, dr.select(rows > cols, rows, cols))
 
 
 class _Numbers:
-    """Three random numbers for each bounce of a path. Those of the first spread evenly over a texel's sub-points."""
+    """Three random numbers for each bounce of a path. For the first bounce they spread evenly over a texel's
+    sub-points."""
 
     def __init__(self, seed: int, point: Values, texel: Values, number: Values):
         shared = _generator(seed ^ 0x9E3779B9, texel)

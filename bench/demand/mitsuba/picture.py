@@ -17,9 +17,9 @@ from bench.errors import InputError, did_you_mean
 def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples: int | None = None) -> np.ndarray:
     """The picture (H, W, 4) of the scene's first sensor, linear RGB and an alpha of 1, by the scene's own integrator.
 
-    The BSDF with the id `bsdf` answers from the codec file, the longer side of whose texture fits `repeat` times in a
-    unit of the shapes' uv. `samples` a pixel; by default the scene's own. Each sample stands for its share of the
-    pixel's area, over which the texture is averaged. `InputError` says what is wrong with the scene.
+    The BSDF with the id `bsdf` answers from the codec file; the longer side of its texture fits `repeat` times in a
+    unit of the shapes' uv. `samples` a pixel default to the scene's. Each sample covers its share of the pixel's area,
+    over which the texture is averaged. `InputError` says what is wrong with the scene.
     """
     text = replaced(scene, bsdf, file, repeat)
     set_variant()
@@ -27,10 +27,10 @@ def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples
     mi.file_resolver().prepend(str(scene.absolute().parent))
     try:
         loaded = mi.load_string(text)
-    except Exception as error:  # Mitsuba raises RuntimeError for whatever is wrong in a file
+    except Exception as error:  # Mitsuba raises RuntimeError for any fault in a file
         raise InputError(f"{scene}: Mitsuba cannot load it: {' '.join(str(error).split())[:300]}") from error
     if not loaded.sensors():
-        raise InputError(f"{scene}: has no sensor: add a camera")
+        raise InputError(f"{scene}: it has no sensor: add a camera")
     for shape in loaded.shapes():
         if isinstance(shape.bsdf(), plugin):
             shape.bsdf().pixel_angle = _pixel_angle(loaded.sensors()[0], samples)
@@ -39,7 +39,7 @@ def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples
 
 
 def _pixel_angle(sensor: Any, samples: int | None) -> float:
-    """The angle of one sample of the pixel in the middle, in radians; 0 where all rays are parallel."""
+    """The angle of one sample of the pixel in the middle, in radians; 0 if all rays are parallel."""
     middle = mi.Point2f(0.5, 0.5)
     ray = sensor.sample_ray_differential(0.0, 0.5, middle, middle)[0]
     apart = dr.maximum(dr.norm(ray.d_x - ray.d), dr.norm(ray.d_y - ray.d))
@@ -47,14 +47,14 @@ def _pixel_angle(sensor: Any, samples: int | None) -> float:
 
 
 def replaced(scene: Path, bsdf: str, file: Path, repeat: float) -> str:
-    """The text of the scene with the BSDF of that id replaced. `InputError` where it has none."""
+    """The text of the scene with the BSDF of that id replaced. `InputError` if it has none."""
     try:
         root = ElementTree.parse(scene).getroot()
     except (OSError, ElementTree.ParseError) as error:
         raise InputError(f"{scene}: cannot be read ({error})") from error
     bsdfs = {node.get("id", ""): node for node in root.iter("bsdf") if node.get("id")}
     if bsdf not in bsdfs:
-        raise InputError(f"{scene}: has no BSDF with the id {bsdf!r}{did_you_mean(bsdf, bsdfs)}")
+        raise InputError(f"{scene}: it has no BSDF with the id {bsdf!r}{did_you_mean(bsdf, bsdfs)}")
     node = bsdfs[bsdf]
     node.clear()
     node.attrib.update(type=NAME, id=bsdf)

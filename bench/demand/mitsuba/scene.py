@@ -1,8 +1,7 @@
 """Casts the rays of a Mitsuba 3 scene, an XML file, at the surfaces of one BSDF: see `bench.demand.points`.
 
-Each sensor of the file is a frame, so that a camera's path is a list of sensors. Light that comes straight from an
-emitter counts, with its shadows; what other surfaces send on does not. A unit of a shape's uv is the longer side of the
-texture.
+Each sensor of the file is a frame, so a camera's path is a list of sensors. Only direct light from emitters counts,
+with its shadows; light reflected by other surfaces does not. A unit of a shape's uv is the longer side of the texture.
 """
 
 from collections.abc import Callable
@@ -17,31 +16,31 @@ from bench.demand.points import Array, Light, Points
 from bench.errors import InputError, did_you_mean
 from bench.program.llvm import unusable
 
-SAMPLES = 8  # of an emitter that is no point and no direction, at each visible point
+SAMPLES = 8  # of an extended emitter, at each visible point
 
 Values = Any  # Dr.Jit arrays
 
 
 class MitsubaScene:
-    """A scene, ready to be asked what its sensors see of one BSDF, by its id, and what lights it."""
+    """A loaded scene that answers what its sensors see of the BSDF with one id, and which light reaches it."""
 
     def __init__(self, path: Path, bsdf: str):
         set_variant()
         self.name = path.stem
         try:
             self.scene = mi.load_file(str(path))
-        except Exception as error:  # Mitsuba raises RuntimeError for whatever is wrong in a file
+        except Exception as error:  # Mitsuba raises RuntimeError for any fault in a file
             raise InputError(f"{path}: Mitsuba cannot load it: {' '.join(str(error).split())[:300]}") from error
         self.sensors = self.scene.sensors()
         if not self.sensors:
-            raise InputError(f"{path}: has no sensor: add a camera")
+            raise InputError(f"{path}: it has no sensor: add a camera")
         self.bsdf = _chosen(self.scene, path, bsdf)
         width, height = self.sensors[0].film().crop_size()
         self.frames, self.picture = len(self.sensors), (int(height), int(width))
         point = mi.EmitterFlags.Delta  # a point or a direction
         self.emitters = [(each, 1 if mi.has_flag(each.flags(), point) else SAMPLES) for each in self.scene.emitters()]
         if not self.emitters:
-            raise InputError(f"{path}: has no emitter: nothing lights the material")
+            raise InputError(f"{path}: it has no emitter, so nothing lights the material: add one")
         self.samples = sum(count for _, count in self.emitters)
 
     def cast(self, frame: int, col: Array, row: Array) -> Points:
@@ -63,7 +62,7 @@ class MitsubaScene:
         return self.sensors[frame].sample_ray(0.0, 0.5, place, mi.Point2f(0.5, 0.5))[0]
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
-        """Every emitter that may reach the points, where nothing is between; of an extended one some samples."""
+        """Every emitter that reaches the points without a shadow; for extended emitters, a few samples."""
         here = dr.zeros(mi.SurfaceInteraction3f, len(points))
         here.p, here.n = _vector(mi.Point3f, points.position), _vector(mi.Normal3f, points.normal)
         samples = []
@@ -89,7 +88,7 @@ def set_variant() -> None:
 
 
 def _chosen(scene: Values, path: Path, bsdf: str) -> Values:
-    """The BSDF of that id. `InputError` where no shape has it, or one that has it lacks texture coordinates."""
+    """The BSDF of that id. `InputError` if no shape has it, or if a shape that has it lacks texture coordinates."""
     shapes = [shape for shape in scene.shapes() if shape.bsdf() is not None]
     ids = {shape.bsdf().id() for shape in shapes}
     if bsdf not in ids:

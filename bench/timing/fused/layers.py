@@ -1,7 +1,8 @@
 """A fitted network as the layers that a fast kernel computes, folded in float64.
 
-Folded are: the mean that a layer norm subtracts, into the weights before it (Wx + b − mean = (W − mean of W's rows) x +
-b − mean of b); the sine's frequency, into what precedes it, so that the sine is of turns: sin(2π t).
+Two things are folded: the mean that a layer norm subtracts, into the weights before it (Wx + b − mean = (W − mean of
+W's rows) x + b − mean of b); and the sine's frequency, into the layer before it, so that the sine takes turns: sin(2π
+t).
 """
 
 import math
@@ -20,7 +21,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Norm:
-    """x → x · gain / √(mean of x² + eps) + offset, of an x whose mean is 0."""
+    """x → x · gain / √(mean of x² + eps) + offset, for x with mean 0."""
 
     gain: Array
     offset: Array
@@ -29,7 +30,7 @@ class Norm:
 
 @dataclass(frozen=True)
 class Layer:
-    """x → weight · x + bias → norm → activation (a sine is of turns) → + x, where `residual`. All float64."""
+    """x → weight · x + bias → norm → activation (a sine takes turns) → + x if `residual`. All float64."""
 
     weight: Array  # (outputs, inputs)
     bias: Array  # (outputs,)
@@ -39,7 +40,7 @@ class Layer:
 
 
 def layers_of(decoder: Decoder) -> list[Layer]:
-    """The folded layers of a network, the linear one at its end included."""
+    """The folded layers of a network, including the linear layer at its end."""
     architecture = decoder.architecture
     turn = architecture.omega / (2 * math.pi) if architecture.activation == "sine" else 1.0
     layers = []
@@ -66,7 +67,8 @@ def _numbers(tensor: Tensor | nn.Module) -> Array:
 
 @cache
 def sine_of_turns(terms: int = 6) -> tuple[float, ...]:
-    """Coefficients c of sin(2π t) = Σ c_i t^(2i + 1) for |t| ≤ ½, from the constant up; 6 of them err by 2e-7.
+    """Coefficients c of sin(2π t) = Σ c_i t^(2i + 1) for |t| ≤ ½, from the constant up; 6 of them have an error of
+    2e-7.
 
     The interpolant of sin(2π √s) / √s at Chebyshev's points over s = t², within a factor of the best polynomial.
     """

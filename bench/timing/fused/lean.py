@@ -19,7 +19,7 @@ _SINE = sine_of_turns()[::-1]  # from the highest power down
 
 
 class Lean(Network):
-    """What a `Decoder` answers, (n, inputs) → (n, outputs). Products are in the weights' dtype, the rest in float32."""
+    """Computes a `Decoder`, (n, inputs) → (n, outputs). Products have the weights' dtype, all else is float32."""
 
     def __init__(self, decoder: Decoder):
         super().__init__()
@@ -34,14 +34,14 @@ class Lean(Network):
 
 
 def compiled(call: Callable[..., Tensor], dynamic: bool) -> Callable[..., Tensor]:
-    """`call` through torch.compile, its products and sums contracted: a tenth faster, and rounded once, not twice."""
+    """`call` through torch.compile with fused multiply-adds: a tenth faster, and rounded once instead of twice."""
     from torch._inductor import config
 
-    # A word in newer versions of PyTorch, a truth value in older ones.
+    # The option is a word in newer versions of PyTorch, and a bool in older ones.
     contract = "fast" if isinstance(config.cpp.enable_floating_point_contract_flag, str) else True
     options: dict[str, Any] = {_CONTRACT: contract}
-    # PyTorch's cache of compiled code does not ask for the capability, but for its options: else a process that has
-    # less would take code with vectors that it has not.
+    # PyTorch's cache of compiled code depends on options, not on the capability. Without this option, a process
+    # restricted to AVX2 could load cached AVX-512 code.
     if bits := _BITS.get(os.environ.get("ATEN_CPU_CAPABILITY", "").lower()):
         options["cpp.simdlen"] = bits
     function: Callable[..., Tensor] = torch.compile(call, dynamic=dynamic, options=options)
@@ -76,7 +76,7 @@ class _Layer(nn.Module):
 
 
 class _Norm(nn.Module):
-    """The norm by the sum of squares, not by their mean: the gain is larger by √width, eps by the width."""
+    """The norm by the sum of squares instead of their mean: the gain is larger by √width, eps by the width."""
 
     def __init__(self, norm: Norm, dtype: torch.dtype):
         super().__init__()
@@ -86,7 +86,7 @@ class _Norm(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         scale = (x.square().sum(1, keepdim=True) + self.eps).rsqrt()
-        # What is viewed by its strides is stored: else the root is taken anew for every vector of a sample.
+        # `as_strided` forces the scale into memory; otherwise the root is computed again for every vector of a sample.
         scale = scale.as_strided(scale.shape, scale.stride())
         return x * scale * self.gain + self.offset
 

@@ -1,7 +1,7 @@
 """A whole material as one kernel on the CPU: its recorded program, and its networks as `with_drjit` computes them.
 
-What a codec does before and after its network (marches, fetches, frames) is recorded by `bench.program.recording`, in
-which each network is one operation. So nothing between the queries and RGB goes through memory.
+The work of a codec before and after its network (marches, fetches, frames) is recorded by `bench.program.recording`,
+with each network as one operation. So nothing between the queries and RGB goes through memory.
 """
 
 from typing import Any
@@ -19,13 +19,13 @@ from bench.timing.fused.with_drjit import DrJitNetwork, RecordedCalls, batched
 from bench.training.decoder import Decoder, Network
 
 WIDTHS = (2, 3, 3, 1)  # of uv, wo, wi, footprint
-MOST_PRODUCTS = 10_000  # of matrices outside of networks: their code is not made to stay in registers
+MOST_PRODUCTS = 10_000  # of matrices outside networks, whose code does not stay in registers
 
 
 @torch.library.custom_op("neubtf::network", mutates_args=())
 def _network(inputs: Tensor, number: int, outputs: int) -> Tensor:
     """The operation that stands for network `number` of a material in a program."""
-    raise NotImplementedError("stands for a network in a program, which computes nothing")
+    raise NotImplementedError("it only stands for a network in a program, and computes nothing")
 
 
 @_network.register_fake
@@ -46,7 +46,7 @@ class Placeholder(Network):
 
 
 class Whole(Around):
-    """A material whose `evaluate` is one kernel. `InputError` where it cannot be recorded, or is too large."""
+    """A material whose `evaluate` is one kernel. `InputError` if it cannot be recorded, or is too large."""
 
     def __init__(self, material: Material, marked: Material, decoders: list[Decoder]):
         """`marked` is a copy of the material, with placeholders for its networks."""
@@ -56,12 +56,12 @@ class Whole(Around):
         program = program_of(marked)
         if (count := program.products()) > MOST_PRODUCTS:
             raise InputError(
-                f"fused on the CPU holds up to {MOST_PRODUCTS:,} products outside of networks, this codec asks for "
+                f"fused on the CPU holds up to {MOST_PRODUCTS:,} products outside networks, but this codec needs "
                 f"{count:,}: use compiled"
             )
         self.traced = Kernel(program, self.dr.llvm, {"network": self._within_kernel})
         self.kernels: RecordedCalls = {}
-        # Recorded once for nothing: it shows the tables that the kernels are given.
+        # Recorded once only to find the tables that the kernels need.
         self.row = self.dr.arange(self.dr.llvm.UInt32, 1)
         half = self.dr.llvm.Float(0.5)
         self.traced([half] * 2, [half] * 3, [half] * 3, half)
@@ -81,6 +81,6 @@ class Whole(Around):
         return rgb
 
     def _within_kernel(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:
-        """What a network outputs for the inputs (n, D) that one query has for it: one row, or one a texel."""
+        """The outputs of a network for the inputs (n, D) of one query: one row, or one for each texel."""
         kind, network = self.dr.llvm.Float, self.networks[number]
         return [list(network.within(self.row, [kind(value) for value in row])) for row in inputs.items]

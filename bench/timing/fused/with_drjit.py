@@ -1,14 +1,14 @@
-"""The folded network and the texture's fetch as one kernel on the CPU, weights literals in the code: Dr.Jit and LLVM.
+"""The folded network and the texture's fetch as one CPU kernel by Dr.Jit and LLVM, with weights as literals.
 
 Every intermediate stays in registers or the innermost cache. Dr.Jit comes with the extra `mitsuba`; LLVM is the
 system's (`bench.program.llvm`). No minimum, maximum or arctangent is used: LLVM 16 and older cannot compile them.
 
-Where the network stands in the kernel's loop over samples, LLVM takes each literal for an invariant of the loop: it
-spreads it over a vector before, and reads back 64 bytes a weight, 174 kB for every 16 samples. So the network is a
-function that the loop calls; there a weight is 4 bytes, an operand of the multiply-add. That is 2.3 times as fast.
+If the network were inside the kernel's loop over samples, LLVM would treat each literal as an invariant of the loop: it
+would store it as a vector before the loop, and read back 64 bytes a weight, 174 kB for every 16 samples. So the network
+is a function that the loop calls; there a weight is 4 bytes, an operand of the multiply-add. This is 2.3 times as fast.
 
 Dr.Jit would order the code output by output, and each multiply-add would read its input back from memory. So the sums
-of a block of outputs grow together, one input after the other: with AVX2 a sixth faster.
+of a block of outputs grow together, one input after the other, which is a sixth faster with AVX2.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,8 +24,8 @@ from bench.timing.fused.layers import Layer, layers_of, sine_of_turns
 from bench.timing.native import features
 from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
 
-MOST_PARAMETERS = 10_000  # beyond, the code outgrows every cache, and compiling it takes minutes
-BLOCK, LARGE_BLOCK = 12, 24  # sums of products that grow side by side, in 16 registers and in the 32 of AVX-512
+MOST_PARAMETERS = 10_000  # with more, the code exceeds every cache, and compiling takes minutes
+BLOCK, LARGE_BLOCK = 12, 24  # sums that grow together, for 16 registers and for the 32 of AVX-512
 
 
 RecordedCalls = dict[int, Callable[..., Any]]  # recorded calls by the size they hold for
@@ -40,18 +40,18 @@ def batched(
 ) -> Tensor:
     """The answers (n, outputs) of a kernel to queries (n, …): `kernel(n, *flat)` gives arrays (n,) of row-major inputs.
 
-    `whole` are inputs that are no queries, as textures; `tables` are Dr.Jit arrays that the kernel reads besides. Each
-    size is recorded once.
+    `whole` are inputs that are not queries, such as textures; `tables` are further Dr.Jit arrays that the kernel reads.
+    Each size is recorded once.
     """
     dr, n = drjit(), len(queries[0])
     if dr.thread_count() != torch.get_num_threads():
         dr.set_thread_count(torch.get_num_threads())
-    size = 1 << max(n - 1, 15).bit_length()  # whole powers of two: few recordings, whatever the batches
+    size = 1 << max(n - 1, 15).bit_length()  # powers of two, so that there are few recordings for all batches
 
     def recorded(*flat: Any) -> Any:
         answer = kernel(size, *flat)
         out = dr.empty(dr.llvm.Float, size * len(answer))
-        # One packet: a store a channel would compute the whole network again for each.
+        # One packet: separate stores would compute the whole network again for each channel.
         dr.scatter(out, dr.llvm.ArrayXf(answer), dr.arange(dr.llvm.UInt32, size))
         return out
 
@@ -66,19 +66,19 @@ def batched(
 
 
 def _filler(x: Tensor) -> Tensor:
-    """The row that fills up a batch (n, …): its last one, since zeros are no directions; of an empty batch, zeros."""
+    """The row that pads a batch (n, …): its last one, because zeros are not directions; zeros for an empty batch."""
     return x[-1:] if len(x) else x.new_zeros(1, *x.shape[1:])
 
 
 class DrJitNetwork(Network):
-    """What a `Decoder` answers, (n, inputs) → (n, outputs), float32 on the CPU."""
+    """Computes a `Decoder`, (n, inputs) → (n, outputs), float32 on the CPU."""
 
     def __init__(self, decoder: Decoder):
         super().__init__()
         self.dr = drjit()
         if decoder.architecture.parameters > MOST_PARAMETERS:
             raise InputError(
-                f"fused on the CPU holds a network of up to {MOST_PARAMETERS:,} parameters, this one has "
+                f"fused on the CPU holds a network of up to {MOST_PARAMETERS:,} parameters, but this one has "
                 f"{decoder.architecture.parameters:,}: use compiled"
             )
         self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
@@ -107,8 +107,9 @@ class DrJitNetwork(Network):
         return self.within(row, [*self._fetch(texture, shape, u, v), *others])
 
     def within(self, row: Any, inputs: Sequence[Any]) -> tuple[Any, ...]:
-        """The outputs of inputs inside of a kernel over samples `row`."""
-        # A switch of one case; its number, 0, must not be known before, else the function would be put into the loop.
+        """The outputs of inputs inside a kernel over samples `row`."""
+        # A switch with one case; its number, 0, must not be a constant, else LLVM would inline the function in the
+        # loop.
         outputs: tuple[Any, ...] = self.dr.switch(row >> 31, [self._network], *inputs)
         return outputs
 
@@ -160,7 +161,7 @@ class DrJitNetwork(Network):
         return [a + b for a, b in zip(x, hidden, strict=True)] if layer.residual else hidden
 
     def _dense(self, layer: Layer, x: Sequence[Any]) -> list[Any]:
-        """weight · x + bias: of a block of outputs one input after the other, so that their sums stay in registers."""
+        """weight · x + bias: for a block of outputs one input after the other, so that sums stay in registers."""
         outputs: list[Any] = []
         for start in range(0, len(layer.bias), self.block):
             rows = slice(start, start + self.block)
@@ -173,7 +174,7 @@ class DrJitNetwork(Network):
         return outputs
 
     def _new_scope(self) -> None:
-        """Keep what follows behind what came before in the code: Dr.Jit sorts by scope, else output by output."""
+        """Start a new scope, because Dr.Jit orders the code by scope, and otherwise output by output."""
         self.dr.detail.new_scope(self.dr.JitBackend.LLVM)
 
     def _smelu(self, x: Any) -> Any:

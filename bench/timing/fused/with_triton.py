@@ -1,7 +1,7 @@
 """The folded network as one kernel on a GPU, by Triton, that fetches the texture too: one launch a batch.
 
 A block of samples goes through all layers in registers; weights come from the innermost cache. Products are of float32
-(exact, or rounded as tf32) or bfloat16 numbers and are summed in float32, in which all the rest is done.
+(exact, or rounded as tf32) or bfloat16 numbers and are summed in float32; everything else is float32 too.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ from bench.errors import InputError
 from bench.timing.fused.layers import Array, Layer, layers_of, sine_of_turns
 from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
 
-BLOCK = 128  # samples of one program
+BLOCK = 128  # samples of one Triton program
 SMALLEST = 16  # a side of the smallest matrix that the GPU multiplies
 
 
@@ -48,7 +48,7 @@ def _fetched(texture, uv, sample, there, height, width, column, CHANNELS: tl.con
 def _product(x, matrix, PRECISION: tl.constexpr, WIDEN: tl.constexpr):  # type: ignore[no-untyped-def]
     """x · matrix, of numbers of the matrix's type, summed in float32."""
     x = x.to(matrix.dtype)
-    if WIDEN:  # the same numbers: Triton's interpreter multiplies no bfloat16
+    if WIDEN:  # the same numbers, because Triton's interpreter cannot multiply bfloat16
         x = x.to(tl.float32)
         matrix = matrix.to(tl.float32)
     return tl.dot(x, matrix, input_precision=PRECISION)
@@ -56,7 +56,7 @@ def _product(x, matrix, PRECISION: tl.constexpr, WIDEN: tl.constexpr):  # type: 
 
 @triton.jit
 def _rectified(x, SLOPE: tl.constexpr, BEND: tl.constexpr, PARABOLA: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Slope 1 above 0 and SLOPE below; where there is a PARABOLA, the kink is rounded from −BEND to BEND."""
+    """Slope 1 above 0 and SLOPE below; with a PARABOLA, the kink is rounded from −BEND to BEND."""
     y = tl.where(x > 0, x, x * SLOPE)
     if PARABOLA > 0:
         inside = BEND - tl.abs(x)
@@ -118,14 +118,14 @@ def _network(  # type: ignore[no-untyped-def]
 
 
 class TritonNetwork(Network):
-    """What a `Decoder` answers, on its device and in its dtype, float32 or bfloat16; `tf32` rounds float32 products."""
+    """Computes a `Decoder` on its device and in its dtype, float32 or bfloat16; `tf32` rounds float32 products."""
 
     def __init__(self, decoder: Decoder, tf32: bool = False):
         super().__init__()
         architecture = decoder.architecture
         width, *others = set(architecture.widths)
         if others or (architecture.residual and architecture.inputs == width):
-            raise InputError("fused on a GPU wants hidden layers of one width, not that of the inputs: use compiled")
+            raise InputError("fused on a GPU needs hidden layers of one width, unlike that of the inputs: use compiled")
         parameter = next(decoder.parameters())
         if parameter.dtype not in (torch.float32, torch.bfloat16):
             raise InputError(f"fused on a GPU computes in float32 or bfloat16, not {parameter.dtype}: use compiled")
@@ -177,7 +177,7 @@ class TritonNetwork(Network):
 
 
 def _padded(count: int) -> int:
-    """A power of two that holds so many."""
+    """The smallest power of two that is at least this number."""
     return max(SMALLEST, triton.next_power_of_2(count))
 
 
