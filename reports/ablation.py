@@ -30,10 +30,13 @@ def ablation_table(run: Run) -> Table | None:
 
 def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
     """The first label of each codec is the codec as it is, against which its others are held."""
-    by_label = {job["label"]: job for job in reversed(jobs)}
-    base = {job["codec"]: label for label, job in by_label.items()}
-    for label in dict.fromkeys(job["label"] for job in jobs):
-        job, whole = by_label[label], base[by_label[label]["codec"]]
+    firsts: dict[str, Record] = {}
+    base: dict[str, str] = {}
+    for job in jobs:
+        firsts.setdefault(job["label"], job)
+        base.setdefault(job["codec"], job["label"])
+    for label, job in firsts.items():
+        whole = base[job["codec"]]
         changes = " ".join(word for word in label.split()[1:] if word not in whole.split())
         cells = [job["codec"], changes or "as it is", integer(job["parameters"])]
         cells.append(integer(job["cost"].get("flops_per_sample")))
