@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     choice = _choice(options)
     if len(kinds) > 1:
         raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
-    if kinds and kinds[0] in OF_ANY:
+    if kinds and kinds[0] in OF_ANY and (kinds[0] == "parameters" or options.format != "raw"):
         print(OF_ANY[kinds[0]](folders, options.format, choice))
         return FINE
     folders = folders or [_newest_run(kinds)]
