@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from statistics import fmean
 
 from bench.records import PSNR, SSIM, Record, Run, stats_of
-from reports.numbers import fixed, integer
+from reports.numbers import NONE, fixed, integer
 from reports.rows import of_suite
 from reports.table import Table
 
@@ -24,8 +24,11 @@ def ablation_table(run: Run) -> Table | None:
         "dB: pooled display PSNR of the pairs held out to choose settings by; no test pair is among them.",
         "FLOP: of the decoder's network. A change is told by the settings that differ from the row “as it is”.",
     ]
+    rows = list(_rows(jobs, materials))
+    if any(NONE in row for row in rows):
+        notes.append(f"{NONE}: not measured.")
     title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
-    return Table("ablation", title, headers, list(_rows(jobs, materials)), notes, words=2)
+    return Table("ablation", title, headers, rows, notes, words=2)
 
 
 def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
