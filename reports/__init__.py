@@ -4,7 +4,7 @@
 format. Both read only what `bench.records` reads, and the arrays that a record names.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bench.records import Record, Run
     from reports.choice import Choice
+    from reports.table import Table
 
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
@@ -34,6 +35,7 @@ WHY_EMPTY = {
     "trade": "no trade was measured: `neubtf-bench trade` measures one, into the folder of its run",
     "paper": "this run has none of the materials of the paper's table: `neubtf-bench run paper` measures them",
     "parameters": "this run has none of the codecs of the paper's table",
+    "ablation": "this run has nothing of the suite `ablation`: `neubtf-bench run ablation` measures it",
     "stress": "there is no stress test beside this run: `neubtf-bench stress` makes one",
     "unfinished": "every job has a result",
 }
@@ -94,14 +96,25 @@ def table_text(
 
 def parameters_text(jobs: Sequence["Record"], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
+    from reports.parameters import parameters_table
+
+    return _alone(parameters_table(jobs), format, choice)
+
+
+def paper_text(run: "Run", absent: Mapping[str, str], format: str = "text", choice: "Choice | None" = None) -> str:
+    """The table beside the paper's quality alone; `absent` says by material where to get what no job names."""
+    from reports.paper import paper_table
+
+    return _alone(paper_table(run, absent), format, choice)
+
+
+def _alone(table: "Table | None", format: str, choice: "Choice | None") -> str:
     from reports import text
     from reports.csv_tables import table_csv
     from reports.latex import latex
-    from reports.parameters import parameters_table
 
     writers = {"markdown": text.markdown, "latex": latex, "text": text.plain}
     writers |= {"csv": table_csv, "raw": table_csv}
-    table = parameters_table(jobs)
     tables = [table] if table else []
     return writers[format](choice.of_tables(tables) if choice else tables)
 

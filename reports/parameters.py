@@ -7,7 +7,7 @@ Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from bench.records import Record
+from bench.records import Record, shown_label
 from reports.numbers import NONE, integer
 from reports.table import Table
 
@@ -37,41 +37,70 @@ PUBLISHED = {
         "Biplane", 136_451, 18, "6 latents of the plane over the texels, a matrix (9) and an offset (3)"
     ),
 }  # by codec
+_ZELTNER_CODE = Published("Zeltner 2024 (code)", 819, 8, "8 latents")  # the authors' of 2026: docs/recipes.md
 
 
 def parameters_table(jobs: Iterable[Record]) -> Table | None:
-    """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`; None where there is none."""
-    decoders: dict[tuple[str, int, int], list[str]] = {}
+    """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`, as published before ours.
+
+    None where there is none. A job without a run was counted and not measured: see `bench.conformance.verdicts.count`.
+    """
+    decoders: dict[tuple[str, bool, int, int], list[Record]] = {}
     for job in jobs:
         if job["status"] == "ok" and job["codec"] in PUBLISHED:
-            key = (job["codec"], job["parameters"], job["cost"]["texture_channels"])
-            decoders.setdefault(key, []).append(job["label"])
+            key = (job["codec"], not _as_published(job), job["parameters"], job["cost"]["texture_channels"])
+            decoders.setdefault(key, []).append(job)
     if not decoders:
         return None
     order = list(PUBLISHED)
-    keys = sorted(decoders, key=lambda key: order.index(key[0]))
-    codecs = [codec for codec, _, _ in keys]
-    labels = [codec if codecs.count(codec) == 1 else decoders[key][0] for codec, key in zip(codecs, keys, strict=True)]
+    alike = [decoders[key] for key in sorted(decoders, key=lambda key: (order.index(key[0]), key[1]))]
+    chosen = [min(group, key=lambda job: len(job["label"])) for group in alike]  # the fewest settings
     headers = [("method", ""), ("codec", "")]
     headers += [(what, whose) for what in ("param.", "channels") for whose in ("ours", "paper", "diff.")]
-    rows = [_cells(label, *key) for label, key in zip(labels, keys, strict=True)]
     title = "Decoder parameters and texture channels, beside those published"
-    return Table("parameters", title, headers, rows, _notes(codecs), words=2)
+    notes = _notes(chosen, any("run" not in job for group in alike for job in group))
+    return Table("parameters", title, headers, list(map(_cells, chosen)), notes, words=2)
 
 
-def _cells(label: str, codec: str, parameters: int, channels: int) -> list[str]:
-    paper = PUBLISHED[codec]
-    ours = [(parameters, paper.parameters), (channels, paper.channels)]
+def _as_published(job: Record) -> bool:
+    """Whether a job's settings are those of the paper's recipe, or its codec has no other."""
+    return bool(job.get("settings", {}).get("recipe", "paper") == "paper")
+
+
+def _published(job: Record) -> Published:
+    return _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]
+
+
+def _cells(job: Record) -> list[str]:
+    paper = _published(job)
+    ours = [(job["parameters"], paper.parameters), (job["cost"]["texture_channels"], paper.channels)]
     numbers = [
         [integer(mine), integer(theirs), f"{mine - theirs:+,}" if mine != theirs else "0"] for mine, theirs in ours
     ]
-    return [paper.method, label, *numbers[0], *numbers[1]]
+    return [paper.method, shown_label(job), *numbers[0], *numbers[1]]
 
 
-def _notes(codecs: list[str]) -> list[str]:
-    notes = ["Ours: trainable parameters of the decoder, counted by torchinfo in the decoded material."]
-    notes += [f"Channels of {paper.method}: {paper.made_of}." for paper in dict.fromkeys(PUBLISHED[c] for c in codecs)]
-    absent = dict.fromkeys(paper.method for paper in PUBLISHED.values())
-    for codec in codecs:
-        absent.pop(PUBLISHED[codec].method, None)
-    return notes + ([f"{NONE} {', '.join(absent)}: no codec of this method was measured."] if absent else [])
+def _notes(jobs: list[Record], counted: bool) -> list[str]:
+    notes = ["Ours: trainable parameters of the decoder, counted by torchinfo in what a codec file decodes to."]
+    if counted:
+        notes += ["recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."]
+    notes += [f"{why}: {', '.join(labels)}." for why, labels in _reasons(jobs).items()]
+    notes += [f"Channels of {paper.method}: {paper.made_of}." for paper in dict.fromkeys(map(_published, jobs))]
+    measured = {job["codec"] for job in jobs}
+    absent = dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in measured)
+    return notes + ([f"{NONE} {', '.join(absent)}: no codec of it has been measured."] if absent else [])
+
+
+def _reasons(jobs: list[Record]) -> dict[str, list[str]]:
+    """Why a recipe of ours has another count than the paper's, where its label does not say so: the rows of each."""
+    reasons: dict[str, list[str]] = {}
+    for job in jobs:
+        settings = job.get("settings", {})
+        if not _as_published(job) and settings.get("directions") == "xyzh":
+            why = "Five inputs more than published, z of both directions and the half vector"
+        elif not _as_published(job) and settings.get("halfway") and settings.get("frames"):
+            why = "Three inputs a frame more than published, the half vector"
+        else:
+            continue
+        reasons.setdefault(why, []).append(shown_label(job))
+    return reasons

@@ -138,6 +138,12 @@ class MaterialRows:
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
 
 
+def of_suite(run: Run, suite: str) -> list[Record]:
+    """The jobs that a run of this suite made."""
+    made = {start.get("run") for start in run.starts if start.get("suite") == suite}
+    return [job for job in run.jobs if job.get("run") in made]
+
+
 def described(job: Record, name: str) -> Record:
     """What a record says of a metric: unit, direction, space, version.
 

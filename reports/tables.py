@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from bench.records import Record, Run
 from bench.records.choosing import has_validation
 from reports import KINDS, columns
+from reports.ablation import ablation_table
 from reports.best_cells import best_cells
 from reports.columns import Column
 from reports.fits import fit_tables
@@ -165,6 +166,7 @@ _OF_KIND: dict[str, Maker] = {
     "trade": lambda run, _: trade_tables(run.folder),
     "paper": lambda run, _: [paper_table(run)],
     "parameters": lambda run, _: [parameters_table(run.jobs)],
+    "ablation": lambda run, _: [ablation_table(run)],
     "stress": lambda run, _: stress_tables(run),
     "unfinished": lambda run, _: [unfinished_table(run)],
 }

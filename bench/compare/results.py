@@ -43,7 +43,7 @@ def _job(job: Record, folder: Path) -> Record:
     line["scores"] = {
         name: group
         for name, group in job["scores"].items()
-        if name in (decides, "train", VALIDATION, "scene") or name.startswith(f"{decides}, ")
+        if name in (decides, "all", "train", VALIDATION, "scene") or name.startswith(f"{decides}, ")
     }
     if (slices := decibels(folder, job)) is not None:
         line["slices"] = {PSNR: packed(slices)}

@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from bench.codec import Codec, Progress, followed, silent
+from bench.codec import Codec, Progress, followed, settings_dict, silent
 from bench.codecs.registry import load_codec
 from bench.conformance import stress
 from bench.conformance.check import STAGES, Check, CheckError, CodecUnderTest, raised
@@ -102,7 +102,7 @@ def met_by_others(extreme: str) -> str:
 
 
 def count(name: str) -> Record:
-    """Count a codec's decoder in a file of the small material: `label`, `parameters`, `cost` of a record.
+    """Count a codec's decoder in a file of the small material: `label`, `settings`, `parameters`, `cost` of a record.
 
     A codec with recipes is counted as published. A codec that is fitted in `steps` takes one step, which changes no
     count.
@@ -115,10 +115,13 @@ def count(name: str) -> Record:
     codec = codec_class(**settings)
     with tempfile.TemporaryDirectory() as folder:
         material = CodecUnderTest(codec, Path(folder)).material
+    label = f"{name} recipe=paper" if codec_class.recipes else name
     return {
         "codec": name,
-        "label": name,
+        "job": label,
+        "label": label,
         "status": "ok",
+        "settings": settings_dict(codec),
         "parameters": parameters(material),
         "cost": dataclasses.asdict(material.cost),
     }

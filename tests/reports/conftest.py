@@ -25,9 +25,9 @@ class RunMaker:
         self.folder = folder
         folder.mkdir(exist_ok=True)
 
-    def start(self, run="1"):
+    def start(self, run="1", suite="made"):
         machine = {"cores": 2, "processor": "a processor"}
-        append(self.folder, {"kind": "run", "run": run, "suite": "made", "device": "cpu", "machine": machine})
+        append(self.folder, {"kind": "run", "run": run, "suite": suite, "device": "cpu", "machine": machine})
         return self
 
     def job(self, label="pca components=8", material="satin", **changes):

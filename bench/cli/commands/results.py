@@ -162,7 +162,8 @@ def _written(path: Path, writes: bool) -> bool:
 
 
 def _table(path: Path, words: str) -> str:
-    """The output of a command as Markdown: plain text in a fence, or a Markdown table unchanged."""
+    """What a command prints, as Markdown: plain text in a fence, or a Markdown table as it is."""
+    from bench.cli.commands.table import parameters_table
     from reports import KINDS, WHY_EMPTY, table_text
 
     command, *rest = shlex.split(words)
@@ -171,7 +172,9 @@ def _table(path: Path, words: str) -> str:
     kinds, sources = [word for word in rest if word in KINDS], [word for word in rest if word not in KINDS]
     if command != "table" or len(kinds) > 1 or not sources or any(word.startswith("-") for word in sources):
         raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
-    text = table_text(sources, "markdown" if markdown else "text", kinds[0] if kinds else None)
+    kind, format = kinds[0] if kinds else None, "markdown" if markdown else "text"
+    counts = kind == "parameters"
+    text = parameters_table(list(map(Path, sources)), format) if counts else table_text(sources, format, kind)
     if kinds and not text.strip():
         text = f"No such table yet: {WHY_EMPTY[kinds[0]]}"
     return f"{text}\n" if markdown else f"```\n{text}\n```\n"

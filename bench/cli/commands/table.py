@@ -1,7 +1,8 @@
 """print the tables of one run, or of several runs together
 
-`table parameters` shows decoder parameters and texture channels beside those of the NeuBTF paper. It needs no run: for
-codecs that the run did not measure, it makes a small file and counts in that.
+`table parameters` sets decoder parameters and texture channels beside those of the NeuBTF paper, each codec by the
+paper's recipe first, counted in a small file that is made for it: so it needs no run. `table paper` sets quality beside
+the paper's, of runs/paper and runs/paper-nearest if no run is given, and says where to get the data that are missing.
 
 examples:
   neubtf-bench table
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING
 from bench.errors import FINE, NOTHING, InputError
 
 if TYPE_CHECKING:
+    from bench.data.spec import MaterialSpec
     from reports.choice import Choice
 
 
@@ -58,8 +60,8 @@ def run(options: argparse.Namespace) -> int:
     choice = _choice(options)
     if len(kinds) > 1:
         raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
-    if kinds == ["parameters"]:
-        print(_parameters(folders or _runs()[-1:], options.format, choice))
+    if kinds and kinds[0] in OF_ANY and (kinds[0] == "parameters" or options.format != "raw"):
+        print(OF_ANY[kinds[0]](folders, options.format, choice))
         return FINE
     folders = folders or [_newest_run(kinds)]
     text = table_text(folders, options.format, kinds[0] if kinds else None, choice)
@@ -85,22 +87,42 @@ def _choice(options: argparse.Namespace) -> "Choice | None":
     return Choice(options.codec, options.column, names)
 
 
-def _parameters(folders: list[Path], format: str, choice: "Choice | None") -> str:
-    """The table of parameters, from the records of runs where they have the codec."""
+def parameters_table(folders: list[Path], format: str, choice: "Choice | None" = None) -> str:
+    """The table of parameters: of every codec as published, and of the records of runs, whatever their data."""
     from bench.codecs.registry import codec_entries
+    from bench.conformance.verdicts import count
     from bench.records import load_together, require
     from reports import parameters_text
     from reports.parameters import PUBLISHED
 
-    jobs = [job for job in load_together(folders).jobs if job["status"] == "ok"] if folders else []
+    folders = folders or _runs()[-1:]
+    runs = load_together(folders, wanted=lambda job: False).jobs if folders else ()  # none takes another's place
+    jobs = [job for job in runs if job["status"] == "ok"]
     for job in jobs:
         require(job, "tables", folders[-1])
-    wanted = [name for name in PUBLISHED if name in codec_entries() and name not in {job["codec"] for job in jobs}]
-    if wanted:
-        from bench.conformance.verdicts import count
+    counted = [count(name) for name in PUBLISHED if name in codec_entries()]
+    return parameters_text([*counted, *jobs], format, choice)
 
-        jobs += [count(name) for name in wanted]
-    return parameters_text(jobs, format, choice)
+
+def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
+    """The table beside the paper's quality: of runs, and what they lack with where to get it."""
+    from bench.records import Run, load_together
+    from bench.runs.suite import load_suite
+    from reports import paper_text
+
+    folders = folders or [Path("runs") / suite for suite in PAPER if (Path("runs") / suite).is_dir()]
+    run = load_together(folders) if folders else Run(Path())
+    absent = {spec.name: _missing(spec) for spec in load_suite(PAPER[0]).materials}
+    return paper_text(choice.of_run(run) if choice else run, absent, format, choice)
+
+
+def _missing(spec: "MaterialSpec") -> str:
+    there = f"{spec.path} is there: `neubtf-bench run {PAPER[0]}` measures it"
+    return there if spec.existing() else f"{spec.path} is not there: {spec.where}"
+
+
+PAPER = ("paper", "paper-nearest")  # the suites of the paper's table
+OF_ANY = {"parameters": parameters_table, "paper": _paper}  # the kinds of table that need no run
 
 
 def _newest_run(kinds: list[str]) -> Path:

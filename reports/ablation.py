@@ -1,0 +1,62 @@
+"""NeuBTF without one thing at a time: each codec of the suite `ablation` as it is, and what each change is worth."""
+
+from collections.abc import Iterable, Iterator
+from statistics import fmean
+
+from bench.records import PSNR, SSIM, Record, Run, stats_of
+from reports.numbers import NONE, fixed, integer
+from reports.rows import of_suite
+from reports.table import Table
+
+SUITE = "ablation"
+
+
+def ablation_table(run: Run) -> Table | None:
+    """A row for each change; its quality on each material, a mean over seeds. None where the suite was not run."""
+    jobs = [job for job in of_suite(run, SUITE) if job["status"] == "ok"]
+    if not jobs:
+        return None
+    materials = list(dict.fromkeys(job["material"] for job in jobs))
+    headers = [("codec", ""), ("what is changed", ""), ("decoder", "param."), ("a sample", "FLOP")]
+    for material in materials:
+        headers += [(material, "dB ↑"), ("against as it is", "dB"), (material, "SSIM ↑")]
+    notes = [
+        "dB: pooled display PSNR of the pairs held out to choose settings by; no test pair is among them.",
+        "FLOP: of the decoder's network. A change is told by the settings that differ from the row “as it is”.",
+    ]
+    rows = list(_rows(jobs, materials))
+    if any(NONE in row for row in rows):
+        notes.append(f"{NONE}: not measured.")
+    title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
+    return Table("ablation", title, headers, rows, notes, words=2)
+
+
+def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
+    """The first label of each codec is the codec as it is, against which its others are held."""
+    firsts: dict[str, Record] = {}
+    base: dict[str, str] = {}
+    for job in jobs:
+        firsts.setdefault(job["label"], job)
+        base.setdefault(job["codec"], job["label"])
+    for label, job in firsts.items():
+        whole = base[job["codec"]]
+        changes = " ".join(word for word in label.split()[1:] if word not in whole.split())
+        cells = [job["codec"], changes or "as it is", integer(job["parameters"])]
+        cells.append(integer(job["cost"].get("flops_per_sample")))
+        for material in materials:
+            ours, theirs = (_mean(jobs, material, which, PSNR, "pooled") for which in (label, whole))
+            both = ours is not None and theirs is not None and label != whole
+            cells += [fixed(ours, 2), _signed(ours - theirs) if both else ""]  # type: ignore[operator]
+            cells.append(fixed(_mean(jobs, material, label, SSIM, "mean"), 3))
+        yield cells
+
+
+def _mean(jobs: Iterable[Record], material: str, label: str, family: str, which: str) -> float | None:
+    """The mean over seeds of a statistic; None where there is no number."""
+    same = [job for job in jobs if (job["material"], job["label"]) == (material, label)]
+    numbers = [number for job in same if (number := stats_of(job, family).get(which)) is not None]
+    return fmean(numbers) if numbers else None
+
+
+def _signed(difference: float) -> str:
+    return f"{difference:+.2f}".replace("-", "−")

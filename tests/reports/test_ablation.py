@@ -1,0 +1,33 @@
+"""The table of the suite `ablation`: each change of a codec, against the codec as it is."""
+
+from bench.records import load_run
+from reports import table_text
+from reports.ablation import ablation_table
+
+
+def test_each_change_is_held_against_the_codec_as_it_is_on_every_material(made):
+    made.start("2", suite="ablation")
+    for material, psnr in (("satin", 30.0), ("wool", 25.0)):
+        made.job("neubtf-direct steps=9", material, run="2", psnr=psnr)
+        made.job("neubtf-direct activation=relu steps=9", material, run="2", psnr=psnr - 1.25)
+    made.job("neubtf-direct loss=l1 steps=9", run="2", psnr=29.0)  # of the first material alone, so far
+    made.job("neubtf steps=5", run="2", psnr=28.0).job("neubtf direct=0.0 steps=3", run="2", psnr=28.5)
+    table = ablation_table(load_run(made.folder))
+    rows = table.rows
+    assert table.notes[-1] == "—: not measured."
+    assert [row[:3] for row in rows] == [
+        ["neubtf-direct", "as it is", "3,011"],
+        ["neubtf-direct", "activation=relu", "3,011"],
+        ["neubtf-direct", "loss=l1", "3,011"],
+        ["neubtf", "as it is", "3,011"],
+        ["neubtf", "direct=0.0 steps=3", "3,011"],
+    ]
+    assert rows[0][4:] == ["30.00", "", "0.750", "25.00", "", "0.750"]
+    assert rows[1][4:] == ["28.75", "−1.25", "0.750", "23.75", "−1.25", "0.750"]
+    assert rows[2][4:] == ["29.00", "−1.00", "0.750", "—", "", "—"]
+    assert rows[4][4:] == ["28.50", "+0.50", "0.750", "—", "", "—"]
+
+
+def test_a_run_of_another_suite_has_no_such_table(made):
+    made.start().job("neubtf-direct steps=9")
+    assert table_text(made.folder, kind="ablation") == ""
