@@ -64,13 +64,16 @@ class Density:
         place = self.uv[query] + (chance[:, 1:3].float() - 0.5) * side
         col = (place[:, 0] * width).floor().long().remainder(width)
         row = ((1 - place[:, 1]) * height).floor().long().remainder(height)
-        pairs, corners = len(self.per_pair), self.pair.shape[1]
+        pairs = len(self.per_pair)
         anywhere = torch.randint(math.prod(shape) * pairs, (count,), generator=generator)
         texel, pair = anywhere.div(pairs, rounding_mode="floor"), anywhere.remainder(pairs)
         even = chance[:, 3] < self.uniform
-        return Drawn(
-            torch.where(even, texel, row * width + col),
-            torch.where(even, pair, pairs + query),
-            torch.where(even[:, None], pair[:, None], self.pair[query].long()),
-            torch.where(even[:, None], 1 / corners, self.weight[query]),
-        )
+        direction = torch.where(even, pair, pairs + query)
+        return Drawn(torch.where(even, texel, row * width + col), direction, *self.around(direction))
+
+    def around(self, direction: Tensor) -> tuple[Tensor, Tensor]:
+        """The pairs and their weights, both (n, k), of directions (n,), counted as in `Drawn`."""
+        pairs, corners = len(self.per_pair), self.pair.shape[1]
+        query, exact = (direction - pairs).clamp_min(0), (direction < pairs)[:, None]
+        pair = torch.where(exact, direction[:, None], self.pair[query].long())
+        return pair, torch.where(exact, 1 / corners, self.weight[query])

@@ -125,8 +125,7 @@ class Samples:
         if self.density:
             return self._between(*(drawn.to(self.device) for drawn in self.density.draw(count, self.shape, generator)))
         flat = torch.randint(self.trained * self.pairs, (count,), generator=generator).to(self.device)
-        texel = flat.div(self.pairs, rounding_mode="floor")
-        return self.at(texel, flat - texel * self.pairs)
+        return self.at(flat // self.pairs, flat % self.pairs)
 
     def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
         """Draw a sample at each of some texels (n,), uniform over pairs; in a fit to a scene, by its density."""
@@ -150,6 +149,13 @@ class Samples:
             return Batch(texel, pair, self.table.view(-1, 3)[texel * self.pairs + pair].float())
         row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
         return Batch(texel, pair, self._log(self.btf.gather(pair.cpu().numpy(), row, col)).to(self.device))
+
+    def seen(self, texel: Tensor, direction: Tensor) -> Tensor:
+        """The log radiance (n, 3) at some texels and directions (n,), which `draw` gave as pairs."""
+        if self.density is None:
+            return self.at(texel, direction).target
+        around = (each.to(self.device) for each in self.density.around(direction.cpu()))
+        return self._between(texel, direction, *around).target
 
     def _between(self, texel: Tensor, direction: Tensor, pair: Tensor, weight: Tensor) -> Batch:
         """The samples at some texels (n,) and directions (n,), whose radiance is the weighted sum of pairs (n, k)."""
@@ -347,12 +353,13 @@ class _Loop:
         while self.step < end:
             if self.step >= ROUNDED_FROM * self.steps:
                 self.objective.round_textures(self.fit, self.step / self.steps)
-            shares = (self.objective.rate(self.step, self.steps, i) for i in range(len(self.highest)))
+            shares = [
+                self.objective.rate(self.step, self.steps, i) / 2**self.halvings for i in range(len(self.highest))
+            ]
             loss = self.objective.loss(self.generator, self.step / self.steps)
             loss.backward()
-            self.optimisers.step(
-                [highest * share / 2**self.halvings for highest, share in zip(self.highest, shares, strict=True)]
-            )
+            rates = [highest * share for highest, share in zip(self.highest, shares, strict=True)]
+            self.optimisers.step([rate / 2**self.halvings for rate in rates])
             total += loss.detach()
             self.step += 1
             if self.step < end and time.perf_counter() - self.shown >= SHOW_SECONDS:
