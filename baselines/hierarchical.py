@@ -14,8 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from baselines.neumip import Networks, NeuMIP, NeuMIPObjective, Pyramid, _log
-from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
+from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, _log
+from bench.material import DecoderCost, Material, saturated, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Width
 from bench.training import (
@@ -196,12 +196,10 @@ class HierarchicalNetworks(Networks):
         uv = (middle[:, None, None] + grid * step[:, None, None]).flatten(0, 2)
         texels, each = side * side, level.repeat_interleave(side * side)
         place = self.placed(uv, each, pyramid.side)
-        fitted = not level.is_floating_point()
+        look = pyramid.sample if level.is_floating_point() else pyramid.fetch
         if offset is not None:
-            held = offset.unflatten(0, pyramid.levels[0])
-            height = pyramid.fetch(offset, uv, torch.zeros_like(each)) if fitted else sample_texture(held, uv)
-            uv = self.move(uv, height, wo.repeat_interleave(texels, 0))
-        latents = pyramid.fetch(table, uv, each) if fitted else pyramid.sample(table, uv, each)
+            uv = self.move(uv, look(offset, uv, torch.zeros_like(each)), wo.repeat_interleave(texels, 0))
+        latents = look(table, uv, each)
         numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), side, side))
         out = self.decoder(self.seen(wo, wi), numbers)
         return to_radiance(out @ self.to_rgb.to(out.dtype), 1.0)
@@ -234,7 +232,7 @@ class HierarchicalObjective(NeuMIPObjective):
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         settings, patch = self.settings, self.settings.patch
         count = max(1, settings.batch // patch**2)
-        coarse = count // 4 if len(self.levels) > 1 else 0
+        coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0
         drawn = [self._patches(0, count - coarse, generator)]
         if coarse:
             level = int(torch.randint(1, len(self.levels), (), generator=generator))
@@ -242,11 +240,10 @@ class HierarchicalObjective(NeuMIPObjective):
         *queries, target = (torch.cat(both) for both in zip(*drawn, strict=True))
         ours = self.networks.pictures(self.pyramid, self.textures(progress), tuple(queries), patch)
         if settings.loss == "root":
-            ours, target = (fourth_root(x / LOG_SCALE) for x in (ours, target.expm1()))
-            loss = functional.l1_loss(ours, target)
+            ours, target = ((x / LOG_SCALE).clamp_min(DARKEST) ** 0.25 for x in (ours, target.expm1()))
         else:
             ours = _log(ours)
-            loss = distance(ours, target, settings.loss)
+        loss = distance(ours, target, "l1" if settings.loss == "root" else settings.loss)
         if settings.gradient and progress >= GRADIENT_FROM and patch > 2:
             loss = loss + settings.gradient * gradients(ours - target).square().mean()
         return loss
@@ -263,12 +260,8 @@ class HierarchicalObjective(NeuMIPObjective):
         row = (corner.texel.div(width, rounding_mode="floor")[:, None] + along).remainder(height)
         col = (corner.texel.remainder(width)[:, None] + along).remainder(width)
         texels = (row[:, :, None] * width + col[:, None]).flatten()
-        target = samples.seen(texels, corner.pair.repeat_interleave(patch**2))
+        target = samples.seen(texels, corner.pair.repeat_interleave(patch**2)).target
         return middle, wo, wi, levels, target.unflatten(0, (count, patch, patch))
-
-
-def fourth_root(radiance: Tensor) -> Tensor:
-    return radiance.clamp_min(DARKEST).sqrt().sqrt()
 
 
 def gradients(pictures: Tensor) -> Tensor:
