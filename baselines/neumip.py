@@ -118,7 +118,7 @@ class NeuMIP(Codec):
         if fit.density:  # levels that the scene never sees are left out
             count = min(count, fit.density.levels(max(btf.shape)))
         levels = Samples.levels(btf, count, gain, fit)
-        objective = NeuMIPObjective(levels, self.settings, fit.generator())
+        objective = self.objective(levels, fit.generator())
         progress = train(objective, fit, self.settings.steps, self.settings.patience)
         pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=progress))
         assert pyramid is not None
@@ -132,7 +132,7 @@ class NeuMIP(Codec):
         return Parts(decoder=weights, texture=texture, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        networks = Networks(self.settings)
+        networks = self.networks()
         load_vector(unpack("weights", parts.decoder), networks)
         height, width = parts.other["size"].tolist()
         offset = load_texture("offset", parts.texture) if self.settings.offset else None
@@ -143,7 +143,18 @@ class NeuMIP(Codec):
         pyramid = Pyramid((height, width), levels)
         if len(table) != sum(pyramid.counts) or (offset is not None and len(offset) != height * width):
             raise ValueError(f"textures that are not those of {height} × {width} texels")
-        return NeuMIPMaterial(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)
+        return self.material(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)
+
+    # What `hierarchical` has in place of its own.
+
+    def networks(self) -> "Networks":
+        return Networks(self.settings)
+
+    def objective(self, levels: list[Samples], generator: torch.Generator) -> "NeuMIPObjective":
+        return NeuMIPObjective(levels, self.settings, generator)
+
+    def material(self, *held: Any) -> Material:
+        return NeuMIPMaterial(*held)
 
 
 def level_count(size: tuple[int, int]) -> int:
@@ -216,19 +227,23 @@ class Pyramid(nn.Module):
 class Networks(nn.Module):
     """The decoder and, where the settings ask for it, the offset network."""
 
-    def __init__(self, settings: NeuMIP.Settings, generator: torch.Generator | None = None):
+    def __init__(self, settings: Any, generator: torch.Generator | None = None):
         super().__init__()
         self.directions = settings.directions
-        inputs = COUNTS[settings.directions] + settings.channels
-        self.decoder = Decoder(Architecture(inputs, WIDTHS, settings.outputs), generator)
+        self.decoder: Any = self.first(settings, generator)
         self.offset = Decoder(Architecture(settings.channels + 2, WIDTHS, 1), generator) if settings.offset else None
         self.register_buffer("to_rgb", torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
 
     to_rgb: Tensor
 
+    def first(self, settings: Any, generator: torch.Generator | None) -> nn.Module:
+        """The decoder, as a fit starts with it."""
+        inputs = COUNTS[settings.directions] + settings.channels
+        return Decoder(Architecture(inputs, WIDTHS, settings.outputs), generator)
+
     def start_at(self, level: Tensor) -> None:
         """Set the networks to answer one log radiance (3,) for any latents, with the mask half open."""
-        outputs = torch.zeros(self.decoder.architecture.outputs)
+        outputs = torch.zeros(len(self.decoder.layers[-1].bias))
         rgb = (level.cpu().expm1() / (HALF_OPEN if len(outputs) > 3 else 1)).log1p()
         outputs[:3] = torch.linalg.solve(self.to_rgb.T, rgb)
         self.decoder.start_at(outputs)
@@ -260,11 +275,13 @@ def answer(
 class NeuMIPObjective(Objective):
     """The textures and both networks, fitted at the finest level and, a share of each step, at a random coarser one."""
 
-    def __init__(self, levels: list[Samples], settings: NeuMIP.Settings, generator: torch.Generator):
+    made_of: ClassVar[type[Networks]] = Networks
+
+    def __init__(self, levels: list[Samples], settings: Any, generator: torch.Generator):
         super().__init__(levels[0])
         self.levels, self.settings = levels, settings
         self.pyramid = Pyramid(self.samples.shape, len(levels))
-        self.networks = Networks(settings, generator)
+        self.networks = self.made_of(settings, generator)
         self.networks.start_at(self.samples.mean(generator))
         finest = first_latents(self.samples, settings.channels, settings.start, generator)
         self.table = nn.Parameter(self._levels(finest, generator))

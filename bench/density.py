@@ -13,16 +13,13 @@ COVERED = 0.999  # share of the demand to cover; the rest may fall outside the k
 
 
 class Drawn(NamedTuple):
-    """Random samples: texel (n,) as row · W + column, direction (n,), and the pairs that it is interpolated from.
+    """Random samples: texel (n,) as row · W + column, and direction (n,).
 
     A direction index below the number of pairs is that pair; a larger one is a query, counted after the pairs.
-    `pair`, `weight` (n, k): radiance is the sum of weight × radiance of the pair.
     """
 
     texel: Tensor
     direction: Tensor
-    pair: Tensor
-    weight: Tensor
 
 
 @dataclass(frozen=True)
@@ -64,13 +61,18 @@ class Density:
         place = self.uv[query] + (chance[:, 1:3].float() - 0.5) * side
         col = (place[:, 0] * width).floor().long().remainder(width)
         row = ((1 - place[:, 1]) * height).floor().long().remainder(height)
-        pairs, corners = len(self.per_pair), self.pair.shape[1]
+        pairs = len(self.per_pair)
         anywhere = torch.randint(math.prod(shape) * pairs, (count,), generator=generator)
         texel, pair = anywhere.div(pairs, rounding_mode="floor"), anywhere.remainder(pairs)
         even = chance[:, 3] < self.uniform
-        return Drawn(
-            torch.where(even, texel, row * width + col),
-            torch.where(even, pair, pairs + query),
-            torch.where(even[:, None], pair[:, None], self.pair[query].long()),
-            torch.where(even[:, None], 1 / corners, self.weight[query]),
-        )
+        return Drawn(torch.where(even, texel, row * width + col), torch.where(even, pair, pairs + query))
+
+    def around(self, direction: Tensor) -> tuple[Tensor, Tensor]:
+        """The pairs that directions (n,), counted as in `Drawn`, are interpolated from, and their weights, both (n, k).
+
+        Radiance is the sum of weight × radiance of the pair.
+        """
+        pairs, corners = len(self.per_pair), self.pair.shape[1]
+        query, exact = (direction - pairs).clamp_min(0), (direction < pairs)[:, None]
+        pair = torch.where(exact, direction[:, None], self.pair[query].long())
+        return pair, torch.where(exact, 1 / corners, self.weight[query])

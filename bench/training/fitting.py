@@ -123,16 +123,14 @@ class Samples:
     def draw(self, count: int, generator: torch.Generator) -> Batch:
         """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
         if self.density:
-            return self._between(*(drawn.to(self.device) for drawn in self.density.draw(count, self.shape, generator)))
+            return self.seen(*(drawn.to(self.device) for drawn in self.density.draw(count, self.shape, generator)))
         flat = torch.randint(self.trained * self.pairs, (count,), generator=generator).to(self.device)
-        texel = flat.div(self.pairs, rounding_mode="floor")
-        return self.at(texel, flat - texel * self.pairs)
+        return self.at(flat // self.pairs, flat % self.pairs)
 
     def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
         """Draw a sample at each of some texels (n,), uniform over pairs; in a fit to a scene, by its density."""
         if self.density:
-            _, *drawn = self.density.draw(len(texel), self.shape, generator)
-            return self._between(texel, *(each.to(self.device) for each in drawn))
+            return self.seen(texel, self.density.draw(len(texel), self.shape, generator).direction.to(self.device))
         return self.at(texel, torch.randint(self.pairs, (len(texel),), generator=generator).to(self.device))
 
     def draw_unseen(self, count: int, generator: torch.Generator) -> Batch:
@@ -151,8 +149,11 @@ class Samples:
         row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
         return Batch(texel, pair, self._log(self.btf.gather(pair.cpu().numpy(), row, col)).to(self.device))
 
-    def _between(self, texel: Tensor, direction: Tensor, pair: Tensor, weight: Tensor) -> Batch:
-        """The samples at some texels (n,) and directions (n,), whose radiance is the weighted sum of pairs (n, k)."""
+    def seen(self, texel: Tensor, direction: Tensor) -> Batch:
+        """The samples at some texels and directions (n,), each a pair, or in a fit to a scene one between pairs."""
+        if not self.density:
+            return self.at(texel, direction)
+        pair, weight = (each.to(self.device) for each in self.density.around(direction.cpu()))
         corners = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten()).target.unflatten(0, pair.shape)
         return Batch(texel, direction, (corners.expm1() * weight[..., None]).sum(1).log1p())
 

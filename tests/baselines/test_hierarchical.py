@@ -1,0 +1,267 @@
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import convolve1d
+
+from baselines.hierarchical import Hierarchical, HierarchicalMaterial, HierarchicalObjective, gradients
+from baselines.neumip import YUV_TO_RGB, level_count
+from bench import hemisphere
+from bench.btf import BTF, ArraySource
+from bench.codec import Fit, Parts
+from bench.conformance.check import tiny_btf
+from bench.errors import InputError
+from bench.material import layers, parameters
+from bench.training import Samples
+from bench.training import fitting as training
+
+SMALL = {"steps": 10, "batch": 256}
+EXACT = {"bits": 32, "weights": "float32"}
+
+
+@pytest.fixture(autouse=True)
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An answer is computed from 81 places, so a curve and the choice of bits take seconds."""
+    monkeypatch.setattr(training, "PROBE", 512)
+    monkeypatch.setattr(training, "ROUNDING_SAMPLES", 256)
+
+
+def fitted(btf: BTF | None = None, **settings: Any) -> tuple[HierarchicalMaterial, Parts]:
+    codec = Hierarchical(**SMALL | settings)
+    parts = codec.encode(btf or tiny_btf(), Fit())
+    material = codec.decode(parts, torch.device("cpu"))
+    assert isinstance(material, HierarchicalMaterial)
+    return material, parts
+
+
+@pytest.mark.parametrize(("recipe", "first"), [("paper", (32 + 40 + 7 + 1) * 25), ("ours", (9 + 40 + 7 + 1) * 25)])
+def test_layers_have_the_published_parameters(recipe: str, first: int) -> None:
+    material, _ = fitted(recipe=recipe, steps=1, patch=4)
+    module = [182, 312, 1_308, 78, 228, 78]  # 25 → 7; 25 → 12, 3² · 12 → 12; 25 → 3, 5² · 3 → 3; 25 → 3
+    assert [count for _, _, count in layers(material)] == [first, *module, *module, 78, 250, 650, 650, 26]
+    total = {"paper": 8_026, "ours": 7_451}[recipe]
+    assert parameters(material) == material.cost.parameters == total
+    assert material.cost.texture_channels == 14
+
+
+class Oracle:
+    """The equations in NumPy, of one query, from the tensors of a file."""
+
+    def __init__(self, parts: Parts, settings: Any):
+        self.settings, self.gain = settings, float(parts.other["gain"])
+        self.size = height, width = tuple(parts.other["size"].tolist())
+        self.flat = parts.decoder["weights"].double().numpy()
+        self.at = 0
+        directions = {"xy": 4, "xyzh": 9}[settings.directions] * max(1, 2 * settings.octaves)
+        self.first = self._layer(directions + 4 * settings.places + 7, 25)
+        shapes = (25, 7), (25, 12), (9 * 12, 12), (25, 3), (25 * 3, 3), (25, 3)
+        self.modules = [[self._layer(*shape) for shape in shapes] for _ in range(2)]
+        self.last = self._layer(25, 3)
+        self.moving = [self._layer(*shape) for shape in ((9, 25), (25, 25), (25, 25), (25, 1))]
+        assert self.at == len(self.flat)
+        self.offset = parts.texture["offset"].double().numpy().reshape(height, width, 7)
+        self.pyramid, table = [], parts.texture["pyramid"].double().numpy()
+        for level in range(level_count(self.size)):
+            h, w = height >> level, width >> level
+            self.pyramid.append(table[: h * w].reshape(h, w, 7))
+            table = table[h * w :]
+        assert not len(table)
+
+    def _layer(self, inputs: int, outputs: int) -> tuple[np.ndarray, np.ndarray]:
+        weight = self.flat[self.at : self.at + inputs * outputs].reshape(outputs, inputs)
+        bias = self.flat[self.at + inputs * outputs :][:outputs]
+        self.at += (inputs + 1) * outputs
+        return weight, bias
+
+    def seen(self, u: float, v: float, wo: np.ndarray, level: float) -> np.ndarray:
+        """The place and the latents at one point: sines of u, cosines of u … are in the order of the file."""
+        octaves = np.arange(self.settings.places)
+        share = np.clip(np.log2(max(self.size)) - level - octaves, 0, 1)
+        angles = [np.pi * 2.0**octaves * (2 * x - 1) for x in (u, v)]
+        place = np.concatenate([share * f(angle) for f in (np.sin, np.cos) for angle in angles])
+        x = np.concatenate([bilinear(self.offset, u, v), wo[:2]])
+        for i, (weight, bias) in enumerate(self.moving):
+            x = weight @ x + bias
+            x = x.clip(0) if i < 3 else x
+        du, dv = 0.05 * x[0] * wo[:2] / max(wo[2], 0.6)
+        low = int(level)
+        upper = min(low + 1, len(self.pyramid) - 1)
+        fine, coarse = (bilinear(self.pyramid[i], u + du, v + dv) for i in (low, upper))
+        return np.concatenate([place, (1 - level + low) * fine + (level - low) * coarse])
+
+    def answer(self, u: float, v: float, wo: np.ndarray, wi: np.ndarray, footprint: float) -> np.ndarray:
+        half = (wo + wi) / np.linalg.norm(wo + wi)
+        numbers = np.concatenate([wo, wi, half] if self.settings.directions == "xyzh" else [wo[:2], wi[:2]])
+        if self.settings.octaves:
+            angle = np.pi * np.outer(numbers, 2.0 ** np.arange(self.settings.octaves)).ravel()
+            numbers = np.concatenate([np.sin(angle), np.cos(angle)])
+        level = np.clip(np.log2(max(footprint * max(self.size), 1)), 0, len(self.pyramid) - 1)
+        height, width = self.size
+        x = np.empty((25, 9, 9))
+        for i in range(9):
+            for j in range(9):
+                there = u + (j - 4) * 2**level / width, v - (i - 4) * 2**level / height
+                x[:, i, j] = self.first[0] @ np.concatenate([numbers, self.seen(*there, wo, level)]) + self.first[1]
+        for point, to_three, three, to_five, five, pooled in self.modules:
+            inner = x[:, 1:-1, 1:-1]
+            maxima = np.lib.stride_tricks.sliding_window_view(inner, (3, 3), (1, 2)).max((3, 4))
+            x = np.concatenate(
+                [
+                    convolved(x[:, 2:-2, 2:-2], point, 1),
+                    convolved(convolved(inner, to_three, 1), three, 3),
+                    convolved(convolved(x, to_five, 1), five, 5),
+                    convolved(maxima, pooled, 1),
+                ]
+            )
+        log = np.array(YUV_TO_RGB) @ (self.last[0] @ x[:, 0, 0] + self.last[1])
+        radiance: np.ndarray = np.expm1(log).clip(0) / self.gain
+        return radiance
+
+
+def bilinear(texture: np.ndarray, u: float, v: float) -> np.ndarray:
+    height, width = texture.shape[:2]
+    row, col = (1 - v) * height - 0.5, u * width - 0.5
+    i, j = int(np.floor(row)), int(np.floor(col))
+    top, bottom = (
+        (1 - col + j) * texture[r % height, j % width] + (col - j) * texture[r % height, (j + 1) % width]
+        for r in (i, i + 1)
+    )
+    mixed: np.ndarray = (1 - row + i) * top + (row - i) * bottom
+    return mixed
+
+
+def convolved(x: np.ndarray, layer: tuple[np.ndarray, np.ndarray], side: int) -> np.ndarray:
+    windows = np.lib.stride_tricks.sliding_window_view(x, (side, side), (1, 2))
+    kernel = layer[0].reshape(-1, len(x), side, side)
+    sums: np.ndarray = np.einsum("chwij,dcij->dhw", windows, kernel) + layer[1][:, None, None]
+    return sums.clip(0)
+
+
+@pytest.mark.parametrize("recipe", ["ours", "paper"])
+@pytest.mark.parametrize("size", [(8, 8), (5, 12)])
+def test_a_decoded_file_answers_as_the_equations(recipe: str, size: tuple[int, int]) -> None:
+    settings = {"recipe": recipe, "patch": 4, "rate": 0.01, "steps": 30}
+    like = tiny_btf()
+    values = np.random.default_rng(0).uniform(0, 1, (len(like), *size, 3)).astype(np.float32)
+    material, parts = fitted(BTF("noise", like.wo, like.wi, ArraySource(values)), **settings, **EXACT)
+    oracle = Oracle(parts, Hierarchical(**SMALL | settings).settings)
+    rng = np.random.default_rng(1)
+    uv, footprint = rng.random((6, 2)), np.array([0.0, 0.0, 1 / 12, 0.2, 0.3, 2.0])
+    wo, wi = (hemisphere.uniform(rng, 6, 80.0).astype(float) for _ in range(2))
+    found = material.query(*(x.astype(np.float32) for x in (uv, wo, wi, footprint)))
+    expected = [oracle.answer(*uv[i], wo[i], wi[i], footprint[i]) for i in range(6)]
+    assert np.ptp(expected) > 0.01
+    # Float32 sums of hundreds of terms; a place is some 1e-6 of a texel off, of a network that bends sharply.
+    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-4)
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_patch_of_the_fit_is_what_its_texels_answer_one_by_one(level: int) -> None:
+    btf, fit = tiny_btf(), Fit()
+    codec = Hierarchical(**SMALL, patch=3, **EXACT)
+    levels = Samples.levels(btf, 3, training.gain_of(btf, fit), fit)
+    fitting = codec.objective(levels, fit.generator())
+    assert isinstance(fitting, HierarchicalObjective)
+    training.train(fitting, fit, 10)
+    middle, wo, wi, _, target = fitting._patches(level, 5, fit.generator())
+    with torch.no_grad():
+        textures = fitting.textures(1.0)
+        whole = torch.full((5,), level)
+        patches = fitting.networks.pictures(fitting.pyramid, textures, (middle, wo, wi, whole), 3)
+        for row in range(3):
+            for col in range(3):
+                away = torch.tensor([col - 1, 1 - row]) * 2**level / 8
+                queries = middle + away, wo, wi, whole.float()
+                alone = fitting.networks.pictures(fitting.pyramid, textures, queries)[:, 0, 0]
+                torch.testing.assert_close(patches[:, row, col], alone, rtol=1e-3, atol=1e-4)
+    # The targets are those of the same texels.
+    side = 8 >> level
+    for each in range(5):
+        pair = int(((fitting.samples.wo == wo[each]) & (fitting.samples.wi == wi[each])).all(1).nonzero()[0])
+        col, row = (middle[each, 0] * side - 0.5).round().long(), ((1 - middle[each, 1]) * side - 0.5).round().long()
+        truth = levels[level].slices(torch.tensor([pair]))[:, 0].unflatten(0, (side, side))
+        wanted = truth.roll((1 - int(row), 1 - int(col)), (0, 1))[:3, :3]
+        torch.testing.assert_close(target[each], wanted)
+
+
+def test_octaves_that_a_footprint_hides_are_left_out() -> None:
+    material, _ = fitted(places=4)
+    uv = torch.rand(20, 2)
+    level = torch.tensor([0.0, 1.0, 1.5, 9.0]).repeat_interleave(5)
+    octaves = material.networks.placed(uv, level, 8).unflatten(1, (4, 4)).square().sum(1)  # sine² + cosine², twice
+    shares = [[2, 2, 2, 0], [2, 2, 0, 0], [2, 0.5, 0, 0], [0, 0, 0, 0]]
+    torch.testing.assert_close(octaves[::5], torch.tensor(shares, dtype=torch.float32))
+
+
+def test_gradients_are_sobels() -> None:
+    picture = np.random.default_rng(0).standard_normal((2, 6, 6, 3))
+    found = gradients(torch.from_numpy(picture)).unflatten(0, (2, 3)).numpy()
+    for axis, direction in ((2, 0), (1, 1)):  # differences along columns, then rows
+        smooth, along = [1.0, 2.0, 1.0], [-1.0, 0.0, 1.0]
+        expected = convolve1d(convolve1d(picture, along, axis), smooth, 3 - axis)[:, 1:-1, 1:-1]
+        np.testing.assert_allclose(np.moveaxis(found[:, :, direction], 1, -1), expected, atol=1e-12)
+
+
+def test_it_comes_near_the_data() -> None:
+    fit = Fit()
+    Hierarchical(steps=200, batch=512).encode(tiny_btf(), fit)
+    assert fit.history[-1]["psnr"] > 25
+
+
+def test_a_picture_that_only_neighbours_tell_is_learned_from_them() -> None:
+    """Every latent is alike, and so is the place; what differs is seen by the kernels alone."""
+    material, _ = fitted(places=0, steps=30, **EXACT)
+    up = torch.tensor([[0.0, 0.0, 1.0]])
+    before = material.query(torch.tensor([[1 / 16, 15 / 16]]), up, up)
+    material.table.unflatten(0, (-1, 1))[4] += 1.0  # four texels to the right, in no bilinear fetch of the point
+    after = material.query(torch.tensor([[1 / 16, 15 / 16]]), up, up)
+    assert (before - after).abs().max() > 1e-5
+    material.table.unflatten(0, (-1, 1))[4 * 8 + 4 : 4 * 8 + 5] += 1.0  # four down, too: the corner of 9 × 9
+    assert (material.query(torch.tensor([[1 / 16, 15 / 16]]), up, up) - after).abs().max() > 0
+
+
+@pytest.mark.parametrize("loss", ["both", "l1", "root"])
+@pytest.mark.parametrize("shade", [0.0, 1.0])
+def test_losses_of_black_and_white_have_gradients(loss: Any, shade: float) -> None:
+    like, generator = tiny_btf(), torch.Generator().manual_seed(0)
+    btf = BTF("flat", like.wo, like.wi, ArraySource(np.full((81, 8, 8, 3), shade, np.float32)), periodic=True)
+    settings = Hierarchical.Settings(loss=loss, gradient=1.0, batch=64)
+    fitting = HierarchicalObjective([Samples(btf, 8.0, Fit())], settings, generator)
+    for level in (fitting.samples.mean(generator), torch.zeros(3), torch.ones(3)):
+        fitting.networks.start_at(level)
+        value = fitting.loss(generator, 0.5)
+        value.backward()
+        assert value.isfinite()
+        assert all(p.grad is None or p.grad.isfinite().all() for p in fitting.parameters())
+
+
+def test_the_term_on_gradients_begins_after_a_quarter() -> None:
+    btf, fit = tiny_btf(), Fit()
+    samples = [Samples(btf, training.gain_of(btf, fit), fit)]
+
+    def loss(progress: float, gradient: float) -> float:
+        settings = Hierarchical.Settings(gradient=gradient, batch=256)
+        fitting = HierarchicalObjective(samples, settings, fit.generator())
+        return float(fitting.loss(fit.generator(), progress).detach())
+
+    assert loss(0.2, 1.0) == loss(0.2, 0.0)
+    assert loss(0.3, 1.0) > loss(0.3, 0.0)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (2, 16)])
+def test_any_size_is_fitted(size: tuple[int, int]) -> None:
+    like = tiny_btf()
+    values = np.random.default_rng(0).uniform(0, 1, (len(like), *size, 3)).astype(np.float32)
+    material, _ = fitted(BTF("noise", like.wo, like.wi, ArraySource(values)), recipe="paper", steps=2)
+    assert material.slice([0, 0, 1], [0, 0, 1]).shape == (*size, 3)
+
+
+def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any) -> None:
+    ends_alike_when_killed(Hierarchical(steps=30, batch=64, patch=4, gradient=0.1), tiny_btf())
+
+
+@pytest.mark.parametrize(("setting", "value"), [("patch", 0), ("places", 17), ("gradient", -1)])
+def test_settings_without_sense_are_refused(setting: str, value: int) -> None:
+    with pytest.raises(InputError, match=f"setting {setting} of codec hierarchical"):
+        Hierarchical(**{setting: value})
