@@ -33,7 +33,7 @@ def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[
     """The models of each material: its best codec, then its second, and so on until the page's share is spent."""
     by_material = {material.name: Live({}, {}) for material in materials}
     left = int(share * BUDGET)
-    for turn in zip_longest(*(sorted(material.shown, key=_psnr, reverse=True) for material in materials)):
+    for turn in zip_longest(*(sorted(material.shown, key=by_psnr, reverse=True) for material in materials)):
         for material, row in zip(materials, turn, strict=True):
             if row is None:
                 continue
@@ -63,7 +63,8 @@ def _packed(run: Run, row: Row, room: int) -> str:
     return packed
 
 
-def _psnr(row: Row) -> float:
+def by_psnr(row: Row) -> float:
+    """The PSNR of a row to sort by; infinite where it has no error."""
     return float("inf") if row.psnr is None else row.psnr
 
 

@@ -45,7 +45,7 @@ const report = (() => {
   };
   const looks = new Map(data.codecs.map((codec) => [codec.label, codec]));
   const lookOf = (label) => looks.get(label) || { colour: "#888888", marker: "o", hollow: false, dash: "" };
-  const colourOf = (label) => (lookOf(label).colour === "#000000" ? "var(--ink)" : lookOf(label).colour);
+  const colourOf = (label) => lookOf(label).colour;
 
   function marker(label, x, y, size) {
     const look = lookOf(label), outline = OUTLINES[look.marker] || OUTLINES.o;

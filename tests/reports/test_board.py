@@ -121,7 +121,7 @@ def test_records_get_the_pictures_of_a_run_at_hand_of_the_same_files_alone(made,
     found = json.loads(re.search(r'id="slices0">(.*?)</script>', pages["material-satin.html"])[1])
     assert [codec["label"] for codec in found["codecs"]] == ["pca"]
     assert pages["material-brick.html"].count('id="slices') == 1, "of the run, whose vq is of other data"
-    assert ": quick (" in pages["index.html"], "vq of other data is in no records, so the run stands by itself, too"
+    assert ": quick</h2>" in pages["index.html"], "vq of other data is in no records, so the run stands by itself, too"
     assert "data:image" not in write(tmp_path / "site", published)["material-satin.html"]
 
 

@@ -55,6 +55,30 @@ def test_gaps_are_explained(made):
         assert words in page
 
 
+def test_a_codec_without_any_result_is_named_once(made):
+    for material in ("satin", "brick"):
+        made.job(material=material).job("vq", psnr=20.0, material=material)
+        made.unfinished("failed", "why", label="broken", material=material)
+    page = page_of(made)
+    shown, _, unfinished = re.sub(r"<script.*?</script>", "", page, flags=re.S).partition("Jobs without a result")
+    assert "broken" not in shown
+    assert unfinished.count("broken") == 2, "once for each material"
+    assert "broken" not in str(data_of(page))
+
+
+def test_the_first_screen_shows_the_truth_beside_the_best(made):
+    made.job("pca").job("vq", psnr=33.0).job("neumip", psnr=20.0).job("ntc", psnr=10.0)
+    first = page_of(made).partition('id="summary"')[0]
+    assert "4 codecs on satin (8 × 8 texels, 8 training pairs, 4 held out)" in first
+    assert re.findall(r'data-codec="(.*?)"', first) == ["", "vq", "pca", "neumip"]
+    assert "vq: 33.0 dB, 36,110 bytes" in first
+
+
+def test_slices_are_shown_by_their_quantiles(made):
+    (plot,) = (each for each in data_of(page_of(made.job(psnr=30.0)))["plots"] if each["kind"] == "slices")
+    assert plot["series"] == [{"label": "pca components=8", "points": [[30.0] * 5]}]
+
+
 def test_every_number_leads_to_its_record(made):
     page = page_of(made.job().job("vq", psnr=20.0).job("vq", psnr=21.0, seed=1).timing())
     places = set(re.findall(r'href="#(r\d[^"]*)"', page))
@@ -227,6 +251,7 @@ def test_rows_are_filtered_and_columns_hidden(opened):
 
 
 def test_a_codec_is_ticked_off_in_all_plots(opened):
+    opened.locator("#codecs summary").click()
     box = opened.locator("#codecs").get_by_label("vq")
     count = "[...document.querySelectorAll('.plot')].map((each) => each.querySelectorAll('polygon').length)"
     for plot in opened.locator(".plot").all():  # each is drawn when it comes near the window
@@ -260,7 +285,7 @@ def test_a_point_is_told_by_pointer_and_key(opened):
 def test_slices_are_wiped_and_chosen_by_mouse_and_key(opened):
     root = opened.locator('[data-slices="slices0"]')
     root.scroll_into_view_if_needed()
-    canvas = root.locator("canvas")
+    canvas = root.locator(".stage canvas")
     wait(opened, "document.querySelector('[data-slices=slices0]').slices?.sides")
 
     def picture() -> str:
