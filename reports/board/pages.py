@@ -108,7 +108,7 @@ class Board:
             won = sum(place.gap >= 0 for place in found)
             rows.append([name, about, f"{won} of {len(found)}" if found else "no result"])
         headers = [("codec", ""), ("about", ""), ("best of", "")]
-        return Table("list", "Codecs", headers, rows, ["Best of: materials and budgets, as on its page."], words=2)
+        return Table("list", "Codecs", headers, rows, ["Best of: the comparisons on its page."], words=2)
 
     def _material(self, name: str, sources: Sequence[Source]) -> Iterator[str]:
         page = MaterialPage(name, sources, self)
