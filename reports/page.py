@@ -16,7 +16,7 @@ from PIL import Image
 
 from bench.records import Run
 from reports import series
-from reports.atlas import Atlases
+from reports.atlas import MAGMA, Atlases
 from reports.figures import Figure
 from reports.html_tables import details, note, table_html
 from reports.live import Live, live
@@ -30,7 +30,7 @@ from reports.shaders.tables import WIDTH
 from reports.table import Table
 from reports.viewer.page import as_json, fragment, hash_source
 
-INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact"}  # figures that the page draws itself
+INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact", "latents"}  # drawn by the page itself, or too large
 STRIPS = 2  # materials that open the page with a picture
 FIRST = ("budgets", "when", "summary")  # kinds of tables that open the page
 OPEN = {*FIRST, "main", "unfinished"}  # kinds of tables that are not folded away
@@ -95,7 +95,7 @@ class _Page:
         yield from (f"{part}\n" for part in self._body())
         yield "</main>\n"
         plots = json.loads(json.dumps(self.plots), parse_float=lambda text: float(f"{float(text):.5g}"))
-        plain = {"codecs": series.codecs(self.run), "plots": plots, "width": WIDTH}
+        plain = {"codecs": series.codecs(self.run), "plots": plots, "width": WIDTH, "magma": MAGMA.tolist()}
         yield from self.data
         yield _data("data", as_json(plain))
         yield _packed("records-data", self.records.packed())
@@ -155,7 +155,7 @@ class _Page:
         return f'<div class="strip" data-strip="slices{number}">{figures}</div>'
 
     def _narrowed(self, table: Table) -> Table:
-        """The summary with its decibels first, where a narrow window shows them, without what the page says elsewhere."""
+        """The summary, decibels first, where a narrow window shows them, without what the page says elsewhere."""
         if table.kind != "summary":
             return table
         names = [name for name, _ in table.headers]
@@ -179,7 +179,8 @@ class _Page:
             return
         drawn = {plot["kind"] for plot in self.plots if plot["material"] == material.name}
         kinds = "" if material.name == self.opening else "rate speed "
-        yield f'<div class="plots" data-plots="{escape(material.name)}" data-kinds="{kinds}fits footprints slices"></div>'
+        kinds += "fits footprints slices"
+        yield f'<div class="plots" data-plots="{escape(material.name)}" data-kinds="{kinds}"></div>'
         yield from (note(why) for kind, why in GAPS.items() if kind not in drawn)
         yield from self._slices(number, material)
         yield from self._live(number, self.live[material.name])
@@ -256,8 +257,8 @@ def _packed(name: str, text: str) -> str:
 
 def _image(figure: Figure) -> str:
     """A figure as WebP: half as large as its PNG, without loss but where it shows slices or texels."""
-    lossy = {"contact": 90, "abrdf": 90, "latents": 70}.get(figure.kind)
-    how = {"quality": lossy, "method": 0} if lossy else {"lossless": True, "quality": 30, "method": 1}
+    lossy = {"quality": 90, "method": 4} if figure.kind == "abrdf" else None
+    how = lossy or {"lossless": True, "quality": 30, "method": 1}
     out = io.BytesIO()
     with Image.open(io.BytesIO(figure.png)) as picture:
         picture.convert("RGB").save(out, "webp", **how)
