@@ -30,20 +30,24 @@ class Live:
 
 
 def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[str, Live]:
-    """The models of each material: its best codec, then its second, and so on until the page's share is spent."""
+    """The models of each material, codecs at their best settings, the best first, until the page's share is spent."""
     by_material = {material.name: Live({}, {}) for material in materials}
-    left = int(share * BUDGET)
+    left, done = int(share * BUDGET), set[tuple[str, str]]()
     for turn in zip_longest(*(sorted(material.shown, key=by_psnr, reverse=True) for material in materials)):
         for material, row in zip(materials, turn, strict=True):
             if row is None:
                 continue
-            here = by_material[material.name]
+            here, codec = by_material[material.name], str(row.job.get("codec"))
+            if (codec, material.name) in done:
+                here.missing[row.label] = "its codec is, at better settings: `neubtf-bench view` shows it"
+                continue
             try:
                 packed = _packed(run, row, min(left, LARGEST))
             except InputError as error:
                 here.missing[row.label] = str(error)
                 continue
             here.models[row.label] = packed
+            done.add((codec, material.name))
             left -= len(packed)
     return by_material
 
@@ -57,7 +61,7 @@ def _packed(run: Run, row: Row, room: int) -> str:
     if path.is_file() and PACKED * path.stat().st_size > room:
         raise InputError(_TOO_LARGE)
     note = f"{row.label}: {row.job['bytes']['total']:,} bytes"
-    packed = pack(model_data(Model(row.label, program(path), row.job["score_key"]["exposure"], note)))
+    packed = _pack_model(Model(row.label, program(path), row.job["score_key"]["exposure"], note))
     if len(packed) > room:
         raise InputError(_TOO_LARGE)
     return packed
@@ -68,6 +72,18 @@ def by_psnr(row: Row) -> float:
     return float("inf") if row.psnr is None else row.psnr
 
 
-def pack(data: object) -> str:
-    """JSON, deflated, in base64: what the page's `unpacked` reads."""
-    return base64.b64encode(zlib.compress(json.dumps(data).encode(), 6)).decode()
+def _pack_model(model: Model) -> str:
+    """A model whose arrays stand as bytes behind its JSON, which says where: they deflate better than in base64."""
+    places: dict[bytes, list[int]] = {}
+
+    def place(raw: bytes) -> object:
+        return {"raw": places.setdefault(raw, [sum(map(len, places)), len(raw)])}
+
+    data = model_data(model, place)
+    return pack(data, b"".join(places))
+
+
+def pack(data: object, arrays: bytes = b"") -> str:
+    """The length of the JSON, the JSON, then arrays: deflated, in base64, as the page's `unpacked` reads it."""
+    text = json.dumps(data).encode()
+    return base64.b64encode(zlib.compress(len(text).to_bytes(4, "little") + text + arrays, 9)).decode()

@@ -16,7 +16,7 @@ from PIL import Image
 
 from bench.records import Run
 from reports import series
-from reports.atlas import Atlases
+from reports.atlas import MAGMA, Atlases
 from reports.figures import Figure
 from reports.html_tables import details, note, table_html
 from reports.live import Live, live
@@ -30,7 +30,7 @@ from reports.shaders.tables import WIDTH
 from reports.table import Table
 from reports.viewer.page import as_json, fragment, hash_source
 
-INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact"}  # figures that the page draws itself
+INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact", "latents"}  # drawn by the page itself, or too large
 STRIPS = 2  # materials that open the page with a picture
 FIRST = ("budgets", "when", "summary")  # kinds of tables that open the page
 OPEN = {*FIRST, "main", "unfinished"}  # kinds of tables that are not folded away
@@ -80,7 +80,7 @@ def document(
     yield "</main>\n"
     rounded = json.loads(json.dumps(plots), parse_float=lambda text: float(f"{float(text):.5g}"))
     yield from data
-    yield _data("data", as_json({"codecs": codecs, "plots": rounded, "width": WIDTH}))
+    yield _data("data", as_json({"codecs": codecs, "plots": rounded, "width": WIDTH, "magma": MAGMA.tolist()}))
     yield from (f"<script>{script}</script>\n" for script in scripts)
     yield "</body>\n</html>\n"
 
@@ -273,8 +273,8 @@ def _packed(name: str, text: str) -> str:
 
 def _image(figure: Figure) -> str:
     """A figure as WebP: half as large as its PNG, without loss but where it shows slices or texels."""
-    lossy = {"contact": 90, "abrdf": 90, "latents": 70}.get(figure.kind)
-    how = {"quality": lossy, "method": 0} if lossy else {"lossless": True, "quality": 30, "method": 1}
+    lossy = {"quality": 90, "method": 4} if figure.kind == "abrdf" else None
+    how = lossy or {"lossless": True, "quality": 30, "method": 1}
     out = io.BytesIO()
     with Image.open(io.BytesIO(figure.png)) as picture:
         picture.convert("RGB").save(out, "webp", **how)

@@ -4,8 +4,8 @@ from typing import Any
 
 from bench.records import Run, shown_label
 
-# A colour of its own for each codec of the package: any two differ by at least 20 in CIELAB, and each has a contrast of 3
-# or more on white and on the page's dark paper. Markers tell apart what a reader without one kind of cone, or a grey
+# A colour of its own for each codec of the package: any two differ by at least 20 in CIELAB, and each has a contrast of
+# 3 or more on white and on the page's dark paper. Markers tell apart what a reader without one kind of cone, or a grey
 # print, confuses: no two of 126 codecs share both.
 COLOURS = (
     *("#006CA8", "#E47818", "#18A884", "#C0186C", "#9084FC", "#906C00", "#846054", "#009CB4", "#909084", "#B4849C"),

@@ -1,5 +1,5 @@
 // Draws materials on a plane, a sphere or a drape. `mountViewer(root, data)` builds the controls and returns what tests
-// use. data.models: {label, note, exposure, periods, shader, exact, half, uniforms, fallback}; tables are base64 of RGBA32F and RGBA16F
+// use. data.models: {label, note, exposure, periods, shader, exact, half, uniforms, fallback}; tables are buffers, or base64, of RGBA32F and RGBA16F
 // rows, uniforms of vec4; fallback holds what is other in the shader for compilers that choke on the first.
 
 const DISTANCE = 4.2, LAMP = 3.0;  // of the camera and of the point light; shapes are about 2 wide
@@ -16,6 +16,7 @@ function lightsOf(state) {
 }
 
 function bytes(base64) {
+  if (base64 instanceof ArrayBuffer) return base64;
   const text = atob(base64), out = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i++) out[i] = text.charCodeAt(i);
   return out.buffer;

@@ -31,6 +31,12 @@
     return cut.getImageData(0, 0, width, height);
   }
 
+  // The colours of grey levels.
+  function magma(pixels) {
+    for (let i = 0; i < pixels.data.length; i += 4) pixels.data.set(report.data.magma[pixels.data[i]], i);
+    return pixels;
+  }
+
   function put(canvas, pixels) {
     [canvas.width, canvas.height] = [pixels.width, pixels.height];
     canvas.getContext("2d").putImageData(pixels, 0, 0);
@@ -121,7 +127,7 @@
     async side(number, show) {
       const codec = this.data.codecs[number], { truth } = this.data;
       if (!codec) return this.slice(truth);
-      if (show === "flip") return codec.flip ? this.slice(codec.flip) : null;
+      if (show === "flip") return codec.flip ? magma(await this.slice(codec.flip)) : null;
       const found = await this.slice(codec.decoded);
       if (show === "difference") {
         const other = await this.slice(truth), gain = Number(this.state.gain);
