@@ -177,7 +177,7 @@ class MaterialPage(Page):
 
     def _live(self, number: int, material: Live) -> Iterator[str]:
         if material.models:
-            yield from super()._live(number, material)
+            yield from super()._live(number, Live(material.models, {}))
 
 
 def _about(codec: "Codec | None") -> Iterator[str]:
