@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from reports.board import Codec
 
 FRONT = "index.html"
-PAGES = 2.5  # whole budgets of pictures of a page, some 20 MB each, for all pages of materials together
+PAGES = 2.5  # budgets of pictures of a run's page, some 20 MB each, for all pages of materials together
 _KINDS = "rate speed cost"  # of plots over all materials
 _INTRO = (
     "Neural codecs of bidirectional texture functions, behind one interface: bytes of written files, quality at "
@@ -47,7 +47,9 @@ class Board:
         filled = (source for source in sources if source.materials)
         self.sources = sorted(filled, key=lambda source: (not source.has_budgets, order.get(_kind(source), 2)))
         self.known = codecs
-        self.materials = len(list(by_material(self.sources)))
+        self.pictured = {
+            job["material"] for s in self.sources for job in s.run.jobs if {"pictures", "drawing"} & {*job}
+        }
         rows = [row for source in self.sources for material in source.materials for row in material.rows]
         self.codecs = sorted({*codecs, *map(tables.codec_of, rows)})
         self.places = {name: tables.places(name, self.sources) for name in self.codecs}
@@ -148,7 +150,7 @@ class MaterialPage(Page):
             if material.name == name
         ]
         shown = [table for table in all_tables(run, narrow=True) if table.material]
-        super().__init__(run, shown, [], min(1, PAGES / board.materials))
+        super().__init__(run, shown, [], min(1, PAGES / max(1, len(board.pictured))))
         self.plots, self.opening = [plot for plot in self.plots if plot["material"]], ""
 
     def _body(self) -> Iterator[str]:
