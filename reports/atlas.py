@@ -42,7 +42,8 @@ class Atlases:
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
         """What the slice viewer needs of a material; no `codecs` where nothing is stored.
 
-        Pictures are data URLs of all pairs in a grid, `columns` wide; FLIP maps are grey levels of `MAGMA`. `left_out` lists codecs without the same pairs.
+        Pictures are data URLs of all pairs in a grid, `columns` wide; FLIP maps are grey levels of `MAGMA`. `left_out`
+        lists codecs without the same pairs.
         """
         known = [each for each in of_shown(self.run, material, "pictures") if "pairs" in each[1]]
         if not known:

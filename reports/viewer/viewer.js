@@ -34,8 +34,9 @@ class Stage {
   }
 
   table(base64, half, unit) {
-    const { gl, data } = this, values = half ? new Uint16Array(bytes(base64)) : new Float32Array(bytes(base64));
-    const made = gl.createTexture(), format = half ? [gl.RGBA16F, gl.HALF_FLOAT] : [gl.RGBA32F, gl.FLOAT];
+    const { gl, data } = this, floats = base64 instanceof Float32Array;
+    const values = floats ? base64 : half ? new Uint16Array(bytes(base64)) : new Float32Array(bytes(base64));
+    const made = gl.createTexture(), format = half ? [gl.RGBA16F, floats ? gl.FLOAT : gl.HALF_FLOAT] : [gl.RGBA32F, gl.FLOAT];
     gl.activeTexture(gl.TEXTURE0 + unit);
     gl.bindTexture(gl.TEXTURE_2D, made);
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
@@ -76,7 +77,7 @@ class Stage {
     const { gl } = this, { exact, half, uniforms } = model.given;
     model.uniforms = uniformsOf(gl, model.linking);
     [model.exact, model.half] = [this.table(exact, false, 0), this.table(half, true, 1)];
-    if (uniforms) {
+    if (bytes(uniforms).byteLength) {
       model.buffer = gl.createBuffer();
       gl.bindBuffer(gl.UNIFORM_BUFFER, model.buffer);
       gl.bufferData(gl.UNIFORM_BUFFER, bytes(uniforms), gl.STATIC_DRAW);

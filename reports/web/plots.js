@@ -130,7 +130,8 @@
     // The spread of a codec's slices: a thin line, its middle half thick, a marker at the median, the name above.
     span({ label, points: [point] }, top, h) {
       const y = top + ROW - 7, [low, from, middle, to, high] = point.map(h);
-      const bar = (x1, x2, width) => drawn("line", { x1, x2, y1: y, y2: y, stroke: colourOf(label), "stroke-width": width });
+      const bar = (x1, x2, width) => drawn("line", { x1, x2, y1: y, y2: y, stroke: colourOf(label), "stroke-width": width,
+        "stroke-opacity": width > 2 ? 0.5 : 1 });
       this.svg.append(drawn("text", { x: RIGHT, y: top + 11, class: "name" }, label), bar(low, high, 1.4), bar(from, to, 6),
         marker(label, middle, y, 5.5));
       this.points.push({ label, x: middle, y, point });

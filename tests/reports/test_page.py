@@ -12,7 +12,9 @@ from PIL import Image
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
+from bench.metrics.display import to_display
 from bench.records import load_run
+from bench.runs.drawing import sparse_truth
 from reports import write_report
 from reports.figures import Figure
 
@@ -182,6 +184,7 @@ def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory, run_maker: An
     codec = load_codec("pca")()
     material = codec.decode(codec.encode(tiny_btf(), Fit()), torch.device("cpu"))
     np.savez(made.folder / "drawings/pca.npz", **program_of(material).arrays())
+    np.savez(made.folder / "drawings/truth-f.npz", **sparse_truth(tiny_btf()).arrays())
     made.job("pca", psnr=30.0, drawing="drawings/pca.npz").timing("pca")
     made.job("vq", psnr=9.0).timing("vq").job("<b>mine</b>", psnr=21.5).job("vq", material="brick", psnr=12.0)
     write_report(made.folder)
@@ -368,6 +371,13 @@ def test_a_live_material_changes_with_its_light(opened):
         "return document.querySelector('[data-live] canvas').toDataURL(); })()"
     )
     first = opened.evaluate(look)
+    assert root.locator("[name=left] option").all_inner_texts() == ["truth", "pca"]
+    btf = tiny_btf()
+    for pair in btf.split().train[[9, 40]]:
+        wo, wi = btf.wo[pair].tolist(), btf.wi[pair].tolist()
+        flat = opened.evaluate(f"document.querySelector('[data-live]').viewer.probe(0, {wo}, {wi}, 8, 8)")
+        drawn = np.array(flat, float).reshape(8, 8, 4)[::-1, :, :3]
+        assert np.abs(drawn - 255 * to_display(btf[pair], 1.5)).mean() < 4, "a stored slice, but for 8 bit and WebP"
     root.locator("canvas").focus()
     for _ in range(4):
         opened.keyboard.press("Shift+ArrowRight")
