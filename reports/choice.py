@@ -59,10 +59,7 @@ class Choice:
         ]
         if not places:
             return None
-        kept = [*range(table.words), *dict.fromkeys(places)]
-        marks = {(row, kept.index(i)): mark for (row, i), mark in table.marks.items() if i in kept}
-        rows = [[row[i] for i in kept] for row in table.rows]
-        return replace(table, headers=[table.headers[i] for i in kept], rows=rows, marks=marks)
+        return table.of_columns([*range(table.words), *dict.fromkeys(places)])
 
     def _renamed(self, table: Table) -> Table:
         """Words at the left, title and notes take the names of codecs and materials, headers those of columns."""

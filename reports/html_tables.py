@@ -6,6 +6,13 @@ from html import escape
 from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
+TERMS = {  # of headers, explained above the tables that have them
+    "mean rank": "the place by PSNR among the codecs, mean over materials",
+    "won": "so many materials on which no codec has a better PSNR",
+    "PSNR pooled": "of the squared error of all slices together",
+    "bits per": "8 × bytes of the whole file / texels",
+    "× floor": "a multiple of the least time that a query can take, that of one bilinear fetch of a colour",
+}
 Place = Callable[[str, str], str]  # what a first cell links to, by material and cell, or ""
 
 
@@ -19,10 +26,13 @@ def table_html(table: Table, place: Place) -> str:
         "<tr>" + "".join(_cell(table, i, j, cell, place) for j, cell in enumerate(row)) + "</tr>"
         for i, row in enumerate(table.rows)
     )
-    title = escape(table.title)
+    title, words = escape(table.title), {word.rstrip(" ↑↓") for header in table.headers for word in header}
+    terms = "; ".join(f"<b>{escape(term)}</b>: {escape(says)}" for term, says in TERMS.items() if term in words)
     notes = "\n".join(map(note, [*table.notes, *legend(table)]))
     return (
-        f'<h3>{title}</h3>\n<div class="scroll"><table aria-label="{title}"><thead><tr>{heads}</tr></thead>\n'
+        f"<h3>{title}</h3>\n"
+        + (f'<p class="notes">{terms}.</p>\n' if terms else "")
+        + f'<div class="scroll"><table aria-label="{title}"><thead><tr>{heads}</tr></thead>\n'
         f"<tbody>{rows}</tbody></table></div>\n{notes}"
     )
 

@@ -1,11 +1,16 @@
 """The live materials of a page: each codec's program as a packed shader, as far as there is room."""
 
 import base64
+import io
 import json
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from typing import cast
+
+import numpy as np
+from PIL import Image
 
 from bench.errors import InputError
 from bench.records import Run
@@ -18,6 +23,8 @@ LARGEST = 2_500_000  # of one model: more than a network with its latents takes,
 # Characters of a packed model a byte of its stored drawing, at least: 0.93 to 1.68 of 41 drawings of 16 codecs. What
 # is surely too large is not packed to be thrown away, which of ten codecs on ten materials took half of a report.
 PACKED = 0.75
+GAMMA = 2.2  # of the levels of a truth; the viewer undoes it
+_TRUTH = "truth: few of its training pairs, 8 bit, interpolated between directions"
 _TOO_LARGE = "it is too large for this page: `neubtf-bench view` shows it"
 
 
@@ -30,22 +37,62 @@ class Live:
 
 
 def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[str, Live]:
-    """The models of each material: its best codec, then its second, and so on until the page's share is spent."""
+    """The models of each material, codecs at their best settings, the best first, until the page's share is spent."""
     by_material = {material.name: Live({}, {}) for material in materials}
-    left = int(share * BUDGET)
-    for turn in zip_longest(*(sorted(material.shown, key=_psnr, reverse=True) for material in materials)):
+    left, done = int(share * BUDGET), set[tuple[str, str]]()
+    for material in materials:
+        if packed := _packed_truth(run, material):
+            by_material[material.name].models["truth"] = packed
+            left -= len(packed)
+    for turn in zip_longest(*(sorted(material.shown, key=by_psnr, reverse=True) for material in materials)):
         for material, row in zip(materials, turn, strict=True):
             if row is None:
                 continue
-            here = by_material[material.name]
+            here, codec = by_material[material.name], str(row.job.get("codec"))
+            if (codec, material.name) in done:
+                here.missing[row.label] = "its codec is, at better settings: `neubtf-bench view` shows it"
+                continue
             try:
                 packed = _packed(run, row, min(left, LARGEST))
             except InputError as error:
                 here.missing[row.label] = str(error)
                 continue
             here.models[row.label] = packed
+            done.add((codec, material.name))
             left -= len(packed)
     return by_material
+
+
+def _packed_truth(run: Run, material: MaterialRows) -> str:
+    """The truth that a run stored to be drawn live, its slices as one picture; "" where it stored none.
+
+    In 8 bit and as WebP it takes a tenth of its halves, of which the viewer makes floats again.
+    """
+    row = next((row for row in material.shown if "drawing" in row.job), None)
+    if not row:
+        return ""
+    path = (run.folder / row.job["drawing"]).parent / f"truth-{row.job['score_key']['btf'][:16]}.npz"
+    try:
+        model = Model("truth", program(path), row.job["score_key"]["exposure"], _TRUTH)
+    except InputError:
+        return ""  # a run's records are worth reading without its bulky parts
+    data = model_data(model, bytes)
+    data["white"], data["half"] = _painted(cast(bytes, data["half"]), row.job["shape"])
+    packed = pack(data)
+    return packed if len(packed) <= LARGEST else ""
+
+
+def _painted(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
+    """The brightest value that a picture of slices, (n · H, W), shows, and the picture of them as WebP."""
+    values = np.frombuffer(half, np.float16).reshape(-1, 4)[:, :3].astype(np.float32)
+    height, width = shape
+    count = len(values) // (height * width)
+    white = max(float(np.quantile(values, 0.999)), 1e-6)
+    levels = 255 * np.clip(values[: count * height * width] / white, 0, 1) ** (1 / GAMMA)
+    out = io.BytesIO()
+    sheet = np.round(levels).astype(np.uint8).reshape(count * height, width, 3)
+    Image.fromarray(sheet).save(out, "webp", quality=92, method=4)
+    return white, out.getvalue()
 
 
 def _packed(run: Run, row: Row, room: int) -> str:
@@ -57,16 +104,26 @@ def _packed(run: Run, row: Row, room: int) -> str:
     if path.is_file() and PACKED * path.stat().st_size > room:
         raise InputError(_TOO_LARGE)
     note = f"{row.label}: {row.job['bytes']['total']:,} bytes"
-    packed = pack(model_data(Model(row.label, program(path), row.job["score_key"]["exposure"], note)))
+    packed = pack(model_data(Model(row.label, program(path), row.job["score_key"]["exposure"], note), bytes))
     if len(packed) > room:
         raise InputError(_TOO_LARGE)
     return packed
 
 
-def _psnr(row: Row) -> float:
+def by_psnr(row: Row) -> float:
+    """The PSNR of a row to sort by; infinite where it has no error."""
     return float("inf") if row.psnr is None else row.psnr
 
 
 def pack(data: object) -> str:
-    """JSON, deflated, in base64: what the page's `unpacked` reads."""
-    return base64.b64encode(zlib.compress(json.dumps(data).encode(), 6)).decode()
+    """The length of the JSON, the JSON, then the bytes in it: deflated, in base64, as the page's `unpacked` reads it.
+
+    Bytes deflate better so than in base64 inside the JSON, which says {raw: [from, length]} in their place.
+    """
+    places: dict[bytes, list[int]] = {}
+
+    def place(raw: bytes) -> object:
+        return {"raw": places.setdefault(raw, [sum(map(len, places)), len(raw)])}
+
+    text = json.dumps(data, default=place).encode()
+    return base64.b64encode(zlib.compress(len(text).to_bytes(4, "little") + text + b"".join(places), 9)).decode()

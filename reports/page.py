@@ -8,6 +8,7 @@ import base64
 import io
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from html import escape
 from importlib.resources import files
 
@@ -15,18 +16,22 @@ from PIL import Image
 
 from bench.records import Run
 from reports import series
-from reports.atlas import Atlases
+from reports.atlas import MAGMA, Atlases
 from reports.figures import Figure
 from reports.html_tables import details, note, table_html
 from reports.live import Live, live
+from reports.missing import missing_note
 from reports.notes import run_notes
+from reports.numbers import EXACT, fixed, integer
 from reports.page_records import PageRecords
-from reports.rows import MaterialRows, materials
+from reports.ranking import ranked
+from reports.rows import MaterialRows, Row, materials
 from reports.shaders.tables import WIDTH
 from reports.table import Table
 from reports.viewer.page import as_json, fragment, hash_source
 
-INTERACTIVE = {"rate", "speed", "fits", "footprints"}  # figures that the page draws itself
+INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact", "latents"}  # drawn by the page itself, or too large
+STRIPS = 2  # materials that open the page with a picture
 FIRST = ("budgets", "when", "summary")  # kinds of tables that open the page
 OPEN = {*FIRST, "main", "unfinished"}  # kinds of tables that are not folded away
 GAPS = {
@@ -75,7 +80,7 @@ def document(
     yield "</main>\n"
     rounded = json.loads(json.dumps(plots), parse_float=lambda text: float(f"{float(text):.5g}"))
     yield from data
-    yield _data("data", as_json({"codecs": codecs, "plots": rounded, "width": WIDTH}))
+    yield _data("data", as_json({"codecs": codecs, "plots": rounded, "width": WIDTH, "magma": MAGMA.tolist()}))
     yield from (f"<script>{script}</script>\n" for script in scripts)
     yield "</body>\n</html>\n"
 
@@ -88,7 +93,13 @@ class Page:
         self.materials = materials(run)
         self.records = PageRecords(run, self.materials)
         self.plots = series.plots_of(run)
-        self.atlases = Atlases(run, self.materials, share)
+        atlases = Atlases(run, self.materials, share)
+        self.slices = [atlases.slices_of(material) for material in self.materials]
+        self.measured = [material for material in self.materials if material.first]
+        # Whose plots open the page: the means, "", or where there are none the first material.
+        self.opening = (
+            "" if any(not plot["material"] for plot in self.plots) else next((m.name for m in self.measured), "")
+        )
         self.live = live(run, self.materials, share)
         self.viewer = fragment([])  # its models are unpacked when somebody wants to see them
         self.data: list[str] = []
@@ -105,17 +116,14 @@ class Page:
         self.data.append(_packed("records-data", self.records.packed()))
 
     def _body(self) -> Iterator[str]:
-        yield from map(note, run_notes(self.run))
         if not any(table.kind == "main" for table in self.tables):
             yield "<p><strong>Nothing was measured in this run.</strong> The reasons are at the end.</p>"
-        yield self._contents()
-        yield CODECS
+        yield from self._first()
         yield '<h2 id="summary">Summary</h2>'
         summary = [table for kind in FIRST for table in self.tables if table.kind == kind]
-        yield from (self._table(table) for table in summary)
+        yield from (self._table(self._narrowed(table)) for table in summary)
         if not summary:
             yield note("The summary is omitted: fewer than two codecs of this run have numbers.")
-        yield '<div class="plots" data-plots=""></div>'
         yield from (details(figure.title, _image(figure)) for figure in self.figures if not figure.material)
         for number, material in enumerate(self.materials):
             yield from self._material(number, material)
@@ -124,7 +132,55 @@ class Page:
             yield '<h2 id="more">More</h2>'
             yield from (self._table(table) for table in rest)
         yield from self.records.html()
+        yield from map(note, run_notes(self.run))
         yield f'<template id="viewer">{self.viewer.html}</template>'
+
+    def _first(self) -> Iterator[str]:
+        """The first screen: what was measured on what, in a sentence, in pictures and in a plot."""
+        if self.measured:
+            yield f'<p class="lead">{escape(_sentence(self.measured))}</p>'
+        yield self._contents()
+        yield CODECS
+        strips = "".join(self._strip(self.materials.index(material)) for material in self.measured[:STRIPS])
+        yield (
+            f'<div class="plots" data-plots="{escape(self.opening)}" data-kinds="rate speed">'
+            f'<div class="strips">{strips}</div></div>'
+        )
+
+    def _strip(self, number: int) -> str:
+        """The truth of a material and what the three best codecs of the run make of it, each with PSNR and bytes."""
+        material = self.materials[number]
+        shown = {row.label: row for row in material.shown}
+        known = {codec["label"] for codec in self.slices[number]["codecs"]}
+        best: dict[str, Row] = {}  # by codec: at the best of its settings
+        for label in (label for label in self._ranking(material) if label in known):
+            best.setdefault(str(shown[label].job.get("codec")), shown[label])
+        if not best:
+            return ""
+        pictures = [("", f"{material.name}, truth")]
+        for row in list(best.values())[:3]:
+            psnr = EXACT if row.psnr is None else f"{fixed(row.psnr, 1)} dB"
+            pictures.append((row.label, f"{row.label}: {psnr}, {integer(row.job['bytes']['total'])} bytes"))
+        figures = "".join(
+            f'<figure><canvas data-codec="{escape(label)}"></canvas><figcaption>{escape(words)}</figcaption></figure>'
+            for label, words in pictures
+        )
+        return f'<div class="strip" data-strip="slices{number}">{figures}</div>'
+
+    def _ranking(self, material: MaterialRows) -> list[str]:
+        """The labels of the codecs that a strip shows, the best first: of the run, so that all strips show the same."""
+        return [each.label for each in ranked(self.run)]
+
+    def _narrowed(self, table: Table) -> Table:
+        """The summary, its decibels first, where a narrow window shows them, without what the page says elsewhere."""
+        if table.kind != "summary":
+            return table
+        names = [name for name, _ in table.headers]
+        late = [names.index("materials")] if len({row[names.index("materials")] for row in table.rows}) > 1 else []
+        psnr = names.index("PSNR pooled")
+        rest = [i for i, name in enumerate(names) if i and i != psnr and name != "materials"]
+        notes = [each for each in table.notes if each != missing_note(self.run)]
+        return replace(table.of_columns([0, psnr, *rest, *late]), notes=notes)
 
     def _contents(self) -> str:
         links = [("summary", "Summary"), *((f"m{i}", each.name) for i, each in enumerate(self.materials))]
@@ -139,7 +195,8 @@ class Page:
             yield "<p>Nothing was measured; the reasons are at the end.</p>"
             return
         drawn = {plot["kind"] for plot in self.plots if plot["material"] == material.name}
-        yield f'<div class="plots" data-plots="{escape(material.name)}"></div>'
+        kinds = ("" if material.name == self.opening else "rate speed ") + "cost fits footprints slices"
+        yield f'<div class="plots" data-plots="{escape(material.name)}" data-kinds="{kinds}"></div>'
         yield from (note(why) for kind, why in GAPS.items() if kind not in drawn)
         yield from self._slices(number, material)
         yield from self._live(number, self.live[material.name])
@@ -150,7 +207,7 @@ class Page:
 
     def _slices(self, number: int, material: MaterialRows) -> Iterator[str]:
         yield "<h3>Slices</h3>"
-        slices = self.atlases.slices_of(material)
+        slices = self.slices[number]
         if not slices["codecs"]:
             yield note("There is nothing to show here: the run's pictures are not beside its records.")
             return
@@ -183,10 +240,23 @@ class Page:
 
 _SCRIPTS = ("core", "tables", "plots", "slices", "live")
 CODECS = (
-    '<fieldset id="codecs" aria-label="Codecs shown in plots"><span>Codecs in all plots</span>'
+    '<details id="codecs" aria-label="Codecs shown in plots"><summary>Codecs in all plots</summary>'
     '<button type="button" value="all">all</button><button type="button" value="none">none</button>'
-    '<div class="boxes"></div></fieldset>'
+    '<div class="boxes"></div></details>'
 )
+
+
+def _sentence(measured: Sequence[MaterialRows]) -> str:
+    """What was measured on what."""
+    shown = [row.job for material in measured for row in material.shown]
+    codecs, settings = ({str(job.get(name)) for job in shown} for name in ("codec", "label"))
+    counted = f"{len(codecs)} codec{'s' * (len(codecs) > 1)}"
+    counted += f" at {len(settings)} settings" if len(settings) > len(codecs) else ""
+    names = [material.name for material in measured]
+    listed = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    splits = {material.split for material in measured}
+    size = f" ({splits.pop()})" if len(splits) == 1 else ""
+    return f"{counted} on {listed}{size}: each was decoded from its file and compared with the {measured[0].deciding}."
 
 
 def _asset(name: str) -> str:
@@ -203,8 +273,8 @@ def _packed(name: str, text: str) -> str:
 
 def _image(figure: Figure) -> str:
     """A figure as WebP: half as large as its PNG, without loss but where it shows slices or texels."""
-    lossy = {"contact": 90, "abrdf": 90, "latents": 70}.get(figure.kind)
-    how = {"quality": lossy, "method": 0} if lossy else {"lossless": True, "quality": 30, "method": 1}
+    lossy = {"quality": 90, "method": 4} if figure.kind == "abrdf" else None
+    how = lossy or {"lossless": True, "quality": 30, "method": 1}
     out = io.BytesIO()
     with Image.open(io.BytesIO(figure.png)) as picture:
         picture.convert("RGB").save(out, "webp", **how)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import Any
 
-from bench.records import RESULTS, Run, kept
+from bench.records import ARTEFACT, RESULTS, Run, field_names, kept
 from reports.html_tables import note
 from reports.live import pack
 from reports.rows import CodecRows, MaterialRows
@@ -59,7 +59,10 @@ class PageRecords:
             )
 
     def _whole(self, codec: CodecRows) -> list[dict[str, Any]]:
-        return [{"job": row.job} | ({"timing": kept(row.timing, RESULTS)} if row.timing else {}) for row in codec.rows]
+        paths = set(field_names(ARTEFACT)) - {"file"}  # of this machine, where several runs are read together
+        jobs = [{name: value for name, value in row.job.items() if name not in paths} for row in codec.rows]
+        times = [{"timing": kept(row.timing, RESULTS)} if row.timing else {} for row in codec.rows]
+        return [{"job": job} | time for job, time in zip(jobs, times, strict=True)]
 
 
 def _fit_in_words(codec: CodecRows) -> str:

@@ -87,10 +87,14 @@ class CodecRows:
 
 @dataclass(frozen=True)
 class MaterialRows:
-    """The rows of one material, in the order of the suite."""
+    """The rows of one material, in the order of the suite.
+
+    `nowhere` names the codecs without a result on any material: the table of unfinished jobs alone has them.
+    """
 
     name: str
     rows: list[Row]
+    nowhere: frozenset[str] = frozenset()
 
     @cached_property
     def measured(self) -> list[Row]:
@@ -98,8 +102,8 @@ class MaterialRows:
 
     @cached_property
     def codecs(self) -> list[CodecRows]:
-        """The rows by codec."""
-        labels = dict.fromkeys(row.label for row in self.rows)
+        """The rows by codec, of those that have a result on some material."""
+        labels = dict.fromkeys(row.label for row in self.rows if row.label not in self.nowhere)
         return [CodecRows(label, [row for row in self.rows if row.label == label]) for label in labels]
 
     @property
@@ -161,7 +165,8 @@ def materials(run: Run) -> list[MaterialRows]:
         if job["status"] == "ok":
             require(job, "tables", run.folder)
         by_name.setdefault(job["material"], []).append(job)
-    return [MaterialRows(name, list(_rows(run, jobs))) for name, jobs in by_name.items()]
+    nowhere = frozenset(map(shown_label, run.jobs)) - {shown_label(job) for job in run.jobs if job["status"] == "ok"}
+    return [MaterialRows(name, list(_rows(run, jobs)), nowhere) for name, jobs in by_name.items()]
 
 
 def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:

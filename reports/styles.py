@@ -4,10 +4,13 @@ from typing import Any
 
 from bench.records import Run, shown_label
 
-# Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The
-# marker changes together with the colour, so that no two of 14 are alike even in grey. Each further 14 begin one
-# marker later, so that no two of 98 share both.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#56B4E9", "#E69F00")
+# A colour of its own for each codec of the package: any two differ by at least 20 in CIELAB, and each has a contrast of
+# 3 or more on white and on the page's dark paper. Markers tell apart what a reader without one kind of cone, or a grey
+# print, confuses: no two of 126 codecs share both.
+COLOURS = (
+    *("#006CA8", "#E47818", "#18A884", "#C0186C", "#9084FC", "#906C00", "#846054", "#009CB4", "#909084", "#B4849C"),
+    *("#FC6060", "#007800", "#9000FC", "#849C00", "#FC30F0", "#6C6090", "#486C60", "#CC0000"),
+)
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 LINES = ("-", "--", ":", "-.")
 KNOWN = (
@@ -34,7 +37,7 @@ class Styles:
         hollow = variant % 2
         return {
             "color": colour,
-            "marker": MARKERS[(place + place // len(MARKERS)) % len(MARKERS)],
+            "marker": MARKERS[place % len(MARKERS)],
             "markerfacecolor": "white" if hollow else colour,
             "linestyle": LINES[variant % len(LINES)],
         }

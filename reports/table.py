@@ -1,6 +1,7 @@
 """One table as text in cells."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 BOLD, UNDERLINED = "bold", "underlined"  # how a cell is marked, where a format can
 
@@ -18,3 +19,9 @@ class Table:
     material: str = ""  # where the table is of one
     fold: int = 22  # the width at which a terminal folds the first column, where that alone holds words
     marks: dict[tuple[int, int], str] = field(default_factory=dict)  # by row and column: `BOLD` or `UNDERLINED`
+
+    def of_columns(self, kept: Sequence[int]) -> "Table":
+        """The table with these columns alone, in this order."""
+        marks = {(row, kept.index(i)): mark for (row, i), mark in self.marks.items() if i in kept}
+        rows = [[row[i] for i in kept] for row in self.rows]
+        return replace(self, headers=[self.headers[i] for i in kept], rows=rows, marks=marks)

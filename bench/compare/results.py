@@ -22,7 +22,10 @@ def published(run: Run) -> str:
     """
     if not any(job["status"] == "ok" for job in run.jobs):
         raise InputError(f"{run.folder}: the run has no results")
-    jobs, timings = [_job(job, run.folder) for job in run.jobs], [kept(timing, RESULTS) for timing in run.timings]
+    jobs, timings = (
+        [published_job(job, run.folder) for job in run.jobs],
+        [kept(timing, RESULTS) for timing in run.timings],
+    )
     used = {line["run"] for line in (*jobs, *timings)}
     # Keep each start once: a file to which the same run is added again already has its earlier starts.
     starts = {start["run"]: kept(start, RESULTS) for start in run.starts if start["run"] in used}
@@ -30,7 +33,8 @@ def published(run: Run) -> str:
     return "".join(json.dumps(rounded(line), allow_nan=False) + "\n" for line in lines)
 
 
-def _job(job: Record, folder: Path) -> Record:
+def published_job(job: Record, folder: Path) -> Record:
+    """The record of a job of a run's folder as it is published: without host, paths, tracebacks and home folders."""
     line = kept(job, RESULTS)
     if "error" in line:
         # The name of a home folder is often a person's name.
@@ -38,7 +42,8 @@ def _job(job: Record, folder: Path) -> Record:
         line["error"] = (error.replace(str(home), "~") if len(home.parts) > 1 else error)[:_LONGEST_ERROR]
     if job["status"] != "ok":
         return line
-    line["file"] = f"files/{Path(job['file']).name}"
+    if "file" in job:
+        line["file"] = f"files/{Path(job['file']).name}"
     decides = gate(job["scores"])
     line["scores"] = {
         name: group

@@ -8,13 +8,15 @@ import torch
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Progress, followed, silent
 from bench.codecs.registry import load_codec
-from bench.hemisphere import thinned_product, ubo2003, uniform
+from bench.hemisphere import thin, thinned_product, ubo2003, uniform
 from bench.material import Material
 from bench.metrics.display import exposure, exposure_of
 from bench.program import Program
 from bench.program.recording import program_of
 
 QUERIES = 65_536
+SPARSE = 9  # directions a side, at most, of a truth that a page shows live
+SPARSE_FLOATS = 1_000_000  # of it, at most
 BAKED = 13  # views, and lights, of a material that cannot be a program: 5.5 MB at 64² texels
 
 
@@ -47,7 +49,24 @@ def baked(material: Material, name: str, show: Progress = silent) -> BTF:
 
 def drawable_truth(btf: BTF, show: Progress = silent) -> Drawable:
     """A BTF itself as a program: the interpolated table of its training pairs, at the BTF's own exposure."""
+    return Drawable(_interpolated(btf.subset(btf.split().train), show), exposure(btf))
+
+
+def sparse_truth(btf: BTF) -> Program | None:
+    """A BTF as the interpolated table of few of its training views and lights, that a page has room for.
+
+    None where fewer than three of each fit into `SPARSE_FLOATS`.
+    """
+    train = btf.subset(btf.split().train)
+    count = min(SPARSE, int((SPARSE_FLOATS / (3 * btf.shape[0] * btf.shape[1])) ** 0.5))
+    if count < 3:
+        return None
+    layout = train.layout
+    views, lights = (thin(each, min(count, len(each))) for each in (layout.views, layout.lights))
+    chosen = np.flatnonzero(np.isin(layout.view, views) & np.isin(layout.light, lights))
+    return _interpolated(train.subset(chosen), silent) if len(chosen) else None
+
+
+def _interpolated(btf: BTF, show: Progress) -> Program:
     table = load_codec("table")()
-    device = torch.device("cpu")
-    material = table.decode(table.encode(btf.subset(btf.split().train), Fit(show=show)), device)
-    return Drawable(program_of(material), exposure(btf))
+    return program_of(table.decode(table.encode(btf, Fit(show=show)), torch.device("cpu")))

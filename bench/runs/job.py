@@ -34,6 +34,7 @@ from bench.demand import fitting, require_demand
 from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.records import Record, fields
 from bench.records.schema import Facts
+from bench.runs.drawing import sparse_truth
 from bench.runs.evaluation import drawing, evaluate, score_key
 from bench.runs.identity import identity
 from bench.runs.job_folder import JobFolder
@@ -204,7 +205,14 @@ class Job:
             return scores
         if self.task.device != "cpu":
             file = loading.load(header.path, "cpu", self.network)
+        self._keep_truth()
         return scores | drawing(file, self.folder.keep)
+
+    def _keep_truth(self) -> None:
+        """Store the truth that a page draws live, once for each material."""
+        name = f"drawings/truth-{self.bench.btf.fingerprint[:16]}.npz"
+        if not (self.folder.path / name).exists() and (program := sparse_truth(self.bench.btf)):
+            self.folder.keep(name, program.arrays())
 
     def _file(self) -> tuple[container.Header, Record]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""

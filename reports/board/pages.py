@@ -9,7 +9,7 @@ from reports import budgets, series
 from reports.board import tables
 from reports.board.sources import MEASURED, PATH_TRACED, STATES, Source, by_material, joined, kind_of, page_name
 from reports.html_tables import details, note, table_html
-from reports.live import Live
+from reports.live import Live, by_psnr
 from reports.page import CODECS, Page, document
 from reports.rows import MaterialRows
 from reports.summary import summary_table
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from reports.board import Codec
 
 FRONT = "index.html"
-PAGES = 2.5  # whole budgets of pictures of a page, some 20 MB each, for all pages of materials together
+PAGES = 2.5  # budgets of pictures of a run's page, some 20 MB each, for all pages of materials together
+_KINDS = "rate speed cost"  # of plots over all materials
 _INTRO = (
     "Neural codecs of bidirectional texture functions, behind one interface: bytes of written files, quality at "
     "directions that no fit has seen, time per sample, seconds of fits. Every number is of what was decoded from a "
@@ -46,7 +47,9 @@ class Board:
         filled = (source for source in sources if source.materials)
         self.sources = sorted(filled, key=lambda source: (not source.has_budgets, order.get(_kind(source), 2)))
         self.known = codecs
-        self.materials = len(list(by_material(self.sources)))
+        self.pictured = {
+            job["material"] for s in self.sources for job in s.run.jobs if {"pictures", "drawing"} & {*job}
+        }
         rows = [row for source in self.sources for material in source.materials for row in material.rows]
         self.codecs = sorted({*codecs, *map(tables.codec_of, rows)})
         self.places = {name: tables.places(name, self.sources) for name in self.codecs}
@@ -77,7 +80,9 @@ class Board:
         yield _links((f"#{place}", name) for place, name in links)
         yield CODECS
         for source in sources:
-            yield f'<h2 id="{page_name("s", source.name)}">{escape(_heading(source))}</h2>'
+            kind = _kind(source)
+            yield f'<h2 id="{page_name("s", source.name)}">{kind[:1].upper()}{kind[1:]}: {escape(source.name)}</h2>'
+            yield note(next((material.split for material in source.materials if material.measured), ""))
             found = [(table.kind, table.title, table_html(table, self._to_codec)) for table in _overview(source)]
             yield from (html for kind, _, html in found if kind == "budgets")
             yield _plots_of(source)
@@ -105,7 +110,7 @@ class Board:
             won = sum(place.gap >= 0 for place in found)
             rows.append([name, about, f"{won} of {len(found)}" if found else "no result"])
         headers = [("codec", ""), ("about", ""), ("best of", "")]
-        return Table("list", "Codecs", headers, rows, ["Best of: materials and budgets, as on its page."], words=2)
+        return Table("list", "Codecs", headers, rows, ["Best of: the comparisons on its page."], words=2)
 
     def _material(self, name: str, sources: Sequence[Source]) -> Iterator[str]:
         page = MaterialPage(name, sources, self)
@@ -145,14 +150,16 @@ class MaterialPage(Page):
             if material.name == name
         ]
         shown = [table for table in all_tables(run, narrow=True) if table.material]
-        super().__init__(run, shown, [], min(1, PAGES / board.materials))
-        self.plots = [plot for plot in self.plots if plot["material"]]
+        super().__init__(run, shown, [], min(1, PAGES / max(1, len(board.pictured))))
+        self.plots, self.opening = [plot for plot in self.plots if plot["material"]], ""
 
     def _body(self) -> Iterator[str]:
         labels = dict.fromkeys(tables.codec_of(row) for material in self.materials for row in material.rows)
         yield _links([(FRONT, "All results"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))])
         codecs = _anchors((page_name("codec", name), name) for name in sorted(labels))
         yield f"<p>The truth is {_kind(next(iter(self.sources.values())), self.name)}. Codecs here: {codecs}</p>"
+        strips = filter(None, map(self._strip, range(len(self.materials))))
+        yield f'<div class="strips">{next(strips, "")}</div>'
         yield CODECS
         for number, material in enumerate(self.materials):
             yield from self._material(number, material)
@@ -160,6 +167,9 @@ class MaterialPage(Page):
             yield details(table.title, table_html(table, self.board._to_codec))
         yield from self.records.html()
         yield f'<template id="viewer">{self.viewer.html}</template>'
+
+    def _ranking(self, material: MaterialRows) -> list[str]:
+        return [row.label for row in sorted(material.shown, key=by_psnr, reverse=True)]
 
     def _slices(self, number: int, material: MaterialRows) -> Iterator[str]:
         if any("pictures" in row.job for row in material.shown):
@@ -169,7 +179,7 @@ class MaterialPage(Page):
 
     def _live(self, number: int, material: Live) -> Iterator[str]:
         if material.models:
-            yield from super()._live(number, material)
+            yield from super()._live(number, Live(material.models, {}))
 
 
 def _about(codec: "Codec | None") -> Iterator[str]:
@@ -203,11 +213,11 @@ def _plots(source: Source) -> Iterator[series.Plot]:
     """The plots over all materials of a source, or those of its only one, under the name of the source."""
     every = series.plots_of(source.run)
     over = [plot for plot in every if not plot["material"]] or every
-    yield from (plot | {"material": source.name} for plot in over if plot["kind"] in ("rate", "speed", "cost"))
+    yield from (plot | {"material": source.name} for plot in over if plot["kind"] in _KINDS.split())
 
 
 def _plots_of(source: Source) -> str:
-    return f'<div class="plots" data-plots="{escape(source.name)}"></div>'
+    return f'<div class="plots" data-plots="{escape(source.name)}" data-kinds="{_KINDS}"></div>'
 
 
 def _together(sources: Sequence[Source]) -> Run:
@@ -218,12 +228,6 @@ def _together(sources: Sequence[Source]) -> Run:
 def _kind(source: Source, material: str = "") -> str:
     jobs = [job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"])]
     return kind_of(jobs[0]) if jobs else "unknown"
-
-
-def _heading(source: Source) -> str:
-    first = next((material.split for material in source.materials if material.measured), "")
-    kind = _kind(source)
-    return f"{kind[:1].upper()}{kind[1:]}: {source.name} ({first})"
 
 
 def _links(links: Iterable[tuple[str, str]]) -> str:

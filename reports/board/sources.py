@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from bench.btf import BAKED, RENDERED
+from bench.compare.results import published_job
 from bench.records import ARTEFACT, Record, Records, Run, field_names
 from bench.records.choosing import has_validation
 from reports.rows import MaterialRows, materials
@@ -74,7 +75,7 @@ def with_files(records: Sequence[Source], runs: Sequence[Source]) -> list[Source
     """
     at_hand = {_key(job): (source.run, job) for source in runs for job in source.run.jobs if job["status"] == "ok"}
     known = {_key(job) for source in records if not source.claimed for job in source.run.jobs}
-    more = [source for source in runs if any(_key(job) not in known for job in source.run.jobs)]
+    more = [_published(source) for source in runs if any(_key(job) not in known for job in source.run.jobs)]
     taken: dict[str, int] = {}
     named = []
     for source in (*records, *more):
@@ -82,6 +83,14 @@ def with_files(records: Sequence[Source], runs: Sequence[Source]) -> list[Source
         name = source.name if count == 1 else f"{source.name} ({count})"
         named.append(replace(source, name=name, run=_placed(source.run, at_hand)))
     return named
+
+
+def _published(source: Source) -> Source:
+    """A run with its records as files of records hold them."""
+    jobs = Records()
+    for job in source.run.jobs:
+        jobs.put(job["job"], published_job(job, source.run.folder))
+    return replace(source, run=replace(source.run, jobs=jobs))
 
 
 def _placed(run: Run, at_hand: dict[tuple[str, ...], tuple[Run, Record]]) -> Run:

@@ -47,7 +47,7 @@ def _from(source: Source, row: Row) -> list[str]:
 
 def all_rows(name: str, sources: Sequence[Source]) -> Table | None:
     """Every row of a codec, of every source and material, with its numbers and where they are from."""
-    wanted = [columns.TOTAL, columns.BITS, columns.HELDOUT, *columns.time()]
+    wanted = [columns.TOTAL, columns.BITS, columns.HELDOUT, *(each for each in columns.time() if not each.sparse)]
     rows = []
     for source in sources:
         for material in source.materials:
@@ -120,7 +120,10 @@ def standing(name: str, found: Sequence[Place]) -> Table | None:
         rows.append([place.material, place.results, mine, best, *numbers])
     headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]
     headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
-    note = "Test PSNR, pooled. With a budget: of what validation pairs chose; else of the best settings of each codec."
+    note = (
+        "Test PSNR, pooled. With a budget: of the settings that validation pairs choose; else of those of each codec "
+        "with the highest test PSNR, whatever their bytes."
+    )
     title = "Where it wins and loses, against the best of the others"
     return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4) if rows else None
 

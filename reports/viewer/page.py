@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -46,20 +46,24 @@ class Model:
     note: str = ""
 
 
-def model_data(model: Model) -> dict[str, object]:
-    """What the page needs of a model. `InputError` where no shader can do its program."""
+def in_base64(raw: bytes) -> object:
+    """An array inside JSON."""
+    return base64.b64encode(raw).decode()
+
+
+def model_data(model: Model, encode: Callable[[bytes], object] = in_base64) -> dict[str, object]:
+    """What the page needs of a model, its arrays encoded. `InputError` where no shader can do its program."""
     full, spare = shader(model.program, GLSL), fallback(model.program, GLSL)
     data: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure}
-    data |= {"periods": model.program.periods, **_encoded(full)}
+    data |= {"periods": model.program.periods, **_encoded(full, encode)}
     if spare:  # for compilers that choke on literals; textures that are the same are not written twice
-        data["fallback"] = {key: text for key, text in _encoded(spare).items() if data[key] != text}
+        data["fallback"] = {key: text for key, text in _encoded(spare, encode).items() if data[key] != text}
     return data
 
 
-def _encoded(source: Shader) -> dict[str, object]:
+def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, object]:
     arrays = {"exact": source.exact, "half": source.half, "uniforms": source.uniforms}
-    encoded = {name: base64.b64encode(each.tobytes()).decode() for name, each in arrays.items()}
-    return {"shader": source.text, **encoded}
+    return {"shader": source.text, **{name: encode(each.tobytes()) for name, each in arrays.items()}}
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 // Draws materials on a plane, a sphere or a drape. `mountViewer(root, data)` builds the controls and returns what tests
-// use. data.models: {label, note, exposure, periods, shader, exact, half, uniforms, fallback}; tables are base64 of RGBA32F and RGBA16F
+// use. data.models: {label, note, exposure, periods, shader, exact, half, uniforms, fallback}; tables are buffers, or base64, of RGBA32F and RGBA16F
 // rows, uniforms of vec4; fallback holds what is other in the shader for compilers that choke on the first.
 
 const DISTANCE = 4.2, LAMP = 3.0;  // of the camera and of the point light; shapes are about 2 wide
@@ -16,6 +16,7 @@ function lightsOf(state) {
 }
 
 function bytes(base64) {
+  if (base64 instanceof ArrayBuffer) return base64;
   const text = atob(base64), out = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i++) out[i] = text.charCodeAt(i);
   return out.buffer;
@@ -33,8 +34,9 @@ class Stage {
   }
 
   table(base64, half, unit) {
-    const { gl, data } = this, values = half ? new Uint16Array(bytes(base64)) : new Float32Array(bytes(base64));
-    const made = gl.createTexture(), format = half ? [gl.RGBA16F, gl.HALF_FLOAT] : [gl.RGBA32F, gl.FLOAT];
+    const { gl, data } = this, floats = base64 instanceof Float32Array;
+    const values = floats ? base64 : half ? new Uint16Array(bytes(base64)) : new Float32Array(bytes(base64));
+    const made = gl.createTexture(), format = half ? [gl.RGBA16F, floats ? gl.FLOAT : gl.HALF_FLOAT] : [gl.RGBA32F, gl.FLOAT];
     gl.activeTexture(gl.TEXTURE0 + unit);
     gl.bindTexture(gl.TEXTURE_2D, made);
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
@@ -75,7 +77,7 @@ class Stage {
     const { gl } = this, { exact, half, uniforms } = model.given;
     model.uniforms = uniformsOf(gl, model.linking);
     [model.exact, model.half] = [this.table(exact, false, 0), this.table(half, true, 1)];
-    if (uniforms) {
+    if (bytes(uniforms).byteLength) {
       model.buffer = gl.createBuffer();
       gl.bindBuffer(gl.UNIFORM_BUFFER, model.buffer);
       gl.bufferData(gl.UNIFORM_BUFFER, bytes(uniforms), gl.STATIC_DRAW);

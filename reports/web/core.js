@@ -21,12 +21,14 @@ const report = (() => {
     return made;
   }
 
-  // JSON that the page holds deflated, in base64.
+  // What the page holds deflated, in base64: JSON behind its length, then the arrays that {raw: [from, length]} names.
   async function unpacked(id) {
     const text = atob(document.getElementById(id).textContent.trim());
     const bytes = Uint8Array.from(text, (letter) => letter.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-    return JSON.parse(await new Response(stream).text());
+    const all = await new Response(stream).arrayBuffer(), first = 4 + new DataView(all).getUint32(0, true);
+    const array = (key, value) => (value && value.raw ? all.slice(first + value.raw[0], first + value.raw[0] + value.raw[1]) : value);
+    return JSON.parse(new TextDecoder().decode(new Uint8Array(all, 4, first - 4)), first < all.byteLength ? array : undefined);
   }
 
   // Outlines of Matplotlib's markers, on a square of 2 × 2 about 0.
@@ -45,7 +47,7 @@ const report = (() => {
   };
   const looks = new Map(data.codecs.map((codec) => [codec.label, codec]));
   const lookOf = (label) => looks.get(label) || { colour: "#888888", marker: "o", hollow: false, dash: "" };
-  const colourOf = (label) => (lookOf(label).colour === "#000000" ? "var(--ink)" : lookOf(label).colour);
+  const colourOf = (label) => lookOf(label).colour;
 
   function marker(label, x, y, size) {
     const look = lookOf(label), outline = OUTLINES[look.marker] || OUTLINES.o;

@@ -1,8 +1,10 @@
 "use strict";
-// Plots as SVG: points, lines and steps; the nearest point is told by pointer or arrow keys.
+// Plots as SVG: points that carry their names, their front, lines and spans; the nearest point is told by pointer or
+// arrow keys. The titles of axes are text around the drawing, so that they fold where it is narrow.
 (() => {
   const { data, hidden, drawn, element, marker, colourOf, lookOf, number } = report;
-  const LEFT = 46, RIGHT = 12, TOP = 10, BOTTOM = 44, HEIGHT = 300, BINS = 24;
+  const LEFT = 34, RIGHT = 12, TOP = 10, BOTTOM = 22, HEIGHT = 300, ROW = 27;
+  const pen = document.createElement("canvas").getContext("2d");
 
   function linear(low, high) {
     const step = [1, 2, 2.5, 5, 10].map((m) => m * 10 ** Math.floor(Math.log10((high - low) / 5)))
@@ -21,23 +23,9 @@
     return found;
   }
 
-  // A histogram's series as steps, over bins that all series share.
-  function binned(plot) {
-    const all = plot.series.flatMap((each) => each.samples);
-    const low = Math.floor(Math.min(...all)), width = Math.max(0.5, Math.ceil((Math.max(...all) - low + 0.1) / BINS));
-    return plot.series.map(({ label, samples }) => {
-      const counts = new Map();
-      for (const sample of samples) {
-        const bin = Math.floor((sample - low) / width);
-        counts.set(bin, (counts.get(bin) || 0) + 1);
-      }
-      const bins = [...counts.keys()], points = [];
-      for (let bin = Math.min(...bins) - 1; bin <= Math.max(...bins) + 1; bin++) {
-        points.push([low + (bin + 0.5) * width, counts.get(bin) || 0]);
-      }
-      return { label, points, step: width };
-    });
-  }
+  // The name of a codec, with its settings where the run has it at several.
+  const codecOf = (label) => label.split(" ")[0];
+  const nameOf = (label) => (data.codecs.filter((each) => codecOf(each.label) === codecOf(label)).length > 1 ? label : codecOf(label));
 
   function range(values, log) {
     let low = Math.min(...values), high = Math.max(...values);
@@ -56,11 +44,15 @@
       this.root = root;
       this.plot = plot;
       this.points = [];
-      this.series = plot.kind === "slices" ? binned(plot) : plot.series;
-      this.svg = drawn("svg", { height: HEIGHT, tabindex: 0, role: "img",
+      this.series = plot.series;
+      this.spans = plot.kind === "slices";
+      this.height = this.spans ? plot.series.length * ROW + TOP + BOTTOM : HEIGHT;
+      this.svg = drawn("svg", { height: this.height, tabindex: 0, role: "img",
         "aria-label": `${plot.title} ${plot.material}. Arrow keys move from point to point.` });
       this.tip = element("p", { class: "tip", role: "status", hidden: "" });
-      root.append(element("h4", {}, plot.title), this.svg, this.tip);
+      const { x, y } = plot, front = this.fronted() ? " Grey line: nothing else is as good for less." : "";
+      root.append(element("h4", {}, plot.title), element("p", { class: "notes" }, y.label ? `↑ better: ${y.label}` : ""), this.svg,
+        this.tip, element("p", { class: "notes x" }, `${x.less ? "← better: " : ""}${x.label}${this.spans ? " → better" : ""}.${front}`));
       if (plot.missing.length) {
         const names = plot.missing.length > 6 ? `${plot.missing.slice(0, 6).join(", ")} and ${plot.missing.length - 6} more`
           : plot.missing.join(", ");
@@ -71,6 +63,8 @@
       this.svg.addEventListener("blur", () => this.show(null));
       this.svg.addEventListener("keydown", (event) => this.key(event));
     }
+
+    fronted() { return ["rate", "speed", "cost"].includes(this.plot.kind); }
 
     begin() {
       report.listen(() => this.draw());
@@ -83,19 +77,23 @@
       if (!width) return;
       const shown = this.series.filter((each) => !hidden.has(each.label)), { x, y } = this.plot;
       this.svg.replaceChildren();
-      this.svg.setAttribute("viewBox", `0 0 ${width} ${HEIGHT}`);
+      this.svg.setAttribute("viewBox", `0 0 ${width} ${this.height}`);
       this.points = [];
       this.active = null;
       this.show(null);
       if (!shown.length) return;
       const all = shown.flatMap((each) => each.points);
-      const xs = range(all.flatMap((p) => (p.length > 2 ? [p[0], p[2], p[3]] : [p[0]])), x.log);
-      const ys = range(all.map((p) => p[1]), false);
-      if (this.plot.kind === "slices") ys[0] = 0;
-      const h = scale(xs, LEFT, width - RIGHT, x.log), v = scale(ys, HEIGHT - BOTTOM, TOP, false);
+      const xs = range(all.flatMap((p) => (this.spans ? p : p.length > 2 ? [p[0], p[2], p[3]] : [p[0]])), x.log);
+      const ys = this.spans ? null : range(all.map((p) => p[1]), false);
+      const h = scale(xs, ys ? LEFT : RIGHT, width - RIGHT, x.log), v = ys && scale(ys, HEIGHT - BOTTOM, TOP, false);
       this.axes(width, xs, ys, h, v);
-      this.ladders(shown, h, v);
-      for (const each of shown) this.one(each, h, v);
+      if (this.spans) shown.forEach((each, row) => this.span(each, TOP + row * ROW, h));
+      else {
+        if (this.fronted()) this.front(width, all, h, v);
+        this.ladders(shown, h, v);
+        for (const each of shown) this.one(each, h, v);
+        this.names(width);
+      }
       this.ring = drawn("circle", { r: 9, fill: "none", stroke: "var(--ink)", "stroke-width": 1.5, visibility: "hidden" });
       this.svg.append(this.ring);
     }
@@ -105,16 +103,55 @@
       let marks = this.plot.x.ticks || (this.plot.x.log ? logarithmic(...xs) : linear(...xs));
       while (marks.length > width / 60) marks = marks.filter((_, i) => i % 2 === 0);
       for (const mark of marks) {
-        this.svg.append(drawn("line", { x1: h(mark), x2: h(mark), y1: TOP, y2: HEIGHT - BOTTOM, class: "grid" }));
-        text({ x: h(mark), y: HEIGHT - BOTTOM + 15 }, number(mark, this.plot.x.unit === "B" ? "B" : ""), { "text-anchor": "middle" });
+        this.svg.append(drawn("line", { x1: h(mark), x2: h(mark), y1: TOP, y2: this.height - BOTTOM, class: "grid" }));
+        text({ x: h(mark), y: this.height - BOTTOM + 15 }, number(mark, this.plot.x.unit === "B" ? "B" : ""), { "text-anchor": "middle" });
       }
-      for (const mark of linear(...ys)) {
+      for (const mark of ys ? linear(...ys) : []) {
         this.svg.append(drawn("line", { x1: LEFT, x2: width - RIGHT, y1: v(mark), y2: v(mark), class: "grid" }));
         text({ x: LEFT - 6, y: v(mark) + 4 }, number(mark, ""), { "text-anchor": "end" });
       }
-      text({ x: (LEFT + width - RIGHT) / 2, y: HEIGHT - 8 }, this.plot.x.label, { "text-anchor": "middle" });
-      const middle = (TOP + HEIGHT - BOTTOM) / 2;
-      text({ x: 11, y: middle }, this.plot.y.label, { "text-anchor": "middle", transform: `rotate(-90 11 ${middle})` });
+    }
+
+    // What nothing else beats at less cost, as a stair.
+    front(width, all, h, v) {
+      let best = -Infinity;
+      const stair = [];
+      for (const [a, b] of [...all].sort((p, q) => p[0] - q[0] || q[1] - p[1])) {
+        if (b <= best) continue;
+        if (stair.length) stair.push(`${h(a)},${v(best)}`);
+        stair.push(`${h(a)},${v(b)}`);
+        best = b;
+      }
+      stair.push(`${width - RIGHT},${v(best)}`);
+      this.svg.append(drawn("polyline", { points: stair.join(" "), class: "front" }),
+        drawn("text", { x: LEFT + 6, y: TOP + 14, class: "better" }, "↖ better"));
+    }
+
+    // The spread of a codec's slices: a thin line, its middle half thick, a marker at the median, the name above.
+    span({ label, points: [point] }, top, h) {
+      const y = top + ROW - 7, [low, from, middle, to, high] = point.map(h);
+      const bar = (x1, x2, width) => drawn("line", { x1, x2, y1: y, y2: y, stroke: colourOf(label), "stroke-width": width,
+        "stroke-opacity": width > 2 ? 0.5 : 1 });
+      this.svg.append(drawn("text", { x: RIGHT, y: top + 11, class: "name" }, label), bar(low, high, 1.4), bar(from, to, 6),
+        marker(label, middle, y, 5.5));
+      this.points.push({ label, x: middle, y, point });
+    }
+
+    // The name of each point, or of a line at its end, where there is room beside it.
+    names(width) {
+      const boxes = this.points.map(({ x, y }) => [x - 6, y - 6, x + 6, y + 6]);
+      if (this.fronted()) boxes.push([LEFT, TOP, LEFT + 60, TOP + 18]);
+      const free = (box) => box[0] > LEFT && box[2] < width && box[1] > 0 && box[3] < HEIGHT - BOTTOM &&
+        boxes.every((other) => box[0] >= other[2] || box[2] <= other[0] || box[1] >= other[3] || box[3] <= other[1]);
+      pen.font = `11.5px ${getComputedStyle(this.root).fontFamily}`;
+      for (const { label, x, y } of this.points.filter((at, i, all) => at.label !== all[i + 1]?.label)) {
+        const name = nameOf(label), wide = pen.measureText(name).width;
+        const places = [[8, -6], [-8 - wide, -6], [-wide / 2, -19], [-wide / 2, 8], [5, -18], [5, 7], [-5 - wide, -18], [-5 - wide, 7]];
+        const box = places.map(([dx, dy]) => [x + dx, y + dy, x + dx + wide, y + dy + 12]).find(free);
+        if (!box) continue;
+        boxes.push(box);
+        this.svg.append(drawn("text", { x: box[0], y: box[1] + 10, class: "name" }, name));
+      }
     }
 
     // Lines that join the points of a ladder of rates.
@@ -134,17 +171,13 @@
 
     one(each, h, v) {
       const { label, points } = each;
-      if (each.step) {
-        const half = each.step / 2;
-        this.line(label, points.flatMap(([a, b]) => [`${h(a - half)},${v(b)}`, `${h(a + half)},${v(b)}`]));
-      } else if (each.line) this.line(label, points.map(([a, b]) => `${h(a)},${v(b)}`));
+      if (each.line) this.line(label, points.map(([a, b]) => `${h(a)},${v(b)}`));
       for (const point of points) {
         const [a, b, low, high] = point, at = { label, x: h(a), y: v(b), point };
         if (high > low) {
           this.svg.append(drawn("line", { x1: h(low), x2: h(high), y1: at.y, y2: at.y, stroke: colourOf(label) }));
         }
-        const highest = each.step && b === Math.max(...points.map((p) => p[1]));
-        if (!each.step || highest) this.svg.append(marker(label, at.x, at.y, this.plot.kind === "fits" ? 2.6 : 5.5));
+        this.svg.append(marker(label, at.x, at.y, this.plot.kind === "fits" ? 2.6 : 5.5));
         this.points.push(at);
       }
     }
@@ -172,10 +205,11 @@
       this.tip.hidden = !at;
       if (this.ring) this.ring.setAttribute("visibility", at ? "visible" : "hidden");
       if (!at) return;
-      const { x } = this.plot, [a, b, low, high] = at.point, slices = this.plot.kind === "slices";
+      const { x } = this.plot, [a, b, low, high, best] = at.point;
       const span = high > low ? ` (${number(low, "")} to ${number(high, x.unit)})` : "";
       this.tip.replaceChildren(element("b", {}, at.label), document.createElement("br"),
-        slices ? `${b} slices at ${number(a, "dB")}` : `${number(b, "dB")} at ${number(a, x.unit)}${span}`);
+        this.spans ? `median ${number(low, "dB")}, half between ${number(b, "")} and ${number(high, "dB")}, 9 of 10 between ${
+          number(a, "")} and ${number(best, "dB")}` : `${number(b, "dB")} at ${number(a, x.unit)}${span}`);
       this.ring.setAttribute("cx", at.x);
       this.ring.setAttribute("cy", at.y);
       const right = at.x > this.root.clientWidth / 2;
@@ -186,7 +220,7 @@
   }
 
   for (const root of document.querySelectorAll("[data-plots]")) {
-    const chosen = data.plots.filter((plot) => plot.material === root.dataset.plots);
+    const chosen = data.plots.filter((plot) => plot.material === root.dataset.plots && root.dataset.kinds.split(" ").includes(plot.kind));
     for (const plot of chosen) {
       const place = element("figure", { class: "plot", "data-kind": plot.kind });
       root.append(place);

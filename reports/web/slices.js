@@ -18,12 +18,35 @@
     return [SIZE / 2 + radius * Math.cos(angle), SIZE / 2 - radius * Math.sin(angle)];
   };
 
+  const images = new Map();
+  function loaded(url) {
+    if (!images.has(url)) images.set(url, picture(url));
+    return images.get(url);
+  }
+
+  // The texels of one pair of a stored grid.
+  async function cutOut({ width, height, columns }, url, pair) {
+    const image = await loaded(url), cut = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+    cut.drawImage(image, -(pair % columns) * width, -Math.floor(pair / columns) * height);
+    return cut.getImageData(0, 0, width, height);
+  }
+
+  // The colours of grey levels.
+  function magma(pixels) {
+    for (let i = 0; i < pixels.data.length; i += 4) pixels.data.set(report.data.magma[pixels.data[i]], i);
+    return pixels;
+  }
+
+  function put(canvas, pixels) {
+    [canvas.width, canvas.height] = [pixels.width, pixels.height];
+    canvas.getContext("2d").putImageData(pixels, 0, 0);
+  }
+
   class Slices {
     constructor(root, data) {
       this.data = data;
       this.factor = Math.max(1, Math.round(384 / Math.max(data.width, data.height)));
       this.state = { pair: 0, left: -1, right: best(data.codecs), show: "decoded", gain: 4, wipe: 0.5 };
-      this.images = new Map();
       this.canvas = element("canvas", { width: data.width * this.factor, height: data.height * this.factor, tabindex: 0,
         role: "slider", "aria-label": "wipe between the left and the right picture", "aria-valuemin": 0, "aria-valuemax": 100 });
       this.says = element("p", { role: "status" });
@@ -35,15 +58,16 @@
         list.value = value;
         return element("label", {}, `${name} `, list);
       };
-      const sides = names.map((name, i) => [i - 1, name]);
+      const sides = names.map((name, i) => [i - 1, name]), right = chosen("right", sides, this.state.right);
+      this.right = right.querySelector("select");
       this.pairs = element("select", { name: "pair", change: () => { this.state.pair = Number(this.pairs.value); this.changed(); } });
       data.wo.forEach((wo, i) => this.pairs.append(new Option(`view ${angles(wo)} · light ${angles(data.wi[i])}`, i)));
       root.append(
-        element("div", { class: "controls" }, chosen("left", sides, -1), chosen("right", sides, this.state.right),
+        element("div", { class: "controls" }, chosen("left", sides, -1), right,
           chosen("show", shows, "decoded"), chosen("gain", GAINS.map((gain) => [gain, `× ${gain}`]), 4)),
         element("div", { class: "stage" }, this.canvas, element("div", { class: "hemispheres" },
           this.hemisphere("view", data.wo), this.hemisphere("light", data.wi), element("label", {}, "pair ", this.pairs))),
-        this.says);
+        this.says, this.sheet(names));
       this.listen();
       this.say();
     }
@@ -78,6 +102,13 @@
       return element("figure", {}, svg, element("figcaption", {}, name));
     }
 
+    // Every codec at the chosen pair, to look at together and to choose from.
+    sheet(names) {
+      this.small = names.map(() => element("canvas", { width: this.data.width, height: this.data.height }));
+      return element("div", { class: "strip sheet" }, ...names.map((name, i) => element("button", { type: "button",
+        click: () => { this.right.value = this.state.right = i - 1; this.changed(); } }, this.small[i], name)));
+    }
+
     listen() {
       const wiped = (to) => { this.state.wipe = Math.min(1, Math.max(0, to)); this.paint(); };
       const at = (event) => (event.clientX - this.canvas.getBoundingClientRect().left) / this.canvas.clientWidth;
@@ -91,23 +122,12 @@
       });
     }
 
-    loaded(url) {
-      if (!this.images.has(url)) this.images.set(url, picture(url));
-      return this.images.get(url);
-    }
-
-    // The texels of one pair of a stored grid.
-    async slice(url) {
-      const { width, height, columns } = this.data, image = await this.loaded(url), { pair } = this.state;
-      const cut = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
-      cut.drawImage(image, -(pair % columns) * width, -Math.floor(pair / columns) * height);
-      return cut.getImageData(0, 0, width, height);
-    }
+    slice(url) { return cutOut(this.data, url, this.state.pair); }
 
     async side(number, show) {
       const codec = this.data.codecs[number], { truth } = this.data;
       if (!codec) return this.slice(truth);
-      if (show === "flip") return codec.flip ? this.slice(codec.flip) : null;
+      if (show === "flip") return codec.flip ? magma(await this.slice(codec.flip)) : null;
       const found = await this.slice(codec.decoded);
       if (show === "difference") {
         const other = await this.slice(truth), gain = Number(this.state.gain);
@@ -129,6 +149,11 @@
       if (order !== this.order) return;
       this.sides = sides;
       this.paint();
+      for (const [i, canvas] of this.small.entries()) {
+        const pixels = await this.side(i - 1, show);
+        if (order !== this.order) return;
+        if (pixels) put(canvas, pixels);
+      }
     }
 
     paint() {
@@ -176,8 +201,22 @@
 
   const angles = ([theta, phi]) => `θ ${Math.round(theta)}° φ ${Math.round(phi)}°`;
 
+  const stored = (id) => JSON.parse(document.getElementById(id).textContent);
+
+  // The first pictures of the page: seen from above in light from the side, as far as that pair is stored.
+  async function strip(root) {
+    const given = stored(root.dataset.strip), away = given.wo.map(([theta], i) => theta + Math.abs(given.wi[i][0] - 45));
+    const pair = away.indexOf(Math.min(...away));
+    for (const canvas of root.querySelectorAll("canvas")) {
+      const codec = given.codecs.find((each) => each.label === canvas.dataset.codec);
+      put(canvas, await cutOut(given, codec ? codec.decoded : given.truth, pair));
+      canvas.title = `view ${angles(given.wo[pair])} · light ${angles(given.wi[pair])}`;
+    }
+  }
+  document.querySelectorAll("[data-strip]").forEach(strip);
+
   for (const root of document.querySelectorAll("[data-slices]")) {
-    root.slices = new Slices(root, JSON.parse(document.getElementById(root.dataset.slices).textContent));
+    root.slices = new Slices(root, stored(root.dataset.slices));
     report.whenNear(root, () => root.slices.changed());
   }
 })();

@@ -34,7 +34,7 @@
         for (const row of table.rows) row.cells[column].hidden = !box.checked;
       } });
       box.checked = true;
-      list.append(element("label", {}, box, header.textContent));
+      list.append(element("label", {}, box, [...header.childNodes].map((part) => part.textContent).join(" ")));
     });
     return list;
   }

@@ -1,7 +1,9 @@
 """The board: what its pages hold, whose word a row is, which pictures are published, and that nothing escapes."""
 
+import base64
 import json
 import re
+import zlib
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -121,7 +123,7 @@ def test_records_get_the_pictures_of_a_run_at_hand_of_the_same_files_alone(made,
     found = json.loads(re.search(r'id="slices0">(.*?)</script>', pages["material-satin.html"])[1])
     assert [codec["label"] for codec in found["codecs"]] == ["pca"]
     assert pages["material-brick.html"].count('id="slices') == 1, "of the run, whose vq is of other data"
-    assert ": quick (" in pages["index.html"], "vq of other data is in no records, so the run stands by itself, too"
+    assert ": quick</h2>" in pages["index.html"], "vq of other data is in no records, so the run stands by itself, too"
     assert "data:image" not in write(tmp_path / "site", published)["material-satin.html"]
 
 
@@ -162,6 +164,20 @@ def test_strings_of_records_stay_text_and_name_no_other_place(made, tmp_path):
         markup = re.sub(r"<script[^>]*>.*?</script>", "", path.read_text(encoding="utf-8"), flags=re.S)
         assert "<script" not in markup
         assert not re.search(r"""<[^<>"']*("[^"]*"[^<>"']*)*\sonerror=""", markup)
+
+
+def test_a_run_at_hand_says_nothing_of_this_machine(made, tmp_path):
+    job = {"provenance": {"source": RENDERED}, "machine": {"host": "my-host", "processor": "mine"}}
+    made.job(**job, drawing="gone.npz").unfinished("failed", f"no {Path.home()}/secret").timing(host="my-host")
+    job = load_run(made.folder).jobs[1]
+    append(made.folder, job | {"traceback": "in my-host"})
+    pages = write(tmp_path / "site", runs=[Source("mine", load_run(made.folder))])
+    packed = re.search(r'id="records-data">(.*?)</script>', pages["material-satin.html"])[1]
+    told = zlib.decompress(base64.b64decode(packed)).decode() + "".join(pages.values())
+    assert "processor" in told
+    assert "data:image" in told
+    for secret in ("my-host", str(tmp_path), f"{Path.home()}/secret"):
+        assert secret not in told, secret
 
 
 def test_two_names_never_share_a_page():

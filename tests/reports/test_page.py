@@ -12,7 +12,9 @@ from PIL import Image
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
+from bench.metrics.display import to_display
 from bench.records import load_run
+from bench.runs.drawing import sparse_truth
 from reports import write_report
 from reports.figures import Figure
 
@@ -53,6 +55,30 @@ def test_gaps_are_explained(made):
     page = page_of(made.job("table", psnr=None, history=[]).unfinished("failed", "ValueError: why"))
     for words in ("No speed and accuracy", "No quality over seconds", "No rate and distortion", "No summary", "why"):
         assert words in page
+
+
+def test_a_codec_without_any_result_is_named_once(made):
+    for material in ("satin", "brick"):
+        made.job(material=material).job("vq", psnr=20.0, material=material)
+        made.unfinished("failed", "why", label="broken", material=material)
+    page = page_of(made)
+    shown, _, unfinished = re.sub(r"<script.*?</script>", "", page, flags=re.S).partition("Jobs without a result")
+    assert "broken" not in shown
+    assert unfinished.count("broken") == 2, "once for each material"
+    assert "broken" not in str(data_of(page))
+
+
+def test_the_first_screen_shows_the_truth_beside_the_best(made):
+    made.job("pca").job("vq", psnr=33.0).job("neumip", psnr=20.0).job("ntc", psnr=10.0)
+    first = page_of(made).partition('id="summary"')[0]
+    assert "4 codecs on satin (8 × 8 texels, 8 training pairs, 4 held out)" in first
+    assert re.findall(r'data-codec="(.*?)"', first) == ["", "vq", "pca", "neumip"]
+    assert "vq: 33.0 dB, 36,110 bytes" in first
+
+
+def test_slices_are_shown_by_their_quantiles(made):
+    (plot,) = (each for each in data_of(page_of(made.job(psnr=30.0)))["plots"] if each["kind"] == "slices")
+    assert plot["series"] == [{"label": "pca components=8", "points": [[30.0] * 5]}]
 
 
 def test_every_number_leads_to_its_record(made):
@@ -158,6 +184,7 @@ def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory, run_maker: An
     codec = load_codec("pca")()
     material = codec.decode(codec.encode(tiny_btf(), Fit()), torch.device("cpu"))
     np.savez(made.folder / "drawings/pca.npz", **program_of(material).arrays())
+    np.savez(made.folder / "drawings/truth-f.npz", **sparse_truth(tiny_btf()).arrays())
     made.job("pca", psnr=30.0, drawing="drawings/pca.npz").timing("pca")
     made.job("vq", psnr=9.0).timing("vq").job("<b>mine</b>", psnr=21.5).job("vq", material="brick", psnr=12.0)
     write_report(made.folder)
@@ -227,6 +254,7 @@ def test_rows_are_filtered_and_columns_hidden(opened):
 
 
 def test_a_codec_is_ticked_off_in_all_plots(opened):
+    opened.locator("#codecs summary").click()
     box = opened.locator("#codecs").get_by_label("vq")
     count = "[...document.querySelectorAll('.plot')].map((each) => each.querySelectorAll('polygon').length)"
     for plot in opened.locator(".plot").all():  # each is drawn when it comes near the window
@@ -260,7 +288,7 @@ def test_a_point_is_told_by_pointer_and_key(opened):
 def test_slices_are_wiped_and_chosen_by_mouse_and_key(opened):
     root = opened.locator('[data-slices="slices0"]')
     root.scroll_into_view_if_needed()
-    canvas = root.locator("canvas")
+    canvas = root.locator(".stage canvas")
     wait(opened, "document.querySelector('[data-slices=slices0]').slices?.sides")
 
     def picture() -> str:
@@ -343,6 +371,13 @@ def test_a_live_material_changes_with_its_light(opened):
         "return document.querySelector('[data-live] canvas').toDataURL(); })()"
     )
     first = opened.evaluate(look)
+    assert root.locator("[name=left] option").all_inner_texts() == ["truth", "pca"]
+    btf = tiny_btf()
+    for pair in btf.split().train[[9, 40]]:
+        wo, wi = btf.wo[pair].tolist(), btf.wi[pair].tolist()
+        flat = opened.evaluate(f"document.querySelector('[data-live]').viewer.probe(0, {wo}, {wi}, 8, 8)")
+        drawn = np.array(flat, float).reshape(8, 8, 4)[::-1, :, :3]
+        assert np.abs(drawn - 255 * to_display(btf[pair], 1.5)).mean() < 4, "a stored slice, but for 8 bit and WebP"
     root.locator("canvas").focus()
     for _ in range(4):
         opened.keyboard.press("Shift+ArrowRight")

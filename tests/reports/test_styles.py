@@ -1,9 +1,14 @@
 import itertools
+import math
 import tomllib
+from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 from bench.records import load_run
-from reports.styles import COLOURS, KNOWN, Styles
+from reports.styles import COLOURS, KNOWN, MARKERS, Styles
 
 
 def look(styles, name):
@@ -29,8 +34,7 @@ def test_no_two_of_the_codecs_look_alike(made):
     styles = Styles(load_run(made.folder))
     names = [*KNOWN, *(f"outside{i}" for i in range(40))]
     assert len({look(styles, name) for name in names}) == len(names)
-    compared = ("neubtf-direct", "neubtf", "neumip", "rainer2019", "relief", "pca")
-    assert len({styles.of_codec(name)["color"] for name in compared}) == len(compared)
+    assert len({styles.of_codec(name)["color"] for name in KNOWN}) == len(KNOWN)
 
 
 def test_every_codec_that_is_installed_here_has_a_look_of_its_own_in_every_run():
@@ -38,13 +42,37 @@ def test_every_codec_that_is_installed_here_has_a_look_of_its_own_in_every_run()
         assert set(tomllib.load(file)["project"]["entry-points"]["neubtf_bench.codecs"]) <= set(KNOWN)
 
 
-def test_the_palette_is_told_apart_without_red_green_or_blue():
+def linear(colour):
+    return np.array([(int(colour[i : i + 2], 16) / 255 + 0.055) / 1.055 for i in (1, 3, 5)]) ** 2.4
+
+
+def test_every_codec_has_a_colour_of_its_own():
+    """CIELAB of CIE 15 under D65, where 2 is what an eye notices side by side."""
+    white, to_xyz = [0.9505, 1, 1.089], [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    x, y, z = np.cbrt([to_xyz @ linear(colour) / white for colour in COLOURS]).T
+    places = zip(116 * y - 16, 500 * (x - y), 200 * (y - z), strict=True)
+    assert len(COLOURS) == len(KNOWN)
+    assert min(math.dist(*two) for two in itertools.combinations(places, 2)) > 20
+
+
+@pytest.mark.parametrize("paper", ["#ffffff", "#16181c"])
+def test_every_colour_is_seen_on_light_and_on_dark_paper(paper):
+    """The contrast that WCAG 2.1 asks of graphics."""
+    css = (files("reports") / "web/report.css").read_text()
+    assert f"--paper: {paper};" in css.replace("#fff;", "#ffffff;")
+    for colour in COLOURS:
+        light, dark = sorted(([0.2126, 0.7152, 0.0722] @ linear(each) + 0.05 for each in (colour, paper)), reverse=True)
+        assert light / dark >= 3, colour
+
+
+def test_markers_tell_apart_what_colours_do_not():
     """Distances of the colours as a viewer without one kind of cone sees them (Viénot, Brettel, Mollon, 1999)."""
-    rgb = [[(int(colour[i : i + 2], 16) / 255) ** 2.2 for i in (1, 3, 5)] for colour in COLOURS]
     mixed = {
         "protan": lambda r, g, b: (0.11 * r + 0.89 * g, b),
         "deutan": lambda r, g, b: (0.29 * r + 0.71 * g, b),
     }
+    looks = [(linear(colour), MARKERS[place % len(MARKERS)]) for place, colour in enumerate(COLOURS)]
     for see in mixed.values():
-        for one, other in itertools.combinations(rgb, 2):
-            assert sum(abs(a - b) for a, b in zip(see(*one), see(*other), strict=True)) > 0.1
+        for (one, marker), (other, another) in itertools.combinations(looks, 2):
+            near = sum(abs(a - b) for a, b in zip(see(*one), see(*other), strict=True)) <= 0.1
+            assert not near or marker != another

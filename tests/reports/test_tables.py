@@ -79,10 +79,16 @@ def test_without_held_out_pairs_all_pairs_decide_and_the_table_says_so(made):
 
 
 def test_failed_jobs_stay_in_their_material_and_give_a_reason(made):
-    made.job().unfinished("failed", "ValueError: no\nmore")
-    (main,), (why,) = tables(made, "main"), tables(made, "unfinished")
+    made.job().job("vq", material="brick").unfinished("failed", "ValueError: no\nmore")
+    (main, _), (why,) = tables(made, "main"), tables(made, "unfinished")
     assert main.rows[1][:3] == ["vq", "failed", "—"]
     assert why.rows == [["satin", "vq", "failed", "ValueError: no more"]]
+
+
+def test_a_codec_without_any_result_is_named_by_the_unfinished_jobs_alone(made):
+    made.job().job(material="brick").unfinished("failed", "no").unfinished("failed", "no", material="brick")
+    named = [(table.kind, row) for table in all_tables(load_run(made.folder)) for row in table.rows if "vq" in row]
+    assert [kind for kind, _ in named] == ["unfinished", "unfinished"]
 
 
 def test_an_unavailable_material_says_where_to_get_it(made):

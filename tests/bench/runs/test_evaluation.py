@@ -16,6 +16,7 @@ from bench.errors import InputError
 from bench.hemisphere import from_degrees
 from bench.material import DecoderCost, Material
 from bench.metrics.scoring import footprint_errors, summarise_footprints
+from bench.runs.drawing import sparse_truth
 from bench.runs.evaluation import Slices, drawing, evaluate, score_key
 from bench.runs.workbench import SHOWN, STORED, Workbench
 
@@ -121,3 +122,11 @@ def test_a_drawing_is_stored_or_the_reason_why_not(monkeypatch):
     large.cost = DecoderCost(texture_floats=10**7)
     assert "more than 2,000,000 floats" in drawing(loaded(large), keep)["not_drawn"]
     assert stored == {}
+
+
+def test_a_truth_to_draw_has_few_pairs_and_is_none_where_those_are_too_large(monkeypatch):
+    whole = tiny_btf(8, 16, 16)
+    truth = sparse_truth(whole)
+    assert max(len(each) for each in truth.constants.values() if each.shape[1:] == (3,)) == 81 * 64
+    monkeypatch.setattr("bench.runs.drawing.SPARSE_FLOATS", 8 * 64 * 3)
+    assert sparse_truth(whole) is None
