@@ -13,20 +13,20 @@ from bench.records import FLIP, PSNR, Run
 from reports.artefacts import Arrays, arrays, of_shown
 from reports.rows import MaterialRows, Row
 
-BUDGET = 8_000_000  # characters of all pictures in a page, about
-# Qualities of WebP and the characters that a pixel takes then, about; None is without loss.
+BUDGET = 8_000_000  # about how many characters all pictures of a page take
+# Qualities of WebP, and about how many characters a pixel then takes; None is lossless.
 QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 0.5), (60, 0.3))
 
 
 class Atlases:
-    """The slices of all materials of a run, all of one quality, chosen by how many pixels there are."""
+    """The slices of all materials of a run, all of one quality, chosen by the number of pixels."""
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows]):
         self.run = run
         self.quality, self.step = None, 1
         pixels = sum(self._pixels(material) for material in materials)
         self.quality, per_pixel = next((q for q in QUALITIES if q[1] * pixels <= BUDGET), QUALITIES[-1])
-        self.step = max(1, -int(-per_pixel * pixels // BUDGET))  # every how manyth pair is shown
+        self.step = max(1, -int(-per_pixel * pixels // BUDGET))  # show every n-th pair
 
     def _pixels(self, material: MaterialRows) -> int:
         if not material.shown or not (first := arrays(self.run.folder, material.shown[0].job, "pictures", ("truth",))):
@@ -34,7 +34,7 @@ class Atlases:
         return int(np.prod(first["truth"].shape[:3])) * (2 * len(material.shown) + 1)
 
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
-        """What the slice viewer needs of a material; no `codecs` where nothing is stored.
+        """The data of a material for the slice viewer; `codecs` is empty if nothing is stored.
 
         Pictures are data URLs of all pairs in a grid, `columns` wide. `left_out` lists codecs without the same pairs.
         """
@@ -64,7 +64,7 @@ class Atlases:
         return data | self._numbers(row, pictures)
 
     def _numbers(self, row: Row, pictures: Arrays) -> dict[str, Any]:
-        """PSNR and FLIP of each shown slice, from the stored numbers; null where there is no error."""
+        """PSNR and FLIP of each shown slice, from the stored numbers; null without error."""
         name = row.metric(FLIP)
         scores = arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, name))
         if not scores:

@@ -54,7 +54,7 @@ script-src {script_hashes}; base-uri 'none'; form-action 'none'">
 
 
 def page(run: Run, tables: Sequence[Table], figures: Sequence[Figure]) -> Iterator[str]:
-    """The page of a run, in pieces, since its whole text would take several times its size in memory."""
+    """The page of a run, in pieces, because its whole text would take several times its size in memory."""
     return _Page(run, tables, figures).pieces()
 
 
@@ -68,7 +68,7 @@ class _Page:
         self.plots = series.plots_of(run)
         self.atlases = Atlases(run, self.materials)
         self.live = live(run, self.materials)
-        self.viewer = fragment([])  # its models are unpacked when somebody wants to see them
+        self.viewer = fragment([])  # its models are unpacked when the reader opens them
         self.data: list[str] = []
 
     def pieces(self) -> Iterator[str]:
@@ -189,7 +189,7 @@ def _packed(name: str, text: str) -> str:
 
 
 def _image(figure: Figure) -> str:
-    """A figure as WebP: half as large as its PNG, without loss but where it shows slices or texels."""
+    """A figure as WebP: half as large as its PNG; lossless unless it shows slices or texels."""
     lossy = {"contact": 90, "abrdf": 90, "latents": 70}.get(figure.kind)
     how = {"quality": lossy, "method": 0} if lossy else {"lossless": True, "quality": 30, "method": 1}
     out = io.BytesIO()

@@ -1,7 +1,7 @@
-"""The quality that the NeuBTF paper states, beside ours: its Table 1, mean ± deviation over the slices of all pairs.
+"""The quality in the NeuBTF paper beside ours: its Table 1, mean ± deviation over the slices of all pairs.
 
-Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023). LPIPS, which it states, too,
-needs weights that would have to be downloaded, and is left out. Its Table 2 is `reports.parameters`.
+Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023). LPIPS, which it also gives,
+is left out, because its weights would have to be downloaded. For its Table 2 see `reports.parameters`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -10,7 +10,7 @@ from bench.records import FLIP, PSNR, SSIM, Record, Run, shown_label, stats_of
 from reports.numbers import NONE, plus_minus, spread
 from reports.table import Table
 
-METHOD = "neubtf"  # the codec whose figures the paper states
+METHOD = "neubtf"  # the codec whose numbers the paper gives
 NO_DATA = "no data"
 # By material: mean and deviation, as printed.
 PUBLISHED = {
@@ -23,9 +23,9 @@ _METRICS = ((PSNR, "PSNR", "dB ↑", 2), (SSIM, "SSIM", "↑", 3), (FLIP, "FLIP"
 
 
 def paper_table(run: Run) -> Table | None:
-    """A row for each material of the paper's table and each codec of the run; None where the run has none of them.
+    """A row for each material of the paper's table and each codec of the run; None if the run has none of them.
 
-    Where a material is not there, its row says `no data`, and the paper's figures stand.
+    If a material is missing, its row says `no data` beside the paper's numbers.
     """
     rows = list(_rows(run.jobs))
     if not rows:

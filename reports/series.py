@@ -33,7 +33,7 @@ def codecs(run: Run) -> Series:
     return entries
 
 
-@lru_cache(maxsize=1)  # the page and several figures ask
+@lru_cache(maxsize=1)  # the page and several figures call it
 def plots_of(run: Run) -> list[Plot]:
     """Every plot that has a point, those over all materials first."""
     curves = curves_by_material(run)
@@ -76,13 +76,14 @@ def _bytes(row: Row) -> list[float]:
 
 
 def _time(row: Row) -> list[float] | None:
-    """The ns of a sample and the ends of their interval; None where it was not timed as the others were."""
+    """The ns of a sample and the ends of their interval; None if it was not timed under the common conditions."""
     timed = row.timing and not row.timing_obstacle
     return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]] if row.timing and timed else None
 
 
 def _points(material: MaterialRows, of_row: Callable[[Row], list[float] | None]) -> Series:
-    """One point a codec, [x, PSNR] or [x, PSNR, low, high], the mean of its seeds; the interval holds those of all.
+    """One point a codec, [x, PSNR] or [x, PSNR, low, high], the mean of its seeds; the interval contains those of all
+    seeds.
 
     `curve` joins the points of a ladder of rates.
     """
@@ -130,6 +131,6 @@ def _slices(run: Run, row: Row) -> list[float]:
     """The PSNR of each slice that decides, to a tenth of a dB, without slices that have no error."""
     try:
         values = decibels(run.folder, row.job)
-    except InputError:  # a run's records are worth reading without its bulky parts
+    except InputError:  # the records of a run are useful without its large files
         return []
     return [] if values is None else [round(float(value), 1) for value in values[np.isfinite(values)]]

@@ -4,9 +4,9 @@ from typing import Any
 
 from bench.records import Run, shown_label
 
-# Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The
-# marker changes together with the colour, so that no two of 14 are alike even in grey. Each further 14 begin one
-# marker later, so that no two of 98 share both.
+# Okabe and Ito, "Color universal design", 2008, without its yellow, which is too light for a line on white. The marker
+# changes together with the colour, so that no two of 14 are alike even in grey. Each further 14 begin one # marker
+# later, so no two of 98 share both.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#56B4E9", "#E69F00")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 LINES = ("-", "--", ":", "-.")
