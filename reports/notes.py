@@ -128,7 +128,7 @@ def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:
     reasons = {time["unrest"] for time in restless}
     again = max(abs(time.get("floor_again", 1.0) - 1) for time in restless)
     others = max(time.get("others_cores") or 0.0 for time in restless)
-    most = f"two times of the floor differed by up to {100 * again:.0f} %"
+    most = f"the floor, timed twice, differed by up to {100 * again:.0f} %"
     most += f", other processes used up to {others:.1f} cores" if others >= 0.05 else ""
     when = "while this was timed" if len(restless) == len(times) else f"for {len(restless)} of {len(times)} times"
     yield f"The machine was not quiet {when}: {reasons.pop() if len(reasons) == 1 else most}."

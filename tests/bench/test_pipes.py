@@ -27,14 +27,14 @@ def pipe(tmp_path):
 def test_no_command_waits_for_a_pipe(name, command, pipe, capsys):
     path = pipe(name)
     assert cli.main(command.format(path=path).split()) == 2
-    assert f"{path}: neither a file nor a folder" in capsys.readouterr().err
+    assert f"{path}: it is neither a file nor a folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["verify {path}", "run {path}"])
 def test_archives_and_suites_are_files(command, pipe, capsys):
     path = pipe("a.toml" if command.startswith("run") else "a.zip")
     assert cli.main(command.format(path=path).split()) == 2
-    assert f"{path}: neither a file nor a folder" in capsys.readouterr().err
+    assert f"{path}: it is neither a file nor a folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["normal.png", "roughness.exr", "displacement.hdr"])

@@ -44,7 +44,7 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     written = {path.suffix for path in (tmp_path / "run").rglob("*") if path.is_file()}
     assert {".jsonl", ".nbtf", ".md", ".tex", ".csv", ".png"} <= written
     assert cli.main(words) == 0
-    assert "1 cached whole" in capsys.readouterr().out
+    assert "1 from the cache" in capsys.readouterr().out
     assert cli.main(["table", str(tmp_path / "run"), "--format", "csv"]) == 0
     assert "mean-colour" in capsys.readouterr().out
     assert cli.main(["report", str(tmp_path / "run")]) == 0
@@ -156,7 +156,7 @@ def test_info_of_a_btf_says_what_it_is(folder, capsys):
         (["run", "--device", "abacus"], "no such device"),
         (["info", "/no/such/file"], "/no/such/file"),
         (["check", "pca", "--set", "components=few"], "must be a whole number"),
-        (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "its folder is not there"),
+        (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "there is no such folder"),
         (["table", "/no/such/run"], "no such folder"),
         (["table", "budgets"], "there is no run under runs/"),
         (["table", "budgets", "main"], "one kind of table"),

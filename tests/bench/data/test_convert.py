@@ -74,7 +74,7 @@ def test_nothing_that_is_there_is_lost_and_nothing_half_done_is_left(tmp_path, b
     (tmp_path / "full" / "note").touch()
     with pytest.raises(InputError, match="not an empty folder"):
         write_btf(btf, tmp_path / "full")
-    with pytest.raises(InputError, match="its folder is not there"):
+    with pytest.raises(InputError, match="there is no such folder"):
         write_btf(btf, tmp_path / "no" / "a.npz")
 
     class Broken(Source):

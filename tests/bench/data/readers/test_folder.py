@@ -68,12 +68,12 @@ BAD = {
     "nan angle": ([A, "b.png,nan,0,10,0"], r"line 3: theta_o_deg = nan degrees is outside"),
     "duplicate": ([A, B, "c.png,0,0,10,360"], r"line 4: the same view and light as .*line 3: leave one"),
     "duplicate at the pole": ([A, "b.png,0,90,0,180"], r"line 3: the same view and light as .*line 2"),
-    "no number": ([A, "b.png,0,0,ten,0"], r"line 3: theta_i_deg = 'ten' is no number: give degrees"),
+    "no number": ([A, "b.png,0,0,ten,0"], r"line 3: theta_i_deg = 'ten' is not a number: give degrees"),
     "cells": ([A, "b.png,0,0"], r"line 3: 3 cells under 5 columns"),
     "no rows": ([], r"pairs\.csv: lists no picture"),
     "outside": ([A, "../b.png,0,0,10,0"], r"line 3: the name '\.\./b\.png' leads out of the folder"),
     "absolute": ([A, "/etc/passwd,0,0,10,0"], r"line 3: the name '/etc/passwd' leads out"),
-    "no picture": ([A, "pairs.csv,0,0,10,0"], r"pairs\.csv: begins with b'file,the', no picture known here"),
+    "no picture": ([A, "pairs.csv,0,0,10,0"], r"pairs\.csv: begins with b'file,the', like no known picture"),
 }
 
 

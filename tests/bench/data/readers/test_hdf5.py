@@ -156,8 +156,8 @@ def virtual(file):
         (instead("ground_color", np.zeros((0, 5, 6, 3), "f4")), r"ground_color is \(0, 5, 6, 3\)"),
         (instead("ground_color", np.zeros((12, 5, 6, 3), "u1")), r"ground_color is .* uint8: it must hold floats"),
         (instead("ground_light", np.zeros((11, 2), "f4")), r"ground_light is \(11, 2\): it must be \(12, 2\), x and y"),
-        (instead("ground_light", np.full((12, 2), np.nan, "f4")), r"ground_light\[0\]: .* is no unit vector"),
-        (instead("ground_light", np.full((12, 2), 0.9, "f4")), r"ground_light\[0\]: \(0\.9, 0\.9, 0\) is no unit"),
+        (instead("ground_light", np.full((12, 2), np.nan, "f4")), r"ground_light\[0\]: .* is not a unit vector"),
+        (instead("ground_light", np.full((12, 2), 0.9, "f4")), r"ground_light\[0\]: \(0\.9, 0\.9, 0\) is not a unit"),
         (instead("ground_light", np.tile([1.0, 0], (12, 1))), r"ground_light\[0\]: \(1, 0, 0\) is not above"),
         (instead("ground_light", np.zeros((12, 2), "f4")), r"pair 7: the same view and light as .* pair 6"),
         (instead("ground_light", h5py.Empty("f4")), "ground_light is None float32"),
@@ -194,7 +194,7 @@ def test_bytes_that_are_cut_off_are_an_error(full):
 
 def test_without_h5py_the_message_names_the_extra(full, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(InputError, match=r"factor1\.hdf5: HDF5 is read by h5py: pip install 'neubtf-bench\[hdf5\]'"):
+    with pytest.raises(InputError, match=r"factor1\.hdf5: reading HDF5 needs h5py: pip install 'neubtf-bench\[hdf5\]'"):
         open_btf(full)
 
 

@@ -152,7 +152,7 @@ def test_notes_that_are_damaged_are_named(copy, content, message):
 def test_other_numbered_pictures_with_a_meta_json_are_not_taken_for_this_format(tmp_path):
     (tmp_path / "meta.json").write_text('{"author": "me"}')
     Image.new("RGBA", (4, 4)).save(tmp_path / "0.png")
-    with pytest.raises(InputError, match="no BTF folder"):
+    with pytest.raises(InputError, match="not a BTF folder"):
         open_btf(tmp_path)
 
 
@@ -170,7 +170,7 @@ def test_pictures_of_another_kind_are_refused(copy):
         return str(caught.value)
 
     Image.new("RGB", (4, 27)).save(copy / "3.png")
-    assert "3.png: no PNG of 8 bits with red, green, blue and alpha" in message()
+    assert "3.png: it is not a PNG of 8 bits with red, green, blue and alpha" in message()
     (copy / "3.png").write_bytes(b"GIF89a")
     assert "3.png: begins with b'GIF89a'" in message()
     shutil.copy(copy / "2.png", copy / "3.png")
