@@ -18,15 +18,15 @@ from bench.training.optimiser import Optimiser, groups_of
 class FitSettings:
     """How a neural texture and its network are fitted."""
 
-    steps: Natural = 2_500  # of the fit
+    steps: Natural = 2_500  # steps of the fit
     batch: BatchSize = 4_096  # samples a step
-    patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
+    patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
     start: Start = "mixed"  # of the neural texture: components of the log ABRDFs, random, or both
-    optimiser: Optimiser = "muon"  # of the network's hidden matrices; all else is Adam's
+    optimiser: Optimiser = "muon"  # of the network's hidden matrices; Adam takes all others
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 1e-2  # highest learning rate of the network
     latent_rate: Positive = 1e-2  # highest learning rate of the neural texture
-    loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
 
 class TextureObjective(Objective):
