@@ -21,9 +21,9 @@ from reports.table import Table
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 ENOUGH = Budget(BYTES, 64)  # the budget for questions about a single material or metric
 _CHOICE = (
-    "For each codec and budget: the settings (a rung) that fit and have the best PSNR of validation pairs, or the best "
-    "mean over slices if one slice holds over a tenth of the squared error. Numbers are of test pairs. Bits a texel "
-    "are those of the whole file, without a network that is shared over materials."
+    "For each codec: the settings (a rung) that fit the budget with the best PSNR of validation pairs (mean over "
+    "slices if one slice holds over a tenth of their squared error). Numbers are of test pairs. Bits a texel are "
+    "those of the whole file, without a shared network."
 )
 
 

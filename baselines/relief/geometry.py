@@ -81,9 +81,9 @@ class Surface(nn.Module):
         return self.padded.view(-1).take(row.mul_(self.padded.shape[1]).add_(col).long())
 
     def meet(self, uv: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
-        """First intersections from above of rays through uv (n, 2) in [0, 1) on the plane, toward wo (n, 3).
+        """Where rays through uv (n, 2) in [0, 1) on the plane, toward wo (n, 3), first hit the surface from above.
 
-        Returns the place (n, 2), wrapped into [0, 1), and its height (n, 1), by a linear search and `SECANTS` secant steps.
+        Returns the place (n, 2), wrapped into [0, 1), and its height (n, 1), by a linear search and secant steps.
         """
         along = slope(wo, self.shape)
         step = (self.high - self.low) / VIEW_STEPS
@@ -104,9 +104,9 @@ class Surface(nn.Module):
         return wrapped(uv + along * z), z
 
     def follow(self, height: Tensor, uv: Tensor, wo: Tensor) -> Tensor:
-        """The unchanged uv (n, 2) where rays toward wo (n, 3) hit the surface, with a gradient to a height.
+        """The uv (n, 2), unchanged, where rays toward wo (n, 3) hit the surface, with a gradient to a height.
 
-        The height is that of this surface while it is refined. A ray meets it where h equals z, at a place that moves by
+        The height is that of this surface in its refinement. A ray meets it where h equals z, at a place that moves by
         `along` with z. So z changes by dh / (1 − ∇h · along), and uv by that times `along`.
         """
         along = slope(wo, self.shape)

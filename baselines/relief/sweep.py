@@ -32,7 +32,7 @@ class SweptHeight:
     """The height (H, W) that a sweep finds, and its evidence; see the module."""
 
     height: Tensor
-    gain: float  # share of a plane's error in one half of the views that the other half's relief explains; the smaller of two
+    gain: float  # least share of a plane's error in one half of the views that the other half's relief explains
     likeness: float  # correlation of the heights that two halves of the views find
 
     @property

@@ -1,4 +1,4 @@
-"""What the fits of a neural texture and a network by random samples have in common: their settings and a step."""
+"""Common parts of fits of a neural texture and a network by random samples: their settings and a step."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +16,7 @@ from bench.training.optimiser import Optimiser, groups_of
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a neural texture and its network are fitted."""
+    """The settings of a fit of a neural texture and its network."""
 
     steps: Natural = 2_500  # steps of the fit
     batch: BatchSize = 4_096  # samples a step
@@ -30,7 +30,7 @@ class FitSettings:
 
 
 class TextureObjective(Objective):
-    """A texture and a network, `network`, both free. Every parameter that is not the network's is the texture's."""
+    """A texture and a network, `network`, both fitted. All parameters outside the network belong to the texture."""
 
     network: nn.Module
 
@@ -47,9 +47,10 @@ class TextureObjective(Objective):
 
 
 class DirectedObjective(TextureObjective):
-    """The same with a `Decoder` of `settings.architecture`, which sees a texel's numbers and `settings.directions`.
+    """The same with a `Decoder` of `settings.architecture`, whose inputs are a texel's numbers and
+    `settings.directions`.
 
-    The network starts at the mean of the data; its weights are the first numbers that the generator gives.
+    The network starts at the mean of the data; its weights are the first numbers of the generator.
     """
 
     directions: Tensor  # (pairs, directions)

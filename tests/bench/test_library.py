@@ -122,7 +122,10 @@ def test_arrays_become_a_btf_that_is_encoded_and_scored(folder):
         ((radiance[0], wo, wi), r"radiance is \(8, 8, 3\) float32: it must be \(N, H, W, 3\) floats"),
         ((radiance, wo[:-1], wi), r"wo is \(\d+, 3\): it must be"),
         ((radiance, wo, 2 * wi), r"wi\[0\]: .* is not a unit vector"),
-        ((radiance, wo[:1].repeat(len(wo), 0), wi[:1].repeat(len(wo), 0)), "pair 1: the same view and light as pair 0"),
+        (
+            (radiance, wo[:1].repeat(len(wo), 0), wi[:1].repeat(len(wo), 0)),
+            "pair 1: it has the same view and light as pair 0",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             bench.from_arrays(*arrays)

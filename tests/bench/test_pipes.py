@@ -43,4 +43,4 @@ def test_a_pipe_among_maps_is_refused(name, pipe, tmp_path, capsys):
     Image.new("RGB", (8, 8), (90, 90, 90)).save(tmp_path / "maps" / "albedo.png")
     for command in ("info {}", "encode {} --codec mean-colour -o out.nbtf"):
         assert cli.main(command.format(tmp_path / "maps").split()) == 2
-        assert f"{tmp_path / 'maps' / name}: neither a file nor a folder" in capsys.readouterr().err
+        assert f"{tmp_path / 'maps' / name}: it is neither a file nor a folder" in capsys.readouterr().err

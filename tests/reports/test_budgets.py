@@ -48,7 +48,7 @@ def test_the_headline_is_a_row_a_codec_and_a_column_a_budget(ladder):
     text = table_text(ladder, kind="budgets")
     assert text[: len(GOLDEN)] == GOLDEN
     assert "Left out, because they have no score of validation pairs: 1 of made." in text
-    assert "No budgets of time" in text
+    assert "There are no budgets of time" in text
 
 
 def test_the_rungs_are_named_by_material(ladder):

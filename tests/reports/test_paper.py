@@ -8,7 +8,7 @@ from reports.paper import PUBLISHED, paper_table
 def test_ours_stand_beside_the_papers(made):
     made.start().job("neubtf recipe=paper", material="fabric01", psnr=27.5)
     made.job("pca components=8", material="fabric01")
-    made.unfinished("unavailable", "not there: ask UTIA", "neubtf recipe=paper", "fabric03")
+    made.unfinished("unavailable", "there is no such file: ask UTIA", "neubtf recipe=paper", "fabric03")
     table = paper_table(load_run(made.folder))
     ours, pca, absent = table.rows
     assert ours[:2] == ["fabric01", "neubtf recipe=paper"]

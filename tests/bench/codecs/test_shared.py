@@ -121,7 +121,7 @@ def test_a_network_that_is_at_hand_is_not_read_again(tmp_path, monkeypatch):
 
 def test_a_network_is_no_material_and_a_material_no_network(tmp_path):
     network, header = make(), encoded(tmp_path / "file.nbtf")
-    with pytest.raises(ContainerError, match="no material, but the network that codec tinted shares"):
+    with pytest.raises(ContainerError, match="not a material, but the network that codec tinted shares"):
         loading.load(network.path)
     with pytest.raises(ContainerError, match="not a shared network"):
         shared.read(header.path)

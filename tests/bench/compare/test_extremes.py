@@ -89,4 +89,4 @@ def test_jobs_and_a_stress_test_in_one_file_are_refused(held, make, capsys):
         file.write(job.read_text())
     for words in ([held, str(job)], [str(job), held]):
         assert main(["compare", *words]) == 2
-        assert f"{held}: holds jobs and a stress test" in capsys.readouterr().err
+        assert f"{held}: it holds jobs and a stress test" in capsys.readouterr().err

@@ -56,7 +56,7 @@ def test_thinning_keeps_a_product(btf):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"crop": (8, 0, 5, 5)}, r"--crop 8,0,5,5: does not fit into 12 x 12"),
+        ({"crop": (8, 0, 5, 5)}, r"--crop 8,0,5,5: it does not fit into 12 x 12"),
         ({"crop": (0, 0, 0, 5)}, "does not fit"),
         ({"crop": (-1, 0, 5, 5)}, "does not fit"),
         ({"downsample": 13}, "--downsample 13"),

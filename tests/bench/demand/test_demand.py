@@ -187,7 +187,7 @@ def test_a_demand_without_queries_and_one_that_inflates_to_gigabytes_are_refused
     demand_of(ABOVE + SUN).save(tmp_path / "a.npz")
     arrays = dict(np.load(tmp_path / "a.npz"))
     np.savez(tmp_path / "b.npz", **{name: v if name == "about" else v[:0] for name, v in arrays.items()})
-    with pytest.raises(InputError, match=r"b\.npz: not a demand: 0 queries"):
+    with pytest.raises(InputError, match=r"b\.npz: not a demand: it has 0 queries"):
         demands.load(tmp_path / "b.npz")
     with zipfile.ZipFile(tmp_path / "c.npz", "w", zipfile.ZIP_DEFLATED) as bomb, bomb.open("place.npy", "w") as file:
         for _ in range(65):
@@ -249,7 +249,7 @@ def test_a_newer_demand_is_refused(tmp_path):
         (ABOVE + "[[lights", "not TOML"),
         (ABOVE.replace("position = [0, 0, 2]", "position = [0, 0, 2]\npath = []") + SUN, "path has no frame"),
         (ABOVE.replace("target = [0, 0, 0]", "target = [0, 0, 4]") + SUN, "no ray of the camera finds the material"),
-        (ABOVE + SUN.replace("0.8", "-0.8"), "no light reaches it"),
+        (ABOVE + SUN.replace("0.8", "-0.8"), "no light reaches the side"),
         (ABOVE.replace("width = 40", "width = 1_000_000_000") + SUN, "camera: width must be a whole number from 1"),
         (ABOVE.replace("width = 40", 'width = "40"') + SUN, "camera: width must be a whole number .*, not '40'"),
         (ABOVE.replace("fov_deg = 40", "fov_deg = nan") + SUN, "camera: fov_deg must be a finite number .*, not nan"),

@@ -169,7 +169,7 @@ def test_where_nothing_is_compared_nothing_is_verified(packed, tmp_path, capsys,
         ("materials", [{"name": 3}], "materials of its run"),
         ("materials", [{"name": "satin", "path": "/etc/passwd"}], "say where it is with --material satin=PATH"),
         ("materials", [{"name": "satin", "path": "../x"}], "leads out of the folder"),
-        ("materials", [{"name": "satin", "path": "none.btf"}], "none.btf: not there"),
+        ("materials", [{"name": "satin", "path": "none.btf"}], "none.btf: there is no such file"),
         ("data", None, "data of satin/mean-colour/0 must be a table"),
         ("data", {"size": 4096, "views": 5, "lights": 5, "heldout": 8}, "differ from the submitted data"),
     ],
@@ -243,7 +243,7 @@ def test_entries_that_overlap_are_refused(tmp_path):
             twin = copy.copy(archive.filelist[1])
             twin.filename = f"files/{number}.nbtf"
             archive.filelist.append(twin)
-    with pytest.raises(InputError, match=r"a\.zip: files/.*\.nbtf: overlaps files/"):
+    with pytest.raises(InputError, match=r"a\.zip: files/.*\.nbtf: it overlaps files/"):
         unpack(tmp_path / "a.zip", tmp_path / "inside")
 
 
@@ -253,7 +253,7 @@ def test_a_large_archive_is_refused_by_what_it_unpacks_to(tmp_path, monkeypatch)
         archive.writestr(FILE, "{}")
         for number in range(3):
             archive.writestr(f"files/{number}.nbtf", bytes(1 << 20))
-    with pytest.raises(InputError, match=r"a\.zip: unpacks to more than 1 MiB"):
+    with pytest.raises(InputError, match=r"a\.zip: it unpacks to more than 1 MiB"):
         unpack(tmp_path / "a.zip", tmp_path / "inside")
 
 
@@ -359,5 +359,5 @@ def test_an_archive_that_inflates_beyond_all_proportion_is_refused(tmp_path):
         with archive.open("files/a.nbtf", "w") as file:
             for _ in range(65):
                 file.write(bytes(1 << 20))
-    with pytest.raises(InputError, match=r"a\.zip: files/a\.nbtf: claims 68157440 bytes from \d+"):
+    with pytest.raises(InputError, match=r"a\.zip: files/a\.nbtf: it claims 68157440 bytes from \d+"):
         unpack(tmp_path / "a.zip", tmp_path / "inside")

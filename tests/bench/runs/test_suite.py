@@ -249,7 +249,7 @@ ATTACKS = [
         "\n".join(f"{name} = {list(range(100))}" for name in "abcde"),
         "codecs: it has 20,000,000,001 jobs, but the limit is 100,000",
     ),
-    ("seeds = [0, 1]", f"seeds = {list(range(50_000))}", "asks for 500,000 jobs"),
+    ("seeds = [0, 1]", f"seeds = {list(range(50_000))}", "it has 500,000 jobs"),
 ]
 
 

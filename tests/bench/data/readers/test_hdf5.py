@@ -55,10 +55,14 @@ def test_the_file_of_random_directions_beside_it_is_the_test_split(full, btf, pi
     assert opened.fingerprint != open_btf(heldout).fingerprint
     assert len(open_btf(heldout)) == 3
     samples.write_hdf5(heldout, wo, wi, pictures[4:7, :3])
-    with pytest.raises(InputError, match=r"random_factor1\.hdf5: pictures of 6 x 3, but .*full.* has 6 x 5: move it"):
+    with pytest.raises(
+        InputError, match=r"random_factor1\.hdf5: its pictures are 6 x 3, those of .*full.* 6 x 5: move it"
+    ):
         open_btf(full)
     samples.write_hdf5(heldout, btf.wo[:1], btf.wi[:1], pictures[:1])
-    with pytest.raises(InputError, match=r"random_factor1\.hdf5: pair 0: the same view and light as .*full.*: pair 0"):
+    with pytest.raises(
+        InputError, match=r"random_factor1\.hdf5: pair 0: it has the same view and light as .*full.*: pair 0"
+    ):
         open_btf(full)
 
 
@@ -159,7 +163,7 @@ def virtual(file):
         (instead("ground_light", np.full((12, 2), np.nan, "f4")), r"ground_light\[0\]: .* is not a unit vector"),
         (instead("ground_light", np.full((12, 2), 0.9, "f4")), r"ground_light\[0\]: \(0\.9, 0\.9, 0\) is not a unit"),
         (instead("ground_light", np.tile([1.0, 0], (12, 1))), r"ground_light\[0\]: \(1, 0, 0\) is not above"),
-        (instead("ground_light", np.zeros((12, 2), "f4")), r"pair 7: the same view and light as .* pair 6"),
+        (instead("ground_light", np.zeros((12, 2), "f4")), r"pair 7: it has the same view and light as .* pair 6"),
         (instead("ground_light", h5py.Empty("f4")), "ground_light is None float32"),
         (unfilled("ground_color", (12, 1 << 20, 1 << 20, 3), chunks=(1, 64, 64, 3)), "is more than its bytes can hold"),
         (unfilled("ground_light", (1 << 40, 2), chunks=(64, 2)), "ground_light of .* is more than its bytes can hold"),

@@ -49,7 +49,7 @@ def test_files_of_numpy_are_read(tmp_path, save):
         ({"wi": UP[:1]}, r"wi is \(1, 3\): it must be \(2, 3\)"),
         ({"wi": UP * 2}, r"wi\[0\]: \(0, 0, 2\) is not a unit vector"),
         ({"wi": -UP}, r"wi\[0\]: .* is not above the surface"),
-        ({"wi": UP[[1, 1]]}, "pair 1: the same view and light as .*pair 0"),
+        ({"wi": UP[[1, 1]]}, "pair 1: it has the same view and light as .*pair 0"),
         ({"heldout": np.array([True, True])}, "leaves pairs to train on"),
         ({"heldout": np.array([1.0, 0.0])}, "must be a mask"),
         ({"wo": np.array([{}, {}], object)}, "wo.npy.*type object is not read|wo.npy: .* bytes hold"),
@@ -111,7 +111,7 @@ def entry(shape, descr="<f4", fill=b""):
         ("provenance", entry((), "<U5000000", bytes(20_000_000)), r"provenance\.npy: .* is not a short text"),
         ("provenance", np.lib.format.magic(1, 0) + b"\xff\xff" + b"[" * 65535, r"provenance\.npy: cannot be read"),
         ("provenance", None, "must hold an object"),
-        ("periodic", entry((2**40,), "|b1"), r"periodic\.npy: .* bytes hold"),
+        ("periodic", entry((2**40,), "|b1"), r"periodic\.npy: its .* bytes do not hold"),
         ("periodic", entry((0,), "|b1"), "it must be one boolean"),
         ("heldout", entry((2,), "<f8", b"\0" * 16), "must be a mask"),
     ],
@@ -139,7 +139,7 @@ def test_an_archive_that_inflates_beyond_all_proportion_is_refused_before_it_is_
             for _ in range(384):
                 file.write(bytes(1 << 20))
     assert (tmp_path / "a.npz").stat().st_size < 1 << 20
-    with pytest.raises(InputError, match=r"radiance\.npy: claims 402653\d* bytes from \d+"):
+    with pytest.raises(InputError, match=r"radiance\.npy: it claims 402653\d* bytes from \d+"):
         open_btf(tmp_path / "a.npz")
 
 

@@ -155,8 +155,8 @@ def test_exr_in_xyz_becomes_rec709(tmp_path):
 @pytest.mark.parametrize(
     ("channels", "message"),
     [
-        ("RG", r"no channel B \(but G, R\): save it with channels R, G, B"),
-        ("A", r"no channel R, G, B \(but A\)"),
+        ("RG", r"no channel B \(it holds G, R\): save it with channels R, G, B"),
+        ("A", r"no channel R, G, B \(it holds A\)"),
     ],
 )
 def test_exr_without_its_channels_names_them(tmp_path, channels, message):

@@ -39,7 +39,7 @@ def test_one_view_many_lights_as_photographed(tmp_path):
         (["1", "im 0.png 0 0 -1"], r"line 2: \(0, 0, -1\) is not above the surface"),
         (["1", "im 0.png 3 0 4"], r"line 2: \(3, 0, 4\) is not a unit vector"),
         (["1", "im 0.png nan 0 1"], "line 2: .* is not a unit vector"),
-        (["2", "im 0.png 0 0 1", "im 1.png 0 0 1"], r"line 3: the same view and light as .*line 2"),
+        (["2", "im 0.png 0 0 1", "im 1.png 0 0 1"], r"line 3: it has the same view and light as .*line 2"),
         (["1", "../../../etc/passwd 0 0 1"], "line 2: passwd is missing"),
     ],
 )

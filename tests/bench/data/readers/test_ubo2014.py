@@ -148,7 +148,7 @@ BODY = SIZE + 12
         (DIRECTIONS, struct.pack("<I", 0xFFFFFFFF), "4294967295 views of 2 lights needs 120259084260 bytes"),
         (DIRECTIONS, struct.pack("<I", 0), "0 views of 2 lights"),
         (DIRECTIONS + 4, struct.pack("<f", 2.0), r"view 0: theta = 114\.592 degrees is outside \[0, 90\)"),
-        (DIRECTIONS + 4, struct.pack("<2f", *VIEWS[1]), "view 1: the same view and light as .*view 0"),
+        (DIRECTIONS + 4, struct.pack("<2f", *VIEWS[1]), "view 1: it has the same view and light as .*view 0"),
         (DIRECTIONS + 4 + 28 + 12, b"\0", "the lights of view 1 differ from those of view 0: only a product"),
         (SIZE, struct.pack("<I", 0xFFFFFFFF), "channel 0: 6 x 20 factors; directions and size need 6 x 17179869180"),
         (SIZE + 8, struct.pack("<I", 0xFFFFFFFF), "4294967295 rotations needs 154618822620 bytes, .* truncated"),
