@@ -30,8 +30,8 @@ def between(first: Tensor, second: Tensor, step: Tensor) -> Tensor:
 def write(ends: Tensor, steps: Tensor) -> Tensor:
     """Blocks (n, 8), uint8, of colours (n, 2, 3) of 5, 6, 5 bits and steps (n, 16), int64.
 
-    Four colours are what a block has whose first colour is the larger number; so the two may change places. Where both
-    are equal, all texels take the first.
+    A block has four colours only if its first colour is the larger number, so the two may change places. If both are
+    equal, all texels take the first.
     """
     colours = sum(ends[..., i] << place for i, place in enumerate(PLACES))
     assert isinstance(colours, Tensor)
@@ -46,8 +46,8 @@ def write(ends: Tensor, steps: Tensor) -> Tensor:
 def read(blocks: Tensor) -> Tensor:
     """The colours (n, 16, 3) of eight bits, int64, of blocks (n, 8), uint8.
 
-    A block whose first colour is not the larger number has three colours: the one between is their mean, the fourth is
-    black. `write` makes it only of equal colours, and there takes the first.
+    A block whose first colour is not the larger number has three colours (one is their mean), and black. `write` makes
+    such a block only from equal colours, and uses the first.
     """
     low, high = blocks.long().unflatten(1, (4, 2)).unbind(2)
     words = low | (high << 8)

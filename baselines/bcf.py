@@ -2,9 +2,9 @@
 
 Weinreich et al., "Real-time neural materials using block-compressed features" (Eurographics 2024), learn features in
 the layout of BC6 blocks, emulate their decoding in training, and decode channels of a material from them. The blocks
-here are BC1's, three latents in four bits a texel, and a network as NeuBTF's answers with radiance. Each block has two
-ends and each texel a place between them; halfway through the fit both become what the file can hold, gradients passing
-as if they did not. The texture that is queried is decoded from the blocks of the file. See docs/recipes.md.
+here are BC1's, three latents in four bits a texel, and a network like NeuBTF's answers with radiance. Each block has
+two ends, and each texel a place between them. From halfway through the fit both are rounded as in the file, and
+gradients ignore the rounding. Queries use the texture decoded from the blocks of the file. See docs/recipes.md.
 """
 
 import math
@@ -40,8 +40,8 @@ from bench.training import (
 )
 
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
-ROUNDED_FROM = 0.5  # of the steps: from there on latents are those of real blocks
-LEAST = 0.05  # half the length of a block's line at the start: ends that meet would move together for ever
+ROUNDED_FROM = 0.5  # share of the steps after which latents are those of real blocks
+LEAST = 0.05  # least half length of a block's line at the start, because ends that meet would always move together
 LEVELS = torch.tensor([2**b - 1 for b in bc1.BITS])
 
 
@@ -68,7 +68,7 @@ class BCF(Codec):
         directions: Directions = "xyzh"  # inputs: x and y of both, or all of both and of their half vector
         layers: Layers = 3  # hidden layers of the network
         width: Width = 32  # channels of each hidden layer
-        weights: WeightPrecision = "half"  # of the stored network
+        weights: WeightPrecision = "half"  # precision of the stored network
 
         @property
         def architecture(self) -> Architecture:
@@ -92,21 +92,21 @@ class BCF(Codec):
         size, textures = tuple(parts.other["size"].tolist()), self.settings.textures
         low, span = parts.texture["low"].float(), parts.texture["span"].float()
         if min(size) < 1 or parts.texture["blocks"].shape != (math.prod(across(size)) * textures * bc1.BYTES,):
-            raise InputError(f"blocks that are not those of {size[0]} × {size[1]} texels: encode it again")
+            raise InputError(f"its blocks do not fit {size[0]} × {size[1]} texels: encode it again")
         codes = decoded(parts.texture["blocks"].view(-1, textures, bc1.BYTES), size)
         texture = low + span * (codes.flatten(2) / 255)
         return TextureMaterial(network, texture, float(parts.other["gain"]), self.settings.directions).to(device)
 
 
 def across(size: tuple[int, ...]) -> tuple[int, int]:
-    """How many rows and columns of blocks cover a picture (H, W)."""
+    """The numbers of rows and columns of blocks that cover a picture (H, W)."""
     return -(-size[0] // bc1.SIDE), -(-size[1] // bc1.SIDE)
 
 
 def members(size: tuple[int, int]) -> Tensor:
     """The texel (B, 16) of each place in each block of a picture (H, W), which repeats beyond its last row and column.
 
-    So a size that is no multiple of 4 is padded periodically.
+    So a size that is not a multiple of 4 is padded periodically.
     """
     row, col = (torch.arange(count * bc1.SIDE) % side for count, side in zip(across(size), size, strict=True))
     texel = row[:, None] * size[1] + col
@@ -132,13 +132,13 @@ class BCFObjective(DirectedObjective):
         self.ends = nn.Parameter(ends)
         block = torch.empty(samples.texels, dtype=torch.long)
         share = torch.empty(samples.texels, settings.textures)
-        # Backwards, so that of a texel that is repeated the first place stands.
+        # Backwards, so that a repeated texel keeps its first place.
         places, order = within.flatten().flip(0), torch.arange(within.numel()).flip(0)
         block[places], share[places] = order // within.shape[1], shares.flatten(0, 1)[order]
         self.share = nn.Parameter(share)
         for name, values in (("block", block), ("within", within)):
             self.register_buffer(name, values, persistent=False)
-        # The range of each channel's codes, once there are any; a span of 0 says not yet.
+        # The range of each channel's codes; a span of 0 means that there are none yet.
         self.register_buffer("low", torch.zeros(settings.textures, 3))
         self.register_buffer("span", torch.zeros(settings.textures, 3))
 
@@ -177,7 +177,7 @@ class BCFObjective(DirectedObjective):
     def blocks(self) -> tuple[Tensor, Tensor, Tensor]:
         """The blocks (B, T, 8) of the file, and the lowest value and the range (3 · T,) of its channels.
 
-        Where the picture repeats, a texel takes the step that comes nearest to it on the line of its second block.
+        If a texel is repeated in a second block, it takes the nearest step on the line of that block.
         """
         self.share.clamp_(0, 1)
         first, second = self.ends

@@ -1,9 +1,9 @@
-"""Biplane: one plane of features over half vectors, one over texels, and a decoder shared by all materials (Fan 2023).
+"""Biplane (Fan 2023): a plane of features over half vectors, one over texels, and a decoder for all materials.
 
 Fan et al., "Neural biplane representation for BTF rendering and acquisition" (SIGGRAPH 2023). The decoder is trained
 once (`neubtf-bench pretrain biplane`) and kept in a file of its own. A material is its two planes and, for each texel,
 a matrix and an offset that colour the decoder's answer; they are fitted while the decoder stays. Facts are from the
-authors' code, which answers with radiance up to 1; here log radiance is answered. See docs/recipes.md.
+authors' code, which answers with radiance up to 1; here the answer is log radiance. See docs/recipes.md.
 """
 
 import math
@@ -42,21 +42,21 @@ from bench.training import (
 )
 
 SIDE = 20  # texels of the plane over half vectors
-PAIRS = 400  # of each material that the decoder is trained on
+PAIRS = 400  # pairs of each training material
 BLOCK = 256  # texels read at once
 CHECKED = 64  # pairs of a material at which the decoder's answers are compared with the mean of each texel
 
 
 @dataclass(frozen=True)
 class PlaneSettings:
-    """How planes are fitted, with the decoder or without."""
+    """The settings of a fit of planes, with or without the decoder."""
 
-    steps: Natural = 1_000  # of the fit
+    steps: Natural = 1_000  # steps of the fit
     batch: BatchSize = 2_048  # samples a step
     difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
     blur: NotNegative = 2.0  # σ in texels of the plane over half vectors
     plane_rate: Positive = 2e-2  # highest learning rate of planes, matrices and offsets
-    loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
 
 class BiplaneNetwork(SharedNetwork):
@@ -67,10 +67,10 @@ class BiplaneNetwork(SharedNetwork):
 
     @dataclass(frozen=True)
     class Settings(PlaneSettings):
-        steps: Natural = 10_000  # of the training
-        kept: Count = 128  # texels of each material that are trained on
+        steps: Natural = 10_000  # steps of the training
+        kept: Count = 128  # training texels of each material
         rate: Positive = 2e-3  # highest learning rate of the decoder
-        weights: WeightPrecision = "half"  # of the stored decoder
+        weights: WeightPrecision = "half"  # precision of the stored decoder
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         pool, decoder = Pool(btfs, self.settings.kept, fit), BiplaneDecoder(fit.generator())
@@ -97,7 +97,7 @@ class Biplane(Codec):
 
     @dataclass(frozen=True)
     class Settings(PlaneSettings):
-        bits: Bits = 0  # of a stored number of all planes on average; 0: left to the fit; 16, 32: floats
+        bits: Bits = 0  # bits of a stored number of all planes on average; 0: chosen by the fit; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         network, gain = fit.shared(self.name), gain_of(btf, fit)
@@ -108,7 +108,7 @@ class Biplane(Codec):
         train(fitting, fit, self.settings.steps)
         texture = torch.cat([fitting.texture, fitting.stored_colours()], 1).reshape(*btf.shape, -1)
         if not torch.equal(fitting.colours, texture[..., FEATURES:].reshape(len(fitting.colours), -1)):
-            fitting.rounded_texels.fit_to(texture)  # some texels hold their mean now, which may lie out of range
+            fitting.rounded_texels.fit_to(texture)  # some texels now hold their mean, which may be out of range
         return Parts(
             decoder=store_texture("half", fitting.planes()[0], fitting.rounded_planes),
             texture=store_texture("texels", texture, fitting.rounded_texels),
@@ -118,7 +118,7 @@ class Biplane(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         if parts.network is None:
-            raise ValueError("the file names no shared network")
+            raise ValueError("it names no shared network")
         decoder = BiplaneDecoder()
         load_vector(unpack("weights", parts.network.parts.decoder), decoder)
         texture, half = load_texture("texels", parts.texture), load_texture("half", parts.decoder)
@@ -151,7 +151,7 @@ class Pool(Samples):
 
 
 class BiplaneObjective(TextureObjective):
-    """Planes, matrices and offsets of one material or of a pool, and the decoder, where it is free."""
+    """Planes, matrices and offsets of one material or of a pool, and the decoder if it is fitted."""
 
     def __init__(self, samples: Samples, decoder: BiplaneDecoder, settings: Any, generator: torch.Generator):
         super().__init__(samples, settings)
@@ -188,7 +188,7 @@ class BiplaneObjective(TextureObjective):
         return blurred(self.free, self.kernel)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        """The loss of one step, and that of as large a share of the texels that the decoder does not learn from."""
+        """The loss of one step, plus that of an equal share of the texels that the decoder does not learn from."""
         trained, texels, settings = self.samples.trained, self.samples.texels, self.settings
         loss = super().loss(generator, progress)
         if count := math.ceil(settings.batch * (texels / trained - 1)):
@@ -212,7 +212,7 @@ class BiplaneObjective(TextureObjective):
 
     @torch.no_grad()
     def stored_colours(self) -> Tensor:
-        """The matrices and offsets (texels, 12); of a texel whose mean is nearer than the answers, the mean alone."""
+        """The matrices and offsets (texels, 12); only the mean for texels whose mean is nearer than the answers."""
         colours, pairs = self.colours.detach().clone(), self.samples.pairs
         checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(colours.device)
         for texel in torch.arange(len(colours), device=colours.device).split(BLOCK):

@@ -44,7 +44,7 @@ class BiplaneDecoder(nn.Module):
 
 
 def _leaky(x: Tensor) -> Tensor:
-    """Leaky ReLU, within the range of halves, so that what follows is finite in any precision."""
+    """Leaky ReLU, within the range of halves, so later layers stay finite in any precision."""
     return functional.leaky_relu(x, LEAK).clamp(-HALF_MAX, HALF_MAX)
 
 

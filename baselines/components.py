@@ -1,4 +1,4 @@
-"""What codecs have in common whose material is coefficients of a texel times components interpolated over pairs."""
+"""Common parts of codecs whose material is coefficients of texels times components interpolated over pairs."""
 
 import torch
 from torch import Tensor
@@ -10,7 +10,7 @@ from bench.directions import PairInterpolator
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import Rounding, blocks, round_after
 
-PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # that tell what the rounding of a number adds
+PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # samples that measure the error of rounding a number
 
 
 def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
@@ -20,7 +20,8 @@ def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
 
 
 def rounded_coefficients(texture: Tensor, bits: int, mean: Tensor, rows: Tensor, values: Tensor) -> Rounding:
-    """How coefficients (H, W, C) are rounded, for mean (F, 1) + rows (F, C) · coefficients to be values (F, texels)."""
+    """The rounding of coefficients (H, W, C), so that mean (F, 1) + rows (F, C) · coefficients gives values (F,
+    texels)."""
     flat = texture.flatten(0, 1)
     some = slice(None, None, -(-len(flat) // PROBED_TEXELS))
     rounding = round_after(flat[some], bits, lambda each: mean + rows @ each.T, values[:, some])

@@ -1,9 +1,9 @@
-"""Hemispherical harmonics a texel, fitted by least squares: the graphics default for one view and many lights.
+"""Hemispherical harmonics for each texel, fitted by least squares: the graphics default for one view, many lights.
 
 The basis is Gautron et al.'s ("A novel hemispherical basis for accurate and efficient rendering", EGSR 2004): spherical
 harmonics of the hemisphere stretched over the sphere. Reflectance transformation imaging (RTI) gives each texel and
-colour nine or sixteen of the light's. Where there are several views, each texel has the products of the light's
-harmonics and the view's, as Gunawardane et al. ("Optimized image sampling for view and light interpolation", 2009).
+colour nine or sixteen harmonics of the light. With several views, each texel has the products of the light's and the
+view's harmonics, as in Gunawardane et al. ("Optimized image sampling for view and light interpolation", 2009).
 """
 
 import math
@@ -23,7 +23,7 @@ from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
 
 BLOCK_BYTES = 16 << 20  # slices read together
 LEAST_COSINE = 0.02  # of a light: keeps radiance / cosine finite at the horizon
-RIDGE = 1e-9  # of every harmonic: decides between equal fits where there are more harmonics than pairs
+RIDGE = 1e-9  # of every harmonic: decides between equal fits if there are more harmonics than pairs
 MOST_BANDS = 6
 
 Bands = Annotated[int, Range(1, MOST_BANDS)]
@@ -49,12 +49,12 @@ class HSH(Codec):
     @dataclass(frozen=True)
     class Settings:
         recipe: Literal["ours", "paper"] = "ours"  # "paper": plain least squares of the radiance, as RTI has it
-        lights: Bands = 3  # bands of the light, n² harmonics; fewer where there are less lights
-        views: Bands = 2  # bands of the view; one, a constant, where there is one view
+        lights: Bands = 3  # bands of the light, n² harmonics; fewer if there are few lights
+        views: Bands = 2  # bands of the view; one, a constant, if there is one view
         domain: Literal["log", "rgb"] = "log"  # fitted quantity: log1p(8 · exposure · x) or x itself
         cosine: bool = True  # fit radiance over the cosine of the light, and multiply by it at decoding
-        smoothness: NotNegative = 3e-5  # weight of (l (l + 1))² on a harmonic of band l: what lies between the samples
-        bits: Bits = 0  # of a stored coefficient on average; 0: left to the data; 16, 32: floats
+        smoothness: NotNegative = 3e-5  # weight of (l (l + 1))² on a harmonic of band l, for smoothness between samples
+        bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, settings = gain_of(btf, fit), self.settings
@@ -83,7 +83,7 @@ class HSH(Codec):
         values = values.clamp_min(0) / cosine.to(values)
         if self.settings.domain == "log":
             values = (gain * values).log1p()
-        # Each colour has coefficients of its own; an error of radiance is one of radiance / cosine times the cosine.
+        # Each colour has its own coefficients; an error of radiance is one of radiance / cosine times the cosine.
         rows = torch.einsum("pk,cd->pcdk", basis(wo, wi, bands), torch.eye(3)).flatten(2).flatten(0, 1) * cosine
         rows = rows.to(values)
         return rounded_coefficients(

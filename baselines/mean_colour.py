@@ -13,7 +13,7 @@ from bench.training import pack, unpack
 
 
 class MeanColour(Codec):
-    """Each texel's mean over all pairs: the lower bound of quality, and of time."""
+    """Each texel's mean over all pairs: the lower bound of quality and of time."""
 
     name, version = "mean-colour", 1
     interpolates = True  # the answer is the same for every pair

@@ -1,8 +1,8 @@
 """NeuMIP (Kuznetsov et al., "NeuMIP: Multi-resolution neural materials", ACM Trans. Graph. 40(4), 2021).
 
 A pyramid of latents fetched trilinearly by footprint, a small decoder, and a neural offset that moves the look-up along
-the view, as parallax does. What the paper leaves open follows the authors' published default configuration: output
-stage, losses, and a Gaussian blur of the textures that fades during the fit and is baked into what is stored.
+the view, as parallax does. Details that the paper leaves open follow the authors' published default configuration:
+output stage, losses, and a Gaussian blur of the textures that fades during the fit and is baked into the stored ones.
 """
 
 import math
@@ -48,8 +48,8 @@ from bench.training import (
 
 WIDTHS = (25, 25, 25)
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
-LOWEST_COSINE = 0.6  # least z of the view in the offset, which stops growing below it
-COARSE_SHARE = 4  # one sample in this many is of a coarser level
+LOWEST_COSINE = 0.6  # least z of the view: below it, the offset stops growing
+COARSE_SHARE = 4  # one of this many samples is of a coarser level
 # Gaussian blur, σ in texels: of the latents at first, its fading over the fit, its end; the least of the offset.
 FIRST_BLUR, FADING, LAST_BLUR, OFFSET_BLUR = 8.0, 3 * math.log(8), 0.1, 1.0
 SHUT = 0.1  # share of the colour that a mask of 0 leaves
@@ -91,12 +91,12 @@ class NeuMIP(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        steps: Natural = 10_000  # of the fit
+        steps: Natural = 10_000  # steps of the fit
         batch: BatchSize = 4_096  # samples a step
-        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
+        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
         start: Start = "mixed"  # of finest latents and offsets: components, both; or random, and zeros
-        optimiser: Optimiser = "muon"  # of hidden matrices; all else is Adam's
+        optimiser: Optimiser = "muon"  # of hidden matrices; Adam takes all others
         hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         rate: Positive = 1e-2  # highest learning rate
         directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
@@ -105,8 +105,8 @@ class NeuMIP(Codec):
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = False  # blur the textures at first, less and less, as the authors do
         loss: Literal["both", "l1", "balanced", "highlights"] = "both"  # log errors; the last two are the authors'
-        bits: Bits = 0  # of a stored number of the textures on average; 0: left to the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # of the stored networks
+        bits: Bits = 0  # bits of a stored number of the textures on average; 0: chosen by the fit; 16, 32: floats
+        weights: WeightPrecision = "half"  # precision of the stored networks
 
         def __post_init__(self) -> None:
             if self.outputs not in (3, 6):
@@ -115,7 +115,7 @@ class NeuMIP(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
         count = level_count(btf.shape)
-        if fit.density:  # levels that the scene never sees are left out
+        if fit.density:  # leave out levels that the scene never sees
             count = min(count, fit.density.levels(max(btf.shape)))
         levels = Samples.levels(btf, count, gain, fit)
         objective = self.objective(levels, fit.generator())
@@ -142,7 +142,7 @@ class NeuMIP(Codec):
             raise ValueError(f"a pyramid of {levels} levels over {height} × {width} texels")
         pyramid = Pyramid((height, width), levels)
         if len(table) != sum(pyramid.counts) or (offset is not None and len(offset) != height * width):
-            raise ValueError(f"textures that are not those of {height} × {width} texels")
+            raise ValueError(f"its textures do not fit {height} × {width} texels")
         return self.material(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)
 
     # What `hierarchical` has in place of its own.
@@ -181,7 +181,7 @@ class Pyramid(nn.Module):
         return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
 
     def sample(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """As `fetch` at real levels, without a gradient: one bilinear fetch where all levels are the finest."""
+        """As `fetch` at real levels, without a gradient: one bilinear fetch if all levels are the finest."""
         if not torch.compiler.is_exporting() and not level.any():  # a recorded program has no branches
             return sample_texture(table[: self.counts[0]].unflatten(0, self.levels[0]), uv)
         index, weight = self._around(uv, level)
@@ -190,10 +190,10 @@ class Pyramid(nn.Module):
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
         """Values (n, C) of a table of all levels at uv (n, 2), bilinear and periodic.
 
-        A level (n,) of whole numbers is that level alone; a real one is linear between the two around it.
+        A whole number as level (n,) is that level; a real one interpolates linearly between two.
         """
         index, weight = self._around(uv, level)
-        # An embedding bag would say this in one call, but its gradient takes more than twice as long.
+        # An embedding bag would be one call, but its gradient takes more than twice as long.
         corners = table.index_select(0, index.flatten()).unflatten(0, index.shape)
         return (corners * weight[..., None].to(table.dtype)).sum(1)
 
@@ -211,7 +211,7 @@ class Pyramid(nn.Module):
     def _corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
         size = self.sizes[level]
-        # Half precision cannot address texels: places are found in float32 whatever the dtype.
+        # Half precision cannot address texels, so places are computed in float32 for any dtype.
         place = torch.stack([1 - uv[:, 1].float(), uv[:, 0].float()], 1) * size - 0.5
         first = place.detach().floor()
         after = place - first
@@ -225,7 +225,7 @@ class Pyramid(nn.Module):
 
 
 class Networks(nn.Module):
-    """The decoder and, where the settings ask for it, the offset network."""
+    """The decoder and, if the settings ask for it, the offset network."""
 
     def __init__(self, settings: Any, generator: torch.Generator | None = None):
         super().__init__()
@@ -285,7 +285,7 @@ class NeuMIPObjective(Objective):
         self.networks.start_at(self.samples.mean(generator))
         finest = first_latents(self.samples, settings.channels, settings.start, generator)
         self.table = nn.Parameter(self._levels(finest, generator))
-        # What tells texels apart tells their heights apart, too: from zeros the offset is found late or never.
+        # Components that separate texels also separate heights; from zeros the offset is found late or never.
         first = torch.zeros_like(finest) if settings.start == "random" else finest.clone()
         self.offset = nn.Parameter(first) if settings.offset else None
         self.rounded_table = Rounding(settings.channels, settings.bits)
@@ -345,7 +345,8 @@ class NeuMIPObjective(Objective):
         return loss + linear * functional.l1_loss(ours, target.expm1()) / LOG_SCALE
 
     def _queries(self, samples: Samples, batch: Batch, level: int) -> tuple[Tensor, ...]:
-        """uv, wo, wi and level of a batch. Texels of a coarser level are boxes of the finest, which it may not fill."""
+        """uv, wo, wi and level of a batch. Texels of a coarser level are boxes of finest texels, which may be
+        incomplete."""
         factor, (height, width) = 2**level, self.samples.shape
         row = batch.texel.div(samples.shape[1], rounding_mode="floor")
         col = batch.texel - row * samples.shape[1]

@@ -1,9 +1,9 @@
-"""Neural texture compression, asked for radiance (after Vaidyanathan et al., SIGGRAPH 2023).
+"""Neural texture compression for radiance (after Vaidyanathan et al., SIGGRAPH 2023).
 
 "Random-access neural compression of material textures": two grids of features, of a few bits each, and a tiled encoding
-of the texel's place enter a network that answers with channels of a material. Here directions enter too, and radiance
-is answered. The finer grid is read at the four points around a texel, side by side, so that the network learns to
-interpolate it, the coarser one bilinearly. The network answers texels; what lies between is interpolated afterwards.
+of the texel's place enter a network that answers with channels of a material. Here directions enter too, and the answer
+is radiance. The finer grid is read at the four points around a texel, side by side, so that the network learns to
+interpolate them; the coarser one is read bilinearly. The network answers texels; queries between them are interpolated.
 """
 
 import copy
@@ -43,9 +43,9 @@ from bench.training import (
     unpack_bits,
 )
 
-OCTAVES, TILE, PLACE = 3, 8, 12  # of the encoding of places: it repeats after 8 texels, and has 12 numbers
-OMEGA = 2.0  # frequency of the sine, where the activation is one
-ROUNDED_FROM = {"noise": 0.95, "round": 0.5}  # of the steps: from there on grids are those of the file
+OCTAVES, TILE, PLACE = 3, 8, 12  # encoding of places: it repeats after 8 texels, and has 12 numbers
+OMEGA = 2.0  # frequency of the sine, if the activation is a sine
+ROUNDED_FROM = {"noise": 0.95, "round": 0.5}  # share of the steps after which grids are those of the file
 GRIDS = ("fine", "coarse")
 PAPER = {"reduction": 4, "fine": 12, "directions": "xy", "activation": "leaky-relu", "rounding": "noise"}
 PAPER |= {"start": "random", "optimiser": "adam", "rate": 5e-3, "loss": "l2", "steps": 10_000}
@@ -79,13 +79,13 @@ class NTC(Codec):
         reduction: Count = 1  # texels a point of the finer grid; the coarser has half as many points a side
         fine: Width = 6  # features of the finer grid, each read at four points
         coarse: Width = 20  # features of the coarser grid
-        bits: Annotated[int, Range(1, 8)] = 4  # of each feature
+        bits: Annotated[int, Range(1, 8)] = 4  # bits of each feature
         rounding: Literal["noise", "round"] = "round"  # in the fit: noise of one step, or rounded from halfway on
         directions: Directions = "xyzh"  # inputs: x and y of both, or all of both and of their half vector
         layers: Layers = 2  # hidden layers of the network
         width: Width = 64  # channels of each hidden layer
-        activation: Activation = "sine"  # of the hidden layers; a sine has a layer norm before it
-        weights: WeightPrecision = "half"  # of the stored network
+        activation: Activation = "sine"  # activation of the hidden layers; a sine has a layer norm before it
+        weights: WeightPrecision = "half"  # precision of the stored network
 
         @property
         def architecture(self) -> Architecture:
@@ -111,7 +111,7 @@ class NTC(Codec):
         for name, (rows, cols) in zip(GRIDS, sizes(size, settings.reduction), strict=True):
             packed, count = parts.texture[name], rows * cols * getattr(settings, name)
             if min(size) < 1 or packed.shape != ((count * bits + 7) // 8,):
-                raise InputError(f"a {name} grid that is not of {size[0]} × {size[1]} texels: encode it again")
+                raise InputError(f"its {name} grid does not fit {size[0]} × {size[1]} texels: encode it again")
             grids.append(values_of(unpack_bits(packed, count, bits), bits).reshape(rows * cols, -1))
         return NTCMaterial(network, size, grids, float(parts.other["gain"]), settings).to(device)
 
@@ -140,7 +140,7 @@ def encoded_places(size: tuple[int, ...]) -> Tensor:
 
 
 class Reader(nn.Module):
-    """What the network sees of each texel of a picture: where its grids are read, and the encoding of its place."""
+    """The network's input for each texel of a picture: where its grids are read, and the encoding of its place."""
 
     fine: Tensor  # (H · W, 4), as the next two
     coarse: Tensor
@@ -180,7 +180,7 @@ class NTCObjective(DirectedObjective):
         for grid in self.free:
             with torch.no_grad():
                 stored = values_of(codes_of(grid.clamp_(-1, 1), bits), bits)
-            if progress >= ROUNDED_FROM[rounding]:  # as published, noisy grids do not move any more then
+            if progress >= ROUNDED_FROM[rounding]:  # as published, noisy grids then stop moving
                 grids.append(stored if rounding == "noise" else grid + (stored - grid).detach())
             elif rounding == "noise" and generator is not None:
                 noise = torch.rand(grid.shape, generator=generator).to(grid.device) - 0.5

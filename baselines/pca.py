@@ -32,7 +32,7 @@ from bench.training import (
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 LARGE = 4 << 30  # bytes of a matrix in float32; the components of a larger one are found in a part: see `_of_part`
 PART_PAIRS, PART_TEXELS = 2_048, 16_384
-SPARE = 64  # components of the part beyond those that are asked for
+SPARE = 64  # components of the part beyond the requested ones
 PAIRS_AT_ONCE = 64
 
 
@@ -54,10 +54,12 @@ class PCA(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        components: Count = 16  # eigen-ABRDFs; fewer where the data have a lower rank
+        components: Count = 16  # eigen-ABRDFs; fewer if the data have a lower rank
         domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
-        bits: Bits = 0  # of a stored number on average; 0: left to the data; 16, 32: floats; the mean takes 16 at least
-        passes: Annotated[int, Range(2, 1000)] = 4  # over the data, one where they are small; flat spectra want more
+        bits: Bits = (
+            0  # bits of a stored number on average; 0: chosen by the data; 16, 32: floats; the mean takes 16 at least
+        )
+        passes: Annotated[int, Range(2, 1000)] = 4  # passes over the data; one if they are small
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         log = self.settings.domain == "log"
@@ -89,10 +91,10 @@ class PCA(Codec):
         )
 
     def _of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
-        """The components of a whole measurement, which four readings would take a quarter of an hour to find.
+        """The components of a whole measurement, for which four readings would take a quarter of an hour.
 
-        More components than asked for are found in some pairs; all pairs are fitted by them at some texels, and tell
-        which are the strongest. A row of a hundred numbers follows from 16,384 texels: its error grows by 0.6 %.
+        More components than requested are found in some pairs; then all pairs are fitted by them at some texels, which
+        shows the strongest ones. A row of a hundred numbers is fitted to 16,384 texels: its error grows by 0.6 %.
         """
         pairs, texels = (
             torch.randperm(count, generator=fit.generator())[:most].sort().values
@@ -134,7 +136,7 @@ class PCAMaterial(ComponentsMaterial):
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · table row · coefficients, (n, 3), without allocating the rows (n, pairs, 3, k)."""
         rows = functional.embedding_bag(pair, self.table, per_sample_weights=weight.to(self.table.dtype), mode="sum")
-        rows = saturated(rows)  # shares of halves may add up to a little more than 1
-        # Products of halves may overflow a half, with either sign: they are added in float32.
+        rows = saturated(rows)  # shares in halves may add up to slightly more than 1
+        # Products of halves may overflow a half with either sign, so they are added in float32.
         dtype = at_least_float32(rows.dtype)
         return (rows.reshape(len(pair), 3, -1).to(dtype) * coefficients[:, None].to(dtype)).sum(-1)

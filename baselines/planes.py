@@ -1,4 +1,4 @@
-"""Planes over directions, as `triple-plane` and `biplane` have them: half and difference vectors, places, blur."""
+"""Planes over directions for `triple-plane` and `biplane`: half and difference vectors, places, blur."""
 
 from typing import Literal
 
@@ -12,8 +12,8 @@ Difference = Literal["rusinkiewicz", "nearest"]
 def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tensor, Tensor]:
     """The half vector, and the light in a frame about it: unit vectors (n, 3) of the upper hemisphere.
 
-    As published (Rusinkiewicz 1998) the half vector is turned to z about z and then y, which jumps where it passes z.
-    The shortest turn does not.
+    As published (Rusinkiewicz 1998) the half vector is turned to z about z and then y, which jumps when it passes z.
+    The shortest turn does not jump.
     """
     h = functional.normalize(wo + wi, dim=1)
     if kind == "nearest":
@@ -42,6 +42,6 @@ def blurring(side: int, sigma: float) -> Tensor:
 
 def blurred(planes: Tensor, kernel: Tensor) -> Tensor:
     """Planes (p, side, side, C) blurred along both sides."""
-    # One side after the other: einsum would multiply out all four indices of both kernels first.
+    # One side after the other, because einsum would first expand all four indices of both kernels.
     rows = torch.einsum("ia,pabc->pibc", kernel, planes)
     return torch.einsum("jb,pibc->pijc", kernel, rows)

@@ -97,15 +97,15 @@ def radiance(decoder: Decoder, latents: Tensor, stats: Tensor, where: Tensor) ->
 
 @dataclass(frozen=True)
 class RainerSettings:
-    """How networks of Rainer's are fitted."""
+    """The settings of a fit of Rainer's networks."""
 
-    steps: Natural = 10_000  # of the fit
+    steps: Natural = 10_000  # steps of the fit
     texels: BatchSize = 64  # ABRDFs encoded in a step
     pairs: BatchSize = 32  # pairs decoded of each of them
-    optimiser: Optimiser = "muon"  # of the decoder's hidden matrices; all else is Adam's
+    optimiser: Optimiser = "muon"  # of the decoder's hidden matrices; Adam takes all others
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 3e-3  # highest learning rate
-    loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
 
 class Fitted(Objective):
@@ -136,7 +136,7 @@ class Fitted(Objective):
 
 
 class Autoencoder(Fitted):
-    """Encoder and decoder, fitted on a few texels and a few pairs of each a step."""
+    """Encoder and decoder, fitted in each step to a few texels and a few pairs of each."""
 
     def __init__(self, samples: Samples, encoder: nn.Module, decoder: Decoder, settings: RainerSettings, fit: Fit):
         super().__init__(samples, decoder, settings, fit)

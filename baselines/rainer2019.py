@@ -75,16 +75,16 @@ class Rainer2019(Codec):
 
     @dataclass(frozen=True)
     class Settings(RainerSettings):
-        steps: Natural = 2_500  # of the fit
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, Adam alone
+        steps: Natural = 2_500  # steps of the fit
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, only Adam
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
         directions: Directions = "xyzh"  # inputs: each stereographic as published, or all of both and of their half
-        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
+        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
         latents: Width = 8  # channels that the encoder makes
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
-        activation: Activation = "leaky-relu"  # of the decoder's hidden layers
-        bits: Bits = 0  # of a stored latent, mean or deviation on average; 0: left to the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # of the stored decoder
+        activation: Activation = "leaky-relu"  # activation of the decoder's hidden layers
+        bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
+        weights: WeightPrecision = "half"  # precision of the stored decoder
 
         @property
         def architecture(self) -> Architecture:
@@ -121,7 +121,7 @@ class Encoded(Autoencoder):
         self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
 
     def stored(self, fit: Fit) -> tuple[Tensor, Rounding]:
-        """The texture (texels, D + 6) that the encoder made in the end, and its rounding."""
+        """The final texture (texels, D + 6) of the encoder, and its rounding."""
         texels = torch.arange(self.samples.texels, device=fit.device)
         texture = torch.cat([self.encode(texels), self.statistics.flatten(1)], 1)
         batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())

@@ -56,7 +56,7 @@ from bench.training import (
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
 CHECKED = 128  # pairs of a material at which the decoder's answers are checked during encoding
 FIREFLY = 2.0  # × the brightest sample of an ABRDF: larger answers of the decoder are wrong
-TARGETS = 375  # pairs of each training material that the decoder is asked for
+TARGETS = 375  # pairs of each training material that the decoder must answer
 
 
 class Rainer2020Network(SharedNetwork):
@@ -67,12 +67,12 @@ class Rainer2020Network(SharedNetwork):
 
     @dataclass(frozen=True)
     class Settings(RainerSettings):
-        steps: Natural = 40_000  # of the training
+        steps: Natural = 40_000  # steps of the training
         optimiser: Optimiser = "adam"  # of all; with "muon" the decoder's hidden matrices are stepped by Muon
-        kept: Count = 512  # ABRDFs of each material that are trained on
+        kept: Count = 512  # training ABRDFs of each material
         latents: Width = 32  # channels that the encoder makes
-        activation: Activation = "leaky-relu"  # of the decoder's hidden layers
-        weights: WeightPrecision = "half"  # of the stored networks
+        activation: Activation = "leaky-relu"  # activation of the decoder's hidden layers
+        weights: WeightPrecision = "half"  # precision of the stored networks
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         canonical = canonical_pairs()
@@ -105,7 +105,7 @@ class Rainer2020(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        bits: Bits = 0  # of a stored latent, mean or deviation on average; 0: left to the fit; 16, 32: floats
+        bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         network, gain = fit.shared(self.name), gain_of(btf, fit)
@@ -130,7 +130,7 @@ class Rainer2020(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         if parts.network is None:
-            raise ValueError("the file names no shared network")
+            raise ValueError("it names no shared network")
         decoder = decoder_of(parts.network)
         return RainerMaterial(decoder, load_texture("latents", parts.texture), float(parts.other["gain"])).to(device)
 
@@ -218,8 +218,8 @@ class Resampler(torch.nn.Module):
 class Pool(Samples):
     """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at other pairs to answer for.
 
-    Those of `fit.unseen` come last, for the curve alone.
-    Texel t is of BTF `material[t]`; pair p of that BTF has the decoder's coordinates `where[material[t], p]`.
+    Those of `fit.unseen` come last, and are used only for the curve. Texel t is of BTF `material[t]`; pair p of that
+    BTF has the decoder's coordinates `where[material[t], p]`.
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
@@ -252,7 +252,7 @@ def _drawn(
 
 
 def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
-    """`TARGETS` pairs: held-out ones where the BTF declares them, else any; in turn again where there are fewer."""
+    """`TARGETS` pairs: held-out ones if the BTF declares them, else any; repeated in turns if there are fewer."""
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(btf.heldout)
     return pairs[np.resize(torch.randperm(len(pairs), generator=generator).numpy(), TARGETS)]
 

@@ -1,4 +1,4 @@
-"""SVBRDF maps, what a studio makes of a surface without a BTF codec: base colour, normal, roughness, metalness a texel.
+"""SVBRDF maps (base colour, normal, roughness, metalness), the usual model of a surface without a BTF codec.
 
 The reflectance is that of the built-in materials (`bench.data.materials.brdf`: GGX and a Lambert base), so there are
 neither parallax nor cast shadows, and no anisotropy. The maps are fitted by the loop of every learned codec, stored in
@@ -21,15 +21,15 @@ from bench.metrics.display import decode_srgb, encode_srgb
 from bench.settings import BatchSize, Natural, Positive
 from bench.training import Batch, Loss, Objective, Samples, compress, expand, gain_of, train
 
-CHANNELS = 8  # of a texel that is looked up: linear base colour, normal, roughness, metalness
+CHANNELS = 8  # of a fetched texel: linear base colour, normal, roughness, metalness
 STORED = 7  # the normal's z follows from x and y
 SEEN = 256  # pairs whose mean radiance the base colour starts from
-READ = 16  # of them at once
-ROUGHNESS, METALNESS = 0.7, 0.1  # of the start
+READ = 16  # how many pairs are read at once
+ROUGHNESS, METALNESS = 0.7, 0.1  # initial values
 WHITE = 0.8  # base colour that the brightest tenth of the texels starts from
-DARK = 1e-30  # of black data
-SCALE_RATE = 0.1  # of the rate of the maps
-FLOPS = 150  # of the reflectance
+DARK = 1e-30  # for black data
+SCALE_RATE = 0.1  # relative to the rate of the maps
+FLOPS = 150  # operations of the reflectance
 
 
 class SVBRDF(Codec):
@@ -40,11 +40,11 @@ class SVBRDF(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        steps: Natural = 2_500  # of the fit
+        steps: Natural = 2_500  # steps of the fit
         batch: BatchSize = 4_096  # samples a step
-        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
+        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
         rate: Positive = 3e-2  # highest learning rate
-        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         fitting = MapsObjective(Samples(btf, gain_of(btf, fit), fit), self.settings, fit.generator())
@@ -85,7 +85,7 @@ class MapsObjective(Objective):
         self.settings = settings
         albedo = _albedo(samples, generator)
         bright = float(np.percentile(albedo.cpu().numpy(), 90)) or float(albedo.max())
-        # Measured data have any unit: the factor on what the maps reflect is fitted with them.
+        # Measured data may have any unit, so a factor on the reflected radiance is fitted with the maps.
         self.scale = nn.Parameter(torch.tensor([max(bright, DARK) / WHITE]).log())
         base = (albedo * (WHITE / max(bright, DARK))).clamp(0.01, 0.99).logit()
         rest = torch.tensor([0, 0, *torch.tensor([ROUGHNESS, METALNESS]).logit()]).expand(len(base), 4)
@@ -106,7 +106,7 @@ class MapsObjective(Objective):
 
 
 def _albedo(samples: Samples, generator: torch.Generator) -> Tensor:
-    """The factor on a rough white plane (texels, 3) that comes nearest to the texels, over some pairs."""
+    """The factor (texels, 3) by which a rough white plane is nearest to the texels, over some pairs."""
     pairs = torch.randperm(samples.pairs, generator=generator)[:SEEN].sort().values.to(samples.device)
     white = torch.tensor([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0], device=samples.device).expand(len(pairs), CHANNELS)
     seen = shaded(white, samples.wo[pairs], samples.wi[pairs])[:, 0]

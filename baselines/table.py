@@ -52,7 +52,7 @@ class TableMaterial(Material):
         weight = (pair_weight[:, :, None] * texel_weight[:, None, :].to(wo.dtype)).flatten(1)
         if self.values.dtype == weight.dtype:
             rgb = functional.embedding_bag(row.flatten(1), self.values, per_sample_weights=weight, mode="sum")
-        else:  # halves end at 65,504, and weights of grazing lights are above 1: they are added in float32
+        else:  # halves end at 65,504, and weights of grazing lights are above 1, so they are added in float32
             corners = self.values.index_select(0, row.flatten()).unflatten(0, (len(row), -1)).to(weight.dtype)
             rgb = torch.einsum("nk,nkc->nc", weight, corners)
         return rgb * self.scale

@@ -1,8 +1,8 @@
 """Triple plane (Xu et al., "Towards comprehensive neural materials", 2025).
 
 Three planes of features: over the texels, over the half vector and over the difference vector, the light seen from the
-half vector. What is fetched from the three enters a small network. Facts are from the authors' code (see
-docs/recipes.md); theirs runs the network in eight bits, ours in floats.
+half vector. The values fetched from the three enter a small network. Facts are from the authors' code (see
+docs/recipes.md), which runs the network in eight bits; ours uses floats.
 """
 
 from dataclasses import dataclass
@@ -77,21 +77,21 @@ class TriplePlane(Codec):
     @dataclass(frozen=True)
     class Settings:
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its difference vector, random planes, no blur, Adam
-        steps: Natural = 2_500  # of the fit
+        steps: Natural = 2_500  # steps of the fit
         batch: Count = 4_096  # samples a step
-        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
+        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
         channels: Count = 8  # of each plane
         resolution: Count = 50  # texels a side of the planes over directions
         difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
-        blur: NotNegative = 5.0  # σ in texels of the planes over directions: where no pair was seen, neighbours answer
-        start: Start = "mixed"  # of the planes: the directions and components or both; or random
-        optimiser: Optimiser = "muon"  # of the network's hidden matrices; all else is Adam's
+        blur: NotNegative = 5.0  # σ in texels of the planes over directions, so that neighbours fill unseen directions
+        start: Start = "mixed"  # start of the planes: the directions and components or both; or random
+        optimiser: Optimiser = "muon"  # of the network's hidden matrices; Adam takes all others
         hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         rate: Positive = 1e-2  # highest learning rate of the network
         plane_rate: Positive = 1e-2  # highest learning rate of the planes
-        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
-        bits: Bits = 0  # of a stored number of the planes on average; 0: left to the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # of the stored network
+        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+        bits: Bits = 0  # bits of a stored number of the planes on average; 0: chosen by the fit; 16, 32: floats
+        weights: WeightPrecision = "half"  # precision of the stored network
 
         @property
         def architecture(self) -> Architecture:

@@ -1,8 +1,8 @@
 """A Tucker factorisation of the table texels × views × lights × colours.
 
 TensorTextures (Vasilescu and Terzopoulos, SIGGRAPH 2004) factors texels × views × lights by one singular value
-decomposition a mode, Wang et al. ("Out-of-core tensor approximation of multi-dimensional matrices of visual data",
-SIGGRAPH 2005) go on by alternating least squares, known as HOOI. Here the texels' components come from the suite's
+decomposition a mode; Wang et al. ("Out-of-core tensor approximation of multi-dimensional matrices of visual data",
+SIGGRAPH 2005) continue with alternating least squares, known as HOOI. Here the texels' components come from the suite's
 decomposition of the matrix of ABRDFs, which is small enough to alternate in memory. The three colours stay whole.
 """
 
@@ -34,7 +34,7 @@ from bench.training import (
     unpack,
 )
 
-PASSES = 4  # over the data, one where they are small
+PASSES = 4  # passes over the data, one if they are small
 OVERSAMPLED = 2  # components of the texels that the alternation chooses from, as a multiple of those kept
 
 
@@ -60,12 +60,14 @@ class Tucker(Codec):
     @dataclass(frozen=True)
     class Settings:
         recipe: Literal["ours", "paper"] = "ours"  # "paper": of radiance, one decomposition a mode (HOSVD)
-        components: Count = 16  # of the texels
-        views: Count = 16  # components of the views, at most as many as there are
+        components: Count = 16  # components of the texels
+        views: Count = 16  # components of the views, at most the number of views
         lights: Count = 16  # components of the lights
         alternations: Natural = 8  # least squares of one mode after another (HOOI), after the first decomposition
         domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
-        bits: Bits = 0  # of a stored coefficient on average; 0: left to the data; 16, 32: floats; the core takes 8
+        bits: Bits = (
+            0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats; the core takes 8
+        )
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         settings, layout = self.settings, btf.layout
@@ -80,7 +82,7 @@ class Tucker(Codec):
         ranks = _ranks(settings, layout)
         texel, view, light, core = factored(tensor, (settings.components, *ranks), settings.alternations)
         coefficients = turn.T @ texel
-        # Coefficients in [−1, 1], as those of `pca`, so that eight bits serve the core's slices alike.
+        # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally.
         scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)
         core[1:] *= scale[:, None, None, None]
         core[0] /= shape[1] ** 0.5
@@ -92,7 +94,7 @@ class Tucker(Codec):
         rounding = rounded_coefficients(coefficients, bits, rows[:, :1], rows[:, 1:], values)
         fine: WeightPrecision = "float32" if bits == 32 else "half"
         return Parts(
-            # One slice of the core a channel: their sizes differ by orders of magnitude.
+            # One channel for each slice of the core, because their sizes differ by orders of magnitude.
             decoder=store_texture("core", core, rounding_with_zero(core, bits))
             | pack("view", view, fine)
             | pack("light", light, fine),
@@ -107,14 +109,14 @@ class Tucker(Codec):
         index = _modes(layout)
         wanted = (view.shape[1], light.shape[1], 3, texture.shape[2] + 1)
         if core.shape != wanted or any(int(i.max()) >= len(f) for i, f in zip(index, (view, light), strict=True)):
-            raise ValueError(f"a core of {tuple(core.shape)} for factors that want {wanted}")
+            raise ValueError(f"its core is {tuple(core.shape)}, but its factors need {wanted}")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
         modes = view[index[0]], light[index[1]]
         return TuckerMaterial(texture, core, modes, PairInterpolator(layout), gain).to(device)
 
 
 def _modes(layout: Layout) -> tuple[Tensor, Tensor]:
-    """The place of each pair (N,) along the modes of views and of lights; pairs that are no product are one mode."""
+    """The place of each pair (N,) along the modes of views and of lights; pairs that form no product are one mode."""
     if layout.grid is None:
         return torch.arange(len(layout.view)), torch.zeros(len(layout.view), dtype=torch.long)
     return torch.from_numpy(layout.view).long(), torch.from_numpy(layout.light).long()
@@ -162,18 +164,18 @@ def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> 
 
 
 def _signed(basis: Tensor) -> Tensor:
-    """A basis (size, ≤ size) of which each vector has the sign that is positive along 1, ½, ⅓, …
+    """A basis (size, ≤ size); the sign of each vector is chosen to be positive along 1, ½, ⅓, …
 
-    A decomposition gives either sign, as it rounds, and eight bits would divide another range.
+    Rounding decides the sign in a decomposition, and eight bits would then divide another range.
     """
     along = 1 / torch.arange(1, len(basis) + 1, dtype=basis.dtype, device=basis.device)
     return basis * torch.where(along @ basis < 0, -1.0, 1.0)
 
 
 def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
-    """How values (…, C) are rounded to 8 bits, of which 0 is one of each channel's levels; `bits` above 8 are floats.
+    """The rounding of values (…, C) to 8 bits, with 0 among each channel's levels; `bits` above 8 are floats.
 
-    Most numbers of a core are nearly 0. Were 0 between two levels, all of them would be off to the same side.
+    Most numbers of a core are nearly 0. If 0 were between two levels, all of them would be wrong to the same side.
     """
     flat, rounding = values.flatten(0, -2), Rounding(values.shape[-1], max(8, bits))
     low, high = flat.amin(0), flat.amax(0)
@@ -210,7 +212,7 @@ class TuckerMaterial(ComponentsMaterial):
         """Σ weight · view ⊗ light of pairs, through the core to eigen-ABRDFs, times the coefficients: (n, 3)."""
         if len(pair) > 1 and pair.stride(0) == weight.stride(0) == 0:  # a slice: one pair of directions
             pair, weight = pair[:1], weight[:1]
-        # Products of halves may overflow a half, with either sign: they are added in float32.
+        # Products of halves may overflow a half with either sign, so they are added in float32.
         dtype = at_least_float32(coefficients.dtype)
         view, light = (functional.embedding(pair, mode).to(dtype) for mode in (self.view, self.light))
         joined = torch.einsum("npj,npm->njm", view * weight[..., None].to(dtype), light).flatten(1)

@@ -36,7 +36,7 @@ BLOCK_BYTES = 64 << 20  # slices read together
 PASSES = 4  # passes over the data for the principal components
 CLUSTERING_BATCH = 4_096
 MOST_CODES = 65_536
-MOST_LABELS = 1 << 24  # of all stages, where fewer are stored: the index of a codebook of one entry takes no bytes
+MOST_LABELS = 1 << 24  # of all stages, if fewer are stored: the index of a one-entry codebook takes no bytes
 
 
 class VQ(Codec):
@@ -62,7 +62,7 @@ class VQ(Codec):
         codes: Annotated[int, Range(1, MOST_CODES)] = 32  # entries of a stage's codebook, at most the distinct texels
         stages: Annotated[int, Range(1, 64)] = 1  # number of codebooks; each further one codes the residual
         components: Count = 16  # principal components that the clustering sees
-        bits: Bits = 0  # of a number of the stored codebook on average; 0: left to the data; 16, 32: floats
+        bits: Bits = 0  # bits of a number of the stored codebook on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
@@ -139,7 +139,7 @@ class VQMaterial(Material):
         mixed = functional.embedding_bag(
             row.flatten(1), self.codebook, per_sample_weights=weight.flatten(1), mode="sum"
         )
-        level = saturated(mixed).to(share.dtype).clamp_min(0)  # shares of halves may add up to more than 1
+        level = saturated(mixed).to(share.dtype).clamp_min(0)  # shares in halves may add up to more than 1
         return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
 
 
@@ -159,7 +159,7 @@ def _reduced(btf: BTF, gain: float, components: int, fit: Fit) -> np.ndarray:
 
 
 def _cluster(points: np.ndarray, codes: int, seed: int) -> np.ndarray:
-    """The cluster (n,) of each point (n, k); no number below the highest is left out.
+    """The cluster (n,) of each point (n, k); clusters are numbered without gaps.
 
     With at most as many points as codes, each has its own cluster; points that are equal as halves share one.
     """
@@ -183,7 +183,7 @@ def _means(points: np.ndarray, label: np.ndarray) -> np.ndarray:
 
 
 def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> list[Tensor]:
-    """The codebook (codes, N, 3) of each stage: the mean of its members, less what earlier stages answer for them."""
+    """The codebook (codes, N, 3) of each stage: the mean of its members, less the answers of earlier stages."""
     counts = [torch.from_numpy(np.bincount(label)) for label in labels]
     rows = [torch.from_numpy(label).to(fit.device) for label in labels]
     sums = [torch.empty(len(count), 3 * len(btf)) for count in counts]
@@ -197,7 +197,7 @@ def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> lis
     for stage, (out, count) in enumerate(zip(sums, counts, strict=True)):
         book = out / count[:, None]
         for earlier in range(stage):
-            # How the members of each cluster are spread over those of an earlier stage.
+            # The distribution of the members of each cluster over the clusters of an earlier stage.
             both = np.zeros((len(count), len(counts[earlier])), np.float32)
             np.add.at(both, (labels[stage], labels[earlier]), 1)
             book = book - torch.from_numpy(both) / count[:, None] @ books[earlier].flatten(1)
@@ -206,7 +206,7 @@ def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> lis
 
 
 def pack_index(label: np.ndarray, codes: int) -> Tensor:
-    """Labels (n,) below `codes` as bytes: the low eight bits of each, and the high ones where there are more."""
+    """Labels (n,) below `codes` as bytes: the low eight bits of each, and the high ones if there are more."""
     bits = _bits(codes)
     return compress(torch.from_numpy(label)[:, None] >> 8 * torch.arange(len(bits)) & 255, bits)
 
@@ -217,11 +217,11 @@ def _bits(codes: int) -> list[int]:
 
 
 def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
-    """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` where bytes are missing."""
+    """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` if bytes are missing."""
     if count < 1 or codes > MOST_CODES:
         raise ValueError(f"an index of {count} texels and {codes} codes")
     planes = expand(packed, (count, len(_bits(codes)))).long()
     label = (planes << 8 * torch.arange(planes.shape[1])).sum(1)
     if label.amax() >= codes:
-        raise ValueError(f"an index beyond the codebook of {codes}")
+        raise ValueError(f"it has an index beyond the codebook of {codes}")
     return label

@@ -2,8 +2,8 @@
 
 Eight latents a texel make two shading frames, into which both directions are turned; latents and turned directions
 enter a network of two hidden layers. `edition` chooses between the article and the authors' code of 2026. The authors'
-encoder maps the parameters of a layered material to latents. Data have no such parameters, so the texture is free, as
-in their second stage. See docs/recipes.md for what else is open.
+encoder maps the parameters of a layered material to latents. BTFs have no such parameters, so the texture is free, as
+in their second stage. See docs/recipes.md for other open details.
 """
 
 import math
@@ -79,16 +79,16 @@ class Zeltner2024(Codec):
 
     @dataclass(frozen=True)
     class Settings(FitSettings):
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": as the authors' code of 2026 is set, random latents, Adam
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": as in the authors' code of 2026, random latents, Adam
         edition: Literal["article", "code"] = "article"  # "code": its latents, inputs, output and space of the loss
         latents: Count = 8  # channels of the neural texture
-        frames: Natural = 2  # learned shading frames; 0: the network sees directions as they are
-        halfway: bool = True  # turn the half vector beside ω_o and ω_i; `edition=code` does
+        frames: Natural = 2  # learned shading frames; 0: the network sees unturned directions
+        halfway: bool = True  # also turn the half vector; `edition=code` always does
         layers: Count = 2  # hidden layers of the network
         width: Count = 32  # channels of each hidden layer
-        activation: Activation = "leaky-relu"  # of the hidden layers
-        bits: Bits = 0  # of a stored latent on average; 0: left to the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # of the stored network
+        activation: Activation = "leaky-relu"  # activation of the hidden layers
+        bits: Bits = 0  # bits of a stored latent on average; 0: chosen by the fit; 16, 32: floats
+        weights: WeightPrecision = "half"  # precision of the stored network
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
@@ -114,7 +114,7 @@ def sigmoid(outputs: Tensor) -> Tensor:
 
 
 class FramedNetwork(nn.Module):
-    """Latents (n, D) and directions (n, 3) → log radiance (n, 3), or what a sigmoid makes radiance of."""
+    """Latents (n, D) and directions (n, 3) → log radiance (n, 3), or the input of a sigmoid that gives radiance."""
 
     def __init__(self, settings: Zeltner2024.Settings, generator: torch.Generator | None = None):
         super().__init__()
@@ -123,7 +123,7 @@ class FramedNetwork(nn.Module):
         self.seen = (8 if self.code else 3 * self.directions) * max(1, settings.frames)  # numbers of directions
         inputs = settings.latents + self.seen
         architecture = Architecture(inputs, (settings.width,) * settings.layers, activation=settings.activation)
-        # The authors' frames have no bias: outputs are added to the surface's own axes.
+        # The authors' frames have no bias; outputs are added to the surface's own axes.
         self.frames = Frames(settings.latents, settings.frames, generator, bias=False) if settings.frames else None
         self.decoder = Decoder(architecture, generator)
 
@@ -133,7 +133,7 @@ class FramedNetwork(nn.Module):
         else:
             directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)][: self.directions], 1)
         turned = directions.flatten(1) if self.frames is None else self.frames.turned(latents, directions)
-        if self.code:  # of the directions themselves, the cosines alone
+        if self.code:  # only the cosines of the directions themselves
             whole, cosines = turned.unflatten(1, (4, -1)).split([2, 2], 1)
             turned = torch.cat([whole.flatten(1), cosines[:, :, 2::3].flatten(1)], 1)
         outputs: Tensor = self.decoder(torch.cat([latents, turned.to(latents.dtype)], 1))
@@ -166,7 +166,7 @@ class Zeltner2024Objective(TextureObjective):
         return sigmoid(outputs).log1p() if self.network.code else outputs
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        """In the authors' code the distance of 3 (∛x − 1), by the logarithm of x, which has a gradient near 0 too."""
+        """In the authors' code the distance of 3 (∛x − 1), computed from log x, which also has a gradient near 0."""
         if not self.network.code:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)

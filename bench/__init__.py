@@ -1,6 +1,6 @@
-"""The suite: what a BTF is, what a codec must do, how it is measured, run, stored and compared.
+"""The suite: defines BTFs and codecs, and measures, runs, stores and compares them.
 
-`bench.open`, `from_arrays`, `encode`, `load`, `score` and `load_runs` are what scripts call: see docs/api.md.
+Scripts call `bench.open`, `from_arrays`, `encode`, `load`, `score` and `load_runs`: see docs/api.md.
 """
 
 import importlib
@@ -23,7 +23,7 @@ _LAZY = dict.fromkeys(("open", "encode", "load", "score"), "bench.runs.library")
 
 
 def __getattr__(name: str) -> Any:
-    """What is imported when it is asked for: `import bench` alone is instant, and imports no PyTorch."""
+    """Import a public name when it is used, so that `import bench` alone is instant, and imports no PyTorch."""
     if name == "__version__":
         from importlib.metadata import version
 

@@ -19,13 +19,13 @@ from bench.btf import BTF, Array
 from bench.errors import InputError, readable, refuse_pipe
 
 MAX_FILE = 1 << 29
-LEAST, RATIO = 1 << 26, 64  # what is inflated of an entry: this many bytes, or times as many as it has
+LEAST, RATIO = 1 << 26, 64  # limits of an inflated entry: bytes, or times its compressed bytes
 STEP = 1 << 16
 _LOCAL = 30  # bytes before an entry's name
 
 
 def inside(name: str, label: str) -> str:
-    """The name with forward slashes, or an `InputError` where it leaves its folder."""
+    """The name with forward slashes, or an `InputError` if it leaves its folder."""
     tidy = name.replace("\\", "/")
     if not tidy or "\0" in tidy or tidy.startswith("/") or ".." in tidy.split("/") or tidy[1:2] == ":":
         raise InputError(f"{label}: the name {name!r} leads out of the folder: use a plain name inside it")
@@ -33,7 +33,7 @@ def inside(name: str, label: str) -> str:
 
 
 class ZipFiles:
-    """The entries of a zip archive. Nothing is extracted, and an entry is inflated no further than it declares."""
+    """The entries of a zip archive. Nothing is extracted, and no entry is inflated beyond its declared size."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -47,18 +47,18 @@ class ZipFiles:
         self.length = path.stat().st_size
         for name in self.entries:
             inside(name, str(path))
-        # Entries that share bytes expand them again and again.
+        # Entries that share bytes would expand them again and again.
         held.sort(key=lambda entry: entry.header_offset)
         for entry, after in itertools.pairwise(held):
             if entry.header_offset + _LOCAL + entry.compress_size > after.header_offset:
-                raise InputError(f"{self.label(after.filename)}: overlaps {entry.filename}: zip the files anew")
+                raise InputError(f"{self.label(after.filename)}: it overlaps {entry.filename}: zip the files again")
 
     def label(self, name: str) -> str:
-        """The name that messages give the entry."""
+        """The name of the entry in messages."""
         return f"{self.path}: {name}"
 
     def has(self, name: str) -> bool:
-        """True where the archive has this entry."""
+        """Whether the archive has this entry."""
         return name in self.entries
 
     def size(self, name: str) -> int:
@@ -69,31 +69,29 @@ class ZipFiles:
         """The entry and the offset of its bytes in the archive, checked against the archive's length."""
         entry, label = self.entries[name], self.label(name)
         if entry.flag_bits & 1:
-            raise InputError(f"{label}: encrypted: extract it with its password first")
+            raise InputError(f"{label}: it is encrypted: extract it with its password first")
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it anew with deflate")
-        # Deflate cannot exceed 1032 : 1, so a larger claim is false, and a large one near it a bomb. What is stored as
-        # it is can be no bomb, and is mapped, not read.
+            raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it with deflate")
+        # Deflate cannot exceed 1032 : 1, so a larger claim is false, and a large entry near it is a bomb. Uncompressed
+        # entries cannot be bombs; they are memory-mapped.
         packed = entry.compress_type != zipfile.ZIP_STORED
         most = min(MAX_FILE, max(LEAST, RATIO * entry.compress_size), 1032 * entry.compress_size + 64)
         limit = most if packed else entry.compress_size
         if entry.file_size > limit:
-            raise InputError(
-                f"{label}: claims {entry.file_size} bytes from {entry.compress_size}: beyond all proportion"
-            )
+            raise InputError(f"{label}: it claims {entry.file_size} bytes from {entry.compress_size}, far too many")
         with readable(label), open(self.path, "rb") as stream:
             stream.seek(entry.header_offset)
             local = stream.read(_LOCAL)
             if len(local) < _LOCAL or local[:4] != b"PK\x03\x04":
-                raise InputError(f"{label}: no entry at offset {entry.header_offset}: the archive is damaged")
+                raise InputError(f"{label}: there is no entry at offset {entry.header_offset}: the archive is damaged")
             extra = int.from_bytes(local[26:28], "little") + int.from_bytes(local[28:30], "little")
         start = entry.header_offset + _LOCAL + extra
         if start + entry.compress_size > self.length:
-            raise InputError(f"{label}: ends behind the archive: it is truncated; get it again")
+            raise InputError(f"{label}: it ends beyond the archive, which is truncated: get it again")
         return entry, start
 
     def offset(self, name: str) -> int | None:
-        """Where the bytes of an uncompressed entry begin in the archive, None where it is compressed."""
+        """The offset of an uncompressed entry's bytes in the archive; None if it is compressed."""
         entry, start = self._stored(name)
         return start if entry.compress_type == zipfile.ZIP_STORED else None
 
@@ -115,7 +113,7 @@ class ZipFiles:
         """All bytes of the entry, checked against its declared size and checksum."""
         entry = self.entries[name]
         if entry.file_size > MAX_FILE:
-            raise InputError(f"{self.label(name)}: {entry.file_size} bytes: too large to be read whole")
+            raise InputError(f"{self.label(name)}: {entry.file_size} bytes are too many to be read at once")
         data = self._inflate(name, entry.file_size + 1, entry.compress_size)
         if len(data) != entry.file_size or zlib.crc32(data) != entry.CRC:
             raise InputError(f"{self.label(name)}: size or checksum is wrong: the archive is damaged; get it again")
@@ -128,7 +126,7 @@ class ZipFiles:
 
 
 def _expanded(packed: bytes, count: int) -> bytes:
-    """At most `count` bytes of a deflated stream; the memory is that of the answer, not twice as much."""
+    """At most `count` bytes of a deflated stream; needs memory only for the result, not twice as much."""
     inflated, inflater = io.BytesIO(), zlib.decompressobj(-15)
     for start in range(0, len(packed), STEP):
         piece = packed[start : start + STEP]
@@ -140,7 +138,7 @@ def _expanded(packed: bytes, count: int) -> bytes:
 
 @dataclass(frozen=True)
 class Stored:
-    """An array of an `.npz`, of which only the header was read."""
+    """An array of an `.npz`; only its header was read."""
 
     files: ZipFiles
     name: str
@@ -150,7 +148,7 @@ class Stored:
     fortran: bool
 
     def values(self) -> Array:
-        """The array: memory-mapped where it is stored uncompressed, else inflated."""
+        """The array: memory-mapped if it is stored uncompressed, else inflated."""
         order: Any = "F" if self.fortran else "C"
         offset, count = self.files.offset(self.name), math.prod(self.shape)
         with readable(self.files.label(self.name), "save it with numpy.savez, uncompressed"):
@@ -164,7 +162,7 @@ def stored(files: ZipFiles, key: str) -> Stored:
     """An array of an `.npz`, whose header agrees with its bytes. `InputError` for all but plain numbers and text."""
     name = f"{key}.npy"
     if not files.has(name):
-        raise InputError(f"{files.path}: no array {key!r}: add it")
+        raise InputError(f"{files.path}: it has no array {key!r}: add it")
     return _described(files, name, files.head(name, _HEAD))
 
 
@@ -174,7 +172,7 @@ _HEAD = 16384  # bytes: the header of an array is shorter
 def _described(files: ZipFiles, name: str, head: bytes) -> Stored:
     """The array of an entry that begins with `head`."""
     label = files.label(name)
-    first = head[6:7] == b"\1"  # the version whose header has a length of two bytes
+    first = head[6:7] == b"\1"  # in this version, two bytes hold the length of the header
     with readable(label, "save it with numpy.savez"):
         version, shape, fortran, dtype, begin = _header(
             head[: 10 + int.from_bytes(head[8:10], "little")] if first else head
@@ -183,17 +181,17 @@ def _described(files: ZipFiles, name: str, head: bytes) -> Stored:
         raise InputError(f"{label}: .npy version {version} is not read: save it with numpy.savez")
     if dtype.hasobject or dtype.kind not in "fiubU" or not dtype.itemsize or dtype.subdtype:
         raise InputError(f"{label}: type {dtype} is not read: save plain numbers")
-    # A negative or absurd shape is no size of an array, though its product may be one.
+    # A shape with negative or absurd sides is wrong, even if its product is a possible size.
     if not all(0 <= side < 1 << 48 for side in shape):
-        raise InputError(f"{label}: a shape of {shape} is absurd: save it anew")
+        raise InputError(f"{label}: its shape {shape} is impossible: save it again")
     if begin + math.prod(shape) * dtype.itemsize != files.size(name):
-        raise InputError(f"{label}: {shape} of {dtype} is not what its {files.size(name)} bytes hold: save it anew")
+        raise InputError(f"{label}: its {files.size(name)} bytes do not hold {shape} of {dtype}: save it again")
     return Stored(files, name, shape, dtype, begin, fortran)
 
 
 @lru_cache(maxsize=256)
 def _header(head: bytes) -> tuple[tuple[int, int], tuple[int, ...], bool, np.dtype[Any], int]:
-    """Version, shape, whether in Fortran's order, type, and where the values begin. The arrays of a run share a few."""
+    """Version, shape, Fortran order, type, and offset of the values. The arrays of a run share a few headers."""
     text = io.BytesIO(head)
     version = np.lib.format.read_magic(text)
     read = np.lib.format.read_array_header_2_0 if version == (2, 0) else np.lib.format.read_array_header_1_0
@@ -202,14 +200,14 @@ def _header(head: bytes) -> tuple[tuple[int, int], tuple[int, ...], bool, np.dty
 
 
 def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> dict[str, Array]:
-    """Every array of an `.npz` by name, or those of some names that it has, inflated to `most` bytes together.
+    """Every array of an `.npz` by name, or those with some names, inflated to at most `most` bytes together.
 
     `InputError` says what is wrong.
     """
     files = ZipFiles(path)
     total = sum(map(files.size, files.entries))
     if total > most:
-        raise InputError(f"{path}: claims {total:,} bytes, and {most:,} are the limit: make it anew")
+        raise InputError(f"{path}: it claims {total:,} bytes, but the limit is {most:,}: make it again")
     keys = [name.removesuffix(".npy") for name in files.entries if name.endswith(".npy")]
     wanted = [key for key in keys if names is None or key in names]
     return {key: _read(files, f"{key}.npy") for key in wanted}
@@ -224,7 +222,7 @@ def _read(files: ZipFiles, name: str) -> Array:
 
 
 def write_npz(btf: BTF, path: str | Path) -> None:
-    """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so that memory stays small."""
+    """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so memory stays small."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
         with archive.open("radiance.npy", "w", force_zip64=True) as stream:
             header = {"descr": "<f4", "fortran_order": False, "shape": (len(btf), *btf.shape, 3)}

@@ -1,4 +1,4 @@
-"""Writes files whole or not at all (under a temporary name, then renamed), and locates the cache folder."""
+"""Writes files completely or not at all (a temporary name, then a rename), and locates the cache folder."""
 
 import fcntl
 import os
@@ -70,7 +70,7 @@ def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
 def locked(path: Path) -> Iterator[None]:
     """Hold a lock while making `path`; other processes wait here, and should then check again whether it exists.
 
-    On a file system without locks several processes make the file at once; each writes it whole.
+    On a file system without locks several processes may make the file at once; each writes it completely.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = path.with_name(path.name + ".lock")
@@ -83,7 +83,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def _open_locked(path: Path) -> int:
-    """Open and lock the file of that name; if its holder removed it meanwhile, open it anew."""
+    """Open and lock the file of that name; if its holder removed it meanwhile, open it again."""
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
@@ -106,7 +106,7 @@ def is_still(file: int, path: Path) -> bool:
 
 
 def cache_dir() -> Path:
-    """The cache folder, for renderings and scratch files, which can all be made again; created when missing.
+    """The cache folder, for renderings and scratch files, which can all be made again; created if missing.
 
     `$NEUBTF_CACHE`, else `$XDG_CACHE_HOME/neubtf-bench`, else `~/.cache/neubtf-bench`.
     """

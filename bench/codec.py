@@ -24,7 +24,7 @@ COMMON_MEANINGS = {
     ZSTD: "store each part compressed by Zstandard, without loss (extra neubtf-bench[zstd])",
     SCENE: "fit to the demand of a scene instead of to the whole BTF (see docs/scenes.md)",
 }
-Progress = Callable[[str, int, int], None]  # label, done, total; what follows REMARK in a label may change on the way
+Progress = Callable[[str, int, int], None]  # label, done, total; the text after REMARK in a label may change
 REMARK = " · "
 
 
@@ -33,7 +33,7 @@ def silent(label: str, done: int, total: int) -> None:
 
 
 def followed(show: Progress, items: Iterable[T], label: str, total: int) -> Iterator[T]:
-    """Yield the items and report to `show` how many are done."""
+    """Yield the items and tell `show` how many are done."""
     for done, item in enumerate(items):
         show(label, done, total)
         yield item
@@ -50,12 +50,12 @@ class Fit:
     show: Progress = silent
     checkpoint: Path | None = None  # the file that a long fit saves its state to, and resumes from
     history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; stored in the record
-    density: "Density | None" = None  # the demand of the scene that is fitted to; None: uniform
+    density: "Density | None" = None  # the demand of the scene to fit to; None: uniform
     network: "TrainedNetwork | None" = None  # the network that the codec shares over materials, if any
-    unseen: Sequence[BTF] = ()  # materials that a shared network is not trained on: its curve is of them
+    unseen: Sequence[BTF] = ()  # materials kept out of a shared network's training, for its curve
 
     def shared(self, name: str) -> "TrainedNetwork":
-        """The network that codec `name` shares over materials. `MissingDataError` where this fit has none."""
+        """The network that codec `name` shares over materials. `MissingDataError` if this fit has none."""
         if self.network is None:
             raise MissingDataError(
                 f"codec {name} needs the network that it shares over materials: give it as `Fit(network=...)`, from "
@@ -68,12 +68,12 @@ class Fit:
         self.history.append({"step": step, **values})
 
     def progress(self, items: Iterable[T], label: str = "reading", total: int | None = None) -> Iterator[T]:
-        """Yield the items with a progress bar; `total` is needed where they have no length."""
+        """Yield the items with a progress bar; `total` is needed if they have no length."""
         return followed(self.show, items, label, len(items) if total is None else total)  # type: ignore[arg-type]
 
     @property
     def row_weights(self) -> Tensor | None:
-        """The weight of each row (3 · pairs,) of the matrix of ABRDFs, 1 on average; None where all are equal."""
+        """The weight of each row (3 · pairs,) of the matrix of ABRDFs, 1 on average; None if all are equal."""
         return None if self.density is None else self.density.weights.repeat_interleave(3)
 
     def generator(self) -> torch.Generator:
@@ -90,7 +90,7 @@ class Parts:
     encoder: dict[str, Tensor] = field(default_factory=dict)  # makes new textures; no query reads it
     sampling: dict[str, Tensor] = field(default_factory=dict)  # lobes that a renderer draws directions from
     other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, other data for decoding
-    scene: dict[str, Any] = field(default_factory=dict)  # the scene's demand, where the file was fitted to one
+    scene: dict[str, Any] = field(default_factory=dict)  # the scene's demand, if the file was fitted to one
     network: "TrainedNetwork | None" = None  # the shared network that was used; the file stores its hash
 
 
@@ -100,7 +100,7 @@ class TrainedNetwork:
 
     path: Path
     codec: str
-    settings: dict[str, Any]  # of its training
+    settings: dict[str, Any]  # the settings of its training
     sha256: str
     file_bytes: int
     parts: Parts
@@ -130,7 +130,7 @@ class Configured:
     def __init__(self, *, zstd: bool | str = False, scene: bool | str = False, **settings: Any):
         """Set the given settings, and the others to the defaults of the recipe or of the class; convert strings.
 
-        Every codec has two settings more: `zstd` compresses its file by Zstandard, without loss; `scene` fits it to the
+        Every codec has two more settings: `zstd` compresses its file by Zstandard, without loss; `scene` fits it to the
         demand of a scene instead of to the whole BTF.
         """
         self.zstd: bool = convert(self.name, ZSTD, bool, zstd)
@@ -145,20 +145,20 @@ class SharedNetwork(Configured):
     `name` and `version` are the codec's.
     """
 
-    shipped: ClassVar[Path | None] = None  # the file of a trained one that comes with the codec
+    shipped: ClassVar[Path | None] = None  # the file of a trained network that comes with the codec
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
-        """Fit some BTFs, training pairs and held-out ones; the tensors that the shared file will hold."""
+        """Fit BTFs with training pairs and held-out ones; returns the tensors of the shared file."""
         raise NotImplementedError
 
 
 class Codec(Configured):
     """A codec: `name`, `version`, `Settings`, `encode`, `decode`. Its docstring's first line describes it in lists."""
 
-    network: ClassVar[type[SharedNetwork] | None] = None  # where the codec trains one network for all materials
-    interpolates: ClassVar[bool] = False  # between pairs: a fit to a scene drops unused pairs
+    network: ClassVar[type[SharedNetwork] | None] = None  # if it trains one network for all materials
+    interpolates: ClassVar[bool] = False  # between pairs, so that a fit to a scene drops unused pairs
     sizes: ClassVar[tuple[str, ...]] = ()  # whole-number settings that grow the file; the first leads
-    physical: ClassVar[bool] = False  # answers by a model of reflectance: data that no surface reflects are beyond it
+    physical: ClassVar[bool] = False  # models reflectance, so it cannot represent data of no real surface
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit the training pairs of a BTF, and return the tensors for the file."""

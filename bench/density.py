@@ -1,4 +1,5 @@
-"""The density of a scene's demand over the texels and pairs of a BTF: a fit samples by it and weights pairs with it."""
+"""The density of a scene's demand over the texels and pairs of a BTF: a fit draws samples by it and weights pairs with
+it."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from torch import Tensor
 
 from bench.btf import periods
 
-COVERED = 0.999  # share of the demand to cover; the rest may fall outside the kept pairs and levels of detail
+COVERED = 0.999  # share of the demand to cover; the rest may lie outside the kept pairs and levels of detail
 
 
 class Drawn(NamedTuple):
@@ -31,9 +32,9 @@ class Density:
     wo: Tensor  # (n, 3)
     wi: Tensor  # (n, 3)
     cumulative: Tensor  # (n,) float64: running sums of the importance of the queries
-    pair: Tensor  # (n, k) the pairs around each query …
-    weight: Tensor  # … and their weights in it, cosines included
-    per_pair: Tensor  # (N,) float64: the demand on each pair
+    pair: Tensor  # (n, k) the pairs around each query
+    weight: Tensor  # (n, k) their weights, including cosines
+    per_pair: Tensor  # (N,) float64: the share of each pair in the demand
     uniform: float
 
     @property

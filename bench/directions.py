@@ -1,10 +1,9 @@
 """The suite's only interpolator between sampled directions, in PyTorch.
 
-One hemisphere is triangulated by Delaunay in its stereographic plane, where circles of the sphere stay circles,
-so that the triangulation is the one of the sphere; weights are barycentric in that plane. Pairs that form a
-product views × lights use the tensor product of the two sides (3 × 3 pairs); scattered pairs use modified
-Shepard weights over the nearest eight. A side of one or two directions uses the nearest.
-A direction outside the hull is projected onto it.
+One hemisphere is triangulated by Delaunay in its stereographic plane, where circles of the sphere stay circles, so the
+result is also the triangulation on the sphere; weights are barycentric in that plane. Pairs that form a product views ×
+lights use the tensor product of the two sides (3 × 3 pairs); scattered pairs use modified Shepard weights over the
+nearest eight. A side of one or two directions uses the nearest. A direction outside the hull is projected onto it.
 
 The interpolated quantity is radiance / cos θ_i, multiplied by the cosine of the query. `PairInterpolator` folds both
 cosines into its weights, so a caller only sums weight × radiance.
@@ -21,15 +20,15 @@ from torch import Tensor, nn
 from bench.btf import Layout
 
 CELLS = 64  # cells per side of the grid of candidate triangles: about two candidates a cell for the published sets
-MOST_CANDIDATES = 4096  # a cell: more is no measurement, but a way to fill the memory
-BLOCK = 1 << 22  # of queries × candidates that are looked at together
+MOST_CANDIDATES = 4096  # in a cell; a file with more is not a measurement, but could exhaust memory
+BLOCK = 1 << 22  # queries × candidates that are searched at once
 SHEPARD_NEIGHBOURS = 8
-UNIT = 1e-3  # tolerance of a stored direction's length, and of its depth below the horizon
-ROUNDING = 1e-4  # barycentric weights of a sample itself come out as low as −2e-5 in float32
+UNIT = 1e-3  # tolerance of a stored direction's length, and of its distance below the horizon
+ROUNDING = 1e-4  # in float32, barycentric weights of a sample itself may be as low as −2e-5
 
 
 class Weights(NamedTuple):
-    """The samples that a query is interpolated from, and their weights: both (n, k)."""
+    """The samples between which a query is interpolated, and their weights: both (n, k)."""
 
     sample: Tensor
     weight: Tensor
@@ -86,7 +85,7 @@ class Hemisphere(nn.Module):
     def _searched(self, points: Tensor) -> tuple[Tensor, Tensor]:
         cell = ((points + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1)
         candidates = self.candidates[cell[:, 1] * CELLS + cell[:, 0]]
-        # One number of the map at a time: tensors (n, candidates, 2, 2) take twice as long.
+        # One number of the map at a time, because tensors (n, candidates, 2, 2) take twice as long.
         a, b, c, d, e, f = self.affine.flatten(1)[candidates].unbind(-1)
         x, y = points[:, :1], points[:, 1:]
         second, third = a * x + b * y + c, d * x + e * y + f
@@ -116,7 +115,7 @@ class Hemisphere(nn.Module):
             return Weights(index, torch.ones_like(index, dtype=points.dtype))
         triangle, weights = self._barycentric(points)
         outside = weights.amin(1) < -ROUNDING
-        if torch.compiler.is_exporting():  # a program has no branches: find both answers, then choose
+        if torch.compiler.is_exporting():  # a program has no branches, so compute both answers, then choose
             on_hull = self._barycentric(self._onto_hull(points))
             triangle = torch.where(outside, on_hull[0], triangle)
             weights = torch.where(outside[:, None], on_hull[1], weights)
@@ -129,8 +128,8 @@ class Hemisphere(nn.Module):
 def _candidates(corners: np.ndarray) -> np.ndarray:
     """For each cell of a grid over [−1, 1]², the triangles (cells, k) that may hold a point of it.
 
-    Every triangle whose bounding box meets the cell is one; a cell that none meets lists the nearest. Rows are
-    padded by repeating their first entry, which changes no answer.
+    These are the triangles whose bounding boxes meet the cell; if there are none, the nearest one. Rows are padded by
+    repeating their first entry, which changes no answer.
     """
     low, high = corners.min(1), corners.max(1)
     slack = 1e-6
@@ -146,7 +145,7 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
         cells.append(here)
     most = max(map(len, cells))
     if most > MOST_CANDIDATES:
-        raise ValueError(f"{most:,} triangles of directions meet in one place, and {MOST_CANDIDATES:,} are the limit")
+        raise ValueError(f"{most:,} triangles of directions meet in one place, but the limit is {MOST_CANDIDATES:,}")
     out = np.empty((len(cells), most), np.int64)
     for row, here in zip(out, cells, strict=True):
         row[: len(here)], row[len(here) :] = here, here[0]
@@ -154,7 +153,7 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
 
 
 def _in_blocks(answer: Callable[[Tensor], tuple[Tensor, ...]], width: int, queries: Tensor) -> tuple[Tensor, ...]:
-    """The answers to queries (n, …), in blocks where a table (n, width) of them would take too much memory."""
+    """The answers to queries (n, …), in blocks if a table (n, width) of them would take too much memory."""
     rows = max(1, BLOCK // width)
     if len(queries) <= rows or torch.compiler.is_compiling():
         return answer(queries)
@@ -182,7 +181,7 @@ class PairInterpolator(nn.Module):
 
     @property
     def reads(self) -> int:
-        """The number of samples that one query reads."""
+        """The number of samples for one query."""
         if not self.product:
             return min(SHEPARD_NEIGHBOURS, len(self.pairs))
         return (1 if self.views.flat else 3) * (1 if self.lights.flat else 3)
@@ -259,7 +258,7 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
 def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     """Unpack the layout that `pack_layout` packed; `rows` is the number of pairs of the table.
 
-    `KeyError` where a tensor is missing, `ValueError` where one is invalid or does not fit the table.
+    Raises `KeyError` if a tensor is missing, `ValueError` if one is invalid or does not fit the table.
     """
     pairs = parts["pairs"].long().numpy()
     views, lights = (parts[side].float().numpy() for side in ("views", "lights"))

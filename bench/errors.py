@@ -14,7 +14,7 @@ NOTHING = 4  # nothing was measured, or nothing is comparable
 INTERNAL = 70
 INTERRUPTED = 130
 
-NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # every other job would fail alike
+NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # with these, every other job would fail too
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG)
 
 
@@ -27,7 +27,7 @@ class ContainerError(InputError):
 
 
 class CodecError(InputError):
-    """A codec fails on import or construction, or a method of it answers what is no answer; the message names it."""
+    """A codec fails on import or construction, or one of its methods returns a wrong type; the message names it."""
 
 
 class MissingDataError(InputError):
@@ -35,12 +35,12 @@ class MissingDataError(InputError):
 
 
 def answered(method: Callable[..., object], answer: object, due: str) -> CodecError:
-    """The error of a codec's method that answered something other than `due`; it names the method's file and line."""
+    """The error for a codec's method that returned something else than `due`; it names the method's file and line."""
     code = getattr(method, "__code__", None)
     place = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
     called = getattr(method, "__qualname__", str(method)).rpartition("<locals>.")[2]
     what = answer if isinstance(answer, str) else f"a {type(answer).__name__}"
-    return CodecError(f"{called}{place} answered {what}, and {due} is due")
+    return CodecError(f"{called}{place} returned {what}, but must return {due}")
 
 
 @contextmanager
@@ -74,18 +74,18 @@ def unwritable(error: OSError) -> str:
 def refuse_pipe(path: Path) -> None:
     """Raise an `InputError` for a pipe, a socket or a device, which would make a reader wait, or never end."""
     if path.exists() and not path.is_file() and not path.is_dir():
-        raise InputError(f"{path}: neither a file nor a folder: save what it gives as a file")
+        raise InputError(f"{path}: it is neither a file nor a folder: save its output as a file")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """`; did you mean 'pca'?` where a known name is near, else `; known: …`."""
+    """`; did you mean 'pca'?` if a known name is similar, else `; known: …`."""
     known = sorted(known)
     near = difflib.get_close_matches(name, known, 1)
     return f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
 
 
 def shown(value: object) -> str:
-    """A value that is not trusted, as a message shows it: on one line, cut to 60 characters."""
+    """An untrusted value for a message: on one line, cut to 60 characters."""
     try:
         text = repr(value) if not isinstance(value, int) or abs(value) < 1 << 63 else "a number of absurd size"
     except (ValueError, RecursionError):  # a list with a number of thousands of digits, a list in a list in a list …
@@ -100,7 +100,7 @@ def readable(label: str, remedy: str = "the file is damaged; get it again") -> I
         yield
     except (InputError, MemoryError):
         raise
-    # On hostile bytes decoders raise many types, from struct.error to tokenize.TokenError; no list is complete.
+    # For hostile bytes decoders raise many types, from struct.error to tokenize.TokenError; no list is complete.
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{label}: cannot be read ({reason[:200]}): {remedy}") from error

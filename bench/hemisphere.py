@@ -52,7 +52,7 @@ DIRECTION_SETS = {"ubo2003": ubo2003, "ubo2014": ubo2014}
 
 
 def thin(directions: Array, count: int) -> Array:
-    """Indices (count,) of a subset spread evenly: farthest-point selection, begun at the zenith-most.
+    """Indices (count,) of a subset spread evenly: farthest-point selection, starting nearest the zenith.
 
     Deterministic: of equal distances the lower index wins. The indices are sorted, which keeps the order of the set.
     """
@@ -61,7 +61,8 @@ def thin(directions: Array, count: int) -> Array:
     chosen = [int(np.argmax(directions[:, 2]))]
     distance = np.linalg.norm(directions - directions[chosen[0]], axis=1)
     while len(chosen) < count:
-        # Ties of a symmetric set would depend on the machine's rounding; 1e-4 is far below any spacing.
+        # Rounded, because rounding errors of the machine would decide ties of a symmetric set; 1e-4 is below any
+        # spacing.
         chosen.append(int(np.argmax(np.round(distance, 4))))
         distance = np.minimum(distance, np.linalg.norm(directions - directions[chosen[-1]], axis=1))
     return np.sort(chosen)
@@ -73,7 +74,7 @@ def product(views: Array, lights: Array) -> tuple[Array, Array]:
 
 
 def thinned_product(directions: Array, views: int, lights: int) -> tuple[Array, Array]:
-    """The `product` of a set of directions, thinned to so many views and so many lights."""
+    """The `product` of a set of directions, thinned to the given numbers of views and lights."""
     return product(directions[thin(directions, views)], directions[thin(directions, lights)])
 
 

@@ -16,11 +16,11 @@ from torch.nn import functional
 
 from bench.errors import InputError, answered
 
-CHUNK = 16_384  # queries evaluated at once: intermediates stay in cache, and memory does not grow with the batch
+CHUNK = 16_384  # queries evaluated at once: intermediates stay in cache, memory does not grow with the batch
 UNIT_TOLERANCE = 1e-3
 HALF_MAX = 65504.0
-DEEPEST = 64  # levels of networks inside networks that are told apart
-HIGHEST_LEVEL = 60.0  # of log radiance: 1e26 times the brightest percent, and still far from the end of float32
+DEEPEST = 64  # levels of nested networks that are distinguished
+HIGHEST_LEVEL = 60.0  # of log radiance: 1e26 times the brightest percent, but far below the limit of float32
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class DecoderCost:
 
     parameters: int = 0  # trainable numbers of the decoder network; 0 for tables
     texture_channels: int = 0  # numbers a texel of the finest texture
-    texture_floats: int = 0  # numbers in all textures that the decoder holds, coarser levels and finer copies too
+    texture_floats: int = 0  # numbers in all textures of the decoder, including coarser levels and finer copies
     flops_per_sample: int = 0  # a fused multiply-add counts as two
     bytes_per_sample: int = 0  # read from textures and tables for one query
 
@@ -75,14 +75,14 @@ class Material:
     def maps(self) -> tuple[dict[str, np.ndarray], float]:
         """Ordinary PBR pictures by name, uint8 (H, W) or (H, W, 3), row 0 on top, and a factor on what they reflect.
 
-        Of a codec that is made of such maps; no others have any.
+        Only a codec that stores such maps has any.
         """
         return {}, 1.0
 
     def at_one_texel(self) -> "Material | None":
         """The same, but a query is answered by one texel, drawn by its bilinear weight: noisy, with the same mean.
 
-        Of a codec whose network answers texels, which is timed both ways; None for all others.
+        Only for a codec whose network answers texels, which is timed both ways; None for others.
         """
         return None
 
@@ -154,8 +154,8 @@ class Material:
     ) -> Tensor:
         """The picture (H // factor, W // factor, 3) of one pair over the boxes of factor × factor texels of `size`.
 
-        Where a side is no multiple of the factor, texels at its end that do not fill a box are left out, as in
-        `bench.btf.box_filter`, so a box is queried where its texels are.
+        If a side is not a multiple of the factor, texels at its end that do not fill a box are left out, as in
+        `bench.btf.box_filter`, so each box is queried at the place of its texels.
         """
         height, width = size or self.size
         uv = box_centres((height, width), factor)
@@ -164,7 +164,7 @@ class Material:
 
 
 class Around(Material):
-    """A material whose `evaluate` is computed in another way, or elsewhere, than that of the one inside."""
+    """Wraps a material, and computes its `evaluate` in another way or elsewhere."""
 
     def __init__(self, inner: Material):
         super().__init__(inner.size, inner.cost)
@@ -175,14 +175,14 @@ class Around(Material):
 
 
 def parameters(material: Material) -> int:
-    """Trainable parameters of the decoder networks, counted by torchinfo; 0 where there is no network."""
+    """Trainable parameters of the decoder networks, counted by torchinfo; 0 without a network."""
     from torchinfo import summary
 
     return sum(summary(module, verbose=0).trainable_params for module in material.modules())
 
 
 def resident_bytes(material: Material) -> int:
-    """Bytes of all that a decoder holds in memory: textures with their levels and copies, tables, networks."""
+    """Bytes of a decoder in memory: textures with their levels and copies, tables, networks."""
     held, storages = [*vars(material).values()], {}
     for value in held:
         if isinstance(value, Material):
@@ -194,7 +194,7 @@ def resident_bytes(material: Material) -> int:
 
 
 def layers(material: Material) -> list[tuple[str, str, int]]:
-    """Name, kind and trainable parameters of each layer of the decoder networks that has any, as torchinfo finds them.
+    """Name, kind and trainable parameters of each layer with parameters in the decoder networks, by torchinfo.
 
     They add up to `parameters`.
     """
@@ -211,7 +211,7 @@ def layers(material: Material) -> list[tuple[str, str, int]]:
 
 @cache
 def keep_buffers() -> None:
-    """Make the C library reuse freed blocks for the next chunk: by default it maps large blocks anew, page by page.
+    """Make the C library reuse freed blocks for the next chunk; by default it maps large blocks again, page by page.
 
     glibc raises its mapping threshold to the largest block freed, up to 32 MB; an untouched block costs nothing.
     """
@@ -227,7 +227,7 @@ def _tensor(values: ArrayLike | Tensor) -> Tensor:
         array = array if np.issubdtype(array.dtype, np.floating) else array.astype(np.float32)
     except (ValueError, TypeError) as error:
         raise InputError(f"query: not an array of numbers ({error})") from error
-    return torch.from_numpy(np.require(array, requirements=["C", "W"]))  # no strides below 0, no read-only memory
+    return torch.from_numpy(np.require(array, requirements=["C", "W"]))  # no negative strides or read-only memory
 
 
 def _check_shapes(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
@@ -257,7 +257,7 @@ def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor, start: int) ->
 
 
 def at_least_float32(dtype: torch.dtype) -> torch.dtype:
-    """The dtype, or float32 where it is shorter."""
+    """The dtype, or float32 if it is shorter."""
     return torch.promote_types(dtype, torch.float32)
 
 
@@ -296,7 +296,7 @@ def texel_corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
 def _corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
     """The same with int32 indices, which take half the time to compute and read."""
     height, width = size
-    # Half precision cannot resolve texels: positions are float32 whatever the codec's dtype.
+    # Half precision cannot resolve texels, so positions are float32 for any dtype of the codec.
     col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
     first_col, first_row = col.floor(), row.floor()
     right, below = col - first_col, row - first_row

@@ -1,13 +1,13 @@
 """Values that a user gives: converts them, checks their types and ranges, and describes them.
 
 The settings of a codec are a frozen dataclass of int, float, bool, str and `Literal` fields; those of a suite or a
-scene may also be tuples and further dataclasses. A field may say its range:
+scene may also be tuples and nested dataclasses. A field may give its range:
 
     components: Count = 16  # eigen-ABRDFs
     share: Annotated[float, Range(0.1, 1)] = 0.5
 
-`parse` takes the settings of a codec, as values or strings; `table` takes a table of a TOML file, where a number is a
-number, read by `read_toml`.
+`parse` takes the settings of a codec, as values or strings; `table` takes a table of a TOML file, read by `read_toml`,
+in which strings are not converted to numbers.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ from bench.errors import InputError, did_you_mean, refuse_pipe, shown
 
 @dataclass(frozen=True)
 class Range:
-    """From `low` to `high`; with `above`, `low` itself is left out."""
+    """From `low` to `high`; with `above`, `low` itself is excluded."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -50,13 +50,13 @@ Positive = Annotated[float, Range(0, above=True)]
 NotNegative = Annotated[float, Range(0)]
 Share = Annotated[float, Range(0, 1)]
 Threads = Annotated[int, Range(1, 1024)]
-# What a network can have; more is no size of a decoder, but a way to fill the memory.
+# Limits of a network; larger values are not useful for a decoder, and could exhaust memory.
 Layers = Annotated[int, Range(1, 64)]
 Width = Annotated[int, Range(1, 4096)]
 BatchSize = Annotated[int, Range(1, 1 << 22)]
 
-WORD, TOML = 1 << 12, 1 << 20  # characters of a word and bytes of a file of settings, at most
-WHOLE = 1 << 53  # whole numbers beyond are not exact as floats
+WORD, TOML = 1 << 12, 1 << 20  # the most characters of a word, and bytes of a file of settings
+WHOLE = 1 << 53  # larger whole numbers are not exact as floats
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -74,7 +74,7 @@ class Setting:
 def parse(owner: str, settings: type, values: dict[str, Any]) -> Any:
     """Make the `Settings` object of the codec `owner`, with some fields set from Python values or strings.
 
-    `InputError` where a field is unknown (with the nearest name), or a value does not convert or is out of range.
+    Raises `InputError` if a field is unknown (with the nearest name), or a value does not convert or is out of range.
     """
     kinds = get_type_hints(settings, include_extras=True)
     for name in values:
@@ -89,7 +89,7 @@ def convert(owner: str, name: str, kind: Any, value: Any) -> Any:
 
 
 def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
-    """Convert a value, which errors call `what`; with `words`, strings stand for numbers too, as on a command line.
+    """Convert a value, called `what` in errors; with `words`, strings may be numbers, as on a command line.
 
     An `InputError` says which values are allowed.
     """
@@ -118,7 +118,7 @@ def table(where: str, kind: type, given: Any) -> Any:
 
 
 def fields(where: str, kind: type, given: Any, without: Collection[str] = ()) -> dict[str, Any]:
-    """The converted values of a table by field of the dataclass `kind`, `without` some; see `table`."""
+    """The converted values of a table by field of the dataclass `kind`, except those in `without`; see `table`."""
     if not isinstance(given, dict):
         raise InputError(f"{where} must be a table, not {shown(given)}")
     kinds = {name: each for name, each in _kinds(kind).items() if name not in without}
@@ -129,11 +129,11 @@ def fields(where: str, kind: type, given: Any, without: Collection[str] = ()) ->
 
 
 def read_toml(path: Path) -> str:
-    """The text of a file of settings. `InputError` where it cannot be read or is too large to be one."""
+    """The text of a file of settings. `InputError` if it cannot be read or is too large."""
     refuse_pipe(path)
     try:
         if path.stat().st_size > TOML:
-            raise InputError(f"{path}: larger than {TOML >> 20} MiB: no file of settings")
+            raise InputError(f"{path}: it is larger than {TOML >> 20} MiB, too large for a file of settings")
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from error
@@ -146,13 +146,13 @@ def shipped_toml(package: str) -> dict[str, str]:
 
 
 def parse_toml(where: str, text: str) -> dict[str, Any]:
-    """The table of a TOML text. `InputError` where it is none, or nested deeper than any file of settings."""
+    """The table of a TOML text. `InputError` if it is not TOML, or nested too deeply."""
     try:
         return tomllib.loads(text)
     except RecursionError as error:
-        raise InputError(f"{where}: nested too deeply") from error
-    except ValueError as error:  # of TOML, or of a number with thousands of digits
-        raise InputError(f"{where}: not TOML: {error}") from error
+        raise InputError(f"{where}: it is nested too deeply") from error
+    except ValueError as error:  # from TOML, or from a number with thousands of digits
+        raise InputError(f"{where}: it is not TOML: {error}") from error
 
 
 @cache
@@ -163,7 +163,7 @@ def _kinds(kind: type) -> dict[str, Any]:
 
 
 def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
-    """The converted value, or None where it is out of range; raises where it is of another type."""
+    """The converted value, or None if it is out of range; raises if it has another type."""
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
         if words and value not in get_args(plain):
@@ -190,7 +190,7 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
 
 
 def _several(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tuple[Any, ...] | None:
-    """The tuple of a list, of one type repeated or of one each."""
+    """The tuple for a list: all values of one type, or each of its own."""
     if not isinstance(value, list) or (kinds[-1] is not ... and len(value) != len(kinds)):
         return None
     each = [kinds[0]] * len(value) if kinds[-1] is ... else kinds
@@ -198,7 +198,7 @@ def _several(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tupl
 
 
 def _parts(kind: Any) -> tuple[Any, Range]:
-    """The type of a field, without the None that it may be, and its range."""
+    """The type of a field without None, and its range."""
     if get_origin(kind) is UnionType:
         kind = next(each for each in get_args(kind) if each is not NoneType)
     if get_origin(kind) is not Annotated:

@@ -1,4 +1,4 @@
-"""Counts the processors; limits the CPU threads of a block, and how it meets a signal."""
+"""Counts the processors; sets the CPU threads and the signal handler of a block."""
 
 import os
 import signal
@@ -15,8 +15,8 @@ def cores() -> int:
 
 @contextmanager
 def handling(number: int, handler: Any) -> Iterator[None]:
-    """Handle a signal by `handler` in this block. Processes that are started in it ignore what it ignores."""
-    if threading.current_thread() is not threading.main_thread():  # only that one can
+    """Handle a signal by `handler` in this block. Processes started in it ignore the signals that it ignores."""
+    if threading.current_thread() is not threading.main_thread():  # only the main thread can
         yield
         return
     before = signal.signal(number, handler)

@@ -1,4 +1,4 @@
-"""The augmentation of NeuBTF's training: a common rescale and crop, and disturbances of the input alone.
+"""The augmentation of NeuBTF's training: a common rescale and crop, and disturbances of only the input.
 
 Pictures are (B, C, H, W). Every random number comes from a generator on the CPU.
 """
@@ -14,8 +14,8 @@ from torch.nn import functional
 
 from neubtf.autoencoder import STRIDE
 
-# Texels around a crop that the autoencoder sees and no loss compares. With so many its latents are within 1e-4 of their
-# deviation of those in the whole picture, root mean square; padded as if the crop were periodic they were 0.15 off.
+# Texels around a crop that the autoencoder sees and no loss compares. With these, the root mean square difference of #
+# latents from those of the whole picture is 1e-4 of their deviation; padded as if the crop were periodic, it was 0.15.
 SURROUNDINGS = 16
 
 
@@ -24,20 +24,20 @@ class Window:
     """A crop and a rescale that every picture of one step shares: `source` texels from `corner` on, become `size`."""
 
     corner: tuple[int, int]  # row, column
-    source: tuple[int, int]  # rows, columns of the picture; those beyond its border are those of the other one
+    source: tuple[int, int]  # rows, columns of the picture; beyond a border they continue at the opposite one
     size: tuple[int, int]
-    around: tuple[int, int] = (0, 0)  # rows, columns of the size on each side that are surroundings only
+    around: tuple[int, int] = (0, 0)  # rows, columns on each side that are only surroundings
 
     @classmethod
     def drawn(
         cls, shape: tuple[int, int], largest: int, scale: float, periodic: bool, generator: torch.Generator
     ) -> "Window":
-        """A random window of pictures of a shape (H, W) that are rescaled by `scale`.
+        """A random window in pictures of a shape (H, W), rescaled by `scale`.
 
-        At most `largest` texels a side come out, in multiples of the autoencoder's stride where there are as many, and
-        around them `SURROUNDINGS` more: the autoencoder pads what it sees circularly, and a cut side does not repeat. A
-        side that would take as many texels is whole instead. Only of a periodic picture do the inner texels reach over
-        the border; the surroundings do, as the autoencoder sees the whole picture.
+        The window has at most `largest` texels a side, in multiples of the autoencoder's stride if it can, and
+        `SURROUNDINGS` more around them, because the autoencoder pads its input circularly, and a cut side does not
+        repeat. A side that would need all its texels is taken whole. The inner texels reach over the border only if the
+        picture is periodic; the surroundings always do, because the autoencoder sees the whole picture so.
         """
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         sides = [_Side.drawn(*each, largest, scale, periodic) for each in zip(shape, places, strict=True)]
@@ -51,7 +51,7 @@ class Window:
 
     @property
     def whole(self) -> tuple[bool, bool]:
-        """For rows and columns, whether the window holds all of the picture's, so that they count as periodic."""
+        """For rows and columns, whether the window holds all of the picture, so that it counts as periodic."""
         return self.around[0] == 0, self.around[1] == 0
 
     @property
@@ -83,7 +83,8 @@ class Window:
         return self.source == self.size
 
     def rescaled(self, pictures: Tensor) -> Tensor:
-        """The source's pictures (B, C, *source) at the window's size: a texel is a weighted mean of those it covers."""
+        """The source's pictures (B, C, *source) at the window's size: each texel is a weighted mean of those it
+        covers."""
         if self.keeps_scale:
             return pictures
         return functional.interpolate(pictures, self.size, mode="bilinear", antialias=True)
@@ -102,7 +103,8 @@ class _Side(NamedTuple):
         beyond = math.ceil(SURROUNDINGS / scale)
         size = _fitting(min(round(side * scale), largest))
         source = min(round(size / scale), side)
-        # At its own scale a side that is no multiple of the stride is cut: the autoencoder would pad it by more.
+        # At its own scale a side that is not a multiple of the stride is cut, because the autoencoder would pad it by
+        # more.
         if source < side <= source + 2 * beyond and (scale < 1 or side % STRIDE == 0):
             size, source = _fitting(round(side * scale)), side
         corner = int(place * (side if periodic else side - source + 1))
@@ -118,7 +120,7 @@ def draw_scale(smallest: float, keep: float, generator: torch.Generator) -> floa
 
 
 def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
-    """Of places (n,) on an axis: those of its `side` that a rescale to `cut` averages, and weights, both (n, k)."""
+    """Source indices and weights (n, k) that a rescale from `side` to `cut` averages at each position (n,)."""
     matrix = torch.eye(side)
     if side != cut:
         matrix = functional.interpolate(matrix[None, None], (cut, side), mode="bilinear", antialias=True)[0, 0]
@@ -127,17 +129,17 @@ def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _fitting(side: int) -> int:
-    """The largest multiple of the stride within a side, or the side where it is shorter than that."""
+    """The largest multiple of the stride within a side, or the side if it is shorter than the stride."""
     return side // STRIDE * STRIDE or max(side, 1)
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Disturbances of the input alone: random hue rotation, Gaussian blur, Gaussian noise."""
+    """Disturbances of only the input: random hue rotation, Gaussian blur, Gaussian noise."""
 
     hue: float = 1.0  # largest turn, in turns
     blur: float = 1.0  # largest σ in texels
-    noise: float = 0.05  # largest σ, where pictures reach from 0 to 1
+    noise: float = 0.05  # largest σ, for pictures from 0 to 1
 
     def disturbed(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], disturbed at random, within [0, 1]."""
@@ -151,8 +153,8 @@ class Disturbance:
 def turned(pictures: Tensor, turn: float) -> Tensor:
     """Pictures (B, 3, H, W) with their hue turned by a share of the wheel, around the grey axis: grey stays grey.
 
-    A third of a turn makes red green, green blue, and blue red. The mean of the channels stays; what leaves [0, 1] is
-    clipped.
+    A third of a turn makes red green, green blue, and blue red. The mean of the channels stays; values outside [0, 1]
+    are clipped.
     """
     angle = 2 * math.pi * turn
     # Rodrigues' rotation around (1, 1, 1)/√3: cos + (1 − cos)/3 on the diagonal, (1 − cos)/3 ± sin/√3 beside it.

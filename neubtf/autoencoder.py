@@ -1,4 +1,4 @@
-"""NeuBTF's autoencoder: a guidance image → a neural texture of the same size, for pictures that are periodic.
+"""NeuBTF's autoencoder: makes a neural texture from a guidance image of the same size, for periodic pictures.
 
 A light U-Net of ConvNeXt blocks, as in Rodriguez-Pardo et al., "NeuBTF", 2023: 5×5 depth-wise kernels, layer norm and
 GELU, residuals scaled by 1/√2 everywhere (Karras et al., "StyleGAN2", 2020), 1×1 convolutions on the skips, CBAM
@@ -6,7 +6,7 @@ attention at the bottleneck (Woo et al., 2018), nearest-neighbour upsampling, ci
 
 **Whole pictures:** `texture = autoencoder(guidance)`.
 
-**Tiles.** Everything is local but one pooling over the whole picture, which CBAM needs, so tiles take two passes:
+**Tiles.** Everything is local except one pooling over the whole picture for CBAM, so tiles take two passes:
 
     pooled = None
     for tile in tiles:                           # with HALO texels of the periodic picture around each
@@ -15,8 +15,8 @@ attention at the bottleneck (Woo et al., 2018), nearest-neighbour upsampling, ci
     for tile in tiles:
         texture = autoencoder.decode(autoencoder.encode(tile), pooled)[..., inner texels]
 
-Tiles begin and end at multiples of STRIDE, cells are texels / STRIDE, and the outer HALO of what comes out is void. A
-texel depends on the guidance within RADIUS texels, in rows and in columns, and on `pooled`; on nothing else.
+Tiles begin and end at multiples of STRIDE, cells are texels / STRIDE, and the outer HALO of the result is invalid. A
+texel depends only on the guidance within RADIUS texels, in rows and in columns, and on `pooled`.
 """
 
 import math
@@ -32,10 +32,10 @@ RADIUS = 36  # see `test_a_texel_depends_on_its_surroundings_only`
 HALO = -(-RADIUS // STRIDE) * STRIDE
 LEAST = 3 * STRIDE  # texels that circular padding by three cells needs
 WIDTHS = (24, 64, 96)  # channels at full, half and quarter resolution
-EXPANSIONS = (2, 4, 4)  # of the pointwise layers; full resolution is where the time goes
+EXPANSIONS = (2, 4, 4)  # of the pointwise layers; full resolution takes most of the time
 REDUCTION = 8  # of the channels inside CBAM's perceptron
 SCALE = 1 / math.sqrt(2)  # keeps the variance of a sum of two
-FAINT = 0.05  # scale of the first texture: the renderer makes little use of the directions beside a strong one
+FAINT = 0.05  # scale of the first texture: beside a strong texture the renderer hardly uses the directions
 
 
 class Features(NamedTuple):
@@ -48,7 +48,7 @@ class Features(NamedTuple):
 
 @dataclass(frozen=True)
 class Pooled:
-    """Sum and maximum over the bottleneck's cells, both (B, C), and how many cells there were."""
+    """Sum and maximum over the bottleneck's cells, both (B, C), and the number of cells."""
 
     total: Tensor
     peak: Tensor
@@ -67,10 +67,10 @@ class Pooled:
 class Autoencoder(nn.Module):
     """Guidance (B, 3, H, W) → neural texture (B, D, H, W), any H and W, both periodic. About 200,000 parameters.
 
-    The first texture is `scale` times what orthogonal weights make.
+    The first texture is `scale` times that of orthogonal weights.
 
-    Shifting the guidance by multiples of STRIDE, around its borders, shifts the texture. A side that is no multiple of
-    STRIDE is padded circularly, so that its far border still sees the near one; the cells then do not fit the period.
+    Shifting the guidance by multiples of STRIDE, around its borders, shifts the texture. A side that is not a multiple
+    of STRIDE is padded circularly, so its far border still sees the near one, but the cells do not fit the period.
     """
 
     def __init__(self, channels: int, generator: torch.Generator | None = None, scale: float = FAINT):
@@ -92,7 +92,7 @@ class Autoencoder(nn.Module):
     def forward(self, guidance: Tensor) -> Tensor:
         height, width = guidance.shape[2:]
         if height % STRIDE == 0 and width % STRIDE == 0:
-            # A period that is repeated has the same texture, and one that is too short for the kernels needs it.
+            # Repeat a period that is too short for the kernels; this does not change its texture.
             tile = guidance.repeat(1, 1, -(-LEAST // height), -(-LEAST // width))
             features = self.encode(tile)
             return self.decode(features, Pooled.of_cells(features.deep))[..., :height, :width]

@@ -1,8 +1,8 @@
-"""NeuBTF: an autoencoder makes the neural texture from a guidance image; by our recipe, or by the paper's.
+"""NeuBTF: an autoencoder makes the neural texture from a guidance image; has our recipe and the paper's.
 
 The autoencoder, with its weights as stored, makes the file's texture from one slice of the BTF. The paper fits
-autoencoder and renderer end to end; `neubtf.training` fits in stages, which reach a better quality in the same time. A
-file that holds the autoencoder (`keep_encoder`) can be re-textured.
+autoencoder and renderer end to end; `neubtf.training` fits in stages, with better quality in the same time. A file that
+holds the autoencoder (`keep_encoder`) can be re-textured.
 """
 
 import dataclasses
@@ -91,8 +91,8 @@ def texture_of(stored: dict[str, Tensor], channels: int, device: torch.device) -
 def guiding_pair(samples: Samples) -> int:
     """The pair whose slice is the guidance: the most frontal one with enough contrast.
 
-    The most frontal pair of all is taken unless its slice has less than `TELLING` times the contrast of the best of
-    others; a texture made from such a slice would be nearly constant.
+    This is the most frontal pair of all, unless its slice has less than `TELLING` times the contrast of the best other
+    slice: a texture made from such a slice would be nearly constant.
     """
     some = range(0, samples.pairs, -(-samples.pairs // TRIED))
     least = TELLING * max(_contrast(samples, pair) for pair in some)
@@ -101,5 +101,5 @@ def guiding_pair(samples: Samples) -> int:
 
 
 def _contrast(samples: Samples, pair: int) -> float:
-    """The contrast of a slice as it is displayed: the deviation over texels, in the mean of its channels."""
+    """The contrast of a displayed slice: the deviation over texels, mean over channels."""
     return displayed(slice_of(samples, pair))[0].flatten(1).std(1, correction=0).mean().item()

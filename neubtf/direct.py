@@ -1,6 +1,6 @@
 """NeuBTF's neural texture and renderer fitted to the data directly, without the autoencoder.
 
-With `recipe=paper` the decoder is the paper's; by default it sees half vectors too. Without the guidance image no new
+With `recipe=paper` the decoder is the paper's; by default it also sees half vectors. Without a guidance image, no new
 textures can be made.
 """
 
@@ -39,7 +39,7 @@ class NeuBTFDirect(Codec):
 
     @dataclass(frozen=True)
     class Settings(FitSettings, RendererSettings):
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, random latents, Adam alone
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, random latents, only Adam
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)

@@ -1,12 +1,12 @@
 """The encoder of one material's neural textures: its autoencoder, and the normalisation of guidance images.
 
-It is a part of a NeuBTF file that new textures of the material need and renderers do not:
+It is a part of a NeuBTF file that is needed for new textures of the material, but not by renderers:
 
     encoder, picture = read_encoder(path)             # a file written with keep_encoder = true, and its own guidance
     texture = encoder(as_guidance(picture))           # (1, D, H, W)
 
 Guidance images are sRGB in [0, 1], (B, 3, H, W). For tiles, see `neubtf.autoencoder`, with `encoder.prepared(guidance)`
-in the guidance's place and `encoder.autoencoder`.
+instead of the guidance and `encoder.autoencoder`.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ from bench.metrics.display import LOG_SCALE, encode_srgb
 from bench.training import load_vector, to_vector
 from neubtf.autoencoder import Autoencoder
 
-LEAST_SPREAD = 1 / 255  # least deviation; that of a guidance image of one colour is 0
+LEAST_SPREAD = 1 / 255  # least deviation, because that of a guidance image of one colour is 0
 
 
 class Encoder(nn.Module):
@@ -37,10 +37,10 @@ class Encoder(nn.Module):
 
     @classmethod
     def for_guidance(cls, guidance: Tensor, autoencoder: Autoencoder, centred: bool = True) -> "Encoder":
-        """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
+        """An encoder that normalises a guidance image (1, 3, H, W) to mean 0 and a mean deviation of channels of 1.
 
-        The deviation over all slices would include the differences between slices, and a slice of little contrast would
-        then be nearly constant. If `centred`, the bias of the autoencoder's head changes, see `_centre`.
+        The deviation over all slices would include the differences between slices, and a slice with little contrast
+        would then be nearly constant. If `centred`, the bias of the autoencoder's head changes, see `_centre`.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
         encoder = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
@@ -50,7 +50,7 @@ class Encoder(nn.Module):
 
     @torch.no_grad()
     def _centre(self, guidance: Tensor) -> None:
-        """Take each channel's mean out of the first texture: no texel differs by it, and it drowns the directions."""
+        """Remove each channel's mean from the first texture: it separates no texels, and outweighs the directions."""
         bias = self.autoencoder.head.bias
         assert bias is not None
         bias.sub_(self(guidance).mean((0, 2, 3)))
@@ -79,13 +79,13 @@ def load_encoder(tensors: dict[str, Tensor], channels: int) -> Encoder:
 def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
     """The encoder of a file, and the guidance image of its own texture, bytes (H, W, 3).
 
-    `InputError` where the file has none, `ContainerError` where it is damaged.
+    Raises `InputError` if the file has none, `ContainerError` if it is damaged.
     """
     header, parts = container.read_parts(path)
     if header.codec != "neubtf":
-        raise InputError(f"{path}: a file of codec {header.codec}: only neubtf makes textures from guidance images")
+        raise InputError(f"{path}: its codec is {header.codec}: only neubtf makes textures from guidance images")
     if not parts.encoder:
-        raise InputError(f"{path}: holds no autoencoder: encode the material again, with --set keep_encoder=true")
+        raise InputError(f"{path}: it holds no autoencoder: encode the material again, with --set keep_encoder=true")
     return load_encoder(parts.encoder, header.settings["latents"]), parts.encoder["guidance"]
 
 
@@ -96,7 +96,7 @@ def displayed(log_radiance: Tensor) -> Tensor:
 
 
 def eight_bits(guidance: Tensor) -> Tensor:
-    """A guidance image (1, 3, H, W) in [0, 1] as bytes (H, W, 3): what a PNG holds of it, and what a file stores."""
+    """A guidance image (1, 3, H, W) in [0, 1] as bytes (H, W, 3), as a PNG and a codec file store it."""
     return (guidance[0].movedim(0, -1).clamp(0, 1) * 255).round().to(torch.uint8).cpu()
 
 

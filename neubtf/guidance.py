@@ -1,7 +1,7 @@
 """Makes guidance images from pictures: reads, shrinks, makes tileable, and matches the brightness of the training.
 
-Everything up to the last step is linear Rec. 709, float32 (H, W, 3), and taken as periodic. The encoder sees what the
-display transform makes of it: sRGB in [0, 1].
+Everything up to the last step is linear Rec. 709, float32 (H, W, 3), and treated as periodic. The encoder sees the
+result of the display transform: sRGB in [0, 1].
 """
 
 from dataclasses import dataclass
@@ -29,9 +29,9 @@ class Treatment:
     """The preparation of a picture as guidance.
 
     `scale` shrinks it (below 1) by area averages or enlarges it linearly. `margin` is the share of each side that is
-    blended away to make it tileable, 0 for a picture that is left as it is. `exposure` is a factor on linear values, or
+    blended away to make it tileable; 0 leaves the picture unchanged. `exposure` is a factor on linear values, or
     `match`: the mean luminance becomes that of the material's own guidance; or `radiance`: the picture holds radiance
-    in the units of the BTF that was fitted, as a slice of it does.
+    in the units of the fitted BTF, like its slices.
     """
 
     scale: float = 1.0
@@ -42,18 +42,18 @@ class Treatment:
         if not 0 < self.scale < np.inf:
             raise InputError(f"--scale {self.scale:g}: must be above 0")
         if not 0 <= self.margin <= 0.5:
-            raise InputError(f"--make-tileable {self.margin:g}: at most half of a side can be blended: 0 to 0.5")
+            raise InputError(f"--make-tileable {self.margin:g}: must be from 0 to 0.5, at most half of a side")
         if self.exposure not in (MATCH, RADIANCE) and not 0 < _number(self.exposure) < np.inf:
             raise InputError(f"--exposure {self.exposure}: give {MATCH}, {RADIANCE}, or a factor above 0")
 
     def size(self, height: int, width: int) -> tuple[int, int]:
-        """The size (H, W) that a picture has after it was shrunk, at least 1."""
+        """The size (H, W) of a shrunk picture, at least 1."""
         return max(1, round(height * self.scale)), max(1, round(width * self.scale))
 
 
 @dataclass(frozen=True)
 class Guidance:
-    """A guidance image (1, 3, H, W), sRGB in [0, 1], and what a file says of where it comes from."""
+    """A guidance image (1, 3, H, W), sRGB in [0, 1], and its provenance for a file."""
 
     image: Tensor
     provenance: dict[str, Any]
@@ -63,12 +63,12 @@ def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float
     """The guidance image in a picture file, for a material with a guidance image of its `own`, bytes (H, W, 3).
 
     `exposure` is the material's, from radiance to the display. JPEG and PNG of 8 or 16 bits are decoded as sRGB; EXR
-    and Radiance `.hdr` are linear. Grey is repeated, alpha is left out. Raises `InputError` for what cannot be read,
-    and before reading where the texture would have more than `LARGEST` texels.
+    and Radiance `.hdr` are linear. Grey is repeated, alpha is left out. Raises `InputError` if it cannot be read, and
+    before reading if the texture would have more than `LARGEST` texels.
     """
     files = FolderFiles(path.parent)
     if not path.is_file():
-        raise InputError(f"{path}: not there, or no file: give a picture")
+        raise InputError(f"{path}: there is no such file: give a picture")
     size = picture_size(files, path.name)
     _check_size(path, size, treatment)
     image, factor = guidance_of(read_picture(files, path.name), treatment, own, exposure)
@@ -87,7 +87,7 @@ def guidance_of(picture: Array, treatment: Treatment, own: Tensor, exposure: flo
     """The guidance image (1, 3, H, W) of a linear picture (H, W, 3), and the factor that it was exposed with."""
     height, width = treatment.size(picture.shape[0], picture.shape[1])
     if (height, width) != picture.shape[:2]:
-        # One channel at a time: the averages are taken in double precision.
+        # One channel at a time, because averages take double precision.
         picture = np.stack([resize(picture[..., channel], (height, width)) for channel in range(3)], -1)
     picture = blended(picture, treatment.margin)
     factor = _factor(picture, treatment.exposure, own, exposure)
@@ -119,6 +119,6 @@ def _check_size(path: Path, size: tuple[int, int], treatment: Treatment) -> None
     if height * width > LARGEST:
         fits = np.floor(np.sqrt(LARGEST / (size[0] * size[1])) * 1000) / 1000
         raise InputError(
-            f"{path}: gives a texture of {width} × {height} texels, and {LARGEST:,} are the most: "
+            f"{path}: it gives a texture of {width} × {height} texels, but the limit is {LARGEST:,}: "
             f"cut it, or give --scale {fits:g}"
         )

@@ -11,7 +11,7 @@ from bench.atomic import replacing
 from bench.btf import box_filter
 from bench.errors import writable
 
-SIDE = 192  # pixels that the longer side of a channel has at least, and less than twice as many at most
+SIDE = 192  # least pixels of a channel's longer side, which has fewer than twice as many
 GAP = 6  # pixels between channels
 WHITE = 255
 
@@ -29,7 +29,7 @@ def standardised(texture: Tensor) -> Tensor:
 
 
 def sheet(texture: Tensor) -> np.ndarray:
-    """The contact sheet (h, w) uint8 of a texture (H, W, D): channels row by row, about as wide as high."""
+    """The contact sheet (h, w) uint8 of a texture (H, W, D): channels row by row, about square."""
     shown = standardised(texture).numpy()
     longest = max(shown.shape[:2])
     if longest >= 2 * SIDE:
@@ -48,6 +48,6 @@ def sheet(texture: Tensor) -> np.ndarray:
 
 
 def draw(texture: Tensor, out: Path) -> None:
-    """Write the contact sheet of a texture (H, W, D) as a PNG. `InputError` where `out` cannot be written."""
+    """Write the contact sheet of a texture (H, W, D) as a PNG. `InputError` if `out` cannot be written."""
     with writable(out), replacing(out) as partial:
         Image.fromarray(sheet(texture)).save(partial, format="png", optimize=True)

@@ -1,7 +1,7 @@
 """NeuBTF's losses of whole slices, besides the pixel loss: style and spectrum.
 
-Both see linear radiance in the display's range [0, 1], since the paper compresses the pixel term only, and since one
-highlight would otherwise outweigh every Gram matrix and spectrum. Pictures (B, 3, H, W) are periodic.
+Both see linear radiance in the display's range [0, 1], because the paper compresses only the pixel term, and because
+one highlight would otherwise outweigh every Gram matrix and spectrum. Pictures (B, 3, H, W) are periodic.
 """
 
 import torch
@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from bench.metrics.display import LOG_SCALE
 
-FILTERS = 24  # of each scale
+FILTERS = 24  # filters of each scale
 KERNEL = 5  # texels a side at each scale
 SCALES = 3  # full, half and quarter resolution
 BANK_SEED = 0x57  # the bank is the same for every fit: it is part of the loss, not of the network
@@ -26,7 +26,7 @@ class Style(nn.Module):
 
     The features are those of Ustyuzhaninov et al., "What does it take to generate natural textures?", 2017: one layer
     of fixed random filters at several scales, rectified, so that no trained weights are needed. A Gram matrix holds the
-    mean product of each two features over all texels: where things are does not matter.
+    mean product of each two features over all texels, so positions do not matter.
     """
 
     bank: Tensor  # (SCALES, FILTERS, 3, KERNEL, KERNEL)
@@ -50,7 +50,8 @@ class Style(nn.Module):
 
 
 def _gram(pictures: Tensor, filters: Tensor, periodic: tuple[bool, bool]) -> Tensor:
-    """(B, F, F): the mean over texels of the products of rectified responses; off a border where there is no period."""
+    """(B, F, F): the mean over texels of the products of rectified responses; without border texels if the picture is
+    not periodic."""
     half = KERNEL // 2
     for dim, wraps in zip((2, 3), periodic, strict=True):
         size = pictures.shape[dim]
@@ -65,7 +66,7 @@ def focal_frequency(ours: Tensor, theirs: Tensor) -> Tensor:
     """Focal frequency loss (Jiang et al., "Focal frequency loss for image reconstruction and synthesis", 2021), α = 1.
 
     The mean of w · |F − F'|² over the orthonormal spectra F, F' of both pictures, with w = |F − F'| over its maximum in
-    each channel of each picture, held constant: what is far off weighs more.
+    each channel of each picture, held constant, so large errors weigh more.
     """
     difference = torch.fft.fft2(ours - theirs, norm="ortho")
     squared = difference.real.square() + difference.imag.square()

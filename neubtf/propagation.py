@@ -1,7 +1,7 @@
 """Makes new neural textures of a fitted material: any guidance image in, a codec file out.
 
-The texture is made in tiles with halos, so that working memory does not grow with the picture: one pass gathers the
-statistics that CBAM pools over the whole picture, the next makes the texture.
+The texture is made in tiles with halos, so working memory does not grow with the picture: one pass gathers the
+statistics that CBAM pools over the whole picture, and the next makes the texture.
 """
 
 from collections.abc import Iterator
@@ -36,7 +36,8 @@ class FittedMaterial:
 
     @classmethod
     def read(cls, path: Path) -> "FittedMaterial":
-        """`InputError` for a file without autoencoder, `ContainerError` where it is damaged or of another version."""
+        """Raises `InputError` for a file without autoencoder, `ContainerError` if it is damaged or of another
+        version."""
         encoder, guidance = read_encoder(path)
         header = loading.load(path).header  # refuse a file that does not decode
         return cls(header, container.read_parts(path)[1], encoder, guidance)
@@ -58,11 +59,11 @@ def propagate(
 ) -> Header:
     """Write the material of a file with a new neural texture, made from a picture; see `Treatment`.
 
-    The new file says what it was made from. Raises `InputError` for a file without autoencoder and for a picture that
-    cannot be read, and leaves nothing behind.
+    The provenance of the new file names its sources. Raises `InputError` for a file without autoencoder and for a
+    picture that cannot be read, and leaves nothing behind.
     """
     if out.exists() and out.samefile(path):
-        raise InputError(f"{out}: would replace the file that it is made from: give another name")
+        raise InputError(f"{out}: it would replace the file that it is made from: give another name")
     source = FittedMaterial.read(path)
     guidance = read_guidance(picture, treatment, source.guidance, source.exposure)
     texture = textured(source.encoder.to(device), guidance.image.to(device), show)
@@ -75,7 +76,7 @@ def propagate(
 def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: int = TILE) -> Tensor:
     """The neural texture (H, W, D) of a guidance image (1, 3, H, W), the same as `encoder(guidance)` within rounding.
 
-    Memory beyond inputs and outputs grows with the tile alone.
+    Memory beyond inputs and outputs depends only on the tile.
     """
     height, width = guidance.shape[2:]
     network = encoder.autoencoder
@@ -90,7 +91,7 @@ def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: 
     for (row, col), size in followed(show, windows, "making the texture", len(windows)):
         window = encoder.prepared(surrounded(guidance, (row, col), size))
         part = network.decode(network.encode(window), pooled)[0, :, HALO:-HALO, HALO:-HALO].movedim(0, -1)
-        # Where a side is no multiple of the stride, texels beyond the far border are cut off.
+        # If a side is not a multiple of the stride, texels beyond the far border are cut off.
         there = texture[row : row + size[0], col : col + size[1]]
         there.copy_(part[: there.shape[0], : there.shape[1]])
     return texture

@@ -39,12 +39,12 @@ class RendererSettings:
     directions: Directions = "xyzh"  # inputs: x and y of both as in the paper, or all of both and of their half vector
     layers: Layers = 3  # hidden layers of the renderer
     width: Width = 32  # channels of each hidden layer
-    activation: Literal["sine", "relu"] = "sine"  # of the hidden layers
+    activation: Literal["sine", "relu"] = "sine"  # activation of the hidden layers
     omega: Positive = 2.0  # frequency of the sine; without the layer norm SIREN's is 30
     norm: bool = True  # layer norm before each activation
     residual: bool = True  # residual connections between layers of equal width
-    bits: Bits = 0  # of a stored latent on average; 0: left to the fit; 16, 32: floats
-    weights: WeightPrecision = "half"  # of the stored renderer
+    bits: Bits = 0  # bits of a stored latent on average; 0: chosen by the fit; 16, 32: floats
+    weights: WeightPrecision = "half"  # precision of the stored renderer
 
     @property
     def architecture(self) -> Architecture:
@@ -73,7 +73,7 @@ def store(renderer: Decoder, texture: Tensor, rounding: Rounding, gain: float, s
 
 
 def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
-    """The material of the parts that `store` gave."""
+    """The material of parts from `store`."""
     renderer = Decoder(settings.architecture)
     load_vector(unpack("weights", parts.decoder), renderer)
     texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
@@ -81,4 +81,4 @@ def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
 
 
 class NeuBTFMaterial(TextureMaterial):
-    """What every NeuBTF file, and no other, decodes to."""
+    """The decoded material of every NeuBTF file, and of no other."""

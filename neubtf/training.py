@@ -2,12 +2,12 @@
 
 1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are ten times as fast as the others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
-3. *Guided*: the encoder, by what the renderer makes of its texture, while the first stage's is forgotten. The renderer
-   stays as it is: it then answers better in directions not seen. Without a first stage both learn, end to end.
+3. *Guided*: the encoder learns from the renderer's answers for its texture; the first stage's texture is dropped. The
+   renderer stays fixed, which gives better answers in unseen directions. Without a first stage both learn, end to end.
 
 A step of the last two shows the encoder a picture. The paper's is a random slice, disturbed, in a random window. Such
 steps alternate, at random, with steps that show the guidance of the file's own texture. `PAPER` names the settings of
-the paper's own training, which has the last stage alone, and random slices alone.
+the paper's own training, which has only the last stage and only random slices.
 """
 
 import bisect
@@ -26,29 +26,29 @@ from neubtf.encoder import Encoder, displayed
 from neubtf.losses import Style, focal_frequency, shown
 from neubtf.renderer import RendererSettings, render
 
-ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
-DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as if they had it
+ENCODERS = {"adam": 1, "muon": 2}  # the encoder's groups of parameters, before those of the renderer and the texture
+DIM = 0.05  # least mean of a slice, in a display's range; darker slices are compared as if they had it
 
 
 @dataclass(frozen=True)
 class StagedSettings(RendererSettings):
     """The settings of a NeuBTF file and of its fit."""
 
-    steps: Natural = 2_500  # of the fit, in three stages
+    steps: Natural = 2_500  # steps of the fit, in three stages
     direct: Share = 0.6  # share of the steps that fit texture and renderer without the autoencoder
     taught: Share = 0.2  # share of the steps that teach the autoencoder this texture; the rest is guided
     explore: Share = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
-    explore_weight: NotNegative = 0.2  # weight of the loss of such a step, beside 1 of those that see the guidance
+    explore_weight: NotNegative = 0.2  # weight of the loss of such a step, relative to steps that see the guidance
     pixels: Literal["samples", "slices"] = "samples"  # the pixel loss compares single samples, or whole slices
-    batch: BatchSize = 4_096  # single samples whose pixels a step compares
-    slices: Annotated[int, Range(0, 1024)] = 1  # whole slices that a step compares
+    batch: BatchSize = 4_096  # number of single samples in a step
+    slices: Annotated[int, Range(0, 1024)] = 1  # number of whole slices in a step
     levelled: bool = True  # style and spectrum see each slice at its own brightness
-    crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step compares of a larger picture
-    smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # scale of an input, at which it can be guided later, too
+    crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step uses of a larger picture
+    smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # least scale of an input, and so of later guidance
     keep_scale: Share = 0.5  # share of the inputs that keep their scale
-    init: Literal["faint", "published"] = "faint"  # first texture and answer: faint and the mean, or as drawn
+    init: Literal["faint", "published"] = "faint"  # first texture and answer: faint and the mean, or random
     start: Literal["components", "encoder"] = "components"  # of the first texture; or what the autoencoder makes
-    optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; all else is Adam's
+    optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; Adam takes all others
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 1e-2  # highest learning rate of the renderer and of the first stage's texture
     encoder_rate: Positive = 2e-3  # highest learning rate of the autoencoder
@@ -64,12 +64,12 @@ class StagedSettings(RendererSettings):
 
     def __post_init__(self) -> None:
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
-            raise InputError("neubtf needs shares direct + taught below 1, and direct steps for what is taught")
+            raise InputError("neubtf needs direct + taught below 1, and direct above 0 if taught is above 0")
         if self.pixels == "slices" and not self.slices:
-            raise InputError("neubtf needs slices of at least 1 where pixels=slices")
+            raise InputError("neubtf with pixels=slices needs slices of at least 1")
 
 
-# What the paper states of the training; docs/neubtf.md lists what it leaves open.
+# The training as the paper describes it; docs/neubtf.md lists open details.
 PAPER = {
     "bits": 8,
     "directions": "xy",
@@ -89,7 +89,7 @@ PAPER = {
 
 
 class Example(NamedTuple):
-    """What one step learns from: a window, its texels as row · W + column, its picture, and the pair that is shown."""
+    """The input of one step: a window, its texels as row · W + column, its picture, and the shown pair."""
 
     window: Window
     texels: Tensor  # (h · w,) of the window's source
@@ -113,7 +113,7 @@ class Staged(Objective):
         self.renderer = Decoder(settings.architecture, generator)
         if settings.init == "faint":
             self.renderer.start_at(samples.mean(generator))
-        with torch.no_grad():  # the encoder's output for the guidance is near textures that it can learn
+        with torch.no_grad():  # the encoder can learn textures near its output for the guidance
             texture = by_texel(encoder(guidance)).contiguous()
         if settings.start == "components":
             texture = first_latents(samples, settings.latents, "components", generator)
@@ -130,7 +130,7 @@ class Staged(Objective):
         return [*encoder, *renderer, {"params": [self.texture], "lr": settings.rate}]
 
     def stage(self, step: int) -> int:
-        """The stage, from 0 to 2, that a step belongs to."""
+        """The stage of a step, from 0 to 2."""
         return bisect.bisect(self.ends, step) - 1
 
     def rate(self, step: int, steps: int, group: int) -> float:
@@ -169,7 +169,7 @@ class Staged(Objective):
         return Example(window, texels, self.disturbance.disturbed(picture, generator), pair)
 
     def radiance(self, window: Window, texels: Tensor, pairs: Tensor) -> Tensor:
-        """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); what is averaged is radiance."""
+        """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); averages are of radiance."""
         each = pairs.to(texels.device).repeat_interleave(len(texels))
         values = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
         return values if window.keeps_scale else window.rescaled(values.expm1()).log1p()
@@ -207,14 +207,14 @@ class Staged(Objective):
         return distance(self.rendered(latents, here, pair), truth, self.settings.loss)
 
     def _targets(self, shown: int | None, generator: torch.Generator) -> Tensor:
-        """Random pairs, none of which is the one that was shown, where there are others."""
+        """Random pairs other than the shown one, if there are others."""
         count = self.samples.pairs
         if shown is None or count == 1:
             return torch.randint(count, (self.settings.slices,), generator=generator)
         return (shown + 1 + torch.randint(count - 1, (self.settings.slices,), generator=generator)) % count
 
     def _slices(self, latents: Tensor, example: Example, pairs: Tensor) -> Tensor:
-        """The loss of whole slices: style and spectrum, and the pixels' own where single samples do not tell it."""
+        """The loss of whole slices: style and spectrum, and that of pixels if it does not use single samples."""
         settings, inner = self.settings, example.inner
         level = self.radiance(example.window, example.texels, pairs).flatten(2)[..., inner].movedim(1, -1).flatten(0, 1)
         pair = pairs.to(latents.device).repeat_interleave(len(inner))

@@ -40,7 +40,7 @@ WHY_EMPTY = {
     "unfinished": "every job has a result",
 }
 KINDS = tuple(WHY_EMPTY)
-BY_BUDGET = ("budgets", "when", "rungs")  # of the records that have a score of validation pairs
+BY_BUDGET = ("budgets", "when", "rungs")  # tables of records that have a score of validation pairs
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,10 @@ def table_text(
 ) -> str:
     """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
-    `kind` picks one kind of table, of `KINDS`; by default all are given, the text of them in a shorter form.
-    A `choice` shows some codecs and columns, and calls them otherwise; the text is then of whole tables, too.
-    `csv` has the cells of the tables. `raw`, a CSV too, has one row a job and every number of its record, whatever the
-    kind, but of `trade`: one row a choice.
-    Raises `InputError` where the folder holds no run, `ValueError` for an unknown format or kind.
+    `kind` picks one kind of table in `KINDS`; by default all are given, and their text in a shorter form. A `choice`
+    selects and renames codecs and columns; text then has whole tables, too. `csv` has the cells of the tables. `raw`,
+    also a CSV, has one row a job with every number of its record for any kind, except for `trade`: one row a choice.
+    Raises `InputError` if the folder holds no run, `ValueError` for an unknown format or kind.
     """
     from bench.records import load_together
     from bench.records.choosing import has_validation
@@ -120,7 +119,8 @@ def _alone(table: "Table | None", format: str, choice: "Choice | None") -> str:
 
 
 def score_text(record: "Record") -> str:
-    """The tables of one codec file that was scored outside a run: bytes and quality, and where the error lies."""
+    """The tables of one codec file that was scored outside a run: bytes and quality, and errors by direction and
+    footprint."""
     from bench.records import Records, Run
     from reports.terminal import scored
 
@@ -130,7 +130,7 @@ def score_text(record: "Record") -> str:
 
 
 def stress_text(records: Sequence["Record"], format: str = "text") -> str:
-    """The tables of the stress test alone, of records of the kind `stress`."""
+    """Only the tables of the stress test, of records of the kind `stress`."""
     from reports import text
     from reports.stress import tables
 
@@ -138,11 +138,11 @@ def stress_text(records: Sequence["Record"], format: str = "text") -> str:
 
 
 def write_report(run_folder: str | Path, vector: bool = False) -> Report:
-    """Write `tables/`, `figures/` and `report.html` into a run's folder, each file whole or not at all.
+    """Write `tables/`, `figures/` and `report.html` into a run's folder, each file completely or not at all.
 
-    `vector`: every figure as SVG and PDF, too.
+    With `vector`, every figure is also written as SVG and PDF.
 
-    The same records give the same files. Raises `InputError` where the folder holds no run.
+    The same records give the same files. Raises `InputError` if the folder holds no run.
     """
     from reports.write import write
 

@@ -17,24 +17,24 @@ Arrays = Mapping[str, np.ndarray]
 
 
 def arrays(folder: Path, job: Record, name: str, names: Collection[str] | None = None) -> Arrays | None:
-    """The arrays of a job's artefact (`slices`, `pictures`), or those of some names that it has.
+    """The arrays of a job's artefact (`slices`, `pictures`), or those with some names.
 
-    None where the file is gone or one that is read is unreadable.
+    None if the file is missing or an array is unreadable.
     """
     try:
         return read_arrays(folder / job[name], MAX_FILE, names)
     except (OSError, KeyError, ValueError, TypeError):
-        return None  # a run's records are worth reading without its bulky parts
+        return None  # the records of a run are useful without its large files
 
 
 def of_shown(run: Run, material: MaterialRows, name: str, needed: Collection[str] = ()) -> list[tuple[Row, Arrays]]:
-    """The shown rows of a material whose artefact has all that is needed, each with it; nothing else is read."""
+    """The shown rows of a material whose artefacts have all needed arrays, with these; nothing else is read."""
     stored = ((row, arrays(run.folder, row.job, name, needed or None)) for row in material.shown)
     return [(row, each) for row, each in stored if each and each.keys() >= set(needed)]
 
 
 def angular(folder: Path, job: Record) -> dict[str, Any] | None:
-    """A job's bins and polar maps; None where the file is gone or unreadable."""
+    """A job's bins and polar maps; None if the file is missing or unreadable."""
     try:
         bins: dict[str, Any] = json.loads((folder / job["angular"]).read_text(encoding="utf-8"))
     except (OSError, KeyError, ValueError, TypeError, RecursionError):
@@ -43,7 +43,7 @@ def angular(folder: Path, job: Record) -> dict[str, Any] | None:
 
 
 def program(path: Path) -> Program:
-    """The program of a decoded material. `InputError` where the file is none."""
+    """The program of a decoded material. `InputError` if the file holds no program."""
     try:
         return Program.from_arrays(read_arrays(path, MAX_FILE))
     except (OSError, KeyError, ValueError, TypeError) as error:

@@ -32,7 +32,7 @@ class Atlases:
         self.quality, self.step = None, 1
         pixels = sum(self._pixels(material) for material in materials)
         self.quality, per_pixel = next((q for q in QUALITIES if q[1] * pixels <= budget), QUALITIES[-1])
-        self.step = max(1, -int(-per_pixel * pixels // budget))  # every how manyth pair is shown
+        self.step = max(1, -int(-per_pixel * pixels // budget))  # show every n-th pair
 
     def _pixels(self, material: MaterialRows) -> int:
         if not material.shown or not (first := arrays(self.run.folder, material.shown[0].job, "pictures", ("truth",))):
@@ -40,7 +40,7 @@ class Atlases:
         return int(np.prod(first["truth"].shape[:3])) * (2 * len(material.shown) + 1)
 
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
-        """What the slice viewer needs of a material; no `codecs` where nothing is stored.
+        """The data of a material for the slice viewer; `codecs` is empty if nothing is stored.
 
         Pictures are data URLs of all pairs in a grid, `columns` wide; FLIP maps are grey levels of `MAGMA`. `left_out`
         lists codecs without the same pairs.
@@ -71,7 +71,7 @@ class Atlases:
         return data | self._numbers(row, pictures)
 
     def _numbers(self, row: Row, pictures: Arrays) -> dict[str, Any]:
-        """PSNR and FLIP of each shown slice, from the stored numbers; null where there is no error."""
+        """PSNR and FLIP of each shown slice, from the stored numbers; null without error."""
         name = row.metric(FLIP)
         scores = arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, name))
         if not scores:

@@ -1,4 +1,4 @@
-"""Which cells of a table are marked: the best of each column bold, the second underlined."""
+"""Marks cells of a table: the best of each column bold, the second underlined."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,10 +11,10 @@ LEGEND = "Bold: the best of a column. Underlined: the second best."
 
 
 def best_cells(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int, int], str]:
-    """The marks of cells by row and column, from a score of each cell, more is better; None has no mark.
+    """The marks of cells by row and column, from a score of each cell (more is better); None gets no mark.
 
-    Cells that read alike are equally good. A column in which all read alike, or one alone is scored, has no mark, and
-    what more than `FEW` share is no distinction.
+    Cells with equal text are equally good. A column has no mark if all its cells are equal or only one has a score. A
+    best value shared by more than `FEW` rows is not marked.
     """
     marks: dict[tuple[int, int], str] = {}
     for column in range(len(scores[0]) if scores else 0):
@@ -29,5 +29,5 @@ def best_cells(rows: Sequence[Sequence[str]], scores: Scores) -> dict[tuple[int,
 
 
 def legend(table: Table) -> list[str]:
-    """What the marks of a table mean, where it has some."""
+    """The legend of a table's marks, if it has any."""
     return [LEGEND] if table.marks else []

@@ -1,7 +1,7 @@
-"""Tables of what each codec is worth at budgets of bytes and of time; `bench.compare.budgets` chooses the rungs.
+"""Tables of each codec's quality within budgets of bytes and time; `bench.compare.budgets` chooses the rungs.
 
-`budgets` sets the codecs side by side over all materials, `rungs` names what was chosen on each, and `when` answers
-which codec to take, one line a question.
+`budgets` compares the codecs over all materials, `rungs` lists the choices on each material, and `when` answers which
+codec to use, one line a question.
 """
 
 import math
@@ -19,17 +19,17 @@ from reports.rows import fused_times
 from reports.table import Table
 
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
-ENOUGH = Budget(BYTES, 64)  # the budget at which questions of one are asked
+ENOUGH = Budget(BYTES, 64)  # the budget for questions about a single material or metric
 _CHOICE = (
-    "For each codec and budget: the settings (a rung) that fit and have the best PSNR of validation pairs, or the best "
-    "mean over slices if one slice holds over a tenth of the squared error. Numbers are of test pairs. Bits a texel "
-    "are those of the whole file, without a network that is shared over materials."
+    "For each codec: the settings (a rung) that fit the budget with the best PSNR of validation pairs (mean over "
+    "slices if one slice holds over a tenth of their squared error). Numbers are of test pairs. Bits a texel are "
+    "those of the whole file, without a shared network."
 )
 
 
 @lru_cache(maxsize=1)
 def found(run: Run) -> Budgets:
-    """What was chosen of a run."""
+    """The rungs that were chosen in a run."""
     return budgets(run, fused_times(run))
 
 
@@ -52,7 +52,7 @@ def budgets_table(run: Run) -> Iterator[Table]:
 
 
 def rung_tables(run: Run) -> Iterator[Table]:
-    """The rungs that were chosen on each material, at which budgets, and what they are worth; first their means."""
+    """The rungs that were chosen on each material, with their budgets and quality; first their means."""
     result = found(run)
     if result.materials[1:]:
         yield from _over_materials(run, result)
@@ -73,7 +73,7 @@ def rung_tables(run: Run) -> Iterator[Table]:
 
 def _over_materials(run: Run, result: Budgets) -> Iterator[Table]:
     """Bytes, PSNR, SSIM and FLIP of each codec at each budget, means over the materials."""
-    rows: dict[tuple[str, ...], list[Budget]] = {}  # by all but the budgets that they are of
+    rows: dict[tuple[str, ...], list[Budget]] = {}  # the budgets of equal rows, by their other cells
     for line in _means(result):
         for budget, picked in result.picks.items():
             rungs = list(picked.get(line, {}).values())
@@ -280,7 +280,7 @@ def _machine(run: Run, name: str) -> str:
 
 
 def _by_suite(run: Run, jobs: list[Record]) -> str:
-    """How many records of which suites."""
+    """The number of records of each suite, in words."""
     suites = {start.get("run"): str(start.get("suite", "")) for start in run.starts}
     counts: dict[str, int] = {}
     for job in jobs:

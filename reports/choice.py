@@ -1,4 +1,4 @@
-"""Tables as a paper wants them: some of their codecs and columns, under names of its own."""
+"""Tables for a paper: some of their codecs and columns, with other names."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -11,14 +11,14 @@ from reports.table import Table
 
 @dataclass(frozen=True)
 class Choice:
-    """The codecs (names or labels) and columns to show, all where none are given, and what to call otherwise."""
+    """The codecs (names or labels) and columns to show (all if none are given), and new names."""
 
     codecs: Sequence[str] = ()
     columns: Sequence[str] = ()
     names: Mapping[str, str] = field(default_factory=dict)
 
     def of_run(self, run: Run) -> Run:
-        """The run with the jobs of the codecs alone, so that ranks and the best are among them."""
+        """The run with only the jobs of these codecs, so that ranks and the best are among them."""
         if not self.codecs:
             return run
         jobs = Records()
@@ -36,7 +36,7 @@ class Choice:
         return any(wanted in _called(job) for wanted in self.codecs)
 
     def _plans(self, name: str) -> bool:
-        """Whether a planned job, material/label/seed, is of the codecs."""
+        """Whether a planned job, material/label/seed, is of one of the codecs."""
         label = name.partition("/")[2].rpartition("/")[0]
         return self._has({"job": name, "label": label, "codec": label.split(" ")[0]})
 
@@ -62,7 +62,7 @@ class Choice:
         return table.of_columns([*range(table.words), *dict.fromkeys(places)])
 
     def _renamed(self, table: Table) -> Table:
-        """Words at the left, title and notes take the names of codecs and materials, headers those of columns."""
+        """Words at the left, title and notes get the new names of codecs and materials, headers those of columns."""
         inside = {old for old in self.names if any(old in cell for row in table.rows for cell in row[: table.words])}
         inside |= {old for old in self.names if old == table.material}
         rows = [[*map(self._said, row[: table.words]), *row[table.words :]] for row in table.rows]
@@ -86,7 +86,7 @@ class Choice:
 
 
 def _called(job: Record) -> tuple[str, ...]:
-    """What a codec may be called: its name, its label, its label in tables."""
+    """The possible names of a codec: its name, its label, its label in tables."""
     return str(job.get("codec", "")), str(job.get("label", "")), shown_label(job)
 
 

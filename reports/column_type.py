@@ -9,7 +9,7 @@ from bench.records import Record
 from reports.numbers import EXACT, NONE
 from reports.rows import Row
 
-Value = float | tuple[float, ...] | str | None  # a number, numbers that stand together, a word, or nothing
+Value = float | tuple[float, ...] | str | None  # a number, several numbers of one cell, a word, or nothing
 
 
 def elementwise(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
@@ -18,7 +18,7 @@ def elementwise(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
 
 
 def hull(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
-    """The interval that holds them all."""
+    """The interval that contains all of them."""
     return min(low for low, _ in several), max(high for _, high in several)
 
 
@@ -26,9 +26,9 @@ def hull(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
 class Column:
     """A column: its name, its unit with an arrow to the better end, and its number for a measured row.
 
-    `value` finds the number and `write` formats it. Where it is a tuple, `pool` makes one tuple from those of several
-    seeds. `native` fills the cell of the measured data's own file, from any record of the material. A column that is
-    `sparse` is left out where no row has a number for it.
+    `value` finds the number and `write` formats it. If it is a tuple, `pool` combines those of several seeds into one.
+    `native` fills the cell of the measured data's own file, from any record of the material. A `sparse` column is left
+    out if no row has a number for it.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Column:
     deviation: bool = True  # whether to show the deviation over seeds beside their mean
 
     def cell(self, seeds: Sequence[Row]) -> str:
-        """The text of one codec's cell: the number where its seeds agree, else mean ± std over them."""
+        """The text of one codec's cell: the number if its seeds agree, else mean ± std over them."""
         values = [self.value(row) for row in seeds]
         texts = [self._written(value) for value in values]
         if len(set(texts)) < 2:
@@ -51,24 +51,24 @@ class Column:
         numbers = [value for value in values if isinstance(value, int | float)]
         if not numbers:
             return texts[0]
-        if len(numbers) == 1 or not self.deviation:  # alone where the others are without error, or have none
+        if len(numbers) == 1 or not self.deviation:  # a single number: other seeds are exact or were not measured
             return self.write(fmean(numbers))
         return f"{self.write(fmean(numbers))} ± {self.write(stdev(numbers))}"
 
     @property
     def sign(self) -> int:
-        """1 where more is better, −1 where less is, 0 where neither."""
+        """1 if more is better, −1 if less is, 0 if neither."""
         return 1 if "↑" in self.unit else -1 if "↓" in self.unit else 0
 
     def mean(self, seeds: Sequence[Row]) -> float | None:
-        """The mean over seeds of the number, or of the first number of a tuple; None where there is none."""
+        """The mean over seeds of the number, or of the first number of a tuple; None if there is none."""
         values = [self.value(row) for row in seeds]
         firsts = [value[0] if isinstance(value, tuple) else value for value in values]
         numbers = [value for value in firsts if isinstance(value, int | float)]
         return fmean(numbers) if numbers else None
 
     def score(self, seeds: Sequence[Row]) -> float | None:
-        """How good the cell is, more is better; None where it is no number, or where no end of the scale is better."""
+        """How good the cell is, more is better; None if it is not a number, or if no end of the scale is better."""
         if not self.sign or not seeds:
             return None
         if all(self.value(row) == EXACT for row in seeds):

@@ -69,7 +69,7 @@ def _other_bytes(row: Row) -> int:
 
 
 def _timed(name: str, unit: str, field: str, write: Callable[..., str] = significant) -> Column:
-    """A number of the timing; starred where it was timed in an earlier run than its neighbours."""
+    """A number of the timing; starred if it was timed in an earlier run than the other rows."""
 
     def value(row: Row) -> Value:
         if row.timing is None:
@@ -150,7 +150,7 @@ def short(material: MaterialRows) -> list[Column]:
 
 
 def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
-    """The same columns, all but `whole` without the deviation over seeds, for which a terminal is too narrow."""
+    """The same columns, without the deviation over seeds except for `whole`, because a terminal is narrow."""
     return [column if column in whole else replace(column, deviation=False) for column in chosen]
 
 
@@ -182,9 +182,9 @@ def summary(materials: Sequence[MaterialRows]) -> list[Column]:
 
 
 def _others(material: MaterialRows, make: Callable[..., Column] | None = None) -> Iterator[Column]:
-    """A column for each metric but PSNR, and the errors of radiance, which have a table of their own.
+    """A column for each metric but PSNR, and the errors of radiance, which have their own table.
 
-    Decibels are pooled, other metrics are mean ± std over slices, unless `make` makes them all.
+    Decibels are pooled, other metrics are mean ± std over slices, unless `make` makes all columns.
     """
     for name, metric in material.metrics.items():
         unit = metric["unit"]

@@ -69,7 +69,7 @@ def _word(verdict: Verdict) -> str:
 
 
 def _remarks(row: ComparedRow) -> list[tuple[Verdict, str]]:
-    """Each difference of a row with its verdict, and its notes with that of the row."""
+    """Each difference of a row with its verdict, and its notes with the verdict of the row."""
     return [*row.findings(), *((row.verdict, note) for note in row.notes)]
 
 
@@ -109,7 +109,7 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
 
 
 def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
-    """The table of values that do not decide: changes, new − base, and times; None where there are none."""
+    """The table of values that do not decide: changes, new − base, and times; None if there are none."""
     rows = [row for row in rows if row.shown]
     quantities = [q for q in _quantities(row.shown for row in rows) if any(_changed(row, q) for row in rows)]
     if not quantities and not any(row.timing for row in rows):
@@ -158,7 +158,7 @@ def _time(row: ComparedRow) -> str:
 
 
 def _quantities(by_row: Iterable[Sequence[Change]]) -> list[Quantity]:
-    """The quantities of the changes of some rows, one of each name, in the order of first appearance."""
+    """The quantities of the changes of some rows, each name once, in the order of first appearance."""
     by_name: dict[str, Quantity] = {}
     for change in chain.from_iterable(by_row):
         by_name.setdefault(change.quantity.name, change.quantity)

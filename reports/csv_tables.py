@@ -1,4 +1,4 @@
-"""Writes one CSV row per job with every number in full precision, for tables of one's own."""
+"""Writes one CSV row per job with every number in full precision, for other programs."""
 
 import csv
 import io
@@ -17,10 +17,10 @@ _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
 def results_csv(run: Run) -> str:
     """One row a job. Names of columns are the paths of the record's fields: `bytes/total`, `scores/heldout/…/pooled`.
 
-    `metric_version/NAME` and `timing/…` stand beside them; `not_comparable` says why a row must not be compared.
-    Nothing is rounded. An empty field has no finite value, or none at all: `…/exact` counts slices without error.
+    There are also `metric_version/NAME` and `timing/…`; `not_comparable` says why a row must not be compared. Nothing
+    is rounded. An empty field has no finite value or was not measured: `…/exact` counts slices without error.
     """
-    places: dict[str, int] = {}  # of columns, in the order in which they appear
+    places: dict[str, int] = {}  # the place of each column, in the order of appearance
     rows = []
     for row in (row for material in materials(run) for row in material.rows):
         cells: list[Any] = [None] * len(places)
@@ -47,7 +47,7 @@ def table_csv(tables: Sequence[Table]) -> str:
 
 
 def _plain(cell: str) -> str | None:
-    """A cell as programs read it: 42584 for 42,584, -1.5 for −1.5, and nothing where no number is."""
+    """A cell as programs read it: 42584 for 42,584, -1.5 for −1.5, and nothing without a number."""
     if cell == NONE:
         return None
     return cell.replace(",", "").replace("−", "-") if _NUMBER.fullmatch(cell) else cell

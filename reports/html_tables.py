@@ -43,7 +43,7 @@ def note(text: str) -> str:
 
 
 def details(title: str, inside: str) -> str:
-    """Something folded away under its title."""
+    """Content that is folded away under its title."""
     return f'<details class="block"><summary>{escape(title)}</summary>\n{inside}</details>'
 
 

@@ -1,6 +1,6 @@
 """Tables as LaTeX for `\\usepackage{booktabs,graphicx}`: no wider than the text, labels of any characters.
 
-`table*` spans both columns of an article of two, and is a plain table in one of one.
+`table*` spans both columns of a two-column article, and is a plain table in a one-column one.
 """
 
 import re
@@ -48,7 +48,7 @@ def latex(tables: Sequence[Table]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Text that LaTeX sets as it stands."""
+    """Text escaped for LaTeX."""
     text = " ".join(text.split()).replace("θ_o", "\0o").replace("θ_i", "\0i")
     text = "".join(_SPECIAL.get(character, character) for character in text)
     return text.replace("\0o", r"\ensuremath{\theta_o}").replace("\0i", r"\ensuremath{\theta_i}")
@@ -73,7 +73,7 @@ _FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox
 
 
 def label(table: Table) -> str:
-    """What `\\ref` calls a table: `tab:main-satin`; letters, digits and hyphens of its kind and title."""
+    """The label of a table for `\\ref`, `tab:main-satin`: letters, digits and hyphens of its kind and title."""
     words = re.findall("[A-Za-z0-9]+", unicodedata.normalize("NFKD", table.title.partition(" (")[0]))
     return "-".join([f"tab:{table.kind}", *words]).lower()
 

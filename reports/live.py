@@ -1,4 +1,4 @@
-"""The live materials of a page: each codec's program as a packed shader, as far as there is room."""
+"""The live materials of a page: each codec's program as a packed shader, until the page is full."""
 
 import base64
 import io
@@ -19,9 +19,9 @@ from reports.rows import MaterialRows, Row
 from reports.viewer.page import Model, model_data
 
 BUDGET = 11_000_000  # characters of all models in a page
-LARGEST = 2_500_000  # of one model: more than a network with its latents takes, less than most tables of all pairs
-# Characters of a packed model a byte of its stored drawing, at least: 0.93 to 1.68 of 41 drawings of 16 codecs. What
-# is surely too large is not packed to be thrown away, which of ten codecs on ten materials took half of a report.
+LARGEST = 2_500_000  # characters of one model: enough for networks with latents, too few for most tables of all pairs
+# The least characters of a packed model for each byte of its stored drawing (0.93 to 1.68 for 41 drawings of 16 #
+# codecs). Models that cannot fit are skipped before packing, which took half of a report's time.
 PACKED = 0.75
 GAMMA = 2.2  # of the levels of a truth; the viewer undoes it
 _TRUTH = "truth: few of its training pairs, 8 bit, interpolated between directions"
@@ -30,7 +30,7 @@ _TOO_LARGE = "it is too large for this page: `neubtf-bench view` shows it"
 
 @dataclass(frozen=True)
 class Live:
-    """The models of one material, each packed, by label; and why the others are missing."""
+    """The packed models of one material by label, and why the others are missing."""
 
     models: dict[str, str]
     missing: dict[str, str]
@@ -96,7 +96,7 @@ def _painted(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
 
 
 def _packed(run: Run, row: Row, room: int) -> str:
-    """The packed model of a row. `InputError` where there is none, or where it takes more than `room` characters."""
+    """The packed model of a row. `InputError` if there is none, or if it takes more than `room` characters."""
     if "drawing" not in row.job:
         why = row.job.get("not_drawn", "the run stored no drawing of it: `neubtf-bench view` shows its file")
         raise InputError(str(why))

@@ -1,5 +1,5 @@
-"""What a run, or a part of one, has no numbers of: which codecs on which materials, of those that it planned; and
-which numbers cannot be compared."""
+"""Finds planned codecs and materials for which a run, or a part of one, has no numbers, and numbers that cannot be
+compared."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ Cells = dict[tuple[str, str], list[int]]  # the seeds of each material and codec
 
 
 def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
-    """Material, codec and seeds of the jobs that a run planned and has no record of."""
+    """Material, codec and seeds of the planned jobs of a run without a record."""
     labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
     cells: Cells = {}
     for name in dict.fromkeys(name for start in run.starts for name in start.get("jobs", [])):
@@ -22,7 +22,7 @@ def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
 
 
 def missing_note(run: Run) -> str:
-    """The codecs and materials without any result, and those that lack some seeds; "" where there is none."""
+    """The codecs and materials without any result, and those that lack some seeds; "" if there are none."""
     done = {(job["material"], shown_label(job)) for job in run.jobs if job["status"] == "ok"}
     lacking = [(job["material"], shown_label(job)) for job in run.jobs if job["status"] != "ok"]
     lacking += [(material, label) for material, label, _ in not_run(run)]

@@ -7,7 +7,7 @@ from bench.records import PSNR, Record, Run, gate
 from reports.numbers import significant
 from reports.rows import MaterialRows, Row
 
-MUCH = 0.1  # of the squared error, for one slice
+MUCH = 0.1  # a large share of the squared error for one slice
 
 
 def main_notes(material: MaterialRows) -> list[str]:
@@ -111,7 +111,7 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
         for row in material.measured:
             settings = row.job.get("settings", {})
             if settings.get("relief") and (row.timing or row.fused):
-                holds = row.job["cost"]["texture_channels"] == settings["latents"] + 1  # the height is one more
+                holds = row.job["cost"]["texture_channels"] == settings["latents"] + 1  # the height is one more channel
                 found.setdefault(row.label, {}).setdefault(holds, {})[material.name] = None
     words = {True: "a height on", False: "none on"}
     for label, by in found.items():
@@ -128,7 +128,7 @@ def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:
     reasons = {time["unrest"] for time in restless}
     again = max(abs(time.get("floor_again", 1.0) - 1) for time in restless)
     others = max(time.get("others_cores") or 0.0 for time in restless)
-    most = f"two times of the floor differed by up to {100 * again:.0f} %"
+    most = f"the floor, timed twice, differed by up to {100 * again:.0f} %"
     most += f", other processes used up to {others:.1f} cores" if others >= 0.05 else ""
     when = "while this was timed" if len(restless) == len(times) else f"for {len(restless)} of {len(times)} times"
     yield f"The machine was not quiet {when}: {reasons.pop() if len(reasons) == 1 else most}."
@@ -182,7 +182,7 @@ def _not_comparable(material: MaterialRows) -> Iterator[str]:
 
 
 def _older(run: Run) -> Iterator[str]:
-    """Footnotes on rows that were fitted or scored by another revision than the one that started last."""
+    """Footnotes on rows that were fitted or scored by another revision than that of the latest start."""
     older: dict[tuple[str, str], list[str]] = {}
     for job in run.jobs:
         revisions = {step: (job.get(step) or {}).get("git") for step in ("fitted", "scored")}

@@ -14,12 +14,12 @@ def integer(value: int | None) -> str:
 
 
 def fixed(value: float | None, digits: int) -> str:
-    """With that many decimals."""
+    """With `digits` decimals."""
     return NONE if value is None else f"{value:,.{digits}f}"
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """About that many digits, without an exponent for what tables hold: 0.00123, 12.3, 1,230."""
+    """With about `digits` digits, and no exponent for usual numbers: 0.00123, 12.3, 1,230."""
     if value is None:
         return NONE
     if value == 0 or not 1e-5 <= abs(value) < 1e7:
@@ -29,7 +29,7 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 
 def pooled(stats: dict[str, Any]) -> float | str | None:
-    """The pooled number of a metric's statistics; `exact` where no slice has an error, `n/a` where none applies."""
+    """The pooled number of a metric's statistics; `exact` if no slice has an error, `n/a` if none applies."""
     if not stats:
         return None
     value: float | None = stats.get("pooled")
@@ -50,7 +50,7 @@ def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
 
 
 def interval(delta: "Interval") -> str:
-    """A mean difference with its interval, and a mark where codecs are told apart: −1.50 (−1.62 to −1.41) *."""
+    """A mean difference with its interval, and a mark if the codecs are told apart: −1.50 (−1.62 to −1.41) *."""
     return f"{delta.mean:+.2f} ({delta.low:+.2f} to {delta.high:+.2f}){' *' * delta.apart}".replace("-", "−")
 
 

@@ -1,4 +1,4 @@
-"""The records that a page holds whole: behind each number, the job that measured it, and the provenance of the run."""
+"""The whole records in a page: for each number the job that measured it, and the provenance of the run."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -45,7 +45,7 @@ class PageRecords:
         return pack(self.records)
 
     def html(self) -> Iterator[str]:
-        """An element for each, filled when it is opened."""
+        """An element for each record, filled when it is opened."""
         yield '<h2 id="records">Records and provenance</h2>'
         yield note("The records behind each row, as in records.jsonl, without the raw timing samples.")
         first = 0
@@ -66,7 +66,7 @@ class PageRecords:
 
 
 def _fit_in_words(codec: CodecRows) -> str:
-    """Seeds, revision and file of a codec's fits, or the status of what failed."""
+    """Seeds, revision and file of a codec's fits, or the status of a failed one."""
     job = codec.rows[0].job
     if job["status"] != "ok":
         return str(job["status"])

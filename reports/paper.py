@@ -1,7 +1,7 @@
-"""The quality that the NeuBTF paper states, beside ours: its Table 1, mean ± deviation over the slices of all pairs.
+"""The quality in the NeuBTF paper beside ours: its Table 1, mean ± deviation over the slices of all pairs.
 
-Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023). LPIPS, which it states, too,
-needs weights that would have to be downloaded, and is left out. Its Table 2 is `reports.parameters`.
+Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023). LPIPS, which it also gives,
+is left out, because its weights would have to be downloaded. For its Table 2 see `reports.parameters`.
 """
 
 from collections.abc import Iterator, Mapping

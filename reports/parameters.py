@@ -1,7 +1,7 @@
 """The parameters of decoders and the channels of textures, ours beside those published.
 
 Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces:
-"NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers that their papers or authors' code state.
+"NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers in their papers or their authors' code.
 """
 
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ from reports.table import Table
 
 @dataclass(frozen=True)
 class Published:
-    """What a paper states, and what our channels consist of."""
+    """The numbers in a paper, and what our channels consist of."""
 
     method: str
     parameters: int

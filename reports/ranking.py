@@ -1,4 +1,4 @@
-"""How the codecs of a run stand over its materials, and how far each lies from the best. Nothing is computed twice."""
+"""The ranking of the codecs of a run, and the difference of each to the best one; both are computed only once."""
 
 import math
 from functools import lru_cache
@@ -25,7 +25,7 @@ def ranked(run: Run) -> list[Standing]:
 
 @lru_cache(maxsize=1)
 def against_the_best(run: Run) -> Against:
-    """The paired differences to the best codec that has an error; empty where nothing can be compared."""
+    """The paired differences to the best codec that has an error; empty if nothing can be compared."""
     ranking = ranked(run)
     best = next((each.label for each in ranking if each.rank is not None and math.isfinite(each.psnr)), "")
     return against(run, best, [each.label for each in ranking if each.label != best])

@@ -25,16 +25,16 @@ NEW_RUN = "timed in an earlier run than the other rows"
 
 @dataclass(frozen=True)
 class Row:
-    """One job of a material: its record, its timing, and why (if so) its numbers cannot stand beside the others'.
+    """One job of a material: its record, its timing, and the reason if its numbers are not comparable with the others'.
 
-    `label` is the codec with its settings, `name` says the seed too where the material has several.
+    `label` is the codec with its settings; `name` also has the seed if the material has several.
     """
 
     job: Record
     label: str
     name: str
     timing: Record | None = None
-    fused: Record | None = None  # its time as one kernel, where `neubtf-bench trade` took it
+    fused: Record | None = None  # its time as one kernel, if `neubtf-bench trade` measured it
     obstacle: str = ""
     timing_obstacle: str = ""
 
@@ -45,12 +45,12 @@ class Row:
 
     @property
     def gate(self) -> str:
-        """The group of pairs that decides: held-out ones, or all where none are held out."""
+        """The group of pairs that decides: held-out ones, or all if none are held out."""
         return gate(self.job["scores"])
 
     @property
     def psnr(self) -> float | None:
-        """The pooled display PSNR of the pairs that decide, in dB; None where they have no error."""
+        """The pooled display PSNR of the pairs that decide, in dB; None if they have no error."""
         return self.stats(self.gate, PSNR).get("pooled")
 
     def metric(self, family: str) -> str:
@@ -58,7 +58,7 @@ class Row:
         return metric_of(metrics_of(self.job), family)
 
     def stats(self, group: str, family: str) -> dict[str, Any]:
-        """The statistics of a metric over a group of pairs; empty where there are none."""
+        """The statistics of a metric over a group of pairs; empty if there are none."""
         return stats_of(self.job, family, group)
 
 
@@ -75,12 +75,12 @@ class CodecRows:
 
     @property
     def exact(self) -> bool:
-        """Whether no slice that decides has an error, of any seed."""
+        """Whether no deciding slice has an error, for any seed."""
         return all(row.psnr is None for row in self.measured)
 
     @property
     def ladder(self) -> str:
-        """The name of the ladder of rates that a figure joins: of a codec at several settings, else the codec alone."""
+        """The name of the ladder of rates that a figure joins, for a codec at several settings; else the codec."""
         job = self.measured[0].job
         return str(job.get("curve") or job.get("codec") or self.label)
 
@@ -108,12 +108,12 @@ class MaterialRows:
 
     @property
     def seeds(self) -> list[int]:
-        """The seeds of what was measured, in order."""
+        """The measured seeds, in order."""
         return sorted({int(row.job.get("seed") or 0) for row in self.measured})
 
     @property
     def shown(self) -> list[Row]:
-        """One row a codec, of its first seed, for pictures."""
+        """One row a codec, for its first seed, used for pictures."""
         return [codec.measured[0] for codec in self.codecs if codec.measured]
 
     @property
@@ -149,17 +149,17 @@ def of_suite(run: Run, suite: str) -> list[Record]:
 
 
 def described(job: Record, name: str) -> Record:
-    """What a record says of a metric: unit, direction, space, version.
+    """The description of a metric in a record: unit, direction, space, version.
 
-    For a metric that it does not describe, such as those of frames, it is the description of a variant.
+    If the metric itself is not described (frames use the non-periodic variant), it is the description of a variant.
     """
     known = job["metrics"]
     return {"unit": "1", "direction": "higher", "version": "?"} | known.get(name, known.get(metric_of(known, name), {}))
 
 
-@lru_cache(maxsize=1)  # every table and figure of a report asks
+@lru_cache(maxsize=1)  # every table and figure of a report calls it
 def materials(run: Run) -> list[MaterialRows]:
-    """The run's jobs by material. `InputError` where a finished one lacks what tables show."""
+    """The run's jobs by material. `InputError` if a finished one lacks a field that tables show."""
     by_name: dict[str, list[Record]] = {}
     for job in run.jobs:
         if job["status"] == "ok":
@@ -199,7 +199,7 @@ def _difference(key: Record, newest: Record) -> str:
     reasons = scored_unlike(key, newest)
     reasons += ["another demand"] if key.get("demand") != newest.get("demand") else []
     mine, theirs = key.get("metrics", {}), newest.get("metrics", {})
-    for name in sorted(mine.keys() & theirs.keys()):  # a metric that only one has is a gap, no obstacle
+    for name in sorted(mine.keys() & theirs.keys()):  # if only one has a metric, they are still comparable
         if mine[name] != theirs[name]:
             reasons.append(f"{name} version {mine[name]} instead of version {theirs[name]}")
     return ", ".join(reasons)

@@ -1,4 +1,4 @@
-"""The table of a search for the smallest model of a scene: the full model beside the scene's, gain and price."""
+"""The table of a search for the smallest model of a scene: the full model beside the scene's, with gains and losses."""
 
 from collections.abc import Sequence
 

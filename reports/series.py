@@ -34,7 +34,7 @@ def codecs(run: Run) -> Series:
     return entries
 
 
-@lru_cache(maxsize=1)  # the page and several figures ask
+@lru_cache(maxsize=1)  # the page and several figures call it
 def plots_of(run: Run) -> list[Plot]:
     """Every plot that has a point, those over all materials first."""
     curves = curves_by_material(run)
@@ -79,7 +79,7 @@ def _bytes(row: Row) -> list[float]:
 
 
 def _time(row: Row) -> list[float] | None:
-    """The ns of a sample and the ends of their interval; None where it was not timed as the others were."""
+    """The ns of a sample and the ends of their interval; None if it was not timed under the common conditions."""
     timed = row.timing and not row.timing_obstacle
     return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]] if row.timing and timed else None
 
@@ -90,7 +90,8 @@ def _fit(row: Row) -> list[float] | None:
 
 
 def _points(material: MaterialRows, of_row: Callable[[Row], list[float] | None]) -> Series:
-    """One point a codec, [x, PSNR] or [x, PSNR, low, high], the mean of its seeds; the interval holds those of all.
+    """One point a codec, [x, PSNR] or [x, PSNR, low, high], the mean of its seeds; the interval contains those of all
+    seeds.
 
     `curve` joins the points of a ladder of rates.
     """
@@ -138,7 +139,7 @@ def _quantiles(run: Run, row: Row) -> list[float]:
     """The PSNR of slices that decide at 5, 25, 50, 75 and 95 %, the best last; nothing where none has an error."""
     try:
         values = decibels(run.folder, row.job)
-    except InputError:  # a run's records are worth reading without its bulky parts
+    except InputError:  # the records of a run are useful without its large files
         return []
     known = [] if values is None else values[np.isfinite(values)]
     quantiles: list[float] = np.quantile(known, (0.05, 0.25, 0.5, 0.75, 0.95)).tolist() if len(known) else []

@@ -23,15 +23,15 @@ def stress_tables(run: Run) -> list[Table]:
 
 
 def tables(records: Iterable[Record]) -> list[Table]:
-    """Extremes × codecs, and metrics and losses × extreme pictures; each only where it has a record."""
-    ordered = sorted(records, key=lambda record: record["order"])  # as in the catalogue; else they stay as they are
+    """Extremes × codecs, and metrics and losses × extreme pictures; each only if it has a record."""
+    ordered = sorted(records, key=lambda record: record["order"])  # the order of the catalogue
     codecs = [record for record in ordered if record["group"] != PICTURES]
     pictures = [record for record in ordered if record["group"] == PICTURES]
     return [table(rows) for table, rows in ((_codecs_table, codecs), (_pictures_table, pictures)) if rows]
 
 
 def summary(run: Run) -> str:
-    """One line: how many cells passed; "" where nothing was tried."""
+    """One line that counts the cells that passed; "" if nothing was tried."""
     shown = stress_tables(run)
     cells = [cell for table in shown for row in table.rows for cell in row[1:] if cell and cell != NONE]
     if not cells:

@@ -1,4 +1,4 @@
-"""The summary of a run over its materials: how each codec stands, best bold, second underlined."""
+"""The summary of a run over its materials: the standing of each codec, best bold, second underlined."""
 
 import math
 from collections.abc import Sequence
@@ -87,7 +87,7 @@ def _standing(each: "Standing", count: int) -> list[str]:
 
 
 def _mean(column: Column, codecs: Sequence[CodecRows]) -> float | None:
-    """The mean over materials of a column's means over seeds; None where one has no number."""
+    """The mean over materials of a column's means over seeds; None if a material has no number."""
     means = [column.mean(codec.measured) for codec in codecs if codec.measured]
     numbers = [mean for mean in means if mean is not None]
     return fmean(numbers) if numbers and len(numbers) == len(means) else None

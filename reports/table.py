@@ -3,21 +3,21 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-BOLD, UNDERLINED = "bold", "underlined"  # how a cell is marked, where a format can
+BOLD, UNDERLINED = "bold", "underlined"  # marks of a cell, if a format can show them
 
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text. A header is a name and, below it, a unit with an arrow to the better end; "" where none is."""
+    """Cells as text. A header is a name and, below it, a unit with an arrow to the better end; "" without a unit."""
 
     kind: str
     title: str
     headers: list[tuple[str, str]]
     rows: list[list[str]]
     notes: list[str] = field(default_factory=list)
-    words: int = 1  # how many columns, from the left, hold words
-    material: str = ""  # where the table is of one
-    fold: int = 22  # the width at which a terminal folds the first column, where that alone holds words
+    words: int = 1  # the number of columns with words, from the left
+    material: str = ""  # the material, if the table is of one
+    fold: int = 22  # the width at which a terminal folds the first column, if only that holds words
     marks: dict[tuple[int, int], str] = field(default_factory=dict)  # by row and column: `BOLD` or `UNDERLINED`
 
     def of_columns(self, kept: Sequence[int]) -> "Table":

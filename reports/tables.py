@@ -24,7 +24,7 @@ from reports.trade import trade_tables
 def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[Table]:
     """Every table that has a row, or those of one kind, by kind and then by material, with every column.
 
-    `narrow` splits the main table in two, each of which fits a printed page.
+    `narrow` splits the main table in two, and each part fits a printed page.
     """
     rows = materials(run)
     main: Maker = lambda run, rows: [*_QUALITY(run, rows), *_COST(run, rows)]  # noqa: E731
@@ -33,15 +33,15 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[
 
 
 def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table | None:
-    """Cost, quality and time of each codec; None where nothing was measured."""
+    """Cost, quality and time of each codec; None if nothing was measured."""
     return _table("main", material, "", chosen or columns.main(material), main_notes(material))
 
 
 def budget_tables(run: Run, kind: str) -> list[Table]:
-    """The tables of `reports.budgets` of a kind; none where no job was scored at validation pairs."""
+    """The tables of `reports.budgets` of a kind; none if no job was scored at validation pairs."""
     if not any(map(has_validation, run.jobs)):
         return []
-    from reports import budgets  # loads NumPy, which most tables do without
+    from reports import budgets  # loads NumPy, which most tables do not need
 
     return list(budgets.TABLES[kind](run))
 
@@ -62,7 +62,7 @@ def scene_table(material: MaterialRows) -> Table | None:
 
 
 def unfinished_table(run: Run) -> Table | None:
-    """Jobs without numbers, and why, with those that were planned and not run."""
+    """Jobs without numbers and the reasons, including planned jobs that were not run."""
     words = {"failed": "failed", "unavailable": "not available"}
     rows = [
         [job["material"], name, words.get(job["status"], job["status"]), " ".join(str(job.get("error", "")).split())]
@@ -107,7 +107,7 @@ def _seeds(material: MaterialRows) -> Iterator[str]:
 
 
 def _native_row(material: MaterialRows, chosen: Sequence[Column]) -> list[list[str]]:
-    """The measured data's own file, where it is itself a factorisation: its bytes and rank, for reference."""
+    """The measured data's own file, if it is a factorisation itself: its bytes and rank, for reference."""
     job = material.first
     if job is None or "native" not in job.get("provenance", {}) or not any(column.native for column in chosen):
         return []
@@ -131,7 +131,7 @@ def _each(
     notes: Callable[[MaterialRows], list[str]] = common_notes,
     note: str = "",
 ) -> "Maker":
-    """Makes a table for each material that was measured; a `note` stands before its others."""
+    """Makes a table for each material that was measured; a `note` comes before other notes."""
 
     def tables(_: Run, rows: list[MaterialRows]) -> Iterator[Table | None]:
         for material in rows:

@@ -1,4 +1,4 @@
-"""A run for a terminal of 120 columns: the main tables in short, where the error lies, what failed."""
+"""A run for a terminal of 120 columns: short main tables, errors by direction and footprint, and failed jobs."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from reports.text import plain, wrapped
 
 
 def terminal(run: Run) -> str:
-    """What a terminal of 120 columns shows of a run: the main tables in short, where the error lies, what failed."""
+    """The tables of a run for a terminal of 120 columns; see the module."""
     run_materials = materials(run)
     tables: list[Table | None] = [*budget_tables(run, "budgets")]
     tables += [summary_table(run, intervals=False)] if len(run_materials) > 1 else []
@@ -30,7 +30,7 @@ def terminal(run: Run) -> str:
 
 
 def scored(run: Run) -> str:
-    """The same of files that were scored outside a run, which nobody fitted or timed."""
+    """The same for files that were scored outside a run, without fit or times."""
     tables = []
     for material in materials(run):
         tables += [main_table(material, columns.scored(material)), _detail(material), scene_table(material)]
@@ -38,7 +38,7 @@ def scored(run: Run) -> str:
 
 
 def _detail(material: MaterialRows) -> Table | None:
-    """One table in place of three: bands of directions and footprints."""
+    """One table instead of three: bands of directions and footprints."""
     if material.first is None:
         return None
     job = material.first

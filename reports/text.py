@@ -36,13 +36,13 @@ def _line(cells: Sequence[str], widths: list[int], words: int) -> str:
 
 
 def _width(text: str) -> int:
-    """How many columns of a terminal a text takes: wide characters take two, accents that combine none."""
+    """The columns that a text takes in a terminal: wide characters take two, combining accents none."""
     wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
     return len(text) + wide - sum(bool(unicodedata.combining(character)) for character in text)
 
 
 def _split(name: str, unit: str) -> list[str]:
-    """A header on two or three lines: words first where the name is long, the unit last."""
+    """A header on two or three lines: words first if the name is long, the unit last."""
     return [*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)]
 
 
@@ -82,5 +82,5 @@ def _marked(cell: str, mark: str | None) -> str:
 
 
 def escaped(text: str) -> str:
-    """Text that Markdown shows as it stands, on one line."""
+    """Text escaped for Markdown, on one line."""
     return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", " ".join(text.split()))

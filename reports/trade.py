@@ -12,7 +12,7 @@ from reports.table import Table
 
 
 def trade_tables(folder: Path) -> Iterator[Table]:
-    """Choices and profiles of each material, the ceilings last; none where no trade was measured."""
+    """Choices and profiles of each material, the ceilings last; none if no trade was measured."""
     trade = load_trade(folder)
     if trade is None:
         return
@@ -26,7 +26,7 @@ def trade_tables(folder: Path) -> Iterator[Table]:
 
 
 def choices_csv(folder: Path) -> str:
-    """One row a choice, every figure in full precision; "" where no trade was measured."""
+    """One row a choice, every figure in full precision; "" if no trade was measured."""
     trade = load_trade(folder)
     if trade is None:
         return ""

@@ -27,7 +27,7 @@ def write(folder: Path, vector: bool = False) -> Report:
     drawn, pictures = [], []
     for figure in (figure for draw in figures.ALL.values() for figure in draw(run)):
         pictures += _write_figure(figure, folder / "figures", VECTOR if vector else ())
-        drawn.append(replace(figure, drawing=None))  # what it was drawn from takes memory
+        drawn.append(replace(figure, drawing=None))  # the drawing takes memory
     tables = all_tables(run)
     narrow = [*(table for table in tables if table.kind != "main"), *all_tables(run, narrow=True, kind="main")]
     files = _write_tables(run, folder / "tables", tables, narrow)
@@ -70,7 +70,7 @@ def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Seque
     files = [put(folder / "results.csv", results_csv(run).encode())]
     if choices := trade.choices_csv(run.folder):
         files.append(put(folder / "trade.csv", choices.encode()))
-    else:  # of an earlier report, and no longer true: so below
+    else:  # remove an outdated file of an earlier report, as below
         (folder / "trade.csv").unlink(missing_ok=True)
     writers = {".md": (markdown, tables), ".tex": (latex, narrow)}
     for kind in KINDS:
@@ -97,7 +97,7 @@ def _remove_old_figures(folder: Path, files: Sequence[Path]) -> None:
 
 
 def put(path: Path, content: bytes) -> Path:
-    """Write a file whole or not at all."""
+    """Write a file completely or not at all."""
     with replacing(path) as partial:
         partial.write_bytes(content)
     return path

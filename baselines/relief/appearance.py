@@ -1,11 +1,11 @@
 """Refines a height: at which height does each surface point look most like the other points of the material?
 
-A sweep that compares views with one another takes a highlight, which moves with the view, for parallax. So the ABRDFs
-of the surface points, as a first height shows them, give principal components, which know how the reflectance of this
-material changes with the view. A second sweep looks for the height at which they leave the least of a point's ABRDF.
+A sweep that compares views with one another mistakes a highlight, which moves with the view, for parallax. So the
+ABRDFs of the surface points at a first height give principal components, which describe how the reflectance of this
+material changes with the view. A second sweep looks for the height at which they explain most of a point's ABRDF.
 
-Where much of the surface hides behind itself, the first height stays: a hidden point's samples are those of others,
-which the components then learn as well.
+If much of the surface hides behind itself, the first height stays: the samples of a hidden point belong to others, and
+the components would learn them too.
 """
 
 import torch
@@ -15,9 +15,9 @@ from baselines.relief.geometry import Surface, slope, wrapped
 from baselines.relief.planes import HEIGHTS, REACH, blurred, refined, shifted
 from bench.material import sample_texture, texel_centres
 
-COMPONENTS = 8  # of the ABRDFs: fewer know no highlight, more explain any blur as well
-BEYOND, LEAST_BEYOND = 0.15, 0.004  # of the first range, on either side; and at least so many widths of the picture
-MOST_HIDDEN = 0.1  # of the points and views: satin 0.01, brick 0.02, a rock 0.03, cable-knit 0.19
+COMPONENTS = 8  # of the ABRDFs: fewer miss highlights, more also explain blur
+BEYOND, LEAST_BEYOND = 0.15, 0.004  # share of the first range, on either side; and the least widths of the picture
+MOST_HIDDEN = 0.1  # largest share of points and views: satin has 0.01, brick 0.02, a rock 0.03, cable-knit 0.19
 
 
 def refine(height: Tensor, slices: Tensor, views: Tensor) -> Tensor:
@@ -48,7 +48,7 @@ def _components(height: Tensor, slices: Tensor, views: Tensor) -> tuple[Tensor, 
     Mean and weights are (N, 1), the components (N, `COMPONENTS`) orthonormal. N counts views and lights.
     """
     radiance = torch.cat([_at_surface(each, view, height) for each, view in zip(slices, views, strict=True)])
-    # A grazing view sees little of many points: its weight is ω_o.z, in squares.
+    # A grazing view sees many points poorly, so its weight in squares is ω_o.z.
     weight = views[:, 2].to(slices).sqrt().repeat_interleave(slices.shape[1])[:, None]
     mean = (radiance * weight).mean(1, keepdim=True)
     apart = radiance * weight - mean
@@ -68,7 +68,7 @@ def hidden(height: Tensor, views: Tensor) -> float:
 
 
 def _at_surface(slices: Tensor, view: Tensor, height: Tensor) -> Tensor:
-    """The log radiance (L, H · W) of each surface point in slices (L, H, W) of a view (3,), where that view sees it."""
+    """The log radiance (L, H · W) of each surface point in slices (L, H, W) of a view (3,), at its visible place."""
     return sample_texture(slices.permute(1, 2, 0), wrapped(_places(height, view)).to(slices)).T
 
 

@@ -1,8 +1,8 @@
 """Relief: the height of the surface, found in the training slices and marched at decoding, under a neural texture.
 
-Every published neural texture blurs a texel over the places where its views saw it. Here a plane sweep finds the height
-of each texel first; latents then belong to surface points, and the network has but their reflectance to learn. Where no
-height stands the test of lights that it was not found with, none is written. See docs/relief.md.
+Every published neural texture blurs a texel over the places where its views saw it. Here a plane sweep first finds the
+height of each texel; latents then belong to surface points, and the network learns only their reflectance. A height
+that fails the test on other views is not written. See docs/relief.md.
 """
 
 from dataclasses import dataclass
@@ -48,24 +48,24 @@ class Relief(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        steps: Natural = 2_600  # of the fit
+        steps: Natural = 2_600  # steps of the fit
         batch: BatchSize = 4_096  # samples a step
         latents: Width = 14  # channels of the neural texture
-        bits: Annotated[int, Range(0, 8)] = 0  # of a stored latent on average; 0: as few as add little to the error
+        bits: Annotated[int, Range(0, 8)] = 0  # bits of a stored latent on average; 0: as few as add little error
         layers: Layers = 3  # hidden layers of the network
         width: Width = 32  # channels of each hidden layer
         omega: Positive = 2.0  # frequency of the sine
-        relief: bool = True  # look for a height; it is written only where the slices show one
+        relief: bool = True  # look for a height; it is written only if the slices show one
         frames: bool = True  # turn the directions into two learned shading frames
-        refine: bool = True  # the height, from half of the fit on
-        shadow: bool = True  # march toward the light as well, where there is a height
+        refine: bool = True  # refine the height in the second half of the fit
+        shadow: bool = True  # also march toward the light, if there is a height
         start: Start = "mixed"  # of the latents: components of the ABRDFs, random, or both
         optimiser: Optimiser = "muon"  # of the matrices between hidden layers
         rate: Positive = 1e-2  # highest learning rate of the network
         latent_rate: Positive = 1e-2  # highest learning rate of the latents
         hidden_rate: Positive = 2e-2  # highest learning rate of Muon
-        loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
-        weights: WeightPrecision = "half"  # of the stored network
+        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+        weights: WeightPrecision = "half"  # precision of the stored network
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
@@ -92,7 +92,7 @@ class Relief(Codec):
         surface = None
         if "height" in parts.texture:
             codes = expand(parts.texture["height"], (height, width, 1))[..., 0]
-            # Heights beyond those that are looked for were altered: a search through them must end all the same.
+            # Larger heights are from an altered file, but a search through them must still end.
             surface = Surface(restored(codes, parts.texture["height.range"]).nan_to_num(0).clamp(-HIGHEST, HIGHEST))
         network = Network(self.settings, surface is not None)
         load_vector(unpack("weights", parts.decoder), network)

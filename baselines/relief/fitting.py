@@ -16,8 +16,8 @@ from bench.codec import Fit
 from bench.material import sample_texture
 from bench.training import Batch, Objective, Rounding, Samples, distance, first_latents, groups_of
 
-COARSE_SHARE = 8  # one sample in so many is of a coarser level
-# Of the steps. Before, latents are still apart from where they belong, and would pull the height with them.
+COARSE_SHARE = 8  # one of this many samples is of a coarser level
+# Share of the steps. Earlier, latents are still misplaced, and would pull the height with them.
 REFINED_FROM = 0.5
 RENEWED = 10  # steps between two surfaces that are marched, while the height is refined
 HIGHEST = 2 * REACH  # and −HIGHEST the lowest height, in widths of the picture: what a decoder reads
@@ -53,10 +53,10 @@ class ReliefObjective(Objective):
         self.network.start_at(self.samples.mean(generator))
         self.pyramid = Pyramid(self.samples.shape)
         self.first_height = height
-        # How far the height that was found moves, in texels, before it is smoothed.
+        # The shift of the found height in texels, before smoothing.
         self.offset = nn.Parameter(torch.zeros_like(height)) if height is not None and settings.refine else None
         self.relief = None if height is None else Surface(stepped(height)[2])
-        self.moved = False  # the surface that is marched is not the one that was found
+        self.moved = False  # whether the marched surface differs from the found one
         source = self.samples if height is None else Rectified(self.samples, height)
         self.latents = nn.Parameter(first_latents(source, settings.latents, settings.start, generator))
         self.rounding = Rounding(settings.latents, settings.bits)
@@ -69,7 +69,7 @@ class ReliefObjective(Objective):
 
     @property
     def height(self) -> Tensor | None:
-        """The height (H, W) as it is refined so far, not rounded; none where there is no relief."""
+        """The height (H, W) as refined so far, not rounded; none without a relief."""
         if self.first_height is None or self.offset is None:
             return self.first_height
         moved = self.first_height.to(self.offset) + smoothed(self.offset) / self.samples.shape[1]
@@ -79,7 +79,7 @@ class ReliefObjective(Objective):
     def renew(self) -> None:
         """March the height as it is now, in the steps that the file will hold."""
         height = self.height
-        if height is not None and height.isfinite().all():  # else the fit diverges, which its loop mends
+        if height is not None and height.isfinite().all():  # otherwise the fit diverges, and its loop handles that
             self.relief = Surface(stepped(height)[2]).to(self.latents.device)
 
     def table(self) -> Tensor:
@@ -101,8 +101,8 @@ class ReliefObjective(Objective):
         queries = [torch.cat(parts) for parts in zip(*self._queries(batches), strict=True)]
         uv, wo, wi, level_of = queries
         height = self.height if self.offset is not None and progress >= REFINED_FROM else None
-        # By the number of the step: a fit that goes on after a stop marches the same surface. One that was set back to
-        # before the height moved marches the height as it was found.
+        # By the number of the step, so that a resumed fit marches the same surface. A fit that was set back to before
+        # the height moved marches the found height.
         if (height is not None or self.moved) and round(progress * self.settings.steps) % RENEWED == 0:
             self.renew()
             self.moved = height is not None
@@ -110,7 +110,8 @@ class ReliefObjective(Objective):
         return distance(ours, torch.cat([batch.target for _, batch in batches]), self.settings.loss)
 
     def _queries(self, batches: list[tuple[int, Batch]]) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor]]:
-        """uv, wo, wi and level of batches. Texels of a coarser level are boxes of the finest, which it may not fill."""
+        """uv, wo, wi and level of batches. Texels of a coarser level are boxes of finest texels, which may be
+        incomplete."""
         height, width = self.samples.shape
         for level, batch in batches:
             samples, factor = self.levels[level], 2**level

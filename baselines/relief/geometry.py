@@ -1,8 +1,8 @@
-"""A height per texel: where a view ray meets it, and how far it stands in the way of a light.
+"""A height per texel: its intersection with a view ray, and how much it blocks a light.
 
 Heights are in units of the picture's width above the reference plane z = 0; texels are square. The plane repeats with
-the picture. A texel p of a slice shows, seen along ω_o, the surface point p + z · ω_o.xy / ω_o.z, z being the height
-there: a point of height z therefore appears at its own place − z · ω_o.xy / ω_o.z.
+the picture. Seen along ω_o, a texel p of a slice shows the surface point p + z · ω_o.xy / ω_o.z, where z is its height;
+so a point of height z appears at its own place − z · ω_o.xy / ω_o.z.
 """
 
 import itertools
@@ -14,26 +14,26 @@ from torch import Tensor, nn
 from bench.material import sample_texture
 
 LOWEST = 0.2  # cosine of a direction: nearer to the horizon (78.5°) its slope grows no further
-FINENESS = 256  # texels a side at least of the height that is searched; beyond, it is searched as it is stored
+FINENESS = 256  # least texels a side of the searched height; a larger height is searched as stored
 VIEW_STEPS, SECANTS = 16, 2  # of the search along the view
 LIGHT_STEPS = 12  # of the search toward the light
-LEAST_FACING = 0.3  # 1 − ∇h · along, 0 where a ray grazes the surface: below, a hit moves without bound
+LEAST_FACING = 0.3  # least 1 − ∇h · along, which is 0 if a ray grazes the surface and a hit would move without bound
 MOST_FINE = 1 << 25  # samples of the finer copy, padding included
 BLOCK = 1 << 20  # samples of it that are made at once
-MOST_PADDED = 32  # times its texels a copy grows by padding; a picture far wider than high would grow by thousands
+MOST_PADDED = 32  # largest growth of a copy by padding; a picture far wider than high would grow by thousands
 
 
 def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
-    """What uv gain while a ray along `direction` (n, 3) rises by one unit of height: (n, 2)."""
+    """Change of uv (n, 2) per unit of height along a ray with `direction` (n, 3)."""
     across = direction[:, :2] / direction[:, 2:].clamp_min(LOWEST)
     return across if shape[0] == shape[1] else across * across.new_tensor([1, shape[1] / shape[0]])
 
 
 class Surface(nn.Module):
-    """A height (H, W), made ready to be searched.
+    """A height (H, W), prepared for searching.
 
-    The search reads the nearest sample of a finer copy, padded so that no ray leaves it, or wraps around; the last
-    steps interpolate.
+    The search reads the nearest sample of a finer copy, either padded so that no ray leaves it, or wrapped around; the
+    last steps interpolate.
     """
 
     def __init__(self, height: Tensor):
@@ -75,22 +75,22 @@ class Surface(nn.Module):
             return self.padded.flatten().take((row * cols + col).long())
         col = (u * cols + left).int()
         row = ((1 - v) * rows + above).int()
-        if torch.compiler.is_exporting():  # a shader wraps around: with the margin its texture is several times larger
+        if torch.compiler.is_exporting():  # a shader wraps around: a margin would make its texture much larger
             inner = self.padded[above : above + rows, left : left + cols].flatten()
             return inner.take(((row - above).remainder(rows) * cols + (col - left).remainder(cols)).long())
         return self.padded.view(-1).take(row.mul_(self.padded.shape[1]).add_(col).long())
 
     def meet(self, uv: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
-        """Where the rays through uv (n, 2) in [0, 1) on the plane, toward wo (n, 3), first meet the surface from above.
+        """Where rays through uv (n, 2) in [0, 1) on the plane, toward wo (n, 3), first hit the surface from above.
 
-        The place (n, 2), wrapped into [0, 1), and the height (n, 1) there: a linear search and `SECANTS` of the secant.
+        Returns the place (n, 2), wrapped into [0, 1), and its height (n, 1), by a linear search and secant steps.
         """
         along = slope(wo, self.shape)
         step = (self.high - self.low) / VIEW_STEPS
         z = self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype)
         over = self._nearest(uv[:, :1] + along[:, :1] * z, uv[:, 1:] + along[:, 1:] * z) - z
         first = (over[:, 1:] >= 0).to(torch.uint8).argmax(1, keepdim=True)
-        # The last step lies at the lowest height, where rounding alone keeps a ray from the surface.
+        # The last step is at the lowest height, where only rounding can keep a ray from the surface.
         first = torch.where((over[:, 1:] >= 0).any(1, keepdim=True), first, VIEW_STEPS - 1)
         upper, lower = z[first], z[first + 1]
         before, after = over.gather(1, first).clamp_max(0), over.gather(1, first + 1).clamp_min(0)
@@ -104,9 +104,9 @@ class Surface(nn.Module):
         return wrapped(uv + along * z), z
 
     def follow(self, height: Tensor, uv: Tensor, wo: Tensor) -> Tensor:
-        """Where rays toward wo (n, 3) meet the surface, uv (n, 2), unchanged, but with a gradient to a height (H, W).
+        """The uv (n, 2), unchanged, where rays toward wo (n, 3) hit the surface, with a gradient to a height.
 
-        The height is that of this surface, as it is refined. A ray meets it where h equals z, at a place that moves by
+        The height is that of this surface in its refinement. A ray meets it where h equals z, at a place that moves by
         `along` with z. So z changes by dh / (1 − ∇h · along), and uv by that times `along`.
         """
         along = slope(wo, self.shape)
@@ -118,9 +118,9 @@ class Surface(nn.Module):
         return uv + along * ((rise - rise.detach()) / facing)
 
     def excess(self, uv: Tensor, z: Tensor, wi: Tensor) -> Tensor:
-        """How far, in texels, the surface rises at most (n, 1) over the rays from uv at height z (n, 1) toward wi.
+        """The largest rise (n, 1) of the surface, in texels, above the rays from uv at height z (n, 1) toward wi.
 
-        Negative where nothing stands in the way: the light passes over by so much.
+        It is negative if nothing blocks the light, which then passes at that distance.
         """
         along = slope(wi, self.shape)
         share = (torch.arange(LIGHT_STEPS, device=uv.device, dtype=uv.dtype) + 0.5) / LIGHT_STEPS

@@ -1,4 +1,4 @@
-"""What a file of `relief` decodes to: march the view ray to the surface, fetch the latents there, shade."""
+"""The material of a `relief` file: marches the view ray to the surface, fetches the latents there, and shades."""
 
 import torch
 from torch import Tensor
@@ -19,9 +19,9 @@ def answer(
     queries: Queries,
     height: Tensor | None = None,
 ) -> Tensor:
-    """Log radiance (n, 3) of queries; what the fit and the decoded material share.
+    """Log radiance (n, 3) of queries, for the fit and the decoded material.
 
-    A `height` (H, W) is the one of the relief, in a fit that refines it.
+    In a fit that refines the relief, `height` (H, W) is its height.
     """
     uv, wo, wi, level = queries
     excess = None
@@ -54,7 +54,7 @@ class ReliefMaterial(Material):
                 bytes_per_sample=8 * latents.shape[1] * latents.element_size() + 4 * taps,
             ),
         )
-        # The relief stands apart from the network: it holds places, which stay float32 where the network is shorter.
+        # The relief is separate from the network: it holds places, which stay float32 even if the network is shorter.
         self.network, self.pyramid, self.relief, self.gain = network, pyramid, relief, gain
         self.table = table
 

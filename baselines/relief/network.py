@@ -1,8 +1,8 @@
 """The network: latents, directions, learned frames and the light's visibility → log radiance.
 
-NeuBTF's renderer, three hidden layers with layer norm and sine, sees more: ω_o, ω_i and the half vector h in xyz, the
-same in two shading frames, whose normal and tangent are linear in the latents (Zeltner et al., "Real-time neural
-appearance models", ACM Trans. Graph. 43(3), 2024), and how far the relief rises into the ray to the light.
+It is NeuBTF's renderer, three hidden layers with layer norm and sine, with more inputs: ω_o, ω_i and the half vector h
+in xyz; the same in two shading frames, whose normal and tangent are linear in the latents (Zeltner et al., "Real-time
+neural appearance models", ACM Trans. Graph. 43(3), 2024); and how far the relief rises into the ray to the light.
 """
 
 from typing import Any
@@ -14,12 +14,12 @@ from torch.nn import functional
 from bench.training import Architecture, Decoder, Frames
 
 FRAMES = 2
-DEEPEST = 3.0  # level of detail, that of footprints of 8 texels, which the network sees as 1
+DEEPEST = 3.0  # level of detail of footprints of 8 texels, which the network sees as 1
 SHADOW = 0.5  # texels: about half of the penumbra that a texel's width makes
 
 
 class Network(nn.Module):
-    """Latents (n, D) and directions (n, 3) → log radiance (n, 3); with `relief` it may know the light's horizon."""
+    """Latents (n, D) and directions (n, 3) → log radiance (n, 3); with `relief` it also sees the light's horizon."""
 
     def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
         super().__init__()
@@ -42,14 +42,15 @@ class Network(nn.Module):
         return self.decoder.architecture.flops + (self.frames.flops(3) if self.frames is not None else 0)
 
     def start_at(self, level: Tensor) -> None:
-        """Answer one log radiance (3,) whatever the inputs, the mask being open."""
+        """Set the network to answer one log radiance (3,) for any inputs, with the mask open."""
         outputs = torch.zeros(self.decoder.architecture.outputs)
         outputs[:3] = level.cpu()
         outputs[3:] = 2.0
         self.decoder.start_at(outputs)
 
     def forward(self, latents: Tensor, level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
-        """Log radiance (n, 3); `level` (n, 1) is that of detail, `excess` (n, 1) in texels, where there is relief."""
+        """Log radiance (n, 3); `level` (n, 1) is the level of detail, `excess` (n, 1) is in texels, if there is a
+        relief."""
         directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)], 1)
         inputs = [latents, level.to(latents.dtype) / DEEPEST, directions.flatten(1).to(latents.dtype)]
         if self.frames is not None:
@@ -59,6 +60,6 @@ class Network(nn.Module):
         out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
         if excess is None:
             return out
-        # log1p(mask · radiance): a mask takes light away, and a log radiance goes below 0 rarely.
+        # log1p(mask · radiance): a mask removes light, but a log radiance would rarely go below 0.
         radiance = out[:, :3].clamp(max=60).expm1()
         return (radiance * out[:, 3:].sigmoid()).clamp_min(-0.5).log1p()

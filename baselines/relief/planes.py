@@ -1,4 +1,4 @@
-"""Slices and costs over a range of heights, shifted to where each height shows a surface point."""
+"""Slices and costs over a range of heights, shifted to the place where each height shows a surface point."""
 
 import math
 
@@ -10,7 +10,7 @@ BLUR = 0.7  # texels, σ of a Gaussian over the costs
 
 
 def shifted(slices: Tensor, view: Tensor, z: float) -> Tensor:
-    """What slices (L, H, W) of a view (3,) show of each surface point, if all of them have the height z."""
+    """The values of surface points in slices (L, H, W) of a view (3,), if all points have the height z."""
     x, y, up = view.tolist()
     cols, rows = -z * x / up * slices.shape[2], z * y / up * slices.shape[2]
     return _moved(_moved(slices, rows, 1), cols, 2)
@@ -34,7 +34,7 @@ def blurred(costs: Tensor) -> Tensor:
 
 
 def least(costs: Tensor) -> Tensor:
-    """The number (1, H, W) of the least of the costs (Z, H, W)."""
+    """Index (1, H, W) of the cheapest height at each texel, from costs (Z, H, W)."""
     return costs.argmin(0, keepdim=True)
 
 

@@ -1,4 +1,4 @@
-"""A texture and its box-filtered levels in one table, fetched trilinearly; a file holds the finest alone."""
+"""A texture and its box-filtered levels in one table, fetched trilinearly; a file holds only the finest."""
 
 import math
 
@@ -13,7 +13,7 @@ def level_count(size: tuple[int, int]) -> int:
 
 
 class Pyramid(nn.Module):
-    """Where the texels of each level are: level i is (H // 2ⁱ, W // 2ⁱ), all in one table, the finest first."""
+    """The layout of the levels in one table, the finest first: level i is (H // 2ⁱ, W // 2ⁱ)."""
 
     def __init__(self, size: tuple[int, int]):
         super().__init__()
@@ -46,7 +46,7 @@ class Pyramid(nn.Module):
         share = (level - lower)[:, None]
         near, near_weight = self._corners(uv, lower)
         if table.requires_grad and not share.any():
-            # A fit asks for whole levels. A bag's gradient, and a matrix product's, take longer than that of this sum.
+            # A fit asks for whole levels. The gradient of a bag or a matrix product takes longer than that of this sum.
             corners = table.index_select(0, near.flatten()).unflatten(0, near.shape)
             return (near_weight.to(table.dtype)[:, :, None] * corners).sum(1)
         far, far_weight = self._corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
@@ -59,7 +59,7 @@ class Pyramid(nn.Module):
     def _corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
         height, width = self.sizes[level].unbind(1)
-        # Half precision cannot address texels: places are found in float32 whatever the dtype.
+        # Half precision cannot address texels, so places are computed in float32 for any dtype.
         col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
         west, north = col.floor(), row.floor()
         right, below = col - west, row - north

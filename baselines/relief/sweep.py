@@ -1,10 +1,10 @@
-"""Finds the height of each texel by plane sweep: where do all views show one and the same surface?
+"""Finds the height of each texel by plane sweep: at which height do all views show the same surface?
 
 At the right height z, the slices of every view, shifted by −z · ω_o.xy / ω_o.z, agree with those of the most frontal
-view under the same light (Collins, "A space-sweep approach to true multi-image matching", CVPR 1996); then `refine`
-looks closer. Reflectance that changes with the view imitates a relief. So halves of the views judge each other: with a
-true relief, the components of the surface points explain more of the views that it was not found with than without
-any, and both halves find the same one.
+view under the same light (Collins, "A space-sweep approach to true multi-image matching", CVPR 1996); `refine` then
+improves it. Reflectance that changes with the view imitates a relief, so the two halves of the views test each other:
+with a true relief, the components of the surface points explain more of the other half than without a relief, and both
+halves find the same height.
 """
 
 from dataclasses import dataclass
@@ -19,30 +19,30 @@ from bench.btf import BTF, Layout
 from bench.codec import Fit
 from bench.hemisphere import thin
 
-MOST_VIEWS, MOST_LIGHTS = 32, 32  # that are compared
-MEMORY = 256 << 20  # bytes of slices that are kept: fewer lights, where that is not enough
-TRUNCATION = 0.5  # of a difference of log radiance: an occluded point must not outweigh the others
-LEAST_GAIN = 0.05  # a relief takes 0.2 and more, noise and reflectance of planes less than 0
-LEAST_LEFT = 1e-4  # of log radiance: below, a plane leaves rounding
-LEAST_LIKENESS = 0.5  # of a relief 0.8 and more, of planes less than 0
+MOST_VIEWS, MOST_LIGHTS = 32, 32  # the most views and lights that are compared
+MEMORY = 256 << 20  # bytes of slices that are kept; larger pictures use fewer lights
+TRUNCATION = 0.5  # limit of a difference of log radiance, so that an occluded point does not outweigh the others
+LEAST_GAIN = 0.05  # a relief has 0.2 and more; noise and reflectance of planes have less than 0
+LEAST_LEFT = 1e-4  # of log radiance: below, a plane leaves only rounding
+LEAST_LIKENESS = 0.5  # a relief has 0.8 and more, planes have less than 0
 
 
 @dataclass(frozen=True)
 class SweptHeight:
-    """The height (H, W) that a sweep finds, and what speaks for it; see the module."""
+    """The height (H, W) that a sweep finds, and its evidence; see the module."""
 
     height: Tensor
-    gain: float  # the least share of what a plane leaves unexplained, that one half of the views takes from the other
+    gain: float  # least share of a plane's error in one half of the views that the other half's relief explains
     likeness: float  # correlation of the heights that two halves of the views find
 
     @property
     def stands(self) -> bool:
-        """Whether it is a relief, and not what noise or reflectance makes of a plane."""
+        """Whether it is a relief, and not an effect of noise or reflectance on a plane."""
         return self.gain >= LEAST_GAIN and self.likeness >= LEAST_LIKENESS
 
 
 def find(btf: BTF, gain: float, fit: Fit) -> SweptHeight | None:
-    """The relief that the slices of a BTF show best; None where views or lights are too few to tell."""
+    """The relief that the slices of a BTF show best; None if there are too few views or lights to tell."""
     grid = _grid(btf.layout)
     if grid is None:
         return None
@@ -73,7 +73,7 @@ def _likeness(one: Tensor, other: Tensor) -> float:
 
 
 def _grid(layout: Layout) -> np.ndarray | None:
-    """Pairs (V, L) of some views, the most frontal first, each with the same lights; None where there are too few."""
+    """Pairs (V, L) of some views, the most frontal first, each with the same lights; None if there are too few."""
     pairs = np.full((len(layout.views), len(layout.lights)), -1)
     pairs[layout.view, layout.light] = np.arange(len(layout.view))
     front = int(np.argmax(np.where((pairs >= 0).sum(1) > 1, layout.views[:, 2], -1)))
@@ -98,7 +98,7 @@ def _read(btf: BTF, grid: np.ndarray, gain: float, fit: Fit) -> Tensor:
 
 
 def _costs(slices: Tensor, views: Tensor, heights: Tensor) -> Tensor:
-    """How little the views agree with the first at each height and surface point: (heights, H, W)."""
+    """The disagreement of the views with the first at each height and surface point: (heights, H, W)."""
     costs = torch.zeros(len(heights), *slices.shape[2:], device=slices.device)
     weights = (views[1:, 2] / views[1:, 2].sum()).tolist()
     for i, z in enumerate(heights.tolist()):

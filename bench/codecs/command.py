@@ -1,13 +1,13 @@
-"""The codec `command`: anyone's programs behind the interface, for codecs that cannot become a Python package.
+"""The codec `command`: any programs behind the interface, for codecs that cannot become a Python package.
 
 A suite names two programs. `encode` reads the training pairs from `{btf}`, an uncompressed `.npz` (docs/datasets.md),
 and writes any files into the folder `{files}`; these bytes are stored in the codec file and counted. `decode` is
-started once with a folder `{files}` of the same content. It reads lines from its input, each of which names two files
-with a tab between: queries, a float32 `.npy` (n, 9) of u, v, ω_o, ω_i and footprint (see `bench.btf`), and answers. It
-writes the answers there, a float32 `.npy` (n, 3) of linear RGB, and prints a line. It ends when its input does.
+started once with a folder `{files}` of the same content. Each line of its input names two files, with a tab between:
+queries, a float32 `.npy` (n, 9) of u, v, ω_o, ω_i and footprint (see `bench.btf`), and answers. It writes the answers,
+a float32 `.npy` (n, 3) of linear RGB, to the second file, and prints a line. It ends when its input does.
 
-A file of this codec names a program. It is started only where the user allows it: by the suite that names it, or by the
-environment variable `NEUBTF_PERMIT`.
+A file of this codec names a program. The program is started only if the user allows it: by the suite that names it, or
+by the environment variable `NEUBTF_PERMIT`.
 """
 
 import hashlib
@@ -38,7 +38,7 @@ from bench.settings import Positive
 PERMIT = "NEUBTF_PERMIT"  # decode programs that may be started, one a line
 NAMES, SIZE = "names", "size"
 BATCH = 1 << 16  # queries a line
-TOLD = 400  # characters of what a program says in an error
+TOLD = 400  # characters of a program's output in an error
 
 
 class Programs(Codec):
@@ -49,7 +49,7 @@ class Programs(Codec):
     @dataclass(frozen=True)
     class Settings:
         called: str = "command"  # the name of its rows
-        encode: str = ""  # the program that encodes, with {btf} and {files}, and {seed} and {threads} if it likes
+        encode: str = ""  # the program that encodes, with {btf} and {files}, and optionally {seed} and {threads}
         decode: str = ""  # the program that answers, with {files}
         seconds: Positive = 3600.0  # the longest that it may take to encode, or for an answer
 
@@ -87,14 +87,14 @@ class Programs(Codec):
             subprocess.run(words, check=True, capture_output=True, timeout=self.settings.seconds)
         except subprocess.CalledProcessError as error:
             message = error.stderr.decode(errors="replace").strip()[-TOLD:]
-            raise CodecError(f"{words[0]}: ended with code {error.returncode}: {message or 'no word'}") from error
+            raise CodecError(f"{words[0]}: ended with code {error.returncode}: {message or 'no message'}") from error
         except subprocess.TimeoutExpired as error:
             raise CodecError(f"{words[0]}: took longer than seconds = {self.settings.seconds:g}") from error
         except OSError as error:
             raise CodecError(f"{words[0]}: cannot be started ({error.strerror})") from error
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """A material that asks the program. `ContainerError` where the user has not allowed it to be started."""
+        """A material that asks the program. `ContainerError` if the user has not permitted the program."""
         if self.settings.decode not in permitted():
             raise ContainerError(
                 f"to decode this file, the program `{self.settings.decode}` would be started: if you trust it, set "
@@ -128,9 +128,9 @@ def _words(command: str, given: dict[str, object]) -> list[str]:
 def _stored(folder: Path, size: tuple[int, int], command: str) -> Parts:
     files = sorted(folder.iterdir())
     if not files:
-        raise CodecError(f"{command}: wrote no file into {{files}}")
+        raise CodecError(f"{command}: it wrote no file into {{files}}")
     if odd := next((file for file in files if file.is_symlink() or not file.is_file()), None):
-        raise CodecError(f"{command}: {odd.name} in {{files}} is no plain file")
+        raise CodecError(f"{command}: {odd.name} in {{files}} is not a regular file")
     texture = {f"{i:04d}": torch.from_numpy(np.fromfile(file, np.uint8)) for i, file in enumerate(files)}
     names = json.dumps([file.name for file in files]).encode()
     other = {NAMES: torch.frombuffer(bytearray(names), dtype=torch.uint8), SIZE: torch.tensor(size)}
@@ -145,7 +145,7 @@ class ProgramMaterial(Material):
     def __init__(self, size: tuple[int, int], contents: dict[str, bytes], command: str, seconds: float):
         super().__init__(size, DecoderCost())
         self.chunk, self.command, self.seconds, self.batches = BATCH, command, seconds, 0
-        self.queries, self.waited = 0, 0.0  # answered so far, and seconds from each question to its answer
+        self.queries, self.waited = 0, 0.0  # queries answered so far, and seconds spent waiting for answers
         scratch = tempfile.TemporaryDirectory(prefix="neubtf-command-")
         self.folder = Path(scratch.name)
         (self.folder / "files").mkdir()
@@ -163,7 +163,7 @@ class ProgramMaterial(Material):
         weakref.finalize(self, _end, self.process, scratch)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """Write the queries, ask for the answers, read them."""
+        """Write the queries, ask the program, and read its answers."""
         self.batches += 1
         queries, answers = (self.folder / f"{what}-{self.batches}.npy" for what in ("queries", "answers"))
         rows = torch.cat([uv, wo, wi, footprint[:, None]], 1).float().cpu().numpy()
@@ -177,23 +177,23 @@ class ProgramMaterial(Material):
         except (OSError, ValueError, EOFError) as error:
             raise CodecError(f"{self.command}: its answers cannot be read ({error})") from error
         if values.shape != (len(rows), 3) or not np.isfinite(values).all():
-            raise CodecError(f"{self.command}: answered {values.shape} instead of ({len(rows)}, 3) finite numbers")
+            raise CodecError(f"{self.command}: it answered {values.shape} instead of ({len(rows)}, 3) finite numbers")
         queries.unlink()
         answers.unlink()
         return torch.from_numpy(values.astype(np.float32)).to(uv.device)
 
     def _ask(self, queries: Path, answers: Path) -> None:
-        """Send one line, and wait for one."""
+        """Send one line, and wait for one line."""
         line = b""
         with suppress(BrokenPipeError):
             self.asks.write(f"{queries}\t{answers}\n".encode())
             self.asks.flush()
             if not select.select([self.answers], [], [], self.seconds)[0]:
-                raise CodecError(f"{self.command}: no answer within seconds = {self.seconds:g}")
+                raise CodecError(f"{self.command}: it gave no answer within seconds = {self.seconds:g}")
             line = self.answers.readline()
         if not line:
             message = (self.folder / "log").read_text(errors="replace").strip()[-TOLD:]
-            raise CodecError(f"{self.command}: ended without an answer: {message or 'no word'}")
+            raise CodecError(f"{self.command}: it ended without an answer: {message or 'no message'}")
 
 
 def _end(process: "subprocess.Popen[bytes]", scratch: "tempfile.TemporaryDirectory[str]") -> None:

@@ -1,11 +1,10 @@
 """The codec file: safetensors, tensors named `part/name`, one metadata key of canonical JSON, one hash over all.
 
-The JSON holds {format, codec, version, settings, sha256}, and `provenance` where a file was made from others. Where a
-codec shares a network over materials, `shared` is the hash of its file, and that file's own `kind` is "shared". Where
-a file was fitted to a scene, `scene` says which part of the BTF it holds. The hash covers the whole file, with its own
-64 digits replaced by zeros, so that every changed byte is detected.
-Nothing is ever unpickled. Where the setting `zstd` is true, each part is one uint8 tensor `part/zstd`: the bytes of a
-safetensors file of its tensors, compressed by Zstandard.
+The JSON holds {format, codec, version, settings, sha256}, and `provenance` if a file was made from others. If a codec
+shares a network over materials, `shared` is the hash of the network's file, whose own `kind` is "shared". If a file was
+fitted to a scene, `scene` says which part of the BTF it holds. The hash covers the whole file, with its own 64 digits
+replaced by zeros, so every changed byte is detected. Nothing is ever unpickled. If the setting `zstd` is true, each
+part is one uint8 tensor `part/zstd`: the bytes of a safetensors file of its tensors, compressed by Zstandard.
 """
 
 import hashlib
@@ -60,7 +59,7 @@ class Header:
     def part_bytes(self) -> dict[str, int]:
         """Bytes of the tensors by part, and of `header`, the rest of the file. They add up to the file's size.
 
-        `encoder` and `sampling` are listed only where the file has them.
+        `encoder` and `sampling` are listed only if the file has them.
         """
         sums = {"decoder": 0, "texture": 0, "other": 0}
         for name, (_, _, size) in self.tensors.items():
@@ -72,7 +71,7 @@ class Header:
 def save(
     path: Path, codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[str, Any] | None = None
 ) -> Header:
-    """Write a codec file whole or not at all (a temporary name, then a rename), and read its header back."""
+    """Write a codec file completely or not at all (a temporary name, then a rename), and read its header back."""
     atomic.write(Path(path), to_bytes(codec, parts, provenance))
     return read_header(path)
 
@@ -87,7 +86,7 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
     by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
     for part, named in by_part.items():
         if name := _not_finite(named):
-            raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {part}/{name}")
+            raise ValueError(f"codec {codec.name} made a tensor with NaN or infinite numbers: {part}/{name}")
     if codec.zstd:
         by_part = {part: {ZSTD: compressed(serialise(named))} for part, named in by_part.items() if named}
     tensors = {f"{part}/{name}": tensor for part, named in by_part.items() for name, tensor in named.items()}
@@ -155,7 +154,7 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
 
 
 def _not_finite(tensors: "dict[str, Tensor]") -> str:
-    """The first of some tensors with a number that is not finite; "" where there is none."""
+    """The name of the first tensor with a number that is not finite; "" if there is none."""
     return next((name for name, x in tensors.items() if x.is_floating_point() and not x.isfinite().all()), "")
 
 
@@ -195,7 +194,7 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
         raise ContainerError(f"{path}: not a codec file (no safetensors header)")
     if 8 + length > len(data):
         raise ContainerError(
-            f"{path}: truncated: {len(data)} bytes, the header alone needs {8 + length}: copy it again"
+            f"{path}: truncated: it has {len(data)} bytes, but its header needs {8 + length}: copy it again"
         )
     try:
         header = json.loads(data[8 : 8 + length])

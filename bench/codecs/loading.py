@@ -17,8 +17,8 @@ from bench.errors import CodecError, ContainerError, answered
 from bench.material import Material
 from bench.training.decoder import decoding
 
-# A picture has at most so many texels, or so many times the numbers of its file: more than any codec shares a number
-# among, and few enough that slices of it fit into the memory.
+# Limits of a picture's texels, absolute and relative to the numbers in its file: no codec exceeds them, and slices of #
+# such a picture still fit into memory.
 LEAST_TEXELS, MOST_TEXELS = 1 << 24, 64
 
 
@@ -38,11 +38,11 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     path = Path(path)
     header, parts = read_parts(path)
     if header.kind == SHARED:
-        raise ContainerError(f"{path}: no material, but the network that codec {header.codec} shares over materials")
+        raise ContainerError(f"{path}: not a material, but the network that codec {header.codec} shares over materials")
     codec_class = registry.load_codec(header.codec, wanted_by=str(path))
     if header.version != codec_class.version:
         raise ContainerError(
-            f"{path}: written by version {header.version} of codec {header.codec}, this is version "
+            f"{path}: written by version {header.version} of codec {header.codec}, but installed is version "
             f"{codec_class.version}: encode it again, or install the version that wrote it"
         )
     if not header.network:
@@ -61,7 +61,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
         if math.prod(material.size) > max(LEAST_TEXELS, MOST_TEXELS * numbers):
-            raise ContainerError(f"a picture of {material.size} texels is beyond all proportion to {numbers:,} numbers")
+            raise ContainerError(f"a picture of {material.size} texels is far too large for {numbers:,} numbers")
     except ContainerError as error:
         raise ContainerError(f"{path}: {error}") from error
     except CodecError as error:
@@ -73,7 +73,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
 
 
 def _numbers(parts: Parts) -> int:
-    """How many numbers the tensors hold."""
+    """The count of numbers in the tensors."""
     return sum(tensor.numel() for part in PARTS for tensor in getattr(parts, part).values())
 
 
@@ -88,7 +88,7 @@ def _try(material: Material) -> None:
 
 
 class DecodedSource(Source):
-    """A decoded material as the source of a BTF at the pairs wo, wi (N, 3), so that what writes BTFs writes it.
+    """A decoded material as the source of a BTF at the pairs wo, wi (N, 3), so that it can be written like any BTF.
 
     `identity` names the file it was decoded from.
     """

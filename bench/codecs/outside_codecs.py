@@ -15,7 +15,7 @@ from bench.errors import CodecError, InputError
 Make = Callable[[str, dict[str, Any] | None], object]
 OURS = "neubtf-bench"
 EXPENDABLE = "NEUBTF_EXPENDABLE"  # set in the environment of a process that a codec may end
-PATIENCE = 120.0  # seconds for an import, PyTorch's included, on a slow disk
+PATIENCE = 120.0  # seconds for an import, including PyTorch's, on a slow disk
 
 
 def is_outside(entry: EntryPoint) -> bool:
@@ -43,7 +43,7 @@ def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], 
     import subprocess
     import sys
 
-    # A bare interpreter: the start of `multiprocessing` would run the script that asks again.
+    # A bare interpreter, because `multiprocessing` would run the calling script again.
     request = json.dumps([sys.path, name, None if settings is None else dict(settings)], default=str)
     there, here = os.pipe()
     command = [sys.executable, "-c", CHILD.format(module=make.__module__, make=make.__name__), request, str(here)]
@@ -82,7 +82,7 @@ def answer(make: Make, name: str, settings: dict[str, Any] | None, place: int) -
     try:
         make(name, settings)
     except InputError as error:
-        fault = [type(error).__name__, str(error)[:4096]]  # what a pipe holds, however it is written
+        fault = [type(error).__name__, str(error)[:4096]]  # short enough for the buffer of a pipe
     with open(place, "w", encoding="utf-8") as answers:
         print(json.dumps(fault), file=answers)
 

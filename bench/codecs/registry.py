@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from bench.codec import Codec
 
 GROUP = "neubtf_bench.codecs"
-COMMAND = "command"  # the codec of other programs: no list shows it, since it is nothing without them
+COMMAND = "command"  # the codec of other programs; lists omit it, because it is useless without them
 _OF_COMMANDS = EntryPoint(COMMAND, "bench.codecs.command:Programs", GROUP)
 
 
 def codec_entries() -> dict[str, EntryPoint]:
-    """Every installed codec's entry point by name. Two packages that claim one name are an error."""
+    """Every installed codec's entry point by name. `InputError` if two packages use the same name."""
     entries: dict[str, EntryPoint] = {}
     for entry in entry_points(group=GROUP):
         other = entries.setdefault(entry.name, entry)
@@ -29,14 +29,14 @@ def codec_entries() -> dict[str, EntryPoint]:
 
 
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
-    """Import the class of a codec. `InputError` where no codec has the name, or its class has another one."""
+    """Import the class of a codec. `InputError` if no codec has the name, or if its class has another name."""
     entry = _entry(name, wanted_by)
     outside_codecs.check(entry, called(entry), _made_in_child)
     return _loaded(entry, wanted_by)
 
 
 def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
-    """Make a codec with some settings. `InputError` where they are invalid, `CodecError` where the codec fails."""
+    """Make a codec with some settings. `InputError` if they are invalid, `CodecError` if the codec fails."""
     entry = _entry(name)
     outside_codecs.check(entry, called(entry), _made_in_child, settings)
     try:
@@ -48,7 +48,7 @@ def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
 
 
 def _made_in_child(name: str, settings: dict[str, Any] | None) -> object:
-    """What the process of an external codec runs to try it."""
+    """Make a codec; the process that tries an external codec calls this."""
     return load_codec(name) if settings is None else make_codec(name, settings)
 
 

@@ -1,8 +1,8 @@
 """Networks that a codec trains once for all materials: each has its own file, which a material's file names by hash.
 
 The file is a codec file of kind "shared": the network in its parts `decoder` and `encoder`, and in `other` two hashes
-of each BTF it was trained on, the `fingerprint` and the `origin`. A codec may ship one. One's own is stored as
-`CODEC.nbtf` in `$NEUBTF_SHARED`, else in `shared/` under the cache folder, and is preferred; a replaced file stays
+of each BTF it was trained on, the `fingerprint` and the `origin`. A codec may ship one. A user's own network is stored
+as `CODEC.nbtf` in `$NEUBTF_SHARED`, else in `shared/` under the cache folder, and is preferred; a replaced file stays
 beside it under a name with its hash.
 """
 
@@ -32,7 +32,7 @@ def folder() -> Path:
 
 
 def place(codec: str) -> Path:
-    """The file of one's own network of a codec."""
+    """The path of the user's own network of a codec."""
     return folder() / f"{codec}{container.SUFFIX}"
 
 
@@ -48,9 +48,9 @@ def read(path: Path) -> TrainedNetwork:
 
 def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
     if header.kind != container.SHARED:
-        raise ContainerError(f"{header.path}: a material coded with {header.codec}, no network shared over materials")
+        raise ContainerError(f"{header.path}: it is a material of codec {header.codec}, not a shared network")
     if not {"fingerprints", "origins"} <= parts.other.keys():
-        raise ContainerError(f"{header.path}: does not say what it was trained on")
+        raise ContainerError(f"{header.path}: it does not say what it was trained on")
     return TrainedNetwork(header.path, header.codec, header.settings, header.sha256, header.file_bytes, parts)
 
 
@@ -61,12 +61,12 @@ def find(codec: str, path: Path | None = None) -> TrainedNetwork:
         raise missing(codec, path)
     network = read(path)
     if network.codec != codec:
-        raise ContainerError(f"{path}: the network of codec {network.codec}, not of {codec}")
+        raise ContainerError(f"{path}: this is the network of codec {network.codec}, not of {codec}")
     return network
 
 
 def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
-    """Read the network that a codec encodes with: one's own, else the one that it ships; None for a codec without."""
+    """Read the network that a codec encodes with: the user's own, else the shipped one; None if it uses none."""
     if codec.network is None:
         return None
     shipped = codec.network.shipped
@@ -76,7 +76,7 @@ def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
 def missing(codec: str, path: Path | None = None) -> MissingDataError:
     """The message for a shared network that is missing at `path`, or at its default place."""
     return MissingDataError(
-        f"{path or place(codec)}: not there: codec {codec} needs the network that it shares over materials: make it "
+        f"{path or place(codec)}: missing: codec {codec} needs the network that it shares over materials: make it "
         f"with `neubtf-bench pretrain {codec}`"
     )
 
@@ -90,9 +90,9 @@ def named_by(header: container.Header, shipped: Path | None) -> TrainedNetwork:
         if path.is_file() and (contents := container.read_parts(path))[0].sha256 == header.network:
             return _trained(*contents)
     raise ContainerError(
-        f"{header.path}: needs the network that codec {header.codec} shares over materials, sha256 {header.network}: "
+        f"{header.path}: it needs the shared network of codec {header.codec}, sha256 {header.network}: "
         f"put its file beside it, or into {folder()}, as {names[0]}; {place(header.codec)} is "
-        + ("another one" if place(header.codec).exists() else f"not there (`neubtf-bench pretrain {header.codec}`)")
+        + ("another one" if place(header.codec).exists() else f"missing (`neubtf-bench pretrain {header.codec}`)")
     )
 
 
@@ -127,7 +127,7 @@ def _digests(digests: list[str]) -> Tensor:
 
 
 def origin(btf: BTF) -> str:
-    """A hex digest of the surface that a BTF shows, the same at every size and for all directions.
+    """A hex digest of the surface that a BTF shows, equal for all sizes and directions.
 
     A rendered material is hashed by recipe, parameters and seed; baked maps by the names of folder and files; measured
     data by the whole source.
@@ -143,9 +143,9 @@ def origin(btf: BTF) -> str:
 
 
 def refuse(network: TrainedNetwork, btf: BTF) -> None:
-    """Raise an `InputError` where a network was trained on this material, at any size and directions."""
+    """Raise `InputError` if a network was trained on this material, at any size and directions."""
     if origin(btf) in network.origins:
         raise InputError(
-            f"{btf.name}: codec {network.codec} cannot be measured on it, as its shared network was trained "
+            f"{btf.name}: codec {network.codec} cannot be measured on it, because its shared network was trained "
             f"on it ({network.path}): choose another material, or pretrain without this one"
         )

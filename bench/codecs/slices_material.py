@@ -1,4 +1,4 @@
-"""Slices that something else decoded, as a material that can be scored: it answers whole slices at their pairs."""
+"""Slices that another program decoded, as a material that can be scored: it answers whole slices at their pairs."""
 
 from collections.abc import Sequence
 
@@ -12,13 +12,13 @@ from bench.errors import InputError
 from bench.hemisphere import to_degrees
 from bench.material import DecoderCost, Material
 
-SAME = 1e-3  # radians: directions so near are one, as angles in names of files are rounded
+SAME = 1e-3  # radians: nearer directions count as equal, because angles in file names are rounded
 
 
 class SlicesMaterial(Material):
     """The slices of `decoded` at the pairs of `truth`. Answers over several texels are means of the slice's texels.
 
-    `InputError` where `decoded` lacks a pair of `truth`.
+    Raises `InputError` if `decoded` lacks a pair of `truth`.
     """
 
     opaque = True
@@ -33,7 +33,7 @@ class SlicesMaterial(Material):
             pair = int(distance.argmax())
             angles = [f"{angle:.1f}" for w in (truth.wo[pair], truth.wi[pair]) for angle in to_degrees(w)]
             raise InputError(
-                f"{decoded.name}: has no slice for {absent:,} of the {len(truth):,} pairs of {truth.name}, such as "
+                f"{decoded.name}: it has no slice for {absent:,} of the {len(truth):,} pairs of {truth.name}, such as "
                 f"theta_o, phi_o, theta_i, phi_i = {', '.join(angles)}: decode every pair of {truth.name}"
             )
         self.pair_of = dict(zip(map(tuple, wanted.tolist()), nearest.tolist(), strict=True))

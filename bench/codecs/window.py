@@ -13,7 +13,7 @@ CELLS = 16  # cells per side of the map of demanded directions, over the stereog
 
 @dataclass(frozen=True)
 class Window:
-    """A window of a periodic texture of `size` texels, from (top, left) on, stored over boxes of factor × factor."""
+    """A window of a periodic texture of `size` texels, from (top, left), stored in boxes of factor × factor."""
 
     size: tuple[int, int]
     top: int
@@ -54,7 +54,7 @@ class Window:
         return self.height, self.width
 
     def within(self, uv: Tensor) -> Tensor:
-        """uv (n, 2) of the whole texture in units of the window; beyond its border, the nearest texel of it."""
+        """uv (n, 2) of the whole texture in units of the window; beyond its border, the nearest texel."""
         u = self._along(uv[:, 0], self.left, self.width, self.size[1])
         v = self._along(1 - uv[:, 1], self.top, self.height, self.size[0])
         return torch.stack([u, 1 - v], 1)
@@ -64,7 +64,7 @@ class Window:
             return place
         texels = (place * side - start).remainder(side)
         half = self.factor / 2
-        # Positions nearer to the start, around the border, are clamped to it.
+        # Positions that are nearer to the start around the border are clamped to the start.
         texels = torch.where(texels > (length + side) / 2, texels - side, texels)
         return texels.clamp(half, length - half) / length
 
@@ -89,6 +89,6 @@ def to_hex(cells: Array) -> str:
 
 
 def from_hex(text: str) -> Array:
-    """The map (CELLS, CELLS) that a file records. `ValueError` where it is none."""
+    """The map (CELLS, CELLS) that a file records. `ValueError` if it is invalid."""
     bits = np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8))
     return bits.reshape(CELLS, CELLS).astype(bool)

@@ -13,7 +13,7 @@ LEVEL = 19
 
 
 def compressed(data: bytes) -> "Tensor":
-    """Bytes as a tensor (n,) of compressed ones, uint8."""
+    """Compress bytes into a tensor (n,) uint8."""
     import torch
 
     packed = _library("zstd = true").ZstdCompressor(level=LEVEL).compress(data)
@@ -21,7 +21,7 @@ def compressed(data: bytes) -> "Tensor":
 
 
 def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
-    """Expand a compressed safetensors file of at most so many bytes. `ContainerError` where it is not sound."""
+    """Expand a compressed safetensors file of at most `most` bytes. `ContainerError` if it is damaged."""
     from safetensors import SafetensorError
     from safetensors.torch import load
 
@@ -31,7 +31,7 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
     data = payload.numpy().tobytes()
     try:
         if not 0 <= zstandard.frame_content_size(data) <= most:
-            raise ContainerError(f"{path}: a compressed part says no size, or one beyond all proportion to the file")
+            raise ContainerError(f"{path}: a compressed part gives no size, or one far too large for the file")
         return load(zstandard.ZstdDecompressor().decompress(data))
     except (zstandard.ZstdError, SafetensorError) as error:
         raise ContainerError(f"{path}: a compressed part is not sound ({error})") from error

@@ -43,7 +43,7 @@ def open_material(
         return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
     path = spec.existing()
     if path is None:
-        under = f" or under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
+        under = f", nor under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
         where = f"{spec.where}" if spec.where else "check the path"
         raise (MissingDataError if spec.where else InputError)(f"{spec.path}: there is no such file{under}: {where}")
     from bench.data.bake.naming import looks_like_maps

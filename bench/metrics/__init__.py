@@ -4,8 +4,8 @@ A metric's name fixes everything that its number depends on. Two parts of a name
 
 - `{ppd}ppd`, the pixels per degree at which FLIP looks: `flip_ldr_67ppd`, `flip_ldr_20ppd`. 67 stands for the
   published default viewing condition, 67.0206; every other number is meant exactly.
-- the ending `_periodic`: the filters wrap around the picture instead of meeting a border, which is right for a
-  material that repeats and wrong for any other picture.
+- the ending `_periodic`: the filters wrap around the picture instead of meeting a border, which is right only for
+  a material that repeats.
 
 To add a metric, write one file with a class derived from `bench.metrics.base.SliceMetric` and add one line below. A
 suite or `--metric` chooses it by name; with `default=True` every codec is scored with it. Tables show its `label`.
@@ -29,8 +29,8 @@ PERIODIC = "_periodic"
 class Metric:
     """The description of a metric, available without importing it.
 
-    `direction` is "higher" or "lower", whichever is better; `space` is what the numbers are compared in. A change
-    of `version` makes older records not comparable. `target` is "module:Class"; `options` go to its constructor.
+    `direction` is "higher" or "lower", whichever is better; `space` is the space in which pictures are compared. A
+    change of `version` makes older records not comparable. `target` is "module:Class"; `options` go to its constructor.
     `label` is its name in tables.
     """
 
@@ -41,7 +41,7 @@ class Metric:
     version: int
     target: str
     label: str = ""
-    default: bool = False  # whether it is measured where a suite chooses no metrics
+    default: bool = False  # whether it is measured if a suite chooses no metrics
     periodic: bool = False  # whether `name` + "_periodic" exists; in a variant, whether it is that variant
     options: dict[str, Any] = field(default_factory=dict, hash=False)
 
@@ -94,9 +94,9 @@ def registered() -> tuple[Metric, ...]:
 
 
 def get(name: str) -> Metric:
-    """The metric of that name, every variable part filled in.
+    """The metric of that name, with every variable part filled in.
 
-    Raises `InputError`, with the nearest names, where there is none.
+    Raises `InputError`, with the nearest names, if there is none.
     """
     metric = _registered_metric(name)
     match = re.fullmatch(_pattern(metric), name)
@@ -116,7 +116,7 @@ def _registered_metric(name: str) -> Metric:
 
 
 def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
-    """The metrics of a material among those that a suite names: the periodic variants where the material repeats.
+    """The metrics of a suite for a material: the periodic variants if the material repeats.
 
     `psnr_display`, the main metric, comes first, named or not. `InputError` for an unknown name.
     """

@@ -19,10 +19,10 @@ class Prepared(NamedTuple):
 
 
 class SliceMetric:
-    """A number for each slice. A metric implements `reference_side` and `compare`, and, where pooling is not a mean,
+    """A number for each slice. A metric implements `reference_side` and `compare`, and, if pooling is not a mean,
     `values` and `pool`.
 
-    The *raw* number of a slice is the mean of its map; it is stored as it is, so that pooling later is exact.
+    The *raw* number of a slice is the mean of its map; it is stored unchanged, so later pooling is exact.
     """
 
     perfect = 0.0  # the raw number of two equal slices
@@ -39,11 +39,11 @@ class SliceMetric:
         return {}
 
     def reference_side(self, reference: Picture) -> Any:
-        """Everything that depends on the reference alone: an array, or a tuple of arrays."""
+        """Everything that depends only on the reference: an array, or a tuple of arrays."""
         raise NotImplementedError
 
     def compare(self, side: Any, test: Picture) -> Array:
-        """The map (..., H, W) of which the raw number of a slice is the mean; `test` has the reference's shape."""
+        """The map (..., H, W) whose mean is the raw number of a slice; `test` has the reference's shape."""
         raise NotImplementedError
 
     def values(self, raw: Array) -> Array:
@@ -57,20 +57,20 @@ class SliceMetric:
     def prepare(self, reference: Array, exposure: float) -> Prepared:
         """Compute the reference's part once. `reference` is linear radiance (H, W, 3), or a stack (..., H, W, 3).
 
-        Raises `InputError` where the reference is no finite float picture, or smaller than the metric's window, or
-        the exposure is not positive.
+        Raises `InputError` if the reference is not a finite float picture, or is smaller than the metric's window, or
+        if the exposure is not positive.
         """
         picture = Picture(reference, exposure, "reference")
         if min(picture.shape[-2:]) < self.smallest:
             size, least = "{} × {}".format(*picture.shape[-2:]), self.smallest
-            raise InputError(f"reference is {size}, and {type(self).__name__} needs at least {least} × {least}")
+            raise InputError(f"reference is {size}, but {type(self).__name__} needs at least {least} × {least}")
         return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
 
     def error_map(self, state: Prepared, test: Array) -> Array:
         """The map (..., H, W) of the difference. `test` is linear radiance of the reference's size.
 
-        One prepared reference may be compared with a stack of tests. Raises `InputError` as `prepare` does, and
-        where the sizes differ.
+        One prepared reference may be compared with a stack of tests. Raises `InputError` as `prepare` does, and if the
+        sizes differ.
         """
         picture = Picture(test, state.exposure, "test")
         if picture.shape == state.shape:

@@ -13,11 +13,11 @@ from bench.errors import InputError
 
 Array = np.ndarray
 
-FEWEST = 3  # four were for a cubic through all; a piecewise one has a shape from three on
+FEWEST = 3  # a cubic through all points needs four; a piecewise one needs three
 
 
 class Delta(NamedTuple):
-    """A Bjøntegaard delta and the stretch that it rests on.
+    """A Bjøntegaard delta and the stretch on which it is computed.
 
     `value` is in % for a rate and in the quality's unit for a quality. The curves share the stretch from `low` to
     `high`, of quality for BD-rate and of rate for BD-PSNR; `overlap` is its part of all that the two cover, on the
@@ -66,7 +66,7 @@ def _mean_difference(
     anchor: tuple[Array, Array], test: tuple[Array, Array], axis: str
 ) -> tuple[float, float, float, float]:
     """Mean of test − anchor over the shared stretch of x, and that stretch; each curve is (x, y)."""
-    from scipy.interpolate import PchipInterpolator  # heavy, and needed only here
+    from scipy.interpolate import PchipInterpolator  # slow to import, and needed only here
 
     curves = []
     for name, (x, y) in (("anchor", anchor), ("test", test)):
@@ -76,7 +76,7 @@ def _mean_difference(
         curves.append(PchipInterpolator(x[order], y[order]))
     low, high = max(anchor[0].min(), test[0].min()), min(anchor[0].max(), test[0].max())
     if not high > low:
-        raise InputError(f"the curves of anchor and test share no {axis}: no delta can be given")
+        raise InputError(f"the curves of anchor and test share no {axis}, so there is no delta")
     whole = max(anchor[0].max(), test[0].max()) - min(anchor[0].min(), test[0].min())
     area = curves[1].integrate(low, high) - curves[0].integrate(low, high)
     return float(area / (high - low)), float(low), float(high), float((high - low) / whole)

@@ -13,8 +13,7 @@ SAMPLE_VALUES = 1_000_000  # number of values that the exposure is computed from
 def exposure_of(values: Array) -> float:
     """The exposure of a material from a sample of its radiance, of any shape.
 
-    0.8 over the 99th percentile; where that is 0, over the maximum; where that is 0 too, 1. Negative values
-    count as 0.
+    It is 0.8 over the 99th percentile; if that is 0, over the maximum; if that is 0 too, 1. Negative values count as 0.
     """
     values = np.maximum(values, 0)
     bright = float(np.percentile(values, 99)) or float(values.max())
@@ -22,7 +21,7 @@ def exposure_of(values: Array) -> float:
 
 
 def sample(btf: BTF, seed: int = 0) -> Array:
-    """A seeded sample (n, 3) of linear radiance: about 1 M values over all pairs, or all where there are fewer."""
+    """A seeded sample (n, 3) of linear radiance: about 1 M values over all pairs, or all if there are fewer."""
     height, width = btf.shape
     if len(btf) * height * width * 3 <= SAMPLE_VALUES:
         return np.concatenate([picture.reshape(-1, 3) for picture in btf])

@@ -70,7 +70,7 @@ class LDR(SliceMetric):
 
 
 def check_ppd(ppd: float) -> float:
-    """Return the pixels per degree, or raise an `InputError` where they are not a positive number."""
+    """Return the pixels per degree, or raise an `InputError` if they are not a positive number."""
     if not (math.isfinite(ppd) and ppd > 0):
         raise InputError(f"ppd must be a positive number, not {ppd}")
     return float(ppd)

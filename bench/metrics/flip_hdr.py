@@ -37,10 +37,9 @@ class Range(NamedTuple):
 class HDR(SliceMetric):
     """FLIP over a range of exposures, tone-mapped by ACES as fitted by Narkowicz (2015).
 
-    Without `start` and `stop` the range is that of each reference, as published; one that is black, or black over
-    half of it, has none and raises `InputError`. Within a material every slice has the range of the whole material,
-    which `for_material` finds from the luminances of its sample that are above 0. The exposure of the display plays
-    no part.
+    Without `start` and `stop` the range is that of each reference, as published; a reference that is black over half of
+    it or more has none and raises `InputError`. Within a material every slice has the range of the whole material,
+    which `for_material` finds from the luminances above 0 in its sample. The exposure of the display is not used.
     """
 
     per_material = True
@@ -50,7 +49,7 @@ class HDR(SliceMetric):
     def __init__(self, ppd: float = PPD, periodic: bool = False, start: float | None = None, stop: float | None = None):
         self.ppd, self.periodic = check_ppd(ppd), periodic
         if (start is None) != (stop is None):
-            raise InputError("start and stop go together: give both, or neither")
+            raise InputError("start and stop belong together: give both, or neither")
         self.range: Range | None = None
         if start is not None and stop is not None:
             if not (math.isfinite(start) and math.isfinite(stop) and start <= stop):
@@ -67,7 +66,7 @@ class HDR(SliceMetric):
         return self.range._asdict() if self.range else {}
 
     def range_of(self, luminance: Array) -> Range:
-        """The published range for luminances of any shape; raises `InputError` where their median is 0."""
+        """The published range for luminances of any shape; raises `InputError` if their median is 0."""
         middle = np.sort(luminance, axis=None)[luminance.size // 2]
         if not middle > 0:
             raise InputError(

@@ -22,6 +22,6 @@ def magma(error_map: Array) -> Array:
 
 @lru_cache(maxsize=1)
 def _colours() -> Array:
-    import matplotlib  # its table is the published one; imported late because it is heavy
+    import matplotlib  # its table is the published one; imported late because that is slow
 
     return np.array(matplotlib.colormaps["magma"](np.arange(256))[:, :3], np.float32)

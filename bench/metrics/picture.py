@@ -18,7 +18,7 @@ class Picture:
     rounding errors beyond 2e-5.
     Negative radiance counts as 0. `name` names the argument in errors.
 
-    Raises `InputError` where the values are no floats, not finite, or shaped otherwise.
+    Raises `InputError` if the values are not floats, not finite, or have another shape.
     """
 
     def __init__(self, radiance: Array, exposure: float, name: str):

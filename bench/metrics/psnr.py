@@ -1,6 +1,6 @@
 """Peak signal-to-noise ratio, in display space and of log1p radiance.
 
-    PSNR = 10 · log10(peak² / MSE)   in dB; higher is better; ∞ where the slices are equal
+    PSNR = 10 · log10(peak² / MSE)   in dB; higher is better; ∞ if the slices are equal
 
 MSE is the mean over texels and channels. The raw number of a slice is its MSE, so the pooled PSNR, that of the
 squared error of all slices together, is exact. Source: Gonzalez & Woods, Digital Image Processing.
@@ -54,6 +54,6 @@ class DisplayPSNR(SquaredDifference):
 
 
 class LogPSNR(DisplayPSNR):
-    """PSNR of log1p(8 · exposure · radiance); peak log1p(8). Highlights beyond 1 count, where display clips them."""
+    """PSNR of log1p(8 · exposure · radiance); peak log1p(8). Highlights beyond 1 count, unlike in display space."""
 
     plane, peak = "log1p", math.log1p(LOG_SCALE)

@@ -24,18 +24,18 @@ from bench.threads import cores
 
 Decode = Callable[[int], Array]
 
-FOOTPRINTS_VERSION = 2  # of `footprint_errors` and of the query positions in a box
-_BLOCK_TEXELS = 1 << 16  # slices are scored in stacks of about this size, since Python's overhead dominates small ones
+FOOTPRINTS_VERSION = 2  # version of `footprint_errors` and of the query positions in a box
+_BLOCK_TEXELS = 1 << 16  # slices are scored in stacks of about this size: Python's overhead dominates small ones
 
 
 @dataclass(frozen=True)
 class Scores:
     """The measured numbers, one per slice, before any mean.
 
-    `raw[name][k]` is the metric's raw number of pair `pairs[k]`: the squared error for PSNR and RMSE; NaN where the
-    metric does not apply. `radiance` is the mean linear radiance of each reference slice. `abrdf` is the error of
-    each texel's ABRDF, (H, W): the squared error of log1p(8 · exposure · radiance), mean over channels and pairs.
-    `fixed` is what a metric fixed for the material, such as the exposures of HDR FLIP, by metric and name.
+    `raw[name][k]` is the metric's raw number of pair `pairs[k]`: the squared error for PSNR and RMSE; NaN if the metric
+    does not apply. `radiance` is the mean linear radiance of each reference slice. `abrdf` is the error of each texel's
+    ABRDF, (H, W): the squared error of log1p(8 · exposure · radiance), mean over channels and pairs. `fixed` holds the
+    constants that a metric fixed for the material, such as the exposures of HDR FLIP.
     """
 
     pairs: Array
@@ -64,10 +64,10 @@ class Scorer:
     """Scores any number of codecs against one BTF.
 
     `names` are metrics of the registry, by default `bench.metrics.default_names`; `exposure` is that of the material,
-    by default measured of `sampled` (None: of the BTF itself). `cache_bytes` bounds what is kept of the reference
-    between codecs.
+    by default measured of `sampled` (None: of the BTF itself). `cache_bytes` limits the cache of the reference between
+    codecs.
 
-    Raises `InputError` for an unknown metric, and for a periodic one where the BTF is not periodic.
+    Raises `InputError` for an unknown metric, and for a periodic one if the BTF is not periodic.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Scorer:
         self.names = tuple(registry.default_names(btf.periodic) if names is None else names)
         described = {name: registry.get(name) for name in self.names}
         if foreign := [name for name, metric in described.items() if metric.periodic and not btf.periodic]:
-            raise InputError(f"{foreign[0]} is for materials that repeat, and {btf.name} does not")
+            raise InputError(f"{foreign[0]} is only for materials that repeat, and {btf.name} does not")
         self.metrics = {name: metric.load() for name, metric in described.items()}
         self.exposure = exposure if exposure is not None else 1.0
         if exposure is None or any(metric.per_material for metric in self.metrics.values()):
@@ -98,8 +98,8 @@ class Scorer:
     def score(self, pairs: Sequence[int] | Array, decode_slice: Decode) -> Scores:
         """Score the slices of some pairs. `decode_slice(i)` gives that of pair i, (H, W, 3) linear radiance.
 
-        Negative values count as 0. Raises `InputError` where a decoded slice is no finite float picture of the BTF's
-        size, and names its pair.
+        Negative values count as 0. Raises `InputError`, with the pair, if a decoded slice is not a finite float picture
+        of the BTF's size.
         """
         pairs = np.asarray(pairs, np.int64)
         raw = {name: np.full(len(pairs), np.nan) for name in self.names}
@@ -136,7 +136,7 @@ class Scorer:
                     future.cancel()
 
     def _compare(self, block: tuple[int, ...], truth: Array | None, test: Array) -> tuple[Any, ...]:
-        """In a worker: compute the raw numbers of a stack, and the reference where it is not cached."""
+        """In a worker: compute the raw numbers of a stack, and the reference if it is not cached."""
         name = f"reference slices of pairs {block[0]} to {block[-1]}"
         reference = self._cached[block] if truth is None else self._prepare(Picture(truth, self.exposure, name))
         picture = Picture(test, self.exposure, "test")
@@ -178,7 +178,7 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
       squared error that a single slice holds;
     - `bins`: by name, pooled numbers of θ_o × θ_i bins (`bench.metrics.angular.bins`).
 
-    None stands for a value that is not finite: no slice to measure or, where `exact` equals `slices`, no error at all.
+    None stands for a value that is not finite: no slice to measure or, if `exact` equals `slices`, no error at all.
     """
     loaded = {name: (registry.get(name).unit, registry.get(name).load()) for name in scores.raw}
     return {
@@ -187,7 +187,7 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
 
 
 def weighted(scores: Scores, share: Array) -> dict[str, Any]:
-    """Statistics of all scored pairs, each counting as much as its share (N,), by pair of the BTF; ready for JSON.
+    """Statistics of all scored pairs, weighted by their shares (N,), by pair of the BTF; ready for JSON.
 
     As a group of `summarise`, without bins and `largest`; `slices` and `exact` count pairs with a share.
     """
@@ -242,8 +242,8 @@ def footprint_errors(
     """The squared display error of each pair at footprints of some texels, against box-filtered truth.
 
     `decode(i, factor)` gives pair i at that footprint, linear radiance (H // factor, W // factor, 3): one answer for
-    each whole box of factor × factor texels, asked where that box is (`bench.material.box_centres`). A factor that
-    exceeds the picture is left out. Raises `InputError` as `Scorer.score` does.
+    each whole box of factor × factor texels, asked at the centre of that box (`bench.material.box_centres`). A factor
+    that exceeds the picture is left out. Raises `InputError` as `Scorer.score` does.
     """
     errors: dict[int, list[float]] = {factor: [] for factor in factors if factor <= min(btf.shape)}
     for pair in np.asarray(pairs).tolist():

@@ -2,10 +2,10 @@
 
     SSIM = (2 μx μy + C1)(2 σxy + C2) / ((μx² + μy² + C1)(σx² + σy² + C2)),   C1 = 0.01², C2 = 0.03²
 
-on the Rec. 709 luma of the display transform, range 1; local means, variances and covariance under a Gaussian
-window of 11 × 11, σ = 1.5, that sums to 1 (population, not sample, moments); no downsampling. The number of a slice
-is the mean over the windows that lie wholly inside it, which is what the authors' code and scikit-image both do.
-The periodic variant wraps the window around and takes the mean over all texels.
+on the Rec. 709 luma of the display transform, range 1; local means, variances and covariance under a Gaussian window of
+11 × 11, σ = 1.5, that sums to 1 (population, not sample, moments); no downsampling. The number of a slice is the mean
+over the windows that lie completely inside it, as in the authors' code and in scikit-image. The periodic variant wraps
+the window around and takes the mean over all texels.
 """
 
 import numpy as np
@@ -53,7 +53,7 @@ class SSIM(SliceMetric):
         )
 
     def _local_mean(self, plane: Array) -> Array:
-        """The Gaussian mean around each texel whose window fits, or around all where the picture wraps."""
+        """The Gaussian mean around each texel whose window fits, or around all if the picture wraps."""
         mode = "wrap" if self.periodic else "nearest"
         smooth = correlate1d(correlate1d(plane, _WINDOW, -2, mode=mode), _WINDOW, -1, mode=mode)
         return smooth if self.periodic else smooth[..., RADIUS:-RADIUS, RADIUS:-RADIUS]

@@ -1,7 +1,7 @@
 """The program of a decoded material: plain operations on NumPy constants, for renderers without PyTorch.
 
-`recording` makes it of a material, with PyTorch. `operations` has what each operation does, once for all back ends:
-`kernel` runs it by Dr.Jit, `reports.shaders` writes it as text.
+`recording` makes it from a material, with PyTorch. `operations` defines each operation once for all back ends: `kernel`
+runs a program with Dr.Jit, `reports.shaders` writes it as text.
 """
 
 import json
@@ -55,7 +55,7 @@ class Program:
 
     @property
     def periods(self) -> tuple[float, float]:
-        """How many periods of the texture its longer side is along u and along v: texels are square on a surface."""
+        """The length of the longer side in periods of the texture along u and v, because texels are square."""
         return periods(self.size)
 
     def products(self) -> int:
@@ -75,7 +75,7 @@ class Program:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "Program":
-        """The program that `arrays` gave. `KeyError`, `TypeError` or `ValueError` where they are none."""
+        """The program from its `arrays`. Raises `KeyError`, `TypeError` or `ValueError` if they are invalid."""
         header = json.loads(arrays["program"].tobytes())
         steps = tuple(Step(**step | {"shape": tuple(step["shape"])}) for step in header["steps"])
         constants = {name: array for name, array in arrays.items() if name != "program"}

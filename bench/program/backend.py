@@ -1,6 +1,6 @@
 """Runs a program, by a back end: `Kernel` here, and the `Writer` of shaders in `reports`.
 
-A tensor of one query is a NumPy array of scalars, each a number or what a back end has for one: an expression of a
+A tensor of one query is a NumPy array of scalars. A scalar is a number, or its form in a back end: an expression of a
 shader, an array over the queries. `operations` builds each operation from the methods of `Backend`.
 
 A formula is GLSL with arguments {0}, {1}, ..., which a back end writes out or reads.
@@ -17,7 +17,7 @@ from bench.errors import InputError
 from bench.program import Program
 
 Array = np.ndarray
-Scalar = Any  # a number, or what a back end has for one
+Scalar = Any  # a number, or its form in a back end
 Rows = list[list[Scalar]]
 Operation = Callable[..., Any]  # (back end, step, *arguments) → the scalars of the result, in an array or a list
 
@@ -33,7 +33,7 @@ class Value:
 class Backend(ABC):
     """Computes scalars, and runs programs with them."""
 
-    what: str  # in messages
+    what: str  # the name of the back end in messages
     operations: dict[str, Operation]  # by name
 
     @abstractmethod
@@ -73,11 +73,11 @@ class Backend(ABC):
         """The sum of some rows of a constant (rows, channels), each times its share."""
 
     def cannot(self, what: str) -> InputError:
-        """The error where a program needs an operation that this back end lacks."""
+        """The error for an operation that this back end lacks."""
         return InputError(f"no {self.what} can {what} yet")
 
     def check(self, program: Program) -> None:
-        """`InputError` where the program has an operation that this does not know."""
+        """Raise `InputError` if the program has an operation that this back end does not know."""
         if absent := {step.operation for step in program.steps} - self.operations.keys():
             raise self.cannot(f"do {min(absent)!r}")
 
@@ -101,7 +101,7 @@ def _resolved(argument: Any, values: dict[str, Value]) -> Any:
 
 
 def as_array(values: Any) -> Array:
-    """An array of objects; scalars of a back end become elements, and are not taken apart."""
+    """An array of objects; scalars of a back end become elements unchanged."""
     if isinstance(values, np.ndarray):
         return values.astype(object)
     if not isinstance(values, list):
@@ -116,7 +116,7 @@ def as_array(values: Any) -> Array:
 
 
 def is_number(scalar: Scalar) -> bool:
-    """Whether a scalar is a number, not a back end's own."""
+    """Whether a scalar is a number, and not a back end's form."""
     return isinstance(scalar, int | float | np.number)
 
 

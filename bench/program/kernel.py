@@ -1,4 +1,4 @@
-"""A program by Dr.Jit, so that the kernel of a renderer evaluates any codec's file.
+"""Runs a program with Dr.Jit, so that the kernel of a renderer can evaluate any codec's file.
 
 A scalar is a number or a Dr.Jit array over the queries. Weights become literals of the kernel or, if they are very
 many, of functions that it calls. Tables are fetched from memory.
@@ -17,14 +17,14 @@ from bench.program import INPUTS, Program
 from bench.program.backend import Array, Backend, Operation, Rows, Scalar, listed
 from bench.program.operations import OPERATIONS, looked_up
 
-# Products that a program has in line. 36,000 of them compile for minutes; as functions of `BLOCK` outputs, for 4 s, and
-# one function a layer for 13 s. Weights read from memory take eleven times as long a sample in a render.
+# The most products in line. 36,000 of them take minutes to compile; as functions of `BLOCK` outputs, 4 s, and as one #
+# function a layer, 13 s. Weights read from memory take eleven times as long a sample in a render.
 MOST_LITERALS = 10_000
 BLOCK = 24
 
 
 def _power(base: Scalar, exponent: Scalar) -> Scalar:
-    """Whole exponents are products, also of what is below 0."""
+    """Powers; whole exponents are products, so the base may be negative."""
     return dr.power(base, int(exponent) if isinstance(exponent, float) and exponent.is_integer() else exponent)
 
 
@@ -37,7 +37,7 @@ _NAMES: dict[str, Any] = {
 
 @cache
 def _function(formula: str, count: int) -> Callable[..., Scalar]:
-    """A formula of operations as a function of Dr.Jit arrays: Python reads it but for three signs."""
+    """A formula of operations as a function of Dr.Jit arrays; only three signs differ from Python."""
     python = formula.replace("&&", "&").replace("||", "|").replace("!(", "inverse(")
     function: Callable[..., Scalar] = eval("lambda *x: " + python.format(*(f"x[{k}]" for k in range(count))), _NAMES)
     return function
@@ -46,7 +46,7 @@ def _function(formula: str, count: int) -> Callable[..., Scalar]:
 class Kernel(Backend):
     """A program that Dr.Jit records; `kind` is its module of arrays, such as `drjit.llvm`.
 
-    `more` computes operations that are the caller's own.
+    `more` computes further operations of the caller.
     """
 
     what = "kernel"
@@ -65,7 +65,7 @@ class Kernel(Backend):
 
     def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[Scalar]:
         if "%" in formula:
-            # A renderer fetches 0 for rays that it does not ask, and a division of whole numbers by 0 ends the process.
+            # A renderer fetches 0 for inactive rays, and an integer division by 0 ends the process.
             left, right = arguments
             arguments = [left, [b if isinstance(b, int) else dr.select(b == 0, 1, b) for b in right]]
         function = _function(formula, len(arguments))
@@ -106,7 +106,10 @@ class Kernel(Backend):
         key = (table.__array_interface__["data"][0], table.size)
         if key not in self.tables:
             array = self.kind.Float if kind == "float" else self.kind.Int
-            self.tables[key] = table, array(np.ascontiguousarray(table).reshape(-1))  # holds its memory, and so its key
+            self.tables[key] = (
+                table,
+                array(np.ascontiguousarray(table).reshape(-1)),
+            )  # keeps memory and key alive
         # An altered file must not read other memory.
         stored, first = self.tables[key][1], dr.minimum(self.kind.UInt(index), len(table) - 1) * table.shape[1]
         return [dr.gather(type(stored), stored, first + channel) for channel in range(table.shape[1])]
@@ -124,13 +127,13 @@ def _dot(left: Sequence[Scalar], right: Sequence[Scalar], start: Scalar = 0.0) -
 
 
 def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) -> list[Scalar]:
-    """inputs · matrix, of a matrix of numbers (inputs, outputs), by functions with the weights as their literals.
+    """inputs · matrix, for a matrix of numbers (inputs, outputs), by functions with the weights as literals.
 
-    In line, LLVM takes minutes for tens of thousands of literals, and a kernel that asks a network several times holds
-    all of them as often. Functions of some outputs each are compiled in seconds, once; their sums stay in registers.
+    In line, LLVM takes minutes for tens of thousands of literals, and a kernel that evaluates a network several times
+    contains them several times. Functions of a few outputs each compile in seconds, once; their sums stay in registers.
     """
     given, backend = [kind.Float(value) for value in inputs], dr.backend_v(kind.Float)
-    # A switch of one case; its number, 0, must not be known before, else the function would be put in line.
+    # A switch with one case; its number, 0, must not be a constant, else LLVM would inline the function.
     zero = dr.select(given[0] > 0, kind.UInt32(1), kind.UInt32(0)) >> 1
     outputs: list[Scalar] = []
     for first in range(0, matrix.shape[1], BLOCK):
@@ -139,7 +142,7 @@ def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) ->
         def block(*values: Scalar, weights: list[list[float]] = weights) -> tuple[Scalar, ...]:
             sums = [kind.Float(0)] * len(weights[0])
             for value, row in zip(values, weights, strict=True):
-                dr.detail.new_scope(backend)  # else Dr.Jit sorts output by output, and reads each input again
+                dr.detail.new_scope(backend)  # otherwise Dr.Jit orders output by output, and reads each input again
                 sums = [dr.fma(value, weight, total) for weight, total in zip(row, sums, strict=True)]
             return tuple(sums)
 

@@ -1,8 +1,8 @@
-"""Says whether Dr.Jit can be trusted with the LLVM of this machine, by a trial in a process of its own.
+"""Tests whether Dr.Jit works with the LLVM of this machine, by a trial in a process of its own.
 
-Dr.Jit ends its process at an operation that LLVM cannot compile: on x86, LLVM 16 and older know no maximum, minimum or
-arctangent of it. The suite's own kernels use none of these; the plug-ins of Mitsuba, which a scene names, do. What
-fails depends on Dr.Jit, LLVM and the processor, so it is tried, and no version is trusted. The trial has an empty
+Dr.Jit ends its process at an operation that LLVM cannot compile: on x86, LLVM 16 and older cannot compile its maximum,
+minimum and arctangent. The suite's own kernels use none of these, but the plug-ins of Mitsuba in a scene do. The
+failures depend on Dr.Jit, LLVM and the processor, so each version is tested. The trial has an empty
 kernel cache: Dr.Jit names a kernel by the processor alone, and would load one that another LLVM compiled.
 """
 
@@ -20,7 +20,7 @@ REMEDY = (
     f"install LLVM 19 (Debian: apt-get install libllvm19), or name the library of another LLVM in {CHOICE} "
     "(/usr/lib/x86_64-linux-gnu/libLLVM-19.so)"
 )
-LIMIT = 120.0  # seconds of a trial that takes one
+LIMIT = 120.0  # seconds; a trial usually takes one
 _TRIAL = """
 import drjit as dr
 if not dr.has_backend(dr.JitBackend.LLVM):
@@ -62,7 +62,7 @@ def drjit() -> ModuleType:
 
 def unusable(plugins: bool = False) -> str:
     """Why Dr.Jit cannot use this machine's LLVM for the suite's kernels or, with `plugins`, for Mitsuba's plug-ins too,
-    and the remedy; "" where it can. Dr.Jit must be installed. The trial takes about a second, once in a process.
+    and the remedy; "" if it can. Dr.Jit must be installed. The trial takes about a second, once in a process.
     """
     version, passed, end = _tried(os.environ.get(CHOICE, ""))
     if not version:
@@ -76,7 +76,7 @@ def _tried(choice: str) -> tuple[str, tuple[str, ...], str]:
     """The version of LLVM ("" without one), the names of the trials that it passed, and how the trial ended."""
     command = [sys.executable, "-c", _TRIAL]
     try:
-        # Dr.Jit keeps what it compiled, and would take what another LLVM compiled for the same processor.
+        # Dr.Jit caches kernels, and would load those that another LLVM compiled for the same processor.
         with TemporaryDirectory() as empty:
             done = subprocess.run(
                 command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LIMIT,

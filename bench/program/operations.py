@@ -1,6 +1,6 @@
-"""What each operation of a program does, once for all back ends; operations bear PyTorch's names (ATen).
+"""Defines each operation of a program once for all back ends; operations have PyTorch's names (ATen).
 
-NumPy does what only moves numbers. What computes is made of what a `Backend` does, here `m`.
+NumPy moves numbers. Computations are made from the methods of a `Backend`, here `m`.
 """
 
 import math
@@ -12,7 +12,7 @@ import numpy as np
 from bench.program import Step
 from bench.program.backend import Array, Backend, Operation, Rows, Scalar, Value, as_array, is_number, listed
 
-INFINITE = 9_223_372_036_854_775_807  # what a slice without an end has as its end
+INFINITE = 9_223_372_036_854_775_807  # the end of a slice without an end
 
 OPERATIONS: dict[str, Operation] = {}
 
@@ -27,7 +27,7 @@ def operation(*names: str) -> Callable[[Operation], Operation]:
     return register
 
 
-# What computes each number by itself.
+# Elementwise operations.
 
 FORMULAS = {
     **{"neg": "-({0})", "abs": "abs({0})", "floor": "floor({0})", "ceil": "ceil({0})", "exp": "exp({0})"},
@@ -37,7 +37,7 @@ FORMULAS = {
     **{"mul": "{0} * {1}", "div": "{0} / {1}", "minimum": "min({0}, {1})", "maximum": "max({0}, {1})"},
     "remainder": "{0} - {1} * floor({0} / {1})",
 }
-# Of whole numbers; the sign of a remainder is the divisor's.
+# For whole numbers; the sign of a remainder is the divisor's.
 WHOLE = {name: FORMULAS[name] for name in ("neg", "abs", "add", "sub", "mul", "minimum", "maximum")}
 WHOLE["remainder"] = "({0} % {1} + {1}) % {1}"
 TRUTHS = {
@@ -45,7 +45,7 @@ TRUTHS = {
     **{"ge": "{0} >= {1}", "logical_and": "{0} && {1}", "bitwise_and": "{0} && {1}", "logical_or": "{0} || {1}"},
     **{"bitwise_or": "{0} || {1}", "logical_not": "!({0})", "bitwise_not": "!({0})"},
 }
-KINDS = {"bool": bool, "int": int, "float": float}  # each holds those before it
+KINDS = {"bool": bool, "int": int, "float": float}  # each contains those before it
 
 
 def _as_kind(m: Backend, argument: Any, kind: str) -> Array:
@@ -127,7 +127,7 @@ def _to(m: Backend, step: Step, source: Value) -> Any:
 
 OPERATIONS["clamp_max"] = lambda m, step, source, high: _clamp(m, step, source, None, high)
 
-# What only moves numbers.
+# Operations that only move numbers.
 
 OPERATIONS |= dict.fromkeys(("view", "unsqueeze", "squeeze", "reshape"), lambda m, step, source, *_: source.items)
 OPERATIONS |= {
@@ -155,7 +155,7 @@ def _pad(m: Backend, step: Step, source: Value, pads: list[int], value: float = 
     return np.pad(source.items.astype(object), sides, constant_values=value)
 
 
-# What combines several numbers.
+# Operations that combine several numbers.
 
 
 @operation("mm", "addmm", "bmm")

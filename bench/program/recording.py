@@ -1,8 +1,8 @@
 """Records a decoded material as a program.
 
 `program_of` records the operations of `Material.evaluate` for one query by `torch.export`. So one generator writes the
-shaders of all codecs whose operations it knows, external ones included; no codec writes a shader. Operations on
-constants alone are computed here and become constants.
+shaders of all codecs whose operations it knows, including external ones; no codec writes a shader. Operations on only
+constants are computed here and become constants.
 """
 
 import io
@@ -25,7 +25,7 @@ from bench.program import INPUTS, Program, Step
 SAME = ("alias", "detach", "clone", "contiguous", "lift_fresh_copy")
 
 
-_RECORDING = threading.Lock()  # what PyTorch keeps while it records is of the process: two records disturb each other
+_RECORDING = threading.Lock()  # PyTorch's state while recording is global, so two recordings would disturb each other
 
 
 @contextmanager
@@ -59,12 +59,12 @@ def _exported(material: Material) -> torch.export.ExportedProgram:
 def program_of(material: Material) -> Program:
     """The program of a float32 material on the CPU.
 
-    `InputError` where `evaluate` cannot be recorded: it branches in Python on the values of a query, or uses something
-    other than tensor operations.
+    Raises `InputError` if `evaluate` cannot be recorded: it branches in Python on the values of a query, or uses
+    something other than tensor operations.
     """
     try:
-        # In a thread of its own: who looks at the frames of this one, as the profiler of a Dask worker does, keeps them
-        # alive, and with them guards by which PyTorch stops recording for a while. An operation would be missing.
+        # In a thread of its own. A profiler that inspects the frames of this one, such as a Dask worker's, keeps them
+        # alive, and with them guards by which PyTorch pauses recording, so an operation would be missing.
         with _RECORDING, ThreadPoolExecutor(1) as thread:
             exported = thread.submit(_exported, material).result()
     except Exception as error:  # torch.export has no exception type of its own
@@ -106,7 +106,7 @@ class _Recorder:
         elif operation == "getitem":
             source, number = arguments
             self.values[node.name] = source[number] if isinstance(source, (list, tuple)) else f"{source}.{number}"
-        elif operation == "full_like":  # depends on the shape alone
+        elif operation == "full_like":  # depends only on the shape
             self.values[node.name] = torch.full(
                 tuple(node.meta["val"].shape), arguments[1], dtype=node.meta["val"].dtype
             )
@@ -120,7 +120,7 @@ class _Recorder:
         if operation == "embedding_bag_forward_only":
             table, index, offsets, _, mode, _, *weights = arguments
             if mode != 0:
-                raise InputError("this material cannot be recorded as a program: an embedding bag that is no sum")
+                raise InputError("this material cannot be recorded as a program: an embedding bag that is not a sum")
             arguments, value = [table, index, len(offsets), *weights[:1]], value[0]
             self.values[node.name] = [f"{node.name}"]
         elif operation in ("split_with_sizes", "split", "unbind"):

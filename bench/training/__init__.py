@@ -1,4 +1,4 @@
-"""What learned codecs are made of: networks, inputs, latents, fits, stored precision. Codecs import from here alone."""
+"""The parts of learned codecs: networks, inputs, latents, fits, stored precision. Codecs import only from here."""
 
 from bench.training.decoder import LEAK, Activation, Architecture, Decoder, Network, load_vector, to_vector
 from bench.training.fitting import (

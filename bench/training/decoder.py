@@ -19,7 +19,7 @@ from bench.material import sample_texture, saturated
 
 Activation = Literal["relu", "leaky-relu", "smelu", "sine"]
 
-FREE = 1 << 22  # weights that any network may have, however few numbers its file holds
+FREE = 1 << 22  # weights that any network may have, even if its file holds fewer numbers
 _most: ContextVar[int | None] = ContextVar("_most", default=None)  # weights of a network that is being decoded
 LEAK = 0.01  # slope of the leaky ReLU below 0
 BEND = 0.5  # SmeLU is the leaky ReLU, its kink rounded by a parabola from −BEND to BEND
@@ -85,7 +85,7 @@ class Decoder(Network):
         super().__init__()
         most = _most.get()
         if most is not None and architecture.parameters > most:
-            raise ValueError(f"a network of {architecture.parameters:,} weights, and its file holds fewer numbers")
+            raise ValueError(f"it has a network of {architecture.parameters:,} weights, but fewer numbers")
         self.architecture = architecture
         self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(architecture.sizes))
         self.norms = nn.ModuleList(nn.LayerNorm(b) for b in architecture.widths) if architecture.norm else None
@@ -110,7 +110,7 @@ class Decoder(Network):
         return [layer.weight for layer in self.layers[1:-1] if isinstance(layer, nn.Linear)]
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Outputs (n, outputs) of inputs (n, inputs), in their dtype; between them all is in that of the weights."""
+        """Outputs (n, outputs) for inputs (n, inputs), in their dtype; intermediates have the dtype of the weights."""
         x = inputs.to(next(self.parameters()).dtype)
         for depth, layer in enumerate(self.layers[:-1]):
             hidden = self._activate(saturated(layer(x)) if self.norms is None else self._normed(x, depth))
@@ -122,8 +122,8 @@ class Decoder(Network):
     def _normed(self, x: Tensor, depth: int) -> Tensor:
         """Apply a linear layer and its norm; without gradients, in fewer passes over the samples.
 
-        Without gradients the mean is removed from the weights beforehand, not from each output; half precision would
-        round it.
+        Without gradients the mean is removed from the weights beforehand instead of from each output, where half
+        precision would round it.
         """
         assert self.norms is not None
         layer, norm = self.layers[depth], self.norms[depth]
@@ -138,7 +138,7 @@ class Decoder(Network):
         return torch.addcmul(norm.bias, hidden, norm.weight, out=hidden)
 
     def _activate(self, x: Tensor) -> Tensor:
-        """Apply the activation to a layer's outputs; in place where no gradient needs them, to save memory."""
+        """Apply the activation to a layer's outputs; in place if no gradient needs them, to save memory."""
         free = not x.requires_grad
         match self.architecture.activation:
             case "sine":
@@ -173,7 +173,7 @@ def _initialise(layer: nn.Module, architecture: Architecture, depth: int, genera
 
 @contextmanager
 def decoding(numbers: int) -> Iterator[None]:
-    """Refuse, by a `ValueError`, any `Decoder` of more weights than a file of so many numbers can hold.
+    """Raise a `ValueError` for any `Decoder` with more weights than a file with so many numbers can hold.
 
     A network is built from the settings in a file's header before its weights are read, and settings cost no bytes.
     """
@@ -190,11 +190,11 @@ def to_vector(*networks: nn.Module) -> Tensor:
 
 
 def load_vector(vector: Tensor, *networks: nn.Module) -> None:
-    """The inverse of `to_vector`, from any float dtype. Raises `ValueError` where the count differs."""
+    """The inverse of `to_vector`, from any float dtype. Raises `ValueError` if the count differs."""
     parameters = [p for network in networks for p in network.parameters()]
     wanted = sum(p.numel() for p in parameters)
     if vector.shape != (wanted,):
-        raise ValueError(f"the networks have {wanted} parameters, the file {tuple(vector.shape)}")
+        raise ValueError(f"the networks have {wanted} parameters, but the file has {tuple(vector.shape)}")
     with torch.no_grad():
         for p, values in zip(parameters, vector.split([p.numel() for p in parameters]), strict=True):
             p.copy_(values.reshape(p.shape))

@@ -34,16 +34,16 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 MEMORY_LIMIT = 640 << 20  # bytes of log radiance kept in memory; a larger BTF is read batch by batch
-COARSE_PAIRS = 2_048  # of a larger BTF, whose coarser levels of detail are kept
+COARSE_PAIRS = 2_048  # pairs of a larger BTF whose coarser levels of detail are kept
 PROBE = 8_192  # samples for the PSNR of the curve
-POINTS = 25  # of the curve
+POINTS = 25  # points of the curve
 WARMUP = 100  # steps, or a tenth of a short fit
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
 SHOW_SECONDS = 1.0  # between two moves of the progress bar
-SAVE_SECONDS = 5.0  # least seconds between two states on disk: the loss of a killed fit, beside KEEP_EVERY steps
+SAVE_SECONDS = 5.0  # least seconds between two states on disk; a killed fit loses these, and up to KEEP_EVERY steps
 RESCUES = 3
-ROUNDED_FROM = 0.5  # of the steps: from there on textures are those that the file will hold
-ROUNDING_SAMPLES = 4_096  # that tell what the rounding of a channel adds
+ROUNDED_FROM = 0.5  # share of the steps after which textures are rounded as in the file
+ROUNDING_SAMPLES = 4_096  # samples that measure the error of rounding a channel
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
 AWAY = 10.0  # root mean square error of log radiance of a diverged fit: a factor of 22,000
 
@@ -51,7 +51,7 @@ Loss = Literal["l1", "l2", "both"]
 
 
 class DivergedError(RuntimeError):
-    """A fit diverged, and again after each remedy."""
+    """A fit diverged, also after each remedy."""
 
 
 def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
@@ -83,13 +83,13 @@ class Samples:
     far below any codec's error. `gain` is 8 × exposure: see `gain_of`.
     """
 
-    density: "Density | None" = None  # of the scene, in a fit to one
+    density: "Density | None" = None  # density of the scene, in a fit to one
 
     def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
         self.btf, self.gain, self.device = btf, gain, fit.device
         self.shape, self.pairs = btf.shape, len(btf)
         self.texels = btf.shape[0] * btf.shape[1]
-        self.trained = self.texels  # these come first; any others are of materials kept for the curve
+        self.trained = self.texels  # these come first; others belong to materials kept out of training, for the curve
         self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
         self.density = fit.density
         if self.density:  # the scene's directions follow those of the pairs
@@ -103,8 +103,8 @@ class Samples:
     def levels(cls, btf: BTF, count: int, gain: float, fit: Fit) -> "list[Samples]":
         """The samples of the BTF at each level of detail, box-filtered over 2^level texels, by level.
 
-        The levels that fit into memory are made in one reading. Where the finest does not fit, the others are of
-        `COARSE_PAIRS` random pairs: reading a whole measurement takes minutes.
+        The levels that fit into memory are made in one reading. If the finest does not fit, the others hold
+        `COARSE_PAIRS` random pairs, because reading a whole measurement takes minutes.
         """
         levels = {1: cls(btf, gain, fit, memory_limit=0)}
         if 6 * btf.shape[0] * btf.shape[1] * len(btf) > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
@@ -118,7 +118,7 @@ class Samples:
         return list(levels.values())
 
     def _log(self, radiance: np.ndarray) -> Tensor:
-        return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: a source may be read-only
+        return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: sources may be read-only
 
     def draw(self, count: int, generator: torch.Generator) -> Batch:
         """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
@@ -134,7 +134,7 @@ class Samples:
         return self.at(texel, torch.randint(self.pairs, (len(texel),), generator=generator).to(self.device))
 
     def draw_unseen(self, count: int, generator: torch.Generator) -> Batch:
-        """Draw `count` samples of the texels that are not trained on."""
+        """Draw `count` samples of texels kept out of training."""
         texel = self.trained + torch.randint(self.texels - self.trained, (count,), generator=generator)
         return self.draw_at(texel.to(self.device), generator)
 
@@ -228,7 +228,7 @@ class Objective(nn.Module):
 
     @torch.no_grad()
     def round_textures(self, fit: Fit, progress: float) -> None:
-        """Choose how each texture that goes through a `Rounding` is rounded from now on, where it is not chosen yet."""
+        """Choose the rounding of each texture with a `Rounding`, unless it is already chosen."""
         roundings = [each for each in self.modules() if isinstance(each, Rounding) and each.undecided]
         if roundings:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
@@ -238,7 +238,7 @@ class Objective(nn.Module):
 def display_psnr(level: Tensor, target: Tensor) -> float:
     """Display-space PSNR in dB of log radiance against its target."""
     ours, truth = (to_display((x.double().expm1() / LOG_SCALE).cpu().numpy(), 1.0) for x in (level, target))
-    # A constant material is fitted exactly; the curve then shows 120 dB, since a record cannot hold infinity.
+    # A constant material is fitted exactly; the curve then shows 120 dB, because a record cannot hold infinity.
     return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
 
 
@@ -249,15 +249,15 @@ def rate(step: int, steps: int) -> float:
 
 
 def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> float:
-    """Fit the parameters of an objective in place, in `steps` steps; return the share of the steps that were taken.
+    """Fit the parameters of an objective in place, in at most `steps` steps; return the share of steps taken.
 
     With a `patience` above 0 a fit ends early, once its curve gained less than `GAIN` dB in that many steps; the last
     point of the curve then has `ended`.
 
     If `fit.checkpoint` names a file, the state is saved there, and a fit resumes from an existing one; the caller
     removes it once the result is stored. If the loss or a parameter is not finite, or the error exceeds `AWAY`, the
-    last good state is restored and the learning rate halved; the fourth time, `DivergedError` is raised.
-    `InputError` where the file on disk belongs to another fit.
+    last good state is restored and the learning rate halved; the fourth time, `DivergedError` is raised. Raises
+    `InputError` if the file on disk belongs to another fit.
     """
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
@@ -266,7 +266,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     loop.resume()
     while loop.step < steps and not (patience and loop.flat(patience)):
         loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
-    objective.round_textures(fit, loop.step / steps)  # in a fit that ended before
+    objective.round_textures(fit, loop.step / steps)  # for a fit that ended before
     if loop.step < steps:
         log.info("ended at step %d of %d: the curve is flat", loop.step, steps)
         fit.history[-1]["ended"] = 1.0
@@ -303,7 +303,7 @@ class _Loop:
     def _restore(self, state: dict[str, Tensor]) -> None:
         ours = self._tensors()
         if {k: v.shape for k, v in ours.items()} != {k: v.shape for k, v in state.items() if k[:5] != "loop."}:
-            raise InputError(f"{self.fit.checkpoint}: the state of another fit: remove it")
+            raise InputError(f"{self.fit.checkpoint}: it is the state of another fit: remove it")
         with torch.no_grad():
             for name, value in ours.items():
                 value.copy_(state[name])
@@ -312,7 +312,7 @@ class _Loop:
         self.curve = [(int(step), seconds, psnr) for step, seconds, psnr in state["loop.curve"].tolist()]
 
     def resume(self) -> None:
-        """Go on from the state on disk, where there is one, and show the progress."""
+        """Resume from the state on disk, if there is one, and show the progress."""
         path = self.fit.checkpoint
         if path is None or not path.exists():
             self._show()
@@ -320,7 +320,7 @@ class _Loop:
         try:
             self.good = load_file(path)
         except Exception as error:  # safetensors raises its own types; the remedy is the same for all
-            raise InputError(f"{path}: not the state of a fit: remove it ({error})") from error
+            raise InputError(f"{path}: it is not the state of a fit: remove it ({error})") from error
         self._restore(self.good)
         log.info("going on from step %d of %d: %s", self.step, self.steps, path)
         for step, seconds, psnr in self.curve:
@@ -358,7 +358,7 @@ class _Loop:
             self.step += 1
             if self.step < end and time.perf_counter() - self.shown >= SHOW_SECONDS:
                 self._show()
-        # A parameter that is not finite stays so, so checking once in a while misses nothing.
+        # A parameter that is not finite stays so, so an occasional check misses nothing.
         if not all(t.isfinite().all() for t in (total, *self.parameters)) or not self._measured():
             self._rescue()
             return
@@ -382,7 +382,7 @@ class _Loop:
 
     @torch.no_grad()
     def _measured(self) -> bool:
-        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end; return False where it diverged.
+        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end; return False if it diverged.
 
         Dead rectifiers or arbitrary sine outputs can diverge while every number is finite.
         """

@@ -1,4 +1,4 @@
-"""Packs weights, and textures that are stored as floats, at the precision that a file stores.
+"""Packs weights, and textures that are stored as floats, at the precision of a file.
 
 Halves can hold numbers of any size: values too large or too small for a half are scaled by a power of two.
 """

@@ -1,8 +1,8 @@
-"""How the texture of every codec is stored: each channel in as few bits as matter, which the fit knows of.
+"""Stores the texture of every codec: each channel in as few bits as matter, which the fit takes into account.
 
-From half of the fit on a texture is looked up as its file will hold it, and what is fitted beside it makes up for the
-rounding. Which channel takes how many bits is chosen by what its rounding adds to the error of the fit; a texture that
-no fit of steps makes is rounded in the same way once it is there. See docs/decisions/0091.
+From half of the fit on, a texture is looked up as its file will hold it, and the other parameters adapt to the
+rounding. The bits of each channel are chosen by the error that its rounding adds to the fit; a texture from a codec
+that is not fitted in steps is rounded in the same way at the end. See docs/decisions/0091.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,17 +18,17 @@ from bench.training.texture_codes import MOST_BITS, compress, expand
 
 Bits = Literal[0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 32]  # of a stored number, on average; 0: left to the fit, 16, 32: floats
 
-BEARABLE = 0.015  # share of the fit's squared error that rounding may add, where the bits are left to the fit
-PROBED = 4  # bits that a channel is rounded to alone, to see what its rounding adds
-MEASURED = 1 << 16  # texels whose rounding is measured, of larger textures
-RANGES = 29  # shares of a channel's range, from 0.3 to all of it, that are tried: rounding finer, clipping more
+BEARABLE = 0.015  # share of the fit's squared error that rounding may add, if the fit chooses the bits
+PROBED = 4  # bits of a channel that is rounded alone, to measure the error that this adds
+MEASURED = 1 << 16  # texels of larger textures whose rounding is measured
+RANGES = 29  # number of tried shares of a channel's range, from 0.3 to 1: smaller ones round finer and clip more
 
 
 class Rounding(nn.Module):
-    """How the channels of a texture (…, C) are rounded: not at all, until `choose_bits` has chosen their bits.
+    """The rounding of the channels of a texture (…, C); it changes nothing until `choose_bits` has chosen the bits.
 
-    A codec calls it with the whole texture, looks up what comes back, and stores the texture by `store_texture`. The
-    gradient passes as if nothing were rounded. Textures of 16 and 32 bits are stored as floats, and never rounded.
+    A codec calls it with the whole texture, uses the result for look-ups, and stores the texture by `store_texture`.
+    Gradients ignore the rounding. Textures of 16 and 32 bits are stored as floats, and never rounded.
     """
 
     low: Tensor  # the lowest value (C,) of each channel
@@ -41,11 +41,11 @@ class Rounding(nn.Module):
         self.register_buffer("low", torch.zeros(channels))
         self.register_buffer("step", torch.zeros(channels))
         self.register_buffer("bits", torch.zeros(channels, dtype=torch.long))
-        self.trial: Callable[[Tensor], Tensor] | None = None  # what is tried while bits are being chosen
+        self.trial: Callable[[Tensor], Tensor] | None = None  # the rounding that is tried while bits are chosen
 
     @property
     def undecided(self) -> bool:
-        """Whether bits are still to be chosen."""
+        """Whether bits must still be chosen."""
         return self.wanted <= MOST_BITS and self.bits.numel() > 0 and not self.bits.any()
 
     def forward(self, values: Tensor) -> Tensor:
@@ -58,7 +58,7 @@ class Rounding(nn.Module):
         return codes_of(values.detach(), self.low, self.step, self.bits)
 
     def fit_to(self, values: Tensor) -> "Rounding":
-        """Itself, with steps for these values (…, C), in the bits that were chosen by some of them."""
+        """Itself, with steps for these values (…, C), in the bits that were chosen with some of them."""
         if self.bits.any():
             self.set(values, self.bits)
         return self
@@ -72,7 +72,7 @@ class Rounding(nn.Module):
 
 @torch.no_grad()
 def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], target: Tensor) -> None:
-    """Choose the bits of textures by what rounding a channel alone changes of the `answers`, which should be `target`.
+    """Choose the bits of textures by the change of `answers`, which should be `target`, if one channel is rounded.
 
     `answers()` looks the textures up through their roundings. The squared error that a channel adds grows with the
     square of its rounding. All roundings want the same bits; their textures share them.
@@ -107,7 +107,7 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
 
 
 def round_after(texture: Tensor, bits: int, answers: Callable[[Tensor], Tensor], target: Tensor) -> Rounding:
-    """How a texture (…, C) is rounded that is there before its rounding; `answers(texture)` should be `target`."""
+    """The rounding of a finished texture (…, C); `answers(texture)` should be `target`."""
     rounding = Rounding(texture.shape[-1], bits).to(texture.device)
     choose_bits([rounding], lambda: answers(rounding(texture)), target)
     return rounding
@@ -141,10 +141,10 @@ def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float) -> Tensor:
-    """The bits (C,) of each channel, 1 to `MOST_BITS`, of what rounding it to 1, 2 … bits adds to an error (C, 8).
+    """The bits (C,) of each channel, 1 to `MOST_BITS`, from the errors (C, 8) that rounding to 1, 2 … bits adds.
 
-    Each bit goes to the channel that adds most for each of the numbers (C,) it has, until all together add no more than
-    is bearable, or `total` bits of numbers are spent.
+    Each bit goes to the channel that adds most error for each of its numbers (C,), until all together add no more than
+    the bearable error, or `total` bits of numbers are spent.
     """
     bits = torch.ones(len(noise), dtype=torch.long)
     while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):
@@ -161,7 +161,7 @@ def codes_of(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
 
 
 def rounded(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
-    """Values (…, C) as they come back from a file; the gradient passes as if they were not rounded."""
+    """Values (…, C) as read back from a file; gradients ignore the rounding."""
     with torch.no_grad():
         change = low + step * codes_of(values, low, step, bits) - values
     return values + change
@@ -181,7 +181,7 @@ def store_texture(name: str, values: Tensor, rounding: Rounding) -> dict[str, Te
 
 
 def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str, Tensor]:
-    """A texture (…, C) as named tensors, in as many bits a channel as those of another that `store_texture` gave."""
+    """A texture (…, C) as named tensors, with the bits a channel of another texture from `store_texture`."""
     if f"{name}.step" not in other:
         return pack(name, values, "half" if other[name].dtype == torch.float16 else "float32")
     rounding = Rounding(values.shape[-1], MOST_BITS)
@@ -190,7 +190,7 @@ def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str
 
 
 def load_texture(name: str, tensors: dict[str, Tensor]) -> Tensor:
-    """The texture (…, C), float32, that `store_texture` stored. `InputError` where the bytes hold no such texture."""
+    """The texture (…, C), float32, that `store_texture` stored. `InputError` if the bytes hold no such texture."""
     if f"{name}.step" not in tensors:
         return unpack(name, tensors)
     size = tensors[f"{name}.size"].tolist()
@@ -199,7 +199,7 @@ def load_texture(name: str, tensors: dict[str, Tensor]) -> Tensor:
 
 def expand_texture(data: Tensor, low: Tensor, step: Tensor, size: Sequence[int]) -> Tensor:
     """The values (*size, C), float32, of compressed codes, and the lowest value and step (C,) of each channel."""
-    if step.ndim != 1 or low.shape != step.shape:  # others would be spread over all codes
+    if step.ndim != 1 or low.shape != step.shape:  # other shapes would be broadcast over all codes
         raise InputError(
             f"a texture of this file has steps {tuple(step.shape)} from {tuple(low.shape)}: encode it again"
         )

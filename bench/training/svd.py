@@ -49,9 +49,9 @@ def truncated_svd(
 
     A `weight` (F,) weights the squared error of each row.
     `read(label)` yields the matrix in float32 blocks of rows, in order, which will be overwritten; it is called
-    `passes` ≥ 2 times. Memory: images of (rank + 10) · T numbers, one a pass but the last, as many as `SPACE_BYTES`
-    holds and at least two; one or two of them more; and the like of F. A small matrix, and one that all images would
-    hold (as many rows as its smaller side), is read once and decomposed exactly.
+    `passes` ≥ 2 times. Memory: images of (rank + 10) · T numbers, one for each pass except the last, as many as
+    `SPACE_BYTES` holds but at least two; one or two more; and the same for F. A small matrix, and one that all images
+    together would hold (as many rows as its smaller side), is read once and decomposed exactly.
     """
     if weight is not None:
         root = weight.clamp_min(LEAST_WEIGHT).sqrt().to(device)
@@ -123,7 +123,7 @@ def _exact(read: Blocks, shape: tuple[int, int], rank: int, device: torch.device
 
 
 def _centred(blocks: Iterator[Tensor], mean: Tensor, first: bool) -> Iterator[tuple[slice, Tensor]]:
-    """The blocks less the mean of each row, with the rows they hold; the first reading finds the means."""
+    """The blocks minus the mean of each row, with their rows; the first reading computes the means."""
     start = 0
     for block in blocks:
         rows = slice(start, start + len(block))

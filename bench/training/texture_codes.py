@@ -1,4 +1,4 @@
-"""The bytes of a texture's codes, of one to eight bits a number, each channel with its own.
+"""The bytes of a texture's codes, of one to eight bits a number, chosen for each channel.
 
 Codes are stored plane by plane in the shortest of three ways, which the first byte names: their bits alone, or LZMA's
 range coder, whose odds adapt to each plane, without context or with the code before as context. LZMA comes with Python.
@@ -15,9 +15,7 @@ from torch import Tensor
 from bench.errors import InputError
 
 MOST_BITS = 8
-MOST_CODES = (
-    1 << 25
-)  # of a texture, where its bytes hold no more: packed bits are up to eight a byte, LZMA's any number
+MOST_CODES = 1 << 25  # of a texture, if its bytes hold no more: packed bits give up to eight a byte, LZMA any number
 PACKED, PLAIN, IN_CONTEXT = range(3)  # the ways; LZMA's context are the high bits of the byte before
 
 
@@ -36,18 +34,18 @@ def compress(codes: Tensor, bits: list[int]) -> Tensor:
 
 
 def _most(payload: bytes) -> int:
-    """How many codes some bytes may expand to."""
+    """The largest number of codes to which some bytes may expand."""
     return max(MOST_CODES, 8 * len(payload))
 
 
 def expand(data: Tensor, shape: Sequence[int]) -> Tensor:
-    """The codes (…, C), as floats, of what `compress` gave; memory stays within that shape and `_most`."""
+    """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most`."""
     channels, count = shape[-1], math.prod(shape)
     if not len(data) or data[0] > IN_CONTEXT:
-        raise InputError("a texture of this file does not say how it is stored: encode it again")
+        raise InputError("a texture of this file does not give its way of storage: encode it again")
     way, bits, payload = int(data[0]), data[1 : 1 + channels].numpy(), data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or not ((bits >= 1) & (bits <= MOST_BITS)).all():
-        raise InputError("a texture of this file does not say its bits: encode it again")
+        raise InputError("a texture of this file does not give its bits: encode it again")
     if min(shape) < 1 or count > _most(payload):
         raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")
     size = count // channels

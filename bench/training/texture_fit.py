@@ -1,4 +1,4 @@
-"""What the fits of a neural texture and a network by random samples have in common: their settings and a step."""
+"""Common parts of fits of a neural texture and a network by random samples: their settings and a step."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,21 +16,21 @@ from bench.training.optimiser import Optimiser, groups_of
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a neural texture and its network are fitted."""
+    """The settings of a fit of a neural texture and its network."""
 
-    steps: Natural = 2_500  # of the fit
+    steps: Natural = 2_500  # steps of the fit
     batch: BatchSize = 4_096  # samples a step
-    patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
+    patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
     start: Start = "mixed"  # of the neural texture: components of the log ABRDFs, random, or both
-    optimiser: Optimiser = "muon"  # of the network's hidden matrices; all else is Adam's
+    optimiser: Optimiser = "muon"  # of the network's hidden matrices; Adam takes all others
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 1e-2  # highest learning rate of the network
     latent_rate: Positive = 1e-2  # highest learning rate of the neural texture
-    loss: Loss = "both"  # on log radiance: absolute, squared, or their sum
+    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
 
 class TextureObjective(Objective):
-    """A texture and a network, `network`, both free. Every parameter that is not the network's is the texture's."""
+    """A texture and a network, `network`, both fitted. All parameters outside the network belong to the texture."""
 
     network: nn.Module
 
@@ -47,9 +47,10 @@ class TextureObjective(Objective):
 
 
 class DirectedObjective(TextureObjective):
-    """The same with a `Decoder` of `settings.architecture`, which sees a texel's numbers and `settings.directions`.
+    """The same with a `Decoder` of `settings.architecture`, whose inputs are a texel's numbers and
+    `settings.directions`.
 
-    The network starts at the mean of the data; its weights are the first numbers that the generator gives.
+    The network starts at the mean of the data; its weights are the first numbers of the generator.
     """
 
     directions: Tensor  # (pairs, directions)

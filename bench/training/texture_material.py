@@ -1,4 +1,4 @@
-"""The material of a neural texture and one network that sees it beside two directions."""
+"""The material of a neural texture and one network, whose inputs are latents and two directions."""
 
 from torch import Tensor
 

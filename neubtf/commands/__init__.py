@@ -1,1 +1,1 @@
-"""The commands of NeuBTF: what other codecs' files cannot do."""
+"""The commands of NeuBTF, for features that other codecs' files do not have."""

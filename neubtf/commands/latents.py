@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     if isinstance(material, SceneMaterial):
         material = material.inner
     if not isinstance(material, NeuBTFMaterial):
-        raise InputError(f"{options.file}: a file of codec {header.codec}: give one of neubtf or neubtf-direct")
+        raise InputError(f"{options.file}: it is a file of codec {header.codec}: give one of neubtf or neubtf-direct")
     out = options.out or options.file.with_suffix(".latents.png")
     draw(material.texture, out)
     print(f"wrote {out}: {material.texture.shape[2]} channels of {material.size[0]} × {material.size[1]} texels")

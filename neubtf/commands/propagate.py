@@ -18,9 +18,7 @@ MARGIN = 1 / 6  # of a side: about what the built-in photographs lose
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="a codec file of neubtf, with its encoder")
-    parser.add_argument(
-        "--guidance", type=Path, required=True, metavar="PICTURE", help="what the new texture looks like"
-    )
+    parser.add_argument("--guidance", type=Path, required=True, metavar="PICTURE", help="a picture of the new texture")
     parser.add_argument(
         "--scale", type=float, default=1.0, help="shrink the picture first: level of detail (default: 1)"
     )
@@ -36,8 +34,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--exposure",
         default="match",
-        help="match: as bright on average as the guidance of the file (default); radiance: the picture is a slice in "
-        "the units of the BTF; or a factor on linear values",
+        help="match: make it as bright on average as the guidance of the file (default); radiance: the picture is a "
+        "slice in the units of the BTF; or a factor on linear values",
     )
     parser.add_argument("--device", default="cpu")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the codec file to write")
@@ -52,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
     from neubtf.tileable import FRONTAL, seam_of
 
     if not options.out.parent.is_dir():
-        raise InputError(f"{options.out}: its folder is not there: make it first")
+        raise InputError(f"{options.out}: there is no such folder: make it first")
     treatment = Treatment(options.scale, options.make_tileable, options.exposure)
     with Console() as console:
         device = usable_device(options.device)
@@ -62,5 +60,5 @@ def run(options: argparse.Namespace) -> int:
     assert isinstance(material, NeuBTFMaterial)
     seams = zip(("left–right", "top–bottom"), seam_of(material, FRONTAL), strict=True)
     ratios = ", ".join(f"{side} {seam.of_mean:.2f}" for side, seam in seams)
-    console.say(f"seam, as the gradient across the border over those inside: {ratios}")
+    console.say(f"seam (gradient across the border, relative to those inside): {ratios}")
     return FINE

@@ -14,7 +14,7 @@ from reports.figures.polar import polar_maps
 from reports.figures.significance import significance
 from reports.figures.trade import trade_fronts
 
-# By kind, which the names of their files begin with.
+# By kind; the names of their files begin with it.
 ALL: dict[str, Callable[[Run], Iterator[Figure]]] = {
     "significance": significance,
     "contact": contact_sheets,

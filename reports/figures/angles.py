@@ -1,4 +1,4 @@
-"""Quality against the angle of view: how a codec falls off toward the horizon."""
+"""Quality against the angle of view, which shows the loss toward the horizon."""
 
 import numpy as np
 
@@ -35,7 +35,7 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
 
 
 def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of the rings that hold a pair, and PSNR of the mean squared error there; no point where it is 0."""
+    """Centres of the rings that hold a pair, and PSNR of the mean squared error there; no point if the error is 0."""
     chosen = scores["heldout"] if row.gate == "heldout" else np.ones(len(scores["heldout"]), bool)
     error, theta = scores[PSNR][chosen], scores[side][chosen, 0]
     ring = np.clip(np.searchsorted(EDGES_DEG, theta + 1e-4, side="right") - 1, 0, len(EDGES_DEG) - 2)

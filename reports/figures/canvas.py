@@ -25,7 +25,7 @@ DPI = 110
 
 @dataclass(frozen=True)
 class Figure:
-    """A drawn figure: the material it shows, "" for all; its kind, its title, its PNG; and what it was drawn from."""
+    """A drawn figure: the material it shows, "" for all; its kind, its title, its PNG; and its drawing."""
 
     material: str
     kind: str
@@ -35,7 +35,7 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """The name of its file: the material's name, changed and with a digest where a file cannot be called so."""
+        """The name of its file: the material's name, changed and with a digest if a file cannot have that name."""
         plain = re.sub("[^A-Za-z0-9.=_-]+", "-", self.material)
         if plain != self.material:
             plain += f"-{hashlib.sha256(self.material.encode()).hexdigest()[:6]}"
@@ -65,7 +65,7 @@ def style() -> Iterator[None]:
         "grid.alpha": 0.25,
         "legend.frameon": False,
         "text.parse_math": False,
-        "svg.hashsalt": "",  # names inside an SVG are the same each time
+        "svg.hashsalt": "",  # makes names inside an SVG reproducible
         "pdf.fonttype": 42,  # journals refuse fonts of type 3
         "axes.unicode_minus": True,
     }
@@ -75,7 +75,7 @@ def style() -> Iterator[None]:
 
 
 def of_each_material(draw: Callable[[Run, MaterialRows], Figure | None]) -> Callable[[Run], Iterator[Figure]]:
-    """The figures of a run, one for each material of which `draw` has one."""
+    """The figures of a run, one for each material for which `draw` returns one."""
 
     def figures(run: Run) -> Iterator[Figure]:
         for material in materials(run):
@@ -87,7 +87,7 @@ def of_each_material(draw: Callable[[Run, MaterialRows], Figure | None]) -> Call
 
 
 def new(width: float, height: float, **options: Any) -> Drawing:
-    """An empty figure of that size in inches, known to no global list of figures."""
+    """An empty figure of that size in inches, which Matplotlib does not keep in a global list."""
     drawing = Drawing(figsize=(width, height), dpi=DPI, **options)
     FigureCanvasAgg(drawing)
     return drawing
@@ -96,7 +96,7 @@ def new(width: float, height: float, **options: Any) -> Drawing:
 class Sheet:
     """A figure addressed in pixels from its top left corner: pictures keep their pixels, and cost no axes.
 
-    What is put on it is drawn when `png` is called.
+    Its content is drawn when `png` is called.
     """
 
     def __init__(self, width: int, height: int):
@@ -105,7 +105,7 @@ class Sheet:
         self.pixels = np.full((height, width, 3), 255, np.uint8)
 
     def picture(self, left: int, top: int, picture: np.ndarray) -> None:
-        """Put a picture (H, W, 3), or (H, W, 4) over what is there, uint8; what lies outside is cut off."""
+        """Put a picture (H, W, 3), or (H, W, 4) over earlier content, uint8; parts outside are cut off."""
         place = self.pixels[top : top + picture.shape[0], left : left + picture.shape[1]]
         picture = picture[: place.shape[0], : place.shape[1]]
         alpha = picture[..., 3:] / 255 if picture.shape[-1] == 4 else 1
@@ -142,14 +142,14 @@ class Sheet:
 
 
 def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:
-    """Values as a picture (H, W, 4), uint8; what is not finite is transparent."""
+    """Values as a picture (H, W, 4), uint8; values that are not finite are transparent."""
     masked = np.ma.masked_invalid(values)
     picture: np.ndarray = matplotlib.colormaps[colours](norm(masked), bytes=True)
     return picture
 
 
 def enlarged(picture: np.ndarray, factor: int) -> np.ndarray:
-    """A picture with every pixel as a square of so many a side."""
+    """A picture with every pixel enlarged to a square."""
     return picture.repeat(factor, 0).repeat(factor, 1)
 
 
@@ -161,13 +161,13 @@ def png(drawing: Drawing) -> bytes:
 
 
 def short(label: str, length: int = 38) -> str:
-    """A label cut to a length; a space goes before an underscore, since legends hide labels that begin with one."""
+    """A label cut to a length; a space goes before an underscore, because legends hide labels that begin with one."""
     label = label if len(label) <= length else label[: length - 1] + "…"
     return f" {label}" if label.startswith("_") else label
 
 
 def grid_of(count: int, columns: int) -> tuple[int, int]:
-    """(rows, columns) for so many small pictures."""
+    """The (rows, columns) for a number of small pictures."""
     columns = min(columns, max(1, count))
     return -(-count // columns), columns
 
@@ -191,7 +191,7 @@ def legend(axes: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
 def plots(width: float, height: float, count: int = 1) -> tuple[Drawing, list[Any]]:
     """A figure of that size in inches, and `count` axes side by side that share their y axis.
 
-    The margins are fixed: to measure all texts, as Matplotlib's layouts do, takes longer than to draw them.
+    The margins are fixed, because measuring all texts, as Matplotlib's layouts do, takes longer than drawing them.
     """
     drawing = new(width, height)
     axes = drawing.subplots(1, count, sharey=True, squeeze=False)[0]

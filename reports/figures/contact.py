@@ -16,7 +16,7 @@ _GAP, _LEFT, _TOP, _BOTTOM = 6, 150, 76, 22
 
 @of_each_material
 def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
-    """One row a codec below the truth, one pair of columns (slice, FLIP map) for each slice marked so, or for all."""
+    """One row a codec below the truth, one pair of columns (slice, FLIP map) for each marked slice, or for all."""
     rows = [
         (row, {name: array[each["sheet"]] for name, array in each.items()} if "sheet" in each else each)
         for row, each in of_shown(run, material, "pictures")
@@ -79,7 +79,7 @@ class _Sheet(Sheet):
             self.text(right - 4, bottom - 9, text, color="white", fontsize=7.5, ha="right")
 
     def magma(self, left: int, middle: int, width: int) -> None:
-        """The colours of a FLIP map from 0 to 1, in the place where the truth has none."""
+        """The colours of a FLIP map from 0 to 1, at the place of the truth's missing FLIP map."""
         ramp = np.broadcast_to(np.linspace(0, 1, width), (12, width))
         self.picture(left, middle, coloured(ramp, "magma", Normalize(0, 1)))
         self.text(left + width / 2, middle - 12, "FLIP (lower is better)", ha="center", fontsize=7.5)

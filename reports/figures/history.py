@@ -17,7 +17,7 @@ QUANTITIES = ("display PSNR, dB", "bytes of the file", "time a sample, × floor"
 def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
     """One figure for each material with results. Starts stand in the order of their times, named by revision.
 
-    A point is the mean over seeds; a codec without an error, without a size or without a time has none.
+    A point is the mean over seeds; a codec without an error, a size or a time has no point.
     """
     styles, starts = Styles(_together(runs)), {start["run"]: start for run in runs for start in run.starts}
     for material, codecs in _materials(runs).items():
@@ -45,7 +45,7 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
 
 
 def _together(runs: Sequence[Run]) -> Run:
-    """All jobs in one run, for what depends on their labels alone."""
+    """All jobs as one run, for functions that use only their labels."""
     jobs = Records()
     for number, run in enumerate(runs):
         for job in run.jobs:
@@ -65,7 +65,7 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
 
 
 def _mean(number: int, jobs: Sequence[Measured]) -> float:
-    """The mean of a quantity over the seeds that have it; NaN, which is not drawn, where none has."""
+    """The mean of a quantity over the seeds that have it; NaN, which is not drawn, if none has it."""
     values = [_value(number, job, timing) for job, timing in jobs]
     known = [value for value in values if value is not None]
     return fmean(known) if known else math.nan
@@ -80,13 +80,13 @@ def _value(number: int, job: Record, timing: Record | None) -> float | None:
 
 
 def _names(codecs: Codecs) -> list[str]:
-    """The label of each line, with its kind of held-out pairs where there are several kinds."""
+    """The label of each line, with its kind of held-out pairs if there are several kinds."""
     several = len({pairs for _, pairs in codecs}) > 1
     return [f"{label}, {pairs} pairs" if several and pairs else label for label, pairs in codecs]
 
 
 def _ticks(order: Sequence[str], starts: dict[str, Record]) -> list[str]:
-    """The names of starts on an axis: the revision, or the day, with the time of day where several have the same."""
+    """The names of starts on an axis: the revision, or the day, with the time of day if several are equal."""
     names = [str(starts.get(when, {}).get("git") or when[:8])[:12] for when in order]
     return [
         f"{name}, {_time(when)}" if names.count(name) > 1 else name for name, when in zip(names, order, strict=True)

@@ -42,17 +42,17 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
 
 
 def _stored(run: Run, job: Record) -> Textures:
-    """The textures of a job's drawing; none where it is gone or unreadable."""
+    """The textures of a job's drawing; none if it is missing or unreadable."""
     try:
         return textures(program(run.folder / job["drawing"]))
-    except (InputError, KeyError):  # a run's records are worth reading without its bulky parts
+    except (InputError, KeyError):  # the records of a run are useful without its large files
         return []
 
 
 def textures(program: Program) -> Textures:
-    """The textures (H, W, D) of a program, the finest level of a pyramid: what it interpolates by the place `uv`.
+    """The textures (H, W, D) of a program, with the finest level of a pyramid: the tables that it interpolates at `uv`.
 
-    A table with a row a texel may be one of directions, by chance; that one is looked up without `uv`.
+    A table of directions may by chance have a row for each texel, but is looked up without `uv`.
     """
     height, width = program.size
     levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
@@ -77,7 +77,7 @@ def _standardised(texture: np.ndarray) -> np.ndarray:
 
 
 def _counted(textures: Textures) -> str:
-    """How many channels each texture has."""
+    """The number of channels of each texture, in words."""
     counts = [texture.shape[-1] for texture in textures]
     more = f", {_MOST} shown" if sum(counts) > _MOST else ""
     return f"{' + '.join(map(str, counts))} channel{'s' * (sum(counts) > 1)}{more}"

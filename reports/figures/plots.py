@@ -1,4 +1,4 @@
-"""The plots that the page draws, too, as pictures: rate, speed, fits and level of detail."""
+"""The plots that the page also draws, as pictures: rate, speed, fits and level of detail."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -14,7 +14,7 @@ from reports.styles import Styles
 
 
 def plot_figures(run: Run, kind: str) -> Iterator[Figure]:
-    """One kind of plot for each material; those of fits have the goals as grey lines."""
+    """One kind of plot for each material; plots of fits show the goals as grey lines."""
     styles, by_name = Styles(run), {material.name: material for material in materials(run)}
     for plot in plots_of(run):
         if plot["kind"] == kind and plot["material"]:

@@ -1,4 +1,4 @@
-"""Polar maps: where over the hemisphere of views and of lights a codec errs."""
+"""Polar maps of a codec's error over the hemispheres of views and of lights."""
 
 from typing import Any
 
@@ -44,7 +44,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     return Figure(material.name, "polar", title, sheet.png(), sheet)
 
 
-_SIDE = 140  # of a disc, in pixels
+_SIDE = 140  # side of a disc in pixels
 _EDGE, _CELL, _BLOCK, _BAR, _TOP = 14, _SIDE + 24, 2 * _SIDE + 80, 100, 76
 
 

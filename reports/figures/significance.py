@@ -1,4 +1,4 @@
-"""How far each codec lies from the best one, slice by slice, and whether the two are told apart."""
+"""The difference of each codec to the best one, slice by slice, and whether the two are told apart."""
 
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -54,7 +54,7 @@ def _draw(axes: Any, best: str, differences: "Differences", styles: Styles) -> N
 
 
 def _caption(differences: "Differences") -> str:
-    """What the intervals are of; the largest numbers, where codecs were measured on different ones."""
+    """The numbers behind the intervals in words; the largest ones if codecs differ."""
     materials, seeds, slices = (
         max(getattr(each, name) for each in differences.values()) for name in ("materials", "seeds", "slices")
     )

@@ -28,7 +28,7 @@ def _fronts(material: str, rows: Sequence[Choice], styles: Styles) -> Any:
     drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
     handles = [_marks(speed, _look(styles, name), group, "ns_per_sample") for name, group in groups.items()]
     for name, group in groups.items():
-        _marks(rate, _look(styles, name), list(filter(_plain, group)), "bytes")  # executions change no byte
+        _marks(rate, _look(styles, name), list(filter(_plain, group)), "bytes")  # executions do not change bytes
     _front(speed, [row for row in rows if row["fastest"]], "ns_per_sample", "ns a sample (less is better)", "")
     _front(rate, [row for row in rows if row["smallest"]], "bytes", "size of the file (less is better)", "B")
     speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
@@ -47,7 +47,7 @@ def _plain(row: Choice) -> bool:
 
 
 def _look(styles: Styles, name: str) -> dict[str, Any]:
-    """That of the codec; hollow where it is computed otherwise than plainly."""
+    """The codec's marker; hollow for other executions and precisions than the default."""
     return styles.of_codec(name) | {"linestyle": "none"} | ({"markerfacecolor": "white"} if "[" in name else {})
 
 

@@ -21,10 +21,10 @@ class Dialect:
     choose: str = "({condition} ? {yes} : {no})"
     counter: str = "int {0}"
     row: str = "int row"
-    calls: Words = field(default_factory=dict)  # functions that are named otherwise than in GLSL
+    calls: Words = field(default_factory=dict)  # functions with another name than in GLSL
 
     def type(self, kind: str) -> str:
-        """What a "float", "int", "bool" or "vec4" is called."""
+        """The name of a "float", "int", "bool" or "vec4"."""
         return self.vec4 if kind == "vec4" else self.types[kind]
 
     def loops(self, name: str, first: int, product: str, inputs: list[str], outputs: list[str]) -> list[str]:
@@ -66,7 +66,7 @@ vec4 halfRow(int i) {{ return texelFetch(halfTable, ivec2(i % {width}, i / {widt
 HLSL = Dialect(
     "hlsl",
     "float4",
-    "mul({vector}, float4x4({columns}))",  # the rows given are the columns of the product's matrix
+    "mul({vector}, float4x4({columns}))",  # the given rows are the columns of the matrix
     "float4 {name}[{count}] = {{{values}}};",
     """Texture2D<float4> exactTable : register(t0);  // R32G32B32A32_FLOAT
 Texture2D<float4> halfTable : register(t1);  // R16G16B16A16_FLOAT

@@ -38,11 +38,11 @@ levels and no colour conversion.
 
 
 def export(program: Program, name: str, language: str, folder: Path) -> tuple[list[Path], int]:
-    """Write shader, textures and README of a program into a folder, which is made.
+    """Write shader, textures and README of a program into a new folder.
 
-    Returns the files, and how many bytes a GPU holds the textures in.
+    Returns the files, and the bytes of the textures on a GPU.
 
-    `InputError` where no shader can do the program.
+    Raises `InputError` if no shader can compute the program.
     """
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")

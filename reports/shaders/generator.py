@@ -2,8 +2,8 @@
 
 Each tensor of one query is an array of scalar expressions. NumPy performs the operations that only move numbers (view,
 cat, slice, transpose, broadcast); arithmetic is written out, four floats a statement. Constants that are looked up by
-number become rows of a texture. Matrices become literals, which compile and run fastest; beyond `LITERALS` weights
-in all they are read from the texture. For compilers that choke on literals there is a uniform buffer.
+number become rows of a texture. Matrices become literals, which compile and run fastest; with more than `LITERALS`
+weights in all they are read from the texture. For compilers that cannot handle literals there is a uniform buffer.
 """
 
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ from reports.shaders.writer import WeightStore, Writer
 Array = np.ndarray
 
 LITERALS = 10_000  # weights in a shader's text
-UNIFORMS = 1_024  # vectors of a uniform buffer: 16 kB, which every machine has
+UNIFORMS = 1_024  # vectors of a uniform buffer: 16 kB, which WebGL 2 guarantees
 
 
 @dataclass(frozen=True)
 class Shader:
     """The text of a function `material` and the two textures it reads, (h, WIDTH, 4): float32 and float16.
 
-    `uniforms` (n, 4) float32 are the weights of its uniform buffer, where it has one.
+    `uniforms` (n, 4) float32 are the weights of its uniform buffer, if it has one.
     """
 
     text: str
@@ -36,9 +36,10 @@ class Shader:
 
 
 def shader(program: Program, dialect: Dialect, weights: WeightStore | None = None) -> Shader:
-    """The shader of a program; by default its weights are literals, or in a texture where there are many.
+    """The shader of a program; by default its weights are literals, or in a texture if there are many.
 
-    `InputError` where it uses what no shader can do, is too long, or has too many weights for a uniform buffer.
+    Raises `InputError` if it has an operation that no shader can do, is too long, or has too many weights for a uniform
+    buffer.
     """
     tables = Tables()
     writer = Writer(dialect, tables, weights or ("literal" if _weights(program) <= LITERALS else "texture"))
@@ -59,7 +60,7 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
 
 
 def fallback(program: Program, dialect: Dialect) -> Shader | None:
-    """The same shader with its weights in a uniform buffer, or else in the texture; None where they are there."""
+    """The same shader with its weights in a uniform buffer, or else in the texture; None if they already are."""
     if not 0 < _weights(program) <= LITERALS:
         return None
     try:

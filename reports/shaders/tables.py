@@ -7,8 +7,8 @@ import numpy as np
 
 Array = np.ndarray
 
-WIDTH = 1024  # texels a row of both textures; 16,384 rows of it are the most that WebGL 2 promises to few machines
-HALF_FROM = 4_096  # floats from which a table is stored in halves
+WIDTH = 1024  # texels a row of both textures; WebGL 2 guarantees 2,048 rows, most GPUs allow 16,384
+HALF_FROM = 4_096  # tables with at least this many floats are stored in halves
 HALF_MOST = 6e4
 
 
@@ -21,10 +21,10 @@ class Tables:
     _placed: dict[tuple[bytes, tuple[int, ...], bool], tuple[str, int]] = field(default_factory=dict)
 
     def place(self, table: Array, exact: bool = False) -> tuple[str, int, int]:
-        """Where a table (rows, channels) starts: the function that reads it, its first number, numbers a row.
+        """The place of a table (rows, channels): the function that reads it, its first number, and numbers a row.
 
-        `exactRow` and `halfRow` read four floats. Of a table of one channel `exactOne` reads one: four rows stand
-        together, and such tables are places, heights among them, which halves would move.
+        `exactRow` and `halfRow` read four floats. `exactOne` reads one float of a table with one channel, which stores
+        four rows in a texel; such tables hold positions such as heights, which need more precision than halves.
         """
         rows, channels = table.shape
         single, stride = channels == 1, -(-channels // 4)
@@ -41,7 +41,7 @@ class Tables:
         return (*self._placed[key], stride)
 
     def texture(self, half: bool) -> Array:
-        """One of the textures, (height, WIDTH, 4), of at least one row."""
+        """One of the textures, (height, WIDTH, 4), with at least one row."""
         blocks = self.half if half else self.exact
         values = np.concatenate([np.zeros((0, 4), np.float32), *blocks])
         height = max(1, -(-len(values) // WIDTH))

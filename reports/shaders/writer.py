@@ -11,9 +11,9 @@ from bench.program.operations import KINDS, OPERATIONS
 from reports.shaders.dialects import Dialect
 from reports.shaders.tables import Tables
 
-TOO_LONG = 60_000  # statements: compilers take too long beyond
+TOO_LONG = 60_000  # with more statements, compilers take too long
 SWIZZLE = "xyzw"
-WeightStore = Literal["literal", "uniform", "texture"]  # where a shader has the weights of its matrices
+WeightStore = Literal["literal", "uniform", "texture"]  # the place of a shader's weights
 
 
 class Writer(Backend):
@@ -24,7 +24,7 @@ class Writer(Backend):
     def __init__(self, dialect: Dialect, tables: Tables, weights: WeightStore):
         self.dialect, self.tables, self.weights = dialect, tables, weights
         self.lines: list[str] = []
-        self.uniforms: list[Array] = []  # vectors of four weights, where a uniform buffer has them
+        self.uniforms: list[Array] = []  # vectors of four weights for a uniform buffer
         self.count = 0
 
     def name(self, kind: str, value: str) -> str:
@@ -45,13 +45,13 @@ class Writer(Backend):
         return str(int(value)) if kind == "int" else literal(float(value))
 
     def vector(self, four: list[Any]) -> str:
-        """Up to four floats as one vector: a name where they stand together already."""
+        """Up to four floats as one vector: its name if the floats already form one."""
         head = str(four[0]).split(".")[0]
         # The unused part of a vector may be NaN.
         if head.isidentifier() and four == [f"{head}.{c}" for c in SWIZZLE]:
             return head
         texts = [self.scalar(x, "float") for x in four]
-        texts += texts[-1:] * (4 - len(texts))  # not 0, since it may be a divisor
+        texts += texts[-1:] * (4 - len(texts))  # not 0, because it may be a divisor
         if len(set(texts)) == 1 and self.dialect.name != "hlsl":
             texts = texts[:1]
         return f"{self.dialect.vec4}({', '.join(texts)})"
@@ -62,7 +62,7 @@ class Writer(Backend):
         return [f"{name}.{c}" for name in names for c in SWIZZLE]
 
     def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[str]:
-        """Floats four at once, where there are several."""
+        """Compute floats four at once, if there are several."""
         if from_kind == kind == "float" and len(arguments[0]) > 1:
             starts = range(0, len(arguments[0]), 4)
             packs = [formula.format(*(self.vector(each[i : i + 4]) for each in arguments)) for i in starts]
@@ -82,7 +82,7 @@ class Writer(Backend):
         return self.name(kind, text.format(condition=self.scalar(condition, "bool"), yes=yes, no=no))
 
     def total(self, row: list[Scalar], formula: str) -> str:
-        """Dot products of four at a time, where they stand in vectors."""
+        """Dot products of four at a time, if they stand in vectors."""
         ones = f"{self.dialect.vec4}(1.0)" if self.dialect.name != "hlsl" else "float4(1.0, 1.0, 1.0, 1.0)"
         terms, whole = [], len(row) - len(row) % 4
         for i in range(0, whole, 4):
@@ -137,7 +137,7 @@ class Writer(Backend):
         padded = np.zeros((-(-outputs // 4) * 4, -(-count // 4) * 4), np.float32)
         padded[:outputs, :count] = weights
         packs = [self.vector(inputs[i : i + 4]) for i in range(0, count, 4)]
-        # A vector that is written out would be written again for each block of outputs.
+        # Name the vectors; otherwise each block of outputs would write them again.
         packs = [text if text.isidentifier() else self.name("vec4", text) for text in packs]
         added = ["0.0"] * len(padded) if bias is None else [*bias, *[0.0] * (len(padded) - outputs)]
         starts = [self.vector(added[j : j + 4]) for j in range(0, len(padded), 4)]
@@ -146,7 +146,7 @@ class Writer(Backend):
         return self.floats(written)[:outputs]
 
     def _line_by_line(self, weights: Array, packs: list[str], starts: list[str]) -> list[str]:
-        """The product as straight-line code, the weights in its text or by their numbers in the uniform buffer."""
+        """The product as straight-line code, the weights in its text or read from the uniform buffer."""
         results = []
         for j, start in enumerate(starts):
             terms = [start]

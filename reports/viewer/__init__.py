@@ -1,1 +1,1 @@
-"""The live material: a page that draws decoded files by WebGL 2, without a network or a server."""
+"""The live material: a page that draws decoded files with WebGL 2, without a network or a server."""

@@ -38,7 +38,7 @@ window.viewer = mountViewer(document.querySelector(".viewer"), data);
 
 @dataclass(frozen=True)
 class Model:
-    """A material to draw: its name, a line about it, its program, and the exposure that it is shown at."""
+    """A material to draw: its name, a line about it, its program, and its exposure."""
 
     label: str
     program: Program
@@ -70,8 +70,8 @@ def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, obj
 class Fragment:
     """The viewer as parts of a page: styles and script once, markup and data for each viewer.
 
-    The script defines `mountViewer(element, data)`, where `element` is the section that `html` makes and `data` what
-    `data` holds, parsed. It returns the viewer, or null where the browser cannot draw.
+    The script defines `mountViewer(element, data)`, where `element` is the section that `html` makes and `data` is the
+    parsed `data`. It returns the viewer, or null if the browser cannot draw.
     """
 
     css: str
@@ -81,18 +81,18 @@ class Fragment:
 
 
 def fragment(models: Sequence[Model]) -> Fragment:
-    """The viewer of some models, for any page. `InputError` where no shader can do a program."""
+    """The viewer of some models, for any page. `InputError` if no shader can compute a program."""
     folder = files("reports.viewer")
     css, html = ((folder / f"viewer.{name}").read_text("utf-8") for name in ("css", "html"))
     scripts = [(folder / name).read_text("utf-8") for name in SCRIPTS]
     data = {"width": WIDTH, "models": [model_data(model) for model in models]}
-    # Of all their names a page sees one.
+    # A page sees only one of their names.
     script = f"const mountViewer = (() => {{\n{''.join(scripts)}\nreturn mountViewer;\n}})();\n"
     return Fragment(css, html, script, as_json(data))
 
 
 def page(title: str, models: Sequence[Model]) -> str:
-    """The whole page. `InputError` where no shader can do a program."""
+    """The whole page. `InputError` if no shader can compute a program."""
     parts = fragment(models)
     style, script = STYLE + parts.css, parts.script + START
     hashes = {"style_hash": hash_source(style), "script_hash": hash_source(script)}

@@ -99,7 +99,7 @@ def test_new_files_of_ci_are_a_suite_and_a_workflow(tmp_path, capsys):
     done = subprocess.run([*check, tmp_path / ".github/workflows/quality.yml"], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert cli.main(["new", "ci", "pca", "--out", str(tmp_path)]) == 2
-    assert "tracking.toml: is there already" in capsys.readouterr().err
+    assert "tracking.toml: it exists already" in capsys.readouterr().err
     assert cli.main(["new", "codec", "pca"]) == 2
     assert cli.main(["new", "codec", "My Codec"]) == 2
 

@@ -27,14 +27,14 @@ def pipe(tmp_path):
 def test_no_command_waits_for_a_pipe(name, command, pipe, capsys):
     path = pipe(name)
     assert cli.main(command.format(path=path).split()) == 2
-    assert f"{path}: neither a file nor a folder" in capsys.readouterr().err
+    assert f"{path}: it is neither a file nor a folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["verify {path}", "run {path}"])
 def test_archives_and_suites_are_files(command, pipe, capsys):
     path = pipe("a.toml" if command.startswith("run") else "a.zip")
     assert cli.main(command.format(path=path).split()) == 2
-    assert f"{path}: neither a file nor a folder" in capsys.readouterr().err
+    assert f"{path}: it is neither a file nor a folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["normal.png", "roughness.exr", "displacement.hdr"])
@@ -43,4 +43,4 @@ def test_a_pipe_among_maps_is_refused(name, pipe, tmp_path, capsys):
     Image.new("RGB", (8, 8), (90, 90, 90)).save(tmp_path / "maps" / "albedo.png")
     for command in ("info {}", "encode {} --codec mean-colour -o out.nbtf"):
         assert cli.main(command.format(tmp_path / "maps").split()) == 2
-        assert f"{tmp_path / 'maps' / name}: neither a file nor a folder" in capsys.readouterr().err
+        assert f"{tmp_path / 'maps' / name}: it is neither a file nor a folder" in capsys.readouterr().err

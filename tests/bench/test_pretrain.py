@@ -49,7 +49,7 @@ def test_pretrain_encode_info_and_decode(measured, tmp_path, capsys):
     ("words", "message"),
     [
         (["pretrain", "pca"], "codec pca shares no network over materials"),
-        (["pretrain", "rainer2020", "--materials", "0"], "at least one material"),
+        (["pretrain", "rainer2020", "--materials", "0"], "at least one training material"),
         (["pretrain", "rainer2020", "--set", "step=3"], "no setting 'step'; did you mean 'steps'?"),
         (["pretrain", "rainer2021"], "did you mean"),
     ],

@@ -105,7 +105,7 @@ def test_the_autoencoder_is_a_part_of_its_own_and_left_out_unless_wanted(tmp_pat
 
 def test_a_file_that_cannot_be_re_textured_says_why(tmp_path: Path) -> None:
     path = container.save(tmp_path / "plain.nbtf", *fitted()).path
-    with pytest.raises(InputError, match=r"plain.nbtf: holds no autoencoder.*keep_encoder=true"):
+    with pytest.raises(InputError, match=r"plain.nbtf: it holds no autoencoder.*keep_encoder=true"):
         read_encoder(path)
     direct = NeuBTFDirect(steps=1)
     path = container.save(tmp_path / "direct.nbtf", direct, direct.encode(tiny_btf(), Fit())).path
@@ -202,7 +202,7 @@ def test_a_single_pair_is_fitted() -> None:
         ({"crop": 3}, "crop of codec neubtf must be"),
         ({"explore": 1.5}, "explore of codec neubtf must be"),
         ({"direct": 0.9, "taught": 0.1}, "below 1"),
-        ({"direct": 0.0}, "direct steps for what is taught"),
+        ({"direct": 0.0}, "direct above 0 if taught is above 0"),
         ({"latents": 0}, "latents of codec neubtf must be"),
     ],
 )

@@ -167,9 +167,9 @@ def test_a_file_without_autoencoder_is_refused(
 def test_bad_paths_and_pictures_are_refused(file: Path, own: Path, tmp_path: Path, capsys) -> None:
     (tmp_path / "text.png").write_text("no picture at all")
     for picture, out, told in (
-        (tmp_path / "none.png", tmp_path / "new", "none.png: not there"),
-        (tmp_path / "text.png", tmp_path / "new", "no picture known here"),
-        (own, tmp_path / "nowhere" / "new", "its folder is not there"),
+        (tmp_path / "none.png", tmp_path / "new", "none.png: there is no such file"),
+        (tmp_path / "text.png", tmp_path / "new", "like no known picture"),
+        (own, tmp_path / "nowhere" / "new", "there is no such folder"),
         (own, file, "would replace the file"),
     ):
         assert propagate(file, picture, out) == 2

@@ -47,8 +47,8 @@ pca                     24.50   24.50*   25.50*    25.50*    25.50*     25.50
 def test_the_headline_is_a_row_a_codec_and_a_column_a_budget(ladder):
     text = table_text(ladder, kind="budgets")
     assert text[: len(GOLDEN)] == GOLDEN
-    assert "Without a score of validation pairs, so nothing is chosen among them: 1 of made." in text
-    assert "No budgets of time" in text
+    assert "Left out, because they have no score of validation pairs: 1 of made." in text
+    assert "There are no budgets of time" in text
 
 
 def test_the_rungs_are_named_by_material(ladder):

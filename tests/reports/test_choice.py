@@ -45,7 +45,7 @@ def test_columns_stand_in_the_order_given_and_are_renamed(folder):
 
 
 def test_a_codec_or_column_that_is_not_there_is_an_error_that_says_which_are(folder, capsys):
-    with pytest.raises(InputError, match="--codec pcb: not in this run; did you mean 'pca'"):
+    with pytest.raises(InputError, match="--codec pcb: this run does not have it; did you mean 'pca'"):
         table_text(folder, choice=Choice(["pcb"]))
     with pytest.raises(InputError, match=r"--column LPIPS: no such column: there are .*SSIM ↑"):
         table_text(folder, kind="main", choice=Choice(columns=["LPIPS"]))

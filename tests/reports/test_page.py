@@ -53,7 +53,13 @@ def test_scripts_run_by_their_hash_alone(made):
 
 def test_gaps_are_explained(made):
     page = page_of(made.job("table", psnr=None, history=[]).unfinished("failed", "ValueError: why"))
-    for words in ("No speed and accuracy", "No quality over seconds", "No rate and distortion", "No summary", "why"):
+    for words in (
+        "The plot of speed and accuracy is omitted",
+        "The plot of quality over seconds is omitted",
+        "The plot of rate and distortion is omitted",
+        "The summary is omitted",
+        "why",
+    ):
         assert words in page
 
 
@@ -92,14 +98,14 @@ def test_records_that_have_no_room_are_said_to_be_elsewhere(made, monkeypatch):
     page = page_of(made.job("one").job("two").job("three").job("four"))
     left = page.count('<details id="r0')
     assert 0 < left < 4
-    assert f"{4 - left} more rows have their records in records.jsonl alone" in page
+    assert f"{4 - left} more rows have their records only in records.jsonl" in page
 
 
 def test_a_model_that_is_surely_too_large_is_not_read(made, monkeypatch):
     (made.folder / "drawing.npz").write_bytes(bytes(1000))
     monkeypatch.setattr("reports.live.LARGEST", 700)
     monkeypatch.setattr("reports.live.program", lambda path: pytest.fail(f"{path} was read"))
-    assert "Not live: pca: it takes more room than this page has" in page_of(made.job("pca", drawing="drawing.npz"))
+    assert "Not live: pca: it is too large for this page" in page_of(made.job("pca", drawing="drawing.npz"))
 
 
 def test_slices_of_many_pairs_take_less_room_at_less_quality(made, monkeypatch):

@@ -10,7 +10,7 @@ from reports.paper import NEAREST, NEAREST_SUITE, PUBLISHED, paper_table
 def test_ours_stand_beside_the_papers_over_all_pairs_and_apart(made):
     made.start().job("neubtf recipe=paper", material="fabric01", psnr=27.5)
     made.job("pca components=8", material="fabric01")
-    made.unfinished("unavailable", "not there: ask UTIA", "neubtf recipe=paper", "fabric03")
+    made.unfinished("unavailable", "there is no such file: ask UTIA", "neubtf recipe=paper", "fabric03")
     table = paper_table(load_run(made.folder))
     ours, fitted, held_out, pca, _, _, absent = table.rows
     assert ours[:4] == ["fabric01", "neubtf recipe=paper", "all", "27.50 ± 1.50"]

@@ -47,7 +47,7 @@ def test_extremes_are_rows_in_the_catalogue_s_order_and_codecs_columns():
     ]
     assert of_codecs.notes == [
         "FAIL pca, constant: a value is off by 3.2 %",
-        'One cell again: neubtf-bench stress --codec CODEC --case "EXTREME"',
+        'To try one cell again: neubtf-bench stress --codec CODEC --case "EXTREME"',
         "a: has no sine",
     ]
     assert of_pictures.rows == [["ssim", "n/a a"], ["psnr", "pass"]]

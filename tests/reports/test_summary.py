@@ -75,7 +75,9 @@ def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
     table = summary_table(load_run(made.folder))
     assert {row[0]: row[-1] for row in table.rows} == {"table": "—", "pca": "—", "vq": "−1.50 (−1.50 to −1.50) *"}
     (note,) = (note for note in table.notes if note.startswith("Against pca: the mean paired difference"))
-    assert "by Student's t over the means of up to 2 materials (1 seed: how much another fit would differ" in note
+    assert (
+        "by Student's t over the means of up to 2 materials (1 seed, so the scatter of fits is not known apart)" in note
+    )
     assert "1 of 1 told apart (*), by Holm's correction over the 1 pairs" in note
 
 
@@ -84,7 +86,7 @@ def test_on_one_material_the_interval_is_of_its_pairs_and_tells_nothing_apart(ma
         made.job("pca", seed=seed).job("vq", seed=seed, psnr=28.5)
     table = summary_table(load_run(made.folder))
     assert table.rows[1][-1] == "−1.50 (−1.50 to −1.50)"
-    assert any("over seeds and pairs of this material alone (2 seeds)" in note for note in table.notes)
+    assert any("over seeds and pairs of this material only (2 seeds)" in note for note in table.notes)
 
 
 def test_published_records_whose_exposure_is_rounded_stand_beside_a_new_run(made):
@@ -97,7 +99,7 @@ def test_published_records_whose_exposure_is_rounded_stand_beside_a_new_run(made
 def test_a_summary_says_whose_times_it_leaves_out(made):
     made.job("pca", run="0").timing("pca", run="0").job("mine").timing("mine")
     table = summary_table(load_run(made.folder))
-    assert table.notes[-1] == "Times left out: pca on satin (timed in an earlier run than its neighbours)."
+    assert table.notes[-1] == "Times left out: pca on satin (timed in an earlier run than the other rows)."
 
 
 def test_a_summary_says_what_it_leaves_out_and_why(made):
@@ -108,7 +110,7 @@ def test_a_summary_says_what_it_leaves_out_and_why(made):
     table = summary_table(load_run(made.folder))
     assert [row[0] for row in table.rows] == ["pca", "mine"]
     assert table.notes[-1] == (
-        "Not comparable with what ran last, and left out: old on brick, satin (another exposure); older on satin "
+        "Left out, as not comparable with the newest job: old on brick, satin (another exposure); older on satin "
         "(other data (their fingerprint differs))."
     )
 
@@ -120,6 +122,6 @@ def test_times_say_where_a_file_holds_a_height(made):
         made.job("vq", material, settings={"latents": 13}).timing("vq", material)
     made.job("relief seed", "satin", settings=settings)  # not timed
     (note,) = [note for note in summary_table(load_run(made.folder)).notes if "height" in note]
-    end = "; a height is marched, which takes time."
-    assert note == f"relief: its file holds a height on brick, rock; none on satin{end}"
-    assert f"relief: its file holds a height on brick{end}" in table_text(made.folder, "markdown", "main")
+    end = "; rays are marched through a height, which takes time."
+    assert note == f"relief: its file stores a height on brick, rock; none on satin{end}"
+    assert f"relief: its file stores a height on brick{end}" in table_text(made.folder, "markdown", "main")

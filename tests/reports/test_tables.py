@@ -42,7 +42,7 @@ def test_without_timing_there_is_a_dash(made):
 def test_what_pairs_were_scored_and_that_the_machine_was_not_quiet_is_said(made):
     made.start().job(split="test").timing(unrest="other processes used 1.4 cores")
     text = table_text(made.folder, "markdown", "main")
-    assert "Quality is of the test pairs" in text
+    assert "Quality is measured at the test pairs" in text
     assert "not quiet while this was timed: other processes used 1.4 cores" in text
 
 
@@ -50,7 +50,7 @@ def test_a_codec_that_answers_texels_has_its_time_at_one_of_them(made):
     made.start().job("ntc").timing("ntc", ratio_to_floor=44.0, ratio_at_one_texel=12.5).job("pca").timing("pca")
     (table,) = tables(made, "main")
     assert [note for note in table.notes if "one texel" in note] == [
-        "ntc at one texel, filtered stochastically: 12.5 × floor."
+        "ntc with stochastic filtering, one texel a query: 12.5 × floor."
     ]
 
 
@@ -133,7 +133,7 @@ def test_a_shared_network_s_bytes_stand_apart_where_a_codec_has_one(made):
     (table,) = tables(made, "main")
     assert [cells(table, row)["shared bytes"] for row in (0, 1)] == ["—", "1,234"]
     assert (cells(table, 1)["other bytes"], cells(table, 1)["total bytes ↓"]) == ("10", "100")
-    assert any("rainer2020: its decoder needs the shared network too: 1,234 bytes" in note for note in table.notes)
+    assert any("rainer2020: the decoder also needs the shared network, 1,234 bytes" in note for note in table.notes)
 
 
 def test_tables_say_where_pooled_psnr_rests_on_one_slice(made):
@@ -236,12 +236,12 @@ def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
     made.job(scene=says, scores=scores, score_key=key)
     made.job("vq", scene=says, scores=scores, score_key=key | {"demand": "b"}, run="0")
     (table,) = tables(made, "scene")
-    assert "judged by the scene wall" in table.title
+    assert "scores in the scene wall" in table.title
     shown = cells(table)
     assert (shown["frames PSNR dB ↑"], shown["frames SSIM ↑"], shown["frames FLIP ↓"]) == ("28.12", "exact", "0.062")
     assert (shown["weighted PSNR dB ↑"], shown["outside PSNR dB ↑"]) == ("31.50", "—")
     assert cells(table, 1)["frames PSNR dB ↑"] == "n/c"
-    assert any("another demand of a scene" in note for note in table.notes)
+    assert any("another demand" in note for note in table.notes)
 
 
 def test_without_a_scene_there_is_no_such_table(made):

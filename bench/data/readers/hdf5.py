@@ -107,7 +107,7 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     link = file.get(key, getlink=True) if key in file else None
     if not isinstance(link, h5py.HardLink) or not isinstance(file[key], h5py.Dataset):
         held = ", ".join(sorted(file)[:5])[:200] or "nothing"
-        raise InputError(f"{path}: it has no data set {key}, but {held}: it needs {COLOUR}, {VIEW}, {LIGHT}")
+        raise InputError(f"{path}: no data set {key} (it holds {held}): it needs {COLOUR}, {VIEW}, {LIGHT}")
     data = file[key]
     if data.is_virtual or data.external:
         raise InputError(f"{path}: {key} lies in other files: copy it into this one")

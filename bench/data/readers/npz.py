@@ -103,9 +103,7 @@ def _provenance(files: ZipFiles) -> dict[str, Any]:
     label = files.label("provenance.npy")
     array = stored(files, "provenance")
     if array.shape != () or array.dtype.kind != "U" or array.dtype.itemsize > NOTES:
-        raise InputError(
-            f"{label}: {array.shape} {array.dtype} is not a text up to {NOTES >> 22} M: leave the array out"
-        )
+        raise InputError(f"{label}: {array.shape} {array.dtype} is not a short text: leave the array out")
     with readable(label, "leave the array out"):
         notes = json.loads(str(array.values()))
         if not isinstance(notes, dict):

@@ -225,7 +225,7 @@ def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
     else:
         missing = ", ".join(c for c in "RGB" if c not in channels)
         raise InputError(
-            f"{label}: it has no channel {missing} (but {', '.join(sorted(channels)) or 'none'}): "
+            f"{label}: no channel {missing} (it holds {', '.join(sorted(channels)) or 'none'}): "
             "save it with channels R, G, B"
         )
     for name in choice:

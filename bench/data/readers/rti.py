@@ -75,9 +75,7 @@ def _read_list(path: Path) -> tuple[list[str], list[int], np.ndarray]:
         raise InputError(f"{path}: its first line is not the count of images: write the count there")
     entries = [_entry(path, number, line) for number, line in lines[1:]]
     if len(entries) != int(lines[0][1][:18]) or not entries:
-        raise InputError(
-            f"{path}: line 1 says {lines[0][1][:18]} images, the list has {len(entries)}: correct the count"
-        )
+        raise InputError(f"{path}: line 1 says {lines[0][1][:18]} images, {len(entries)} are listed: correct it")
     return [name for name, _ in entries], [n for n, _ in lines[1:]], np.array([vector for _, vector in entries])
 
 

@@ -44,13 +44,13 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     written = {path.suffix for path in (tmp_path / "run").rglob("*") if path.is_file()}
     assert {".jsonl", ".nbtf", ".md", ".tex", ".csv", ".png"} <= written
     assert cli.main(words) == 0
-    assert "1 cached whole" in capsys.readouterr().out
+    assert "1 from the cache" in capsys.readouterr().out
     assert cli.main(["table", str(tmp_path / "run"), "--format", "csv"]) == 0
     assert "mean-colour" in capsys.readouterr().out
     assert cli.main(["report", str(tmp_path / "run")]) == 0
     capsys.readouterr()
     assert cli.main(["table", "budgets", str(tmp_path / "run")]) == 4
-    assert "no such table: no job of this run has a score of validation pairs" in capsys.readouterr().err
+    assert "no such table: no job of this run has scores of validation pairs" in capsys.readouterr().err
     assert cli.main(["table", "unfinished", str(tmp_path / "run")]) == 0
     assert "every job has a result" in capsys.readouterr().err
     (tmp_path / "runs").mkdir()
@@ -152,11 +152,11 @@ def test_info_of_a_btf_says_what_it_is(folder, capsys):
         (["run", "--set", "components"], "write KEY=VALUE"),
         (["run", "--codec", "pcaa"], "did you mean 'pca'?"),
         (["run", "--material", "satn", "--codec", "mean-colour", *SMALL], "did you mean 'satin'?"),
-        (["run", "--material", "/no/such/btf", "--codec", "mean-colour"], "/no/such/btf: not there"),
+        (["run", "--material", "/no/such/btf", "--codec", "mean-colour"], "/no/such/btf: there is no such file"),
         (["run", "--device", "abacus"], "no such device"),
         (["info", "/no/such/file"], "/no/such/file"),
         (["check", "pca", "--set", "components=few"], "must be a whole number"),
-        (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "its folder is not there"),
+        (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "there is no such folder"),
         (["table", "/no/such/run"], "no such folder"),
         (["table", "budgets"], "there is no run under runs/"),
         (["table", "budgets", "main"], "one kind of table"),

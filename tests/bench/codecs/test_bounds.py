@@ -63,7 +63,7 @@ def test_no_field_of_a_scene_is_trusted(field, value, tmp_path, resealed):
 @pytest.mark.parametrize("size", [[10**9, 10**9], [20_000, 20_000], [1, 1 << 40]])
 def test_a_scene_cannot_claim_a_picture_beyond_all_proportion(size, tmp_path):
     path, codec, parts = scene_file(tmp_path, size=size)
-    with pytest.raises(ContainerError, match=r"a\.nbtf: a picture of .* is beyond all proportion to 12 numbers"):
+    with pytest.raises(ContainerError, match=r"a\.nbtf: a picture of .* is far too large for 12 numbers"):
         file_lines(container.save(path, codec, parts))
 
 
@@ -129,7 +129,7 @@ def hemisphere(rng, count, spread=1.0):
 def test_directions_that_crowd_in_one_place_are_refused(monkeypatch):
     monkeypatch.setattr(directions, "MOST_CANDIDATES", 100)
     crowd = np.concatenate([hemisphere(np.random.default_rng(0), 3000, 0.02), np.eye(3, dtype=np.float32)])
-    with pytest.raises(ValueError, match="triangles of directions meet in one place, and 100 are the limit"):
+    with pytest.raises(ValueError, match="triangles of directions meet in one place, but the limit is 100"):
         directions.Hemisphere(crowd)
 
 

@@ -97,7 +97,7 @@ def test_a_changed_program_is_not_answered_from_earlier_files(tmp_path):
     [
         ({"encode": "import sys; sys.exit('no licence')"}, "ended with code 1: no licence"),
         ({"encode": "pass"}, "wrote no file into {files}"),
-        ({"encode": "import os, sys; os.mkdir(sys.argv[2] + '/inner')"}, "inner in {files} is no plain file"),
+        ({"encode": "import os, sys; os.mkdir(sys.argv[2] + '/inner')"}, "inner in {files} is not a regular file"),
         ({"decode": "raise SystemExit('no licence')"}, "ended without an answer: no licence"),
         ({"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns, :2]")}, "instead of"),
         ({"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns] / 0.0")}, "finite"),

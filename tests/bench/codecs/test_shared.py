@@ -91,7 +91,7 @@ def test_what_another_network_took_the_place_of_still_decodes(tmp_path):
 
 
 def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path):
-    with pytest.raises(MissingDataError, match=r"not there.*neubtf-bench pretrain tinted"):
+    with pytest.raises(MissingDataError, match=r"missing.*neubtf-bench pretrain tinted"):
         encoded(tmp_path / "file.nbtf")
     with pytest.raises(MissingDataError, match=r"Fit\(network=.*neubtf-bench pretrain tinted"):
         Tinted().encode(tiny_btf(4, 3, 3), Fit())
@@ -121,9 +121,9 @@ def test_a_network_that_is_at_hand_is_not_read_again(tmp_path, monkeypatch):
 
 def test_a_network_is_no_material_and_a_material_no_network(tmp_path):
     network, header = make(), encoded(tmp_path / "file.nbtf")
-    with pytest.raises(ContainerError, match="no material, but the network that codec tinted shares"):
+    with pytest.raises(ContainerError, match="not a material, but the network that codec tinted shares"):
         loading.load(network.path)
-    with pytest.raises(ContainerError, match="no network shared over materials"):
+    with pytest.raises(ContainerError, match="not a shared network"):
         shared.read(header.path)
 
 
@@ -169,7 +169,7 @@ def test_a_network_is_trained_on_variations_and_watched_on_others(monkeypatch):
     assert asked == [(MATERIALS, len(UNSEEN))]
     assert not set(range(MATERIALS)) & set(UNSEEN)
     assert len(shared.read(path).parts.other["origins"]) == MATERIALS
-    with pytest.raises(InputError, match="at least one material"):
+    with pytest.raises(InputError, match="at least one training material"):
         pretrain(Tint(), Fit(), path, materials=0)
 
 

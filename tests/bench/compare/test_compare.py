@@ -172,7 +172,7 @@ def test_with_one_seed_the_margin_is_a_guess_and_says_so(make):
     base, worse = make.run("base", make.job(), seeds=[0]), make.run("new", make.job(psnr=29.7), seeds=[0])
     comparison = compare(base, worse)
     assert change(comparison, "PSNR").verdict == "WORSE"
-    assert any("one seed in BASE" in note and "satin/pca" in note for note in comparison.notes)
+    assert any("BASE has one seed" in note and "satin/pca" in note for note in comparison.notes)
     assert change(compare(base, make.run("bytes", make.job(size=64_001), seeds=[0])), "bytes").verdict == "WORSE"
 
 
@@ -295,7 +295,7 @@ def test_jobs_that_vanished_are_regressions(make):
     row = make.run("row", *(make.job("pca", seed=seed) for seed in range(3)))
     seed = make.run("seed", *list(base.jobs)[:-1])
     away = make.run("away", *(make.job(seed=s) for s in range(3)), make.unfinished("unavailable", "vq"))
-    for new, why in ((row, "no job of this name"), (seed, "no result of seed 2"), (away, "not available: Runtime")):
+    for new, why in ((row, "no such job in the run"), (seed, "seed 2 has no result"), (away, "not available: Runtime")):
         comparison = compare(base, new)
         assert [row.verdict for row in comparison.rows] == ["same", "GONE"]
         assert why in comparison.rows[1].why
@@ -339,7 +339,7 @@ def test_a_damaged_line_of_the_base_is_an_error(make):
     base, worse = make.run("base", *make.seeds([30.0] * 3)), make.run("new", *make.seeds([29.0] * 3))
     path = base.folder / "records.jsonl"
     path.write_text(path.read_text().replace('"job"', '"jbo"'))
-    with pytest.raises(InputError, match=r"line\(s\) 2, 3, 4 of the records to compare with cannot be read"):
+    with pytest.raises(InputError, match=r"line\(s\) 2, 3, 4 cannot be read"):
         compare(load_run(base.folder), worse)
 
 

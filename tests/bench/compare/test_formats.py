@@ -44,8 +44,8 @@ def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
     assert "WORSE   satin/pca: PSNR 30.00 → 29.50 dB (−0.50; up to 0.02 counts as the same)" in text
     assert "better  satin/vq: PSNR 30.10 → 31.10 dB (+1.00" in text
     assert "n/c     satin/other: codec version 2 instead of 1" in text
-    assert "GONE    satin/gone: no job of this name" in text
-    assert "advice  satin/pca: decodes slower, 3.00 → 6.00 × mean-colour (times advise only)" in text
+    assert "GONE    satin/gone: no such job in the run" in text
+    assert "advice  satin/pca: decodes slower, 3.00 → 6.00 × mean-colour (a time is only advice)" in text
     assert "3.00 → 6.00" in text
     assert text.splitlines()[-1] == ("8 rows: 1 failed, 1 gone, 2 worse, 1 not comparable, 1 better, 1 same, 1 new")
 
@@ -72,8 +72,8 @@ def test_two_equal_runs_need_few_words(base):
 
 def test_an_empty_comparison_has_a_text_too(make):
     empty = compare(make.run("a"), make.run("b"))
-    assert terminal(empty) == "0 rows: nothing there"
-    assert "nothing there" in markdown(empty)
+    assert terminal(empty) == "0 rows: no rows"
+    assert "no rows" in markdown(empty)
     assert JUnitXml.fromstring(junit(empty).encode()).tests == 0
     assert annotations(empty) == ""
 

@@ -57,7 +57,7 @@ def test_a_run_that_is_not_whole_makes_no_reference(make, status):
     run = make.run("run", make.job(), make.unfinished(status, "vq"))
     with pytest.raises(InputError, match=r"1 job.* without a result, the first satin/vq/0"):
         reference(run)
-    with pytest.raises(InputError, match="nothing was measured"):
+    with pytest.raises(InputError, match="the run has no results"):
         reference(make.run("empty"))
 
 

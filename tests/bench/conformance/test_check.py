@@ -300,8 +300,8 @@ def test_a_bound_that_is_missed_comes_with_how_many_built_in_codecs_keep_it(tmp_
         append(tmp_path, record)
     monkeypatch.setattr(verdicts, "stress_reference", lambda: tmp_path / FILE)
     verdicts._met.cache_clear()
-    assert verdicts.met_by_others("one row") == "; all 2 built-in codecs that it applies to pass"
+    assert verdicts.met_by_others("one row") == "; all 2 built-in codecs to which it applies pass"
     append(tmp_path, met | {"subject": "hsh", "verdict": "fail"})
     verdicts._met.cache_clear()
-    assert verdicts.met_by_others("one row") == "; 2 of 3 built-in codecs that it applies to pass"
+    assert verdicts.met_by_others("one row") == "; 2 of 3 built-in codecs to which it applies pass"
     verdicts._met.cache_clear()

@@ -122,7 +122,7 @@ def test_lists_of_pairs_and_lights_are_no_maps(tmp_path):
 
 def test_maps_of_different_proportion_are_refused(tmp_path):
     folder = save(tmp_path / "m", albedo=flat((0.5, 0.5, 0.5)), roughness=np.ones((8, 16)))
-    with pytest.raises(InputError, match=r"roughness\.png: 16 x 8 pixels are not of the same proportion"):
+    with pytest.raises(InputError, match=r"roughness\.png: 16 x 8 pixels have another proportion"):
         read_surface(recognise(folder), 8)
 
 

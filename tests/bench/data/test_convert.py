@@ -56,7 +56,7 @@ def test_thinning_keeps_a_product(btf):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"crop": (8, 0, 5, 5)}, r"--crop 8,0,5,5: does not fit into 12 x 12"),
+        ({"crop": (8, 0, 5, 5)}, r"--crop 8,0,5,5: it does not fit into 12 x 12"),
         ({"crop": (0, 0, 0, 5)}, "does not fit"),
         ({"crop": (-1, 0, 5, 5)}, "does not fit"),
         ({"downsample": 13}, "--downsample 13"),
@@ -74,7 +74,7 @@ def test_nothing_that_is_there_is_lost_and_nothing_half_done_is_left(tmp_path, b
     (tmp_path / "full" / "note").touch()
     with pytest.raises(InputError, match="not an empty folder"):
         write_btf(btf, tmp_path / "full")
-    with pytest.raises(InputError, match="its folder is not there"):
+    with pytest.raises(InputError, match="there is no such folder"):
         write_btf(btf, tmp_path / "no" / "a.npz")
 
     class Broken(Source):

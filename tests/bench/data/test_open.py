@@ -22,9 +22,11 @@ def test_built_in_and_measured_materials_open(tmp_path, monkeypatch):
 
 def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):
     monkeypatch.setenv("NEUBTF_DATA", "/no/such/data")
-    with pytest.raises(MissingDataError, match=r"f\.btf: not there or under NEUBTF_DATA=/no/such/data: ask UBO"):
+    with pytest.raises(
+        MissingDataError, match=r"f\.btf: there is no such file, nor under NEUBTF_DATA=/no/such/data: ask UBO"
+    ):
         open_material(MaterialSpec("f", "f.btf", "ask UBO"), Preparation(), silent)
-    with pytest.raises(InputError, match=r"f\.btf: not there.*check the path"):
+    with pytest.raises(InputError, match=r"f\.btf: there is no such file.*check the path"):
         open_material(MaterialSpec("f", "f.btf"), Preparation(), silent)
 
 

@@ -48,7 +48,7 @@ def test_clipped_highlights_are_counted(btf):
 
 def test_missing_pairs_of_a_product_are_counted(btf):
     (warning,) = look(btf.subset(range(78))).warnings()
-    assert warning == "3 pairs are missing of the product of 9 views × 9 lights"
+    assert warning == "3 pairs of the product of 9 views × 9 lights are missing"
     scattered = btf.subset(range(0, 81, 10))  # the diagonal: no product was meant
     assert not any("missing of" in warning for warning in look(scattered).warnings())
 
@@ -63,7 +63,7 @@ def test_a_seam_is_named_with_its_border(btf, axis, border):
     values = values_of(btf) * np.linspace(0.2, 1, 16).reshape([16 if a == axis else 1 for a in range(4)])
     (warning,) = look(like(btf, values, periodic=True)).warnings()
     assert f"a seam at the {border} border" in warning
-    assert "though it is said to repeat" in warning
+    assert "although the data call it periodic" in warning
 
 
 def test_a_large_btf_is_looked_at_by_a_few_slices():

@@ -65,7 +65,7 @@ def test_finite_data_come_back_as_they_are():
 def test_a_channel_without_any_finite_value_is_refused():
     btf = spoiled()
     btf.source.values[9, ..., 2] = np.nan
-    with pytest.raises(InputError, match="pair 9: a channel without any finite value"):
+    with pytest.raises(InputError, match="pair 9: a channel without finite values"):
         repaired(btf)
 
 

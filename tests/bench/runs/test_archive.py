@@ -146,7 +146,7 @@ def put(path, value):
 def test_every_claim_is_compared(packed, tmp_path, capsys, path, value):
     _, text = verified(altered(packed, tmp_path / "a.zip", change_pca(put(path, value))), tmp_path, capsys)
     (line,) = [line for line in text.splitlines() if "differs " in line or " not verified " in line]
-    assert path.split("/")[-1] in line or "others than those submitted" in line, line
+    assert path.split("/")[-1] in line or "differ from the submitted data" in line, line
     assert text.count(" agrees\n") == 3
     verified_run = load_run(tmp_path / "verified")
     assert {job["label"] for job in verified_run.jobs} <= {"mean-colour", "pca components=4"}
@@ -183,9 +183,9 @@ def test_where_nothing_is_compared_nothing_is_verified(packed, tmp_path, capsys,
         ("materials", [{"name": 3}], "materials of its run"),
         ("materials", [{"name": "satin", "path": "/etc/passwd"}], "say where it is with --material satin=PATH"),
         ("materials", [{"name": "satin", "path": "../x"}], "leads out of the folder"),
-        ("materials", [{"name": "satin", "path": "none.btf"}], "none.btf: not there"),
+        ("materials", [{"name": "satin", "path": "none.btf"}], "none.btf: there is no such file"),
         ("data", None, "data of satin/mean-colour/0 must be a table"),
-        ("data", {"size": 4096, "views": 5, "lights": 5, "heldout": 8}, "are others than those submitted"),
+        ("data", {"size": 4096, "views": 5, "lights": 5, "heldout": 8}, "differ from the submitted data"),
     ],
 )
 def test_an_archive_does_not_choose_what_is_opened_or_rendered(packed, tmp_path, capsys, monkeypatch, key, value, why):
@@ -207,10 +207,10 @@ def test_a_material_is_opened_where_the_user_says(packed, tmp_path, capsys):
         return line | {"materials": [{"name": "satin", "path": "/none"}]} if line["kind"] == "run" else line
 
     archive = altered(packed, tmp_path / "a.zip", change)
-    (tmp_path / "satin.txt").write_text("no BTF")
+    (tmp_path / "satin.txt").write_text("not an archive of a known BTF")
     options = ["--out", str(tmp_path / "out"), "--material", f"satin={tmp_path / 'satin.txt'}"]
     assert cli.main(["verify", str(archive), *options]) == 4
-    assert "no BTF known here" in capsys.readouterr().out
+    assert "like no known BTF" in capsys.readouterr().out
 
 
 def test_answers_that_are_not_finite_are_said_to_be(packed, tmp_path, capsys, monkeypatch):
@@ -257,7 +257,7 @@ def test_entries_that_overlap_are_refused(tmp_path):
             twin = copy.copy(archive.filelist[1])
             twin.filename = f"files/{number}.nbtf"
             archive.filelist.append(twin)
-    with pytest.raises(InputError, match=r"a\.zip: files/.*\.nbtf: overlaps files/"):
+    with pytest.raises(InputError, match=r"a\.zip: files/.*\.nbtf: it overlaps files/"):
         unpack(tmp_path / "a.zip", tmp_path / "inside")
 
 
@@ -267,7 +267,7 @@ def test_a_large_archive_is_refused_by_what_it_unpacks_to(tmp_path, monkeypatch)
         archive.writestr(FILE, "{}")
         for number in range(3):
             archive.writestr(f"files/{number}.nbtf", bytes(1 << 20))
-    with pytest.raises(InputError, match=r"a\.zip: unpacks to more than 1 MiB"):
+    with pytest.raises(InputError, match=r"a\.zip: it unpacks to more than 1 MiB"):
         unpack(tmp_path / "a.zip", tmp_path / "inside")
 
 
@@ -283,7 +283,7 @@ def test_another_codecs_file_is_found(packed, tmp_path, capsys):
     ("change", "why"),
     [
         (lambda line: line | {"codec": "theirs"}, "codec theirs version 3, code"),
-        (lambda line: line | {"score_key": line["score_key"] | {"btf": "0" * 64}}, "others than those submitted"),
+        (lambda line: line | {"score_key": line["score_key"] | {"btf": "0" * 64}}, "differ from the submitted data"),
         (lambda line: {key: value for key, value in line.items() if key != "file"}, "has no 'file'"),
         (lambda line: line | {"file": "files/none.nbtf"}, "none.nbtf"),
     ],
@@ -301,7 +301,7 @@ def test_a_foreign_name_is_refused_before_anything_is_unpacked(tmp_path, name):
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
         archive.writestr(FILE, "{}")
         archive.writestr(name, "x")
-    with pytest.raises(InputError, match=r"does not belong into an archive|leads out of the folder"):
+    with pytest.raises(InputError, match=r"does not belong in an archive|leads out of the folder"):
         unpack(tmp_path / "a.zip", tmp_path / "inside")
     assert not (tmp_path / "inside").exists()
 
@@ -373,5 +373,5 @@ def test_an_archive_that_inflates_beyond_all_proportion_is_refused(tmp_path):
         with archive.open("files/a.nbtf", "w") as file:
             for _ in range(65):
                 file.write(bytes(1 << 20))
-    with pytest.raises(InputError, match=r"a\.zip: files/a\.nbtf: claims 68157440 bytes from \d+"):
+    with pytest.raises(InputError, match=r"a\.zip: files/a\.nbtf: it claims 68157440 bytes from \d+"):
         unpack(tmp_path / "a.zip", tmp_path / "inside")

@@ -101,7 +101,7 @@ def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys)
     assert cli.main([*words, "--codec", "neubtf-direct", "--steps", "20", "--jobs", "2"]) == 0
     said = capsys.readouterr().out
     first = said.index("2 of 2 settings of own are not in")
-    estimate = said.index("2 jobs: 2 left, no estimate, since no fit of neubtf-direct is on record here; scoring and")
+    estimate = said.index("2 jobs: 2 left, no estimate, because no fit of neubtf-direct is recorded here; scoring and")
     assert first < estimate < said.index("satin/neubtf-direct ")
     assert "on a GPU: " in said
     command = said.splitlines()[-1]
@@ -128,4 +128,4 @@ def test_options_that_make_no_sense_are_bad_usage(words, message, tmp_path, caps
 def test_help_says_whose_time_max_ns_is(capsys):
     with pytest.raises(SystemExit):
         cli.main(["choose", "--help"])
-    assert "the CPU's time on the suite's threads" in " ".join(capsys.readouterr().out.split())
+    assert "CPU time on the suite's threads" in " ".join(capsys.readouterr().out.split())

@@ -48,7 +48,7 @@ def looked(folder, tasks, holds=(), at_once=1):
 
 def test_without_records_there_is_no_estimate_and_it_says_so(tmp_path, clock):
     estimate = looked(tmp_path / "run", [task("pca"), task("vq"), task("vq", seed=1)])
-    assert estimate.first == "3 jobs: 3 left, no estimate, since no fit of pca, vq is on record here"
+    assert estimate.first == "3 jobs: 3 left, no estimate, because no fit of pca, vq is recorded here"
     assert estimate.progress == "0 of 3 jobs"
 
 
@@ -106,13 +106,13 @@ def test_jobs_on_record_are_not_counted_until_one_is_fitted_anew(tmp_path, clock
     append_all(tmp_path / "run", *(job(each, 60.0) for each in tasks[:3]))
     names = {each.name for each in tasks[:3]}
     estimate = looked(tmp_path / "run", tasks, names)
-    assert estimate.first == "4 jobs, 3 of them on record: 1 left, about 1 min of fits"
+    assert estimate.first == "4 jobs, 3 of them recorded: 1 left, about 1 min of fits"
     estimate.ended(job(tasks[0], 60.0), "record")
     assert estimate.left == "about 1 min left"
     clock[0] += 60
     estimate.ended(job(tasks[1], 60.0), "")  # its code has changed
     assert estimate.progress == "2 of 4 jobs, about 2 min left"
-    assert looked(tmp_path / "run", tasks[:3], names).first == "3 jobs, all on record"
+    assert looked(tmp_path / "run", tasks[:3], names).first == "3 jobs, all recorded"
 
 
 def append_all(folder, *records):

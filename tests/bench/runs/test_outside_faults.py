@@ -257,7 +257,7 @@ def test_a_codec_of_this_suite_that_ends_its_process_is_no_success_and_the_same_
     again = [sys.executable, "-c", OURS.format(how=how, armed=False)]
     went_on = subprocess.run(again, capture_output=True, text=True, check=False)
     assert went_on.returncode == 0, went_on.stderr
-    assert "2 jobs: 2 ok; 1 cached whole" in went_on.stdout
+    assert "2 jobs: 2 ok; 1 from the cache" in went_on.stdout
 
 
 @pytest.mark.parametrize("value", ["inf", "nan", "-inf"])

@@ -466,9 +466,9 @@ def test_without_a_scene_no_record_speaks_of_one(tmp_path):
 
 def test_a_fit_to_a_scene_needs_its_demand(tmp_path):
     suite = replace(SUITE, codecs=(CodecSpec("pca", {"scene": True}),))
-    with pytest.raises(InputError, match="one with --demand"):
+    with pytest.raises(InputError, match="give it to `run` or `encode` with --demand"):
         outcomes(tmp_path, suite)
-    with pytest.raises(InputError, match=r"none\.npz: cannot be read"):
+    with pytest.raises(InputError, match=r"none\.npz: there is no such file"):
         outcomes(tmp_path, replace(suite, demand=str(tmp_path / "none.npz")))
 
 

@@ -247,9 +247,9 @@ ATTACKS = [
     (
         "components = [2, 4]",
         "\n".join(f"{name} = {list(range(100))}" for name in "abcde"),
-        "codecs: asks for 20,000,000,001 jobs, and 100,000 are the limit",
+        "codecs: it has 20,000,000,001 jobs, but the limit is 100,000",
     ),
-    ("seeds = [0, 1]", f"seeds = {list(range(50_000))}", "asks for 500,000 jobs"),
+    ("seeds = [0, 1]", f"seeds = {list(range(50_000))}", "it has 500,000 jobs"),
 ]
 
 

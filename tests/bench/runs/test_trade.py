@@ -288,7 +288,7 @@ def test_noise_is_of_each_file_and_stands_in_columns_of_its_own(measured, path_t
     assert line.split()[-4:] == ["40,000", "9,876", "3.00", "1.50"]
     (line,) = (line for line in text.splitlines() if line.startswith("mean-colour "))
     assert line.split()[-4:] == ["—"] * 4
-    assert "mean-colour: no noise: cannot be recorded." in " ".join(text.split())
+    assert "mean-colour: noise was not measured: cannot be recorded." in " ".join(text.split())
     assert "by Mitsuba (ball, even sky)" in " ".join(text.split())
 
 

@@ -123,7 +123,7 @@ def test_what_cannot_be_computed_is_refused_with_the_remedy(old_llvm, monkeypatc
         prepared(Textured(), Variant("compiled"))
     table = Textured()
     del table.network
-    with pytest.raises(InputError, match=r"nor has it a decoder network \(too old\): use eager"):
+    with pytest.raises(InputError, match=r"which has no decoder network either \(too old\): use eager"):
         prepared(table, Variant("fused"))
 
 

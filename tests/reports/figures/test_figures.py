@@ -139,7 +139,10 @@ def test_intervals_are_drawn_over_all_materials_and_on_each_and_say_of_what_they
     both = {"a": Interval(-1.0, -2.0, 0.5, 2, 3, 900), "b": Interval(1.0, 0.5, 2.0, 1, 3, 450)}
     assert "by Student's t over material means: 2 materials, 3 seeds, 900 slices." in caption(both)
     alone = caption({"a": Interval(-1.0, -2.0, 0.5, 1, 1, 150)})
-    assert "a bootstrap over pairs, of this material alone: 150 slices. Of one seed: how much another fit" in alone
+    assert (
+        "a bootstrap over pairs, of this material only: 150 slices. With one seed, it does not include the scatter"
+        in alone
+    )
 
 
 def test_channels_are_those_of_textures_that_are_looked_up_by_the_place(made):

@@ -110,7 +110,7 @@ def test_what_no_shader_can_do_is_named(tmp_path: Path) -> None:
 def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:
     path = tmp_path / "other.npz"
     np.savez(path, values=np.zeros(3))
-    with pytest.raises(InputError, match="no program of a material"):
+    with pytest.raises(InputError, match="not the program of a material"):
         artefacts.program(path)
 
 

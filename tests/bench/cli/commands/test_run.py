@@ -33,7 +33,7 @@ def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch,
     assert cli.main(words) == 130
     shown = capsys.readouterr()
     assert "1 jobs: 1 ok" in shown.out
-    assert "interrupted: 1 of 2 jobs are done; the same command goes on" in shown.out
+    assert "interrupted: 1 of 2 jobs are done; the same command resumes" in shown.out
     assert shown.err == ""
     assert not (tmp_path / "run" / "lock").exists()
     part = str(tmp_path / "part.jsonl")
@@ -41,7 +41,7 @@ def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch,
     assert cli.main(["table", "main", part]) == cli.main(["table", "unfinished", part]) == 0
     assert re.search(r"satin +table +not run +seed 0", capsys.readouterr().out)
     assert cli.main(words) == 0
-    assert "2 jobs: 2 ok; 1 cached whole" in capsys.readouterr().out
+    assert "2 jobs: 2 ok; 1 from the cache" in capsys.readouterr().out
 
 
 def test_a_metric_is_chosen_at_the_command_line_and_scored_from_the_cached_file(tmp_path, capsys):
@@ -77,8 +77,8 @@ def test_as_many_jobs_as_cores(monkeypatch):
     ("words", "message"),
     [
         (["--jobs", "-1"], "--jobs -1: must be at least 1"),
-        (["--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "give one of them"),
-        (["--resource", "GPU=1"], "for the workers of a Dask --scheduler only"),
+        (["--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "give only one of them"),
+        (["--resource", "GPU=1"], "only for the workers of a Dask --scheduler"),
         (["--scheduler", "tcp://127.0.0.1:9", "--resource", "GPU"], "write NAME=COUNT"),
     ],
 )
@@ -93,9 +93,9 @@ def test_a_run_says_first_what_is_left_and_after_each_job_how_far_it_is(tmp_path
     lines = capsys.readouterr().out.splitlines()
     jobs = [line for line in lines if line.startswith("satin/")]
     assert [line.split("(")[-1] for line in jobs] == ["1 of 2 jobs)", "2 of 2 jobs)"]
-    started = "2 jobs: 2 left, no estimate, since no fit of mean-colour, table is on record here"
+    started = "2 jobs: 2 left, no estimate, because no fit of mean-colour, table is recorded here"
     assert lines.index(started) < lines.index(jobs[0])
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
-    assert "2 jobs, all on record" in capsys.readouterr().out
+    assert "2 jobs, all recorded" in capsys.readouterr().out
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "two")]) == 0  # a run beside it
     assert re.search(r"2 jobs: 2 left, about .* of fits\n", capsys.readouterr().out)

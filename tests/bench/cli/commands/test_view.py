@@ -36,7 +36,7 @@ def test_a_material_without_a_shader_is_baked_and_said_to_be() -> None:
     material = Sorting()
     file = SimpleNamespace(material=material, header=SimpleNamespace(path=Path("mine.nbtf")))
     drawing, note = _drawn(file, silent)
-    assert "mine is baked: its slices at 13 × 13 pairs" in note
+    assert "mine is baked to slices at 13 × 13 pairs" in note
     assert "no shader can do 'cumsum' yet" in note
     assert drawing.exposure > 0
     directions = ubo2003()

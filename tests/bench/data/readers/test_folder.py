@@ -66,14 +66,14 @@ BAD = {
     "horizon": ([A, "b.png,90,0,0,0"], r"line 3: theta_o_deg = 90 degrees is outside"),
     "phi": ([A, "b.png,0,0,10,4000"], r"line 3: phi_i_deg = 4000 degrees is outside"),
     "nan angle": ([A, "b.png,nan,0,10,0"], r"line 3: theta_o_deg = nan degrees is outside"),
-    "duplicate": ([A, B, "c.png,0,0,10,360"], r"line 4: the same view and light as .*line 3: leave one"),
-    "duplicate at the pole": ([A, "b.png,0,90,0,180"], r"line 3: the same view and light as .*line 2"),
-    "no number": ([A, "b.png,0,0,ten,0"], r"line 3: theta_i_deg = 'ten' is no number: give degrees"),
+    "duplicate": ([A, B, "c.png,0,0,10,360"], r"line 4: it has the same view and light as .*line 3: leave one"),
+    "duplicate at the pole": ([A, "b.png,0,90,0,180"], r"line 3: it has the same view and light as .*line 2"),
+    "no number": ([A, "b.png,0,0,ten,0"], r"line 3: theta_i_deg = 'ten' is not a number: give degrees"),
     "cells": ([A, "b.png,0,0"], r"line 3: 3 cells under 5 columns"),
-    "no rows": ([], r"pairs\.csv: lists no picture"),
+    "no rows": ([], r"pairs\.csv: it lists no picture"),
     "outside": ([A, "../b.png,0,0,10,0"], r"line 3: the name '\.\./b\.png' leads out of the folder"),
     "absolute": ([A, "/etc/passwd,0,0,10,0"], r"line 3: the name '/etc/passwd' leads out"),
-    "no picture": ([A, "pairs.csv,0,0,10,0"], r"pairs\.csv: begins with b'file,the', no picture known here"),
+    "no picture": ([A, "pairs.csv,0,0,10,0"], r"pairs\.csv: it begins with b'file,the', like no known picture"),
 }
 
 
@@ -87,7 +87,7 @@ def test_bad_lists_name_the_file_and_the_line(tmp_path, lines, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"pairs\.csv: empty: give a header"),
+        ("", r"pairs\.csv: it is empty: give a header"),
         ("file,theta_o_deg\n", r"without column phi_o_deg, theta_i_deg, phi_i_deg"),
         (HEADER + ",file\na.png,0,0,0,0,a.png\n", "with a column twice"),
         (HEADER + ",split\na.png,0,0,0,0,test\n", r"line 2: split = 'test': write train or heldout"),
@@ -111,7 +111,7 @@ def test_a_list_that_is_no_text_is_refused(tmp_path):
 def test_sizes_that_differ_name_both_pictures(tmp_path):
     folder = make(tmp_path / "x", [A, B])
     Image.new("RGB", (5, 3)).save(folder / "b.png")
-    with pytest.raises(InputError, match=r"line 3: b\.png is 5 x 3 pixels, but a\.png is 4 x 3: bring all"):
+    with pytest.raises(InputError, match=r"line 3: b\.png is 5 x 3 pixels, but a\.png is 4 x 3: give all"):
         open_btf(folder)
 
 
@@ -145,5 +145,5 @@ def test_scattered_reads_agree_with_slices(tmp_path, monkeypatch, btf):
 def test_notes_that_are_no_object_are_refused(tmp_path, btf):
     write_folder(btf, tmp_path / "x")
     (tmp_path / "x" / "btf.json").write_text("[1]")
-    with pytest.raises(InputError, match=r"btf\.json: must hold an object"):
+    with pytest.raises(InputError, match=r"btf\.json: it must hold an object"):
         open_btf(tmp_path / "x")

@@ -55,10 +55,14 @@ def test_the_file_of_random_directions_beside_it_is_the_test_split(full, btf, pi
     assert opened.fingerprint != open_btf(heldout).fingerprint
     assert len(open_btf(heldout)) == 3
     samples.write_hdf5(heldout, wo, wi, pictures[4:7, :3])
-    with pytest.raises(InputError, match=r"random_factor1\.hdf5: pictures of 6 x 3, but .*full.* has 6 x 5: move it"):
+    with pytest.raises(
+        InputError, match=r"random_factor1\.hdf5: its pictures are 6 x 3, those of .*full.* 6 x 5: move it"
+    ):
         open_btf(full)
     samples.write_hdf5(heldout, btf.wo[:1], btf.wi[:1], pictures[:1])
-    with pytest.raises(InputError, match=r"random_factor1\.hdf5: pair 0: the same view and light as .*full.*: pair 0"):
+    with pytest.raises(
+        InputError, match=r"random_factor1\.hdf5: pair 0: it has the same view and light as .*full.*: pair 0"
+    ):
         open_btf(full)
 
 
@@ -156,10 +160,10 @@ def virtual(file):
         (instead("ground_color", np.zeros((0, 5, 6, 3), "f4")), r"ground_color is \(0, 5, 6, 3\)"),
         (instead("ground_color", np.zeros((12, 5, 6, 3), "u1")), r"ground_color is .* uint8: it must hold floats"),
         (instead("ground_light", np.zeros((11, 2), "f4")), r"ground_light is \(11, 2\): it must be \(12, 2\), x and y"),
-        (instead("ground_light", np.full((12, 2), np.nan, "f4")), r"ground_light\[0\]: .* is no unit vector"),
-        (instead("ground_light", np.full((12, 2), 0.9, "f4")), r"ground_light\[0\]: \(0\.9, 0\.9, 0\) is no unit"),
+        (instead("ground_light", np.full((12, 2), np.nan, "f4")), r"ground_light\[0\]: .* is not a unit vector"),
+        (instead("ground_light", np.full((12, 2), 0.9, "f4")), r"ground_light\[0\]: \(0\.9, 0\.9, 0\) is not a unit"),
         (instead("ground_light", np.tile([1.0, 0], (12, 1))), r"ground_light\[0\]: \(1, 0, 0\) is not above"),
-        (instead("ground_light", np.zeros((12, 2), "f4")), r"pair 7: the same view and light as .* pair 6"),
+        (instead("ground_light", np.zeros((12, 2), "f4")), r"pair 7: it has the same view and light as .* pair 6"),
         (instead("ground_light", h5py.Empty("f4")), "ground_light is None float32"),
         (unfilled("ground_color", (12, 1 << 20, 1 << 20, 3), chunks=(1, 64, 64, 3)), "is more than its bytes can hold"),
         (unfilled("ground_light", (1 << 40, 2), chunks=(64, 2)), "ground_light of .* is more than its bytes can hold"),
@@ -194,7 +198,7 @@ def test_bytes_that_are_cut_off_are_an_error(full):
 
 def test_without_h5py_the_message_names_the_extra(full, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(InputError, match=r"factor1\.hdf5: HDF5 is read by h5py: pip install 'neubtf-bench\[hdf5\]'"):
+    with pytest.raises(InputError, match=r"factor1\.hdf5: reading HDF5 needs h5py: pip install 'neubtf-bench\[hdf5\]'"):
         open_btf(full)
 
 

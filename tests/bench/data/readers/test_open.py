@@ -58,7 +58,7 @@ def test_a_reader_is_chosen_by_content_and_splits_are_disjoint(samples, tmp_path
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"\x89PNG\r\n\x1a\n", r"begins with b'\\x89PNG.*, no BTF known here: give a folder with pairs\.csv, an RTI"),
+        (b"\x89PNG\r\n\x1a\n", r"begins with b'\\x89PNG.*, like no known BTF: give a folder with pairs\.csv, an RTI"),
         (b"", "begins with b''"),
         (b"hello", "begins with b'hello'"),
     ],
@@ -70,7 +70,7 @@ def test_unknown_files_say_what_was_seen(tmp_path, content, message):
 
 
 def test_folders_without_a_btf_say_what_they_hold(tmp_path):
-    with pytest.raises(InputError, match=r"no BTF folder \(it holds nothing\): add pairs\.csv"):
+    with pytest.raises(InputError, match=r"not a BTF folder \(it holds nothing\): add pairs\.csv"):
         open_btf(tmp_path)
     with pytest.raises(InputError, match="no such file or folder"):
         open_btf(tmp_path / "missing")

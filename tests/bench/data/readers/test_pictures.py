@@ -71,7 +71,7 @@ def test_jpeg_agrees_with_another_decoder(tmp_path):
 
 def test_cmyk_jpeg_is_refused(tmp_path):
     Image.new("CMYK", (9, 7)).save(tmp_path / "a.jpg")
-    with pytest.raises(InputError, match=r"a\.jpg: a JPEG of 4 channels \(CMYK\?\): save it as RGB"):
+    with pytest.raises(InputError, match=r"a\.jpg: this JPEG has 4 channels \(CMYK\?\): save it as RGB"):
         read(tmp_path / "a.jpg")
 
 
@@ -155,8 +155,8 @@ def test_exr_in_xyz_becomes_rec709(tmp_path):
 @pytest.mark.parametrize(
     ("channels", "message"),
     [
-        ("RG", r"channel B missing \(it holds G, R\): save it with channels R, G, B"),
-        ("A", r"channel R, G, B missing \(it holds A\)"),
+        ("RG", r"no channel B \(it holds G, R\): save it with channels R, G, B"),
+        ("A", r"no channel R, G, B \(it holds A\)"),
     ],
 )
 def test_exr_without_its_channels_names_them(tmp_path, channels, message):
@@ -167,7 +167,7 @@ def test_exr_without_its_channels_names_them(tmp_path, channels, message):
 
 def test_exr_of_integers_or_foreign_primaries_is_refused(tmp_path):
     exr(tmp_path / "i.exr", {name: np.zeros((7, 9), np.uint32) for name in "RGB"})
-    with pytest.raises(InputError, match="no full half or float channel"):
+    with pytest.raises(InputError, match="not full-size half or float"):
         read(tmp_path / "i.exr")
     chromaticities = (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767)
     exr(tmp_path / "aces.exr", {"RGB": np.zeros((7, 9, 3), np.float32)}, {"chromaticities": chromaticities})
@@ -220,11 +220,11 @@ def damaged(kind):
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("huge png", "is absurd"),
-        ("huge hdr", "is absurd"),
+        ("huge png", "its header says .* pixels, but it has"),
+        ("huge hdr", "its header says .* pixels, but it has"),
         ("xyze", "only 32-bit_rle_rgbe is read"),
         ("short jpeg", "the header ends early: the picture is truncated"),
-        ("text", r"begins with b'hello wo', no picture known here: JPEG, PNG, OpenEXR and Radiance"),
+        ("text", r"begins with b'hello wo', like no known picture: JPEG, PNG, OpenEXR and Radiance"),
         ("empty", "begins with b''"),
     ],
 )

@@ -32,14 +32,14 @@ def test_one_view_many_lights_as_photographed(tmp_path):
     ("lines", "message"),
     [
         (["4", *GOOD[1:], "im 3.png 0.8 0 0.6"], r"dirs\.lp, line 5: im 3\.png is missing: add the picture, or leave"),
-        (["4", *GOOD[1:]], r"dirs\.lp: line 1 says 4 images, 3 are listed: correct the count"),
+        (["4", *GOOD[1:]], r"dirs\.lp: line 1 says 4 images, 3 are listed: correct it"),
         (GOOD[1:], "its first line is not the count"),
         (["1", "im 0.png 0 0"], r"line 2: 'im 0\.png 0 0' is not `image-name x y z`"),
         (["1", "im 0.png a b c"], "line 2: .* is not `image-name x y z`"),
         (["1", "im 0.png 0 0 -1"], r"line 2: \(0, 0, -1\) is not above the surface"),
-        (["1", "im 0.png 3 0 4"], r"line 2: \(3, 0, 4\) is no unit vector"),
-        (["1", "im 0.png nan 0 1"], "line 2: .* is no unit vector"),
-        (["2", "im 0.png 0 0 1", "im 1.png 0 0 1"], r"line 3: the same view and light as .*line 2"),
+        (["1", "im 0.png 3 0 4"], r"line 2: \(3, 0, 4\) is not a unit vector"),
+        (["1", "im 0.png nan 0 1"], "line 2: .* is not a unit vector"),
+        (["2", "im 0.png 0 0 1", "im 1.png 0 0 1"], r"line 3: it has the same view and light as .*line 2"),
         (["1", "../../../etc/passwd 0 0 1"], "line 2: passwd is missing"),
     ],
 )

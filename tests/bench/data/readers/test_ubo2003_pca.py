@@ -115,7 +115,7 @@ def noted(folder, **changes):
         ({"numComp": "4"}, "numComp = '4': only 8 is read"),
         ({"numDirections": 151}, "numDirections = 151: only 81 is read"),
         ({"numDirections": None}, "numDirections = None: it must be a whole number"),
-        ({"imageSize": "0"}, "imageSize = 0: 1 to 1024 are read"),
+        ({"imageSize": "0"}, "imageSize = 0: it must be 1 to 1024"),
         ({"imageSize": "1" * 3000}, "imageSize = 1111.*: it must be a whole number"),
         ({"imageSize": [[4]]}, r"imageSize = \[\[4\]\]: it must be a whole number"),
         ({"imageSize": "-4"}, "imageSize = -4: it must be a whole number"),
@@ -152,7 +152,7 @@ def test_notes_that_are_damaged_are_named(copy, content, message):
 def test_other_numbered_pictures_with_a_meta_json_are_not_taken_for_this_format(tmp_path):
     (tmp_path / "meta.json").write_text('{"author": "me"}')
     Image.new("RGBA", (4, 4)).save(tmp_path / "0.png")
-    with pytest.raises(InputError, match="no BTF folder"):
+    with pytest.raises(InputError, match="not a BTF folder"):
         open_btf(tmp_path)
 
 
@@ -170,9 +170,9 @@ def test_pictures_of_another_kind_are_refused(copy):
         return str(caught.value)
 
     Image.new("RGB", (4, 27)).save(copy / "3.png")
-    assert "3.png: no PNG of 8 bits with red, green, blue and alpha" in message()
+    assert "3.png: it is not a PNG of 8 bits with red, green, blue and alpha" in message()
     (copy / "3.png").write_bytes(b"GIF89a")
-    assert "3.png: begins with b'GIF89a'" in message()
+    assert "3.png: it begins with b'GIF89a'" in message()
     shutil.copy(copy / "2.png", copy / "3.png")
     save(copy / "R.png", np.zeros((10, 40), np.uint8))
     assert f"R.png: 10 x 10 pixels are too few: {PIXELS} hold the weights" in message()
