@@ -29,6 +29,7 @@ PUBLISHED = {
     "neubtf": _NEUBTF,
     "neubtf-direct": _NEUBTF,
     "neumip": Published("NeuMIP", 3_332, 14, _PYRAMID),
+    "hierarchical": Published("Hierarchical", 8_026, 14, _PYRAMID),
     "rainer2019": Published("Rainer 2019", 35_725, 14, f"8 latents, {_STATISTICS}"),
     "rainer2020": Published("Rainer 2020", 38_269, 38, f"32 latents, {_STATISTICS}"),
     "zeltner2024": Published("Zeltner 2024", 1_923, 8, "8 latents"),

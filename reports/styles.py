@@ -16,6 +16,7 @@ LINES = ("-", "--", ":", "-.")
 KNOWN = (
     *("pca", "neubtf", "neubtf-direct", "neumip", "relief", "rainer2019", "vq", "rainer2020", "mean-colour", "table"),
     *("hsh", "zeltner2024", "tucker", "triple-plane", "ntc", "biplane", "bcf", "svbrdf"),
+    "hierarchical",
 )
 
 

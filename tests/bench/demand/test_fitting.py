@@ -158,6 +158,7 @@ def test_samples_follow_the_demand_and_a_share_is_uniform():
     density = density_of(queries, btf.layout, window, 0.25)
     samples = Samples(btf, 2.0, Fit(density=density))
     batch = samples.draw(20_000, torch.Generator().manual_seed(0))
+    torch.testing.assert_close(samples.seen(batch.texel, batch.pair).target, batch.target)
     drawn = batch.pair >= len(btf)
     assert drawn.float().mean() == pytest.approx(0.75, abs=0.02)
     seen = NeededPart.for_demand(btf, queries).window
