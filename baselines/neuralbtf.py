@@ -205,7 +205,9 @@ def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: to
     if settings.start == "random":
         spread = {name: 0.0 if name == "offset" else FIRST for name in sizes}
         return {n: spread[n] * (2 * torch.rand(*size, channels, generator=generator) - 1) for n, size in sizes.items()}
-    picture = first_latents(samples, settings.levels * channels, settings.start, generator).T.unflatten(1, samples.shape)
+    picture = first_latents(samples, settings.levels * channels, settings.start, generator).T.unflatten(
+        1, samples.shape
+    )
     parts = [*picture.split(channels), picture[:channels]]
     means = {n: functional.adaptive_avg_pool2d(part, sizes[n]) for n, part in zip(sizes, parts, strict=False)}
     return {name: mean.permute(1, 2, 0).contiguous() for name, mean in means.items()}
@@ -218,11 +220,12 @@ class NeuralBTFMaterial(Material):
         both = [networks.decoder, *([] if networks.offset is None else [networks.offset])]
         architectures = [network.architecture for network in both]
         channels = sum(texture.shape[2] for texture in textures)
+        size = (textures[0].shape[0], textures[0].shape[1])
         super().__init__(
-            (textures[0].shape[0], textures[0].shape[1]),
+            size,
             DecoderCost(
                 parameters=sum(each.parameters for each in architectures) + len(both) - 1,  # and the gate
-                texture_channels=channels,
+                texture_channels=sum(texture.shape[2] for texture in textures if texture.shape[:2] == size),
                 texture_floats=sum(texture.numel() for texture in textures),
                 flops_per_sample=sum(each.flops for each in architectures) + 2 * 4 * channels,
                 bytes_per_sample=4 * channels * textures[0].element_size(),
