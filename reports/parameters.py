@@ -36,6 +36,9 @@ PUBLISHED = {
     "biplane": Published(
         "Biplane", 136_451, 18, "6 latents of the plane over the texels, a matrix (9) and an offset (3)"
     ),
+    "neuralbtf": Published(
+        "NeuralBTF", 556_038, 8, "8 latents of the finest level; two coarser ones and the offset's are not counted"
+    ),
 }  # by codec
 
 

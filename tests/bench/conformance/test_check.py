@@ -25,6 +25,7 @@ OURS = [
         "rainer2019",
         "rainer2020",
         "neumip",
+        "neuralbtf",
         "neubtf",
         "neubtf-direct",
         "zeltner2024",
