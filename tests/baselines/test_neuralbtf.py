@@ -24,7 +24,7 @@ def cropped(height: int, width: int) -> BTF:
 
 
 def test_layers_and_textures_are_those_of_the_authors_code() -> None:
-    ours = codec(recipe="paper", steps=1, batch=8, width=512)
+    ours = codec(recipe="paper", steps=1, batch=8, width=512, bits=32)
     parts = ours.encode(tiny_btf(32), Fit())
     material = ours.decode(parts, torch.device("cpu"))
     # 3 · 8 latents and 2 · 9 harmonics → 512 → 512 → 512 → 3, 8 latents and the view → 512 → 2, and the gate.
