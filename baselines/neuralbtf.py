@@ -19,7 +19,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, at_least_float32, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.settings import BatchSize, Count, Layers, Natural, Positive, Width
+from bench.settings import BatchSize, Layers, Natural, Positive, Width
 from bench.training import (
     COUNTS,
     Architecture,
@@ -69,7 +69,7 @@ class NeuralBTF(Codec):
         rate: Positive = 3e-3  # highest learning rate of both networks and the gate
         loss: Literal["l1", "l2", "both", "relative"] = "both"  # of log radiance; relative: as published, of radiance
         decay: bool = True  # rates rise at first and fall to 0; as published they stay
-        levels: Count = 3  # of the pyramid, each of half as many texels a side
+        levels: Layers = 3  # of the pyramid, each of half as many texels a side
         channels: Width = 8  # of each level, and of the offset's texture
         reduction: Natural = 4  # texels a side of a point of the offset's texture; 0: no offset
         directions: Inputs = "xyzh"  # inputs: harmonics of both as published, or all of both and of their half vector
