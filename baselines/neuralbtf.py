@@ -49,7 +49,7 @@ Inputs = Literal["xyzh", "harmonics"]
 HARMONICS = 9  # of one direction
 FIRST = 1e-4  # bound of the first random latents
 DARK = 0.01  # added to the square that the published loss divides by
-PAPER = {"reduction": 16, "directions": "harmonics", "start": "random", "loss": "relative"}
+PAPER = {"reduction": 16, "directions": "harmonics", "start": "random", "relative": True}
 PAPER |= {"rate": 1e-3, "latent_rate": 1e-2, "decay": False, "bits": 8, "steps": 20_000, "batch": 4_096}
 
 
@@ -67,7 +67,7 @@ class NeuralBTF(Codec):
         batch: BatchSize = 2_048  # samples a step
         optimiser: Optimiser = "adam"  # of all; Muon would step the hidden matrices, at twice the seconds and no gain
         rate: Positive = 3e-3  # highest learning rate of both networks and the gate
-        loss: Literal["l1", "l2", "both", "relative"] = "both"  # of log radiance; relative: as published, of radiance
+        relative: bool = False  # as published: the network answers radiance, its loss is relative, `loss` is not used
         decay: bool = True  # rates rise at first and fall to 0; as published they stay
         levels: Layers = 3  # of the pyramid, each of half as many texels a side
         channels: Width = 8  # of each level, and of the offset's texture
@@ -158,8 +158,8 @@ class Networks(nn.Module):
         return numbers
 
     def level(self, numbers: Tensor) -> Tensor:
-        """The log radiance (n, 3) of an answer: itself, or with the published loss that of radiance × exposure."""
-        return (LOG_SCALE * numbers.clamp_min(0)).log1p() if self.settings.loss == "relative" else numbers
+        """The log radiance (n, 3) of an answer: itself, or as published that of radiance × exposure."""
+        return (LOG_SCALE * numbers.clamp_min(0)).log1p() if self.settings.relative else numbers
 
 
 class NeuralBTFObjective(TextureObjective):
@@ -169,9 +169,9 @@ class NeuralBTFObjective(TextureObjective):
 
     def __init__(self, samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator):
         super().__init__(samples, settings)
-        self.network = Networks(settings, generator)
+        self.network: Networks = Networks(settings, generator)
         mean = samples.mean(generator)
-        self.network.decoder.start_at(mean.expm1() / LOG_SCALE if settings.loss == "relative" else mean)
+        self.network.decoder.start_at(mean.expm1() / LOG_SCALE if settings.relative else mean)
         self.free = nn.ParameterDict(first_textures(samples, settings, generator))
         self.roundings = nn.ModuleDict({name: Rounding(settings.channels, settings.bits) for name in self.free})
         self.register_buffer("directions", seen(samples.wo, samples.wi, settings.directions), persistent=False)
@@ -190,7 +190,7 @@ class NeuralBTFObjective(TextureObjective):
         return self.network.level(self.answer(batch))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        if self.settings.loss != "relative":
+        if not self.settings.relative:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
         ours, target = self.answer(batch), batch.target.expm1() / LOG_SCALE
@@ -242,6 +242,6 @@ class NeuralBTFMaterial(Material):
         textures = [getattr(self, f"texture{place}") for place in range(self.count)]
         settings = self.networks.settings
         numbers = self.networks(textures, uv, wo, seen(wo, wi, settings.directions))
-        if settings.loss == "relative":
+        if settings.relative:
             return numbers.to(at_least_float32(numbers.dtype)) * (LOG_SCALE / self.gain)
         return to_radiance(numbers, self.gain)
