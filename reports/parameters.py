@@ -37,6 +37,9 @@ PUBLISHED = {
     "biplane": Published(
         "Biplane", 136_451, 18, "6 latents of the plane over the texels, a matrix (9) and an offset (3)"
     ),
+    "neuralbtf": Published(
+        "NeuralBTF", 556_038, 8, "8 latents of the finest level; two coarser ones and the offset's are not counted"
+    ),
 }  # by codec
 _ZELTNER_CODE = Published("Zeltner 2024 (code)", 819, 8, "8 latents")  # the authors' of 2026: docs/recipes.md
 
@@ -89,7 +92,7 @@ def _notes(jobs: list[Record], counted: bool) -> list[str]:
     notes += [f"Channels of {paper.method}: {paper.made_of}." for paper in dict.fromkeys(map(_published, jobs))]
     measured = {job["codec"] for job in jobs}
     absent = dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in measured)
-    return notes + ([f"{NONE} {', '.join(absent)}: no codec of it has been measured."] if absent else [])
+    return notes + ([f"{NONE} {', '.join(absent)}: no codec of this method was measured."] if absent else [])
 
 
 def _reasons(jobs: list[Record]) -> dict[str, list[str]]:

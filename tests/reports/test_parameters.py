@@ -22,7 +22,7 @@ def test_ours_stand_beside_the_paper_s_with_the_difference():
     ]
     assert "Channels of Rainer 2020: 32 latents, and the mean and the deviation" in " ".join(table.notes)
     assert table.notes[-1].endswith(
-        "Rainer 2019, Zeltner 2024, Triple plane, Biplane: no codec of this method was measured."
+        "Rainer 2019, Zeltner 2024, Triple plane, Biplane, NeuralBTF: no codec of this method was measured."
     )
 
 

@@ -1,7 +1,7 @@
 """pack the records and codec files of a run into an archive that others can verify
 
-Anyone who has the archive can score every file again with `neubtf-bench verify ARCHIVE`, so nobody has to trust you. The
-last lines printed are a text to hand it in with.
+Anyone who has the archive can score every file again with `neubtf-bench verify ARCHIVE`, so nobody has to trust
+you. The last lines printed are a text to hand it in with.
 
 examples:
   neubtf-bench submit runs/mine -o mine.zip

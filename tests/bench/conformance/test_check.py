@@ -26,6 +26,7 @@ OURS = [
         "rainer2020",
         "neumip",
         "hierarchical",
+        "neuralbtf",
         "neubtf",
         "neubtf-direct",
         "zeltner2024",

@@ -33,6 +33,7 @@ CODECS = {
     "table": {},
     "neubtf-direct": {"steps": 5},
     "neumip": {"steps": 5},
+    "neuralbtf": {"steps": 5, "width": 8},
     "relief": {"steps": 5, "batch": 64},
     "svbrdf": {"steps": 5, "batch": 64},
 }

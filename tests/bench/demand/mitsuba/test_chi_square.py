@@ -99,6 +99,7 @@ def test_chi_square(codec, tmp_path, record_property, request):
         "mean-colour",
         "hsh",
         "neumip",
+        "neuralbtf",
         "neubtf-direct",
         "relief",
         "bcf",

@@ -20,6 +20,8 @@ CODECS = {
     "relief without a height": {"steps": 5, "width": 8, "relief": False},
     "neubtf-direct": {"steps": 5, "width": 8},
     "neumip": {"steps": 5},
+    "neuralbtf": {"steps": 5, "width": 8},
+    "neuralbtf as published": {"recipe": "paper", "steps": 5, "batch": 256, "width": 8},
     "ntc": {"steps": 5, "width": 8},  # its network answers four texels of a query
     "zeltner2024": {"steps": 5, "width": 8},
     "zeltner2024 as published": {"recipe": "paper", "steps": 5, "width": 8},

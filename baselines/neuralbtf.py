@@ -1,0 +1,247 @@
+"""NeuralBTF (2026): a pyramid of latents, an offset of the look-up that the view decides, and a wide network.
+
+Three levels of the texture are fetched at one place and stand side by side; the place is moved before by a small second
+network, whose answer is shared out by a gate that starts shut. Both directions enter as spherical harmonics. Facts are
+from the authors' code, mandyxmq/NeuralBTF-release; see docs/recipes.md for what differs. With half a million parameters
+it is the largest network of the suite.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Parts
+from bench.errors import InputError
+from bench.material import DecoderCost, Material, at_least_float32, sample_texture, to_radiance
+from bench.metrics.display import LOG_SCALE
+from bench.settings import BatchSize, Layers, Natural, Positive, Width
+from bench.training import (
+    COUNTS,
+    Architecture,
+    Batch,
+    Bits,
+    Decoder,
+    FitSettings,
+    Optimiser,
+    Rounding,
+    Samples,
+    TextureObjective,
+    WeightPrecision,
+    direction_inputs,
+    first_latents,
+    gain_of,
+    load_texture,
+    load_vector,
+    pack,
+    store_texture,
+    to_vector,
+    train,
+    unpack,
+)
+
+Inputs = Literal["xyzh", "harmonics"]
+
+HARMONICS = 9  # of one direction
+FIRST = 1e-4  # bound of the first random latents
+DARK = 0.01  # added to the square that the published loss divides by
+PAPER = {"reduction": 16, "directions": "harmonics", "start": "random", "relative": True}
+PAPER |= {"rate": 1e-3, "latent_rate": 1e-2, "decay": False, "bits": 8, "steps": 20_000, "batch": 4_096}
+
+
+class NeuralBTF(Codec):
+    """NeuralBTF: a pyramid of latents, an offset behind a gate, spherical harmonics, a network of half a million."""
+
+    name, version = "neuralbtf", 1
+    sizes = ("channels", "width")
+    recipes: ClassVar = {"paper": PAPER}
+
+    @dataclass(frozen=True)
+    class Settings(FitSettings):
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, loss and rates, random latents
+        steps: Natural = 1_000  # of the fit
+        batch: BatchSize = 2_048  # samples a step
+        optimiser: Optimiser = "adam"  # of all; Muon would step the hidden matrices, at twice the seconds and no gain
+        rate: Positive = 3e-3  # highest learning rate of both networks and the gate
+        relative: bool = False  # as published: the network answers radiance, its loss is relative, `loss` is not used
+        decay: bool = True  # rates rise at first and fall to 0; as published they stay
+        levels: Layers = 3  # of the pyramid, each of half as many texels a side
+        channels: Width = 8  # of each level, and of the offset's texture
+        reduction: Natural = 4  # texels a side of a point of the offset's texture; 0: no offset
+        directions: Inputs = "xyzh"  # inputs: harmonics of both as published, or all of both and of their half vector
+        layers: Layers = 3  # hidden layers of the network
+        width: Width = 512  # channels of each hidden layer, and of the offset's one
+        bits: Bits = 0  # of a stored number of the textures on average; 0: left to the fit; 16, 32: floats
+        weights: WeightPrecision = "half"  # of the stored networks
+
+        @property
+        def architecture(self) -> Architecture:
+            directions = 2 * HARMONICS if self.directions == "harmonics" else COUNTS[self.directions]
+            return Architecture(self.levels * self.channels + directions, (self.width,) * self.layers)
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain = gain_of(btf, fit)
+        fitting = NeuralBTFObjective(Samples(btf, gain, fit), self.settings, fit.generator())
+        train(fitting, fit, self.settings.steps, self.settings.patience)
+        texture: dict[str, Tensor] = {}
+        for name, values in fitting.free.items():
+            rounding = fitting.roundings[name]
+            assert isinstance(rounding, Rounding)
+            texture |= store_texture(name, values.detach(), rounding)
+        weights = pack("weights", to_vector(fitting.network), self.settings.weights)
+        return Parts(decoder=weights, texture=texture, other={"gain": torch.tensor([gain])})
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        networks = Networks(self.settings)
+        load_vector(unpack("weights", parts.decoder), networks)
+        textures = {name: load_texture(name, parts.texture) for name in names(self.settings)}
+        size = (textures["level0"].shape[0], textures["level0"].shape[1])
+        for name, wanted in names(self.settings, size).items():
+            if textures[name].shape != (*wanted, self.settings.channels) or min(size) < 1:
+                raise InputError(f"texture {name} of this file is not of {size[0]} × {size[1]} texels: encode it again")
+        return NeuralBTFMaterial(networks, list(textures.values()), float(parts.other["gain"])).to(device)
+
+
+def names(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[str, tuple[int, int]]:
+    """The size of each texture of a picture (H, W) by name: the levels, the finest first, then the offset's."""
+    factors = {f"level{level}": 1 << level for level in range(settings.levels)}
+    if settings.reduction:
+        factors["offset"] = settings.reduction
+    return {name: (-(-size[0] // factor), -(-size[1] // factor)) for name, factor in factors.items()}
+
+
+def harmonics(w: Tensor) -> Tensor:
+    """The real spherical harmonics (n, 9) of degrees 0 to 2 of vectors (n, 3), as polynomials of x, y, z."""
+    x, y, z = w.unbind(1)
+    root = [math.sqrt(share / math.pi) for share in (1 / 4, 3 / 4, 15 / 4, 5 / 16, 15 / 16)]
+    second = [root[2] * x * y, -root[2] * y * z, root[3] * (3 * z * z - 1), -root[2] * x * z]
+    first = [torch.full_like(x, root[0]), -root[1] * y, root[1] * z, -root[1] * x]
+    return torch.stack([*first, *second, root[4] * (x * x - y * y)], 1)
+
+
+def seen(wo: Tensor, wi: Tensor, kind: Inputs) -> Tensor:
+    """What the network sees of two directions (n, 3): (n, 18) or (n, 9).
+
+    As published harmonics are of 2 ω − 1: the authors' encoder expects a direction from 0 to 1 and is given ω itself.
+    """
+    if kind == "harmonics":
+        return torch.cat([harmonics(2 * wi - 1), harmonics(2 * wo - 1)], 1)
+    return torch.cat(direction_inputs(wo, wi, kind), 1)
+
+
+class Networks(nn.Module):
+    """The network and, where the settings ask for it, the offset's network and its gate."""
+
+    def __init__(self, settings: NeuralBTF.Settings, generator: torch.Generator | None = None):
+        super().__init__()
+        self.settings = settings
+        self.decoder = Decoder(settings.architecture, generator)
+        self.offset: Decoder | None = None
+        if settings.reduction:
+            self.offset = Decoder(Architecture(settings.channels + 3, (settings.width,), 2), generator)
+            self.gate = nn.Parameter(torch.zeros(1))
+
+    def forward(self, textures: list[Tensor], uv: Tensor, wo: Tensor, directions: Tensor) -> Tensor:
+        """What the network answers (n, 3) at uv (n, 2), the view wo (n, 3), and what it sees of directions.
+
+        Textures (H, W, C) are in the order of `names`.
+        """
+        if self.offset is not None:
+            *textures, texture = textures
+            moved = self.offset(torch.cat([sample_texture(texture, uv), wo], 1)).tanh()
+            uv = uv + (self.gate * moved).to(uv.dtype)
+        numbers: Tensor = self.decoder(torch.cat([*(sample_texture(each, uv) for each in textures), directions], 1))
+        return numbers
+
+    def level(self, numbers: Tensor) -> Tensor:
+        """The log radiance (n, 3) of an answer: itself, or as published that of radiance × exposure."""
+        return (LOG_SCALE * numbers.clamp_min(0)).log1p() if self.settings.relative else numbers
+
+
+class NeuralBTFObjective(TextureObjective):
+    """The textures and the networks, all free."""
+
+    directions: Tensor  # (pairs, what the network sees)
+
+    def __init__(self, samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator):
+        super().__init__(samples, settings)
+        self.network: Networks = Networks(settings, generator)
+        mean = samples.mean(generator)
+        self.network.decoder.start_at(mean.expm1() / LOG_SCALE if settings.relative else mean)
+        self.free = nn.ParameterDict(first_textures(samples, settings, generator))
+        self.roundings = nn.ModuleDict({name: Rounding(settings.channels, settings.bits) for name in self.free})
+        self.register_buffer("directions", seen(samples.wo, samples.wi, settings.directions), persistent=False)
+
+    def rate(self, step: int, steps: int, group: int) -> float:
+        return super().rate(step, steps, group) if self.settings.decay else 1.0
+
+    def answer(self, batch: Batch) -> Tensor:
+        """What the network answers at the texels and pairs of a batch."""
+        textures = [self.roundings[name](values) for name, values in self.free.items()]
+        uv, wo = self.samples.centres(batch.texel), self.samples.wo[batch.pair]
+        answer: Tensor = self.network(textures, uv, wo, self.directions.index_select(0, batch.pair))
+        return answer
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        return self.network.level(self.answer(batch))
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        if not self.settings.relative:
+            return super().loss(generator, progress)
+        batch = self.samples.draw(self.settings.batch, generator)
+        ours, target = self.answer(batch), batch.target.expm1() / LOG_SCALE
+        return ((ours - target).square() / (ours.detach().square() + DARK)).mean()
+
+
+def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator) -> dict[str, Tensor]:
+    """The first textures (H, W, C) by name.
+
+    Ours: components of the log ABRDFs, the strongest at the finest level and in the offset, further ones at the coarser
+    levels. As published: nearly 0, and 0 in the offset.
+    """
+    sizes, channels = names(settings, samples.shape), settings.channels
+    if settings.start == "random":
+        spread = {name: 0.0 if name == "offset" else FIRST for name in sizes}
+        return {n: spread[n] * (2 * torch.rand(*size, channels, generator=generator) - 1) for n, size in sizes.items()}
+    picture = first_latents(samples, settings.levels * channels, settings.start, generator).T.unflatten(
+        1, samples.shape
+    )
+    parts = [*picture.split(channels), picture[:channels]]
+    means = {n: functional.adaptive_avg_pool2d(part, sizes[n]) for n, part in zip(sizes, parts, strict=False)}
+    return {name: mean.permute(1, 2, 0).contiguous() for name, mean in means.items()}
+
+
+class NeuralBTFMaterial(Material):
+    """The levels (H, W, C), the finest first, then the offset's texture if there is one, and the networks."""
+
+    def __init__(self, networks: Networks, textures: list[Tensor], gain: float):
+        both = [networks.decoder, *([] if networks.offset is None else [networks.offset])]
+        architectures = [network.architecture for network in both]
+        channels = sum(texture.shape[2] for texture in textures)
+        size = (textures[0].shape[0], textures[0].shape[1])
+        super().__init__(
+            size,
+            DecoderCost(
+                parameters=sum(each.parameters for each in architectures) + len(both) - 1,  # and the gate
+                texture_channels=sum(texture.shape[2] for texture in textures if texture.shape[:2] == size),
+                texture_floats=sum(texture.numel() for texture in textures),
+                flops_per_sample=sum(each.flops for each in architectures) + 2 * 4 * channels,
+                bytes_per_sample=4 * channels * textures[0].element_size(),
+            ),
+        )
+        self.networks, self.gain = networks, gain
+        for place, texture in enumerate(textures):
+            setattr(self, f"texture{place}", texture)
+        self.count = len(textures)
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        textures = [getattr(self, f"texture{place}") for place in range(self.count)]
+        settings = self.networks.settings
+        numbers = self.networks(textures, uv, wo, seen(wo, wi, settings.directions))
+        if settings.relative:
+            return numbers.to(at_least_float32(numbers.dtype)) * (LOG_SCALE / self.gain)
+        return to_radiance(numbers, self.gain)
