@@ -9,10 +9,16 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
+import numpy as np
 import pytest
+import torch
 
 from bench import cli
 from bench.btf import BAKED, RENDERED
+from bench.codec import Fit
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+from bench.program.recording import program_of
 from bench.records import append, load_run
 from reports.board import Codec, Source, write_site
 from reports.board.sources import page_name
@@ -102,13 +108,18 @@ def test_no_picture_of_a_material_is_written_whose_licence_is_not_stated(made, t
     where = {"one": "somewhere, CC0", "two": "somewhere, CC0", "three": "somewhere", "four": "", "five": "CC0"}
     sources = {"one": "measured", "two": BAKED, "three": BAKED, "four": RENDERED}
     append(made.folder, {"kind": "run", "run": "1", "materials": [{"name": n, "where": w} for n, w in where.items()]})
+    codec = load_codec("mean-colour")()
+    program = program_of(codec.decode(codec.encode(tiny_btf(), Fit()), torch.device("cpu")))
+    for name in ("drawn", "truth-f"):  # a codec's, and what the page draws of the data themselves
+        np.savez(made.folder / f"{name}.npz", **program.arrays())
     for name, source in sources.items():
-        made.job(material=name, provenance={"source": source})
-    made.job(material="five", provenance={"source": BAKED}, verified=True)
-    made.job(material="six")
+        made.job(material=name, provenance={"source": source}, drawing="drawn.npz")
+    made.job(material="five", provenance={"source": BAKED}, verified=True, drawing="drawn.npz")
+    made.job(material="six", drawing="drawn.npz")
     pages = write(tmp_path / "site", runs=[Source("mine", load_run(made.folder))])
-    shown = {name for name in (*where, "six") if "data:image" in pages[f"material-{name}.html"]}
-    assert shown == {"two", "four"}
+    for part in ("data:image", "data-live="):
+        shown = {name for name in (*where, "six") if part in pages[f"material-{name}.html"]}
+        assert shown == {"two", "four"}, part
     assert "No pictures: the licence of this measured material" in pages["material-one.html"]
     assert not any("data:image" in page for name, page in pages.items() if not name.startswith("material"))
 
