@@ -72,11 +72,12 @@ def _packed_truth(run: Run, material: MaterialRows) -> str:
     if not row:
         return ""
     path = (run.folder / row.job["drawing"]).parent / f"truth-{row.job['score_key']['btf'][:16]}.npz"
+    if not path.is_file():
+        return ""
     try:
-        model = Model("truth", program(path), row.job["score_key"]["exposure"], _TRUTH)
+        data = model_data(Model("truth", program(path), row.job["score_key"]["exposure"], _TRUTH), bytes)
     except InputError:
         return ""  # a run's records are worth reading without its bulky parts
-    data = model_data(model, bytes)
     data["white"], data["half"] = _painted(cast(bytes, data["half"]), row.job["shape"])
     packed = pack(data)
     return packed if len(packed) <= LARGEST else ""
