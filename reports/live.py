@@ -20,7 +20,7 @@ from reports.viewer.page import Model, model_data
 
 BUDGET = 11_000_000  # characters of all models in a page
 LARGEST = 2_500_000  # of one model: more than a network with its latents takes, less than most tables of all pairs
-# Characters of a packed model a byte of its stored drawing, at least: 0.93 to 1.68 of 41 drawings of 16 codecs. What
+# Characters of a packed model a byte of its stored drawing, at least: 0.90 to 2.68 of 20 drawings of 10 codecs. What
 # is surely too large is not packed to be thrown away, which of ten codecs on ten materials took half of a report.
 PACKED = 0.75
 GAMMA = 2.2  # of the levels of a truth; the viewer undoes it
