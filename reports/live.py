@@ -19,9 +19,9 @@ from reports.rows import MaterialRows, Row
 from reports.viewer.page import Model, model_data
 
 BUDGET = 11_000_000  # characters of all models in a page
-LARGEST = 2_500_000  # characters of one model: enough for networks with latents, too few for most tables of all pairs
-# The least characters of a packed model for each byte of its stored drawing (0.93 to 1.68 for 41 drawings of 16 #
-# codecs). Models that cannot fit are skipped before packing, which took half of a report's time.
+LARGEST = 2_500_000  # of one model: more than a network with its latents takes, less than most tables of all pairs
+# Characters of a packed model a byte of its stored drawing, at least: 0.90 to 2.68 of 20 drawings of 10 codecs. What
+# is surely too large is not packed to be thrown away, which of ten codecs on ten materials took half of a report.
 PACKED = 0.75
 GAMMA = 2.2  # of the levels of a truth; the viewer undoes it
 _TRUTH = "truth: few of its training pairs, 8 bit, interpolated between directions"
@@ -72,11 +72,12 @@ def _packed_truth(run: Run, material: MaterialRows) -> str:
     if not row:
         return ""
     path = (run.folder / row.job["drawing"]).parent / f"truth-{row.job['score_key']['btf'][:16]}.npz"
+    if not path.is_file():
+        return ""
     try:
-        model = Model("truth", program(path), row.job["score_key"]["exposure"], _TRUTH)
+        data = model_data(Model("truth", program(path), row.job["score_key"]["exposure"], _TRUTH), bytes)
     except InputError:
         return ""  # a run's records are worth reading without its bulky parts
-    data = model_data(model, bytes)
     data["white"], data["half"] = _painted(cast(bytes, data["half"]), row.job["shape"])
     packed = pack(data)
     return packed if len(packed) <= LARGEST else ""

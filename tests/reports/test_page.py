@@ -383,7 +383,10 @@ def test_a_live_material_changes_with_its_light(opened):
         wo, wi = btf.wo[pair].tolist(), btf.wi[pair].tolist()
         flat = opened.evaluate(f"document.querySelector('[data-live]').viewer.probe(0, {wo}, {wi}, 8, 8)")
         drawn = np.array(flat, float).reshape(8, 8, 4)[::-1, :, :3]
-        assert np.abs(drawn - 255 * to_display(btf[pair], 1.5)).mean() < 4, "a stored slice, but for 8 bit and WebP"
+        truth = 255 * to_display(btf[pair], 1.5)
+        right, *wrong = (np.abs(drawn - each).mean() for each in (truth, truth[::-1], truth[:, ::-1], truth[..., ::-1]))
+        assert right < 10, "WebP halves the resolution of colours, and these change at every texel"
+        assert right < 0.5 * min(wrong)
     root.locator("canvas").focus()
     for _ in range(4):
         opened.keyboard.press("Shift+ArrowRight")
