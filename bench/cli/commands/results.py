@@ -65,7 +65,7 @@ def _add(run: Path, file: Path) -> int:
 
 
 def _written(path: Path, writes: bool) -> bool:
-    """Make the tables of a document anew, and store it if `writes`; returns whether it changed."""
+    """Make the tables of a document again, and store it if `writes`; returns whether it changed."""
     from bench.atomic import write
 
     try:
