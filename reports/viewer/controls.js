@@ -1,4 +1,4 @@
-// What a person sets: by lists and sliders, by dragging, by keys.
+// The settings that a person changes: by lists and sliders, by dragging, by keys.
 
 const SLIDERS = ["wipe", "exposure", "tiling", "zoom"], LISTS = ["shape", "light", "drag"];
 
@@ -37,7 +37,7 @@ function controls(root, data, state, moved) {
   });
 }
 
-// One finger or the left button turns what the list says; two fingers, Shift or the right button turn the light.
+// One finger or the left button turns the choice of the list; two fingers, Shift or the right button turn the light.
 function drags(canvas, state, moved) {
   const at = new Map();
   const turn = (which, dx, dy) => {

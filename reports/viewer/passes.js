@@ -71,7 +71,7 @@ function linked(gl, vertex, fragment) {
   return program;
 }
 
-// The uniforms of a linked program by name; an error of its log where it is not.
+// The uniforms of a linked program by name; an error with its log if it is not linked.
 function uniformsOf(gl, program) {
   if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
     const logs = gl.getAttachedShaders(program).map((shader) => gl.getShaderInfoLog(shader)).join(" ");

@@ -1,11 +1,13 @@
 // Draws materials on a plane, a sphere or a drape. `mountViewer(root, data)` builds the controls and returns what tests
-// use. data.models: {label, note, exposure, periods, shader, exact, half, uniforms, fallback}; tables are buffers, or base64, of RGBA32F and RGBA16F
-// rows, uniforms of vec4; fallback holds what is other in the shader for compilers that choke on the first.
+// use. data.models: {label, note, exposure, periods, shader, exact, half, uniforms, fallback}; tables are buffers, or
+// base64, of RGBA32F and RGBA16F rows, uniforms of vec4; fallback holds the changed parts of the shader for compilers
+// that cannot handle the first.
 
 const DISTANCE = 4.2, LAMP = 3.0;  // of the camera and of the point light; shapes are about 2 wide
 const PATIENCE = 20000;  // milliseconds for a compiler, where another shader is at hand
 
-// Each light: direction or position, and strength: the irradiance of what faces it, for a point that near the shapes.
+// Each light: direction or position, and strength: the irradiance of a surface that faces it; for a point light, near
+// the shapes.
 function lightsOf(state) {
   const sun = direction(...state.sun);
   if (state.light === "point") return [[...sun.map((x) => LAMP * x), 1]];
@@ -22,7 +24,7 @@ function bytes(base64) {
   return out.buffer;
 }
 
-// What WebGL holds of the models and shapes of one canvas.
+// The WebGL objects of the models and shapes of one canvas.
 class Stage {
   constructor(gl, data) {
     Object.assign(this, { gl, data, models: new Map(), meshes: {}, target: null });
@@ -46,7 +48,7 @@ class Stage {
     return made;
   }
 
-  // A model, compiled when it is first looked at: `program` is null while that takes, `error` says why there is none.
+  // A model, compiled when it is first shown: `program` is null until then, `error` says why there is none.
   model(number, wait) {
     if (!this.models.has(number)) this.models.set(number, this.compiling(this.data.models[number]));
     const model = this.models.get(number);
@@ -189,7 +191,7 @@ class Stage {
   }
 }
 
-// The context of a canvas, or what is missing.
+// The context of a canvas, or the reason why there is none.
 function context(canvas) {
   const gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
   if (!gl) return "This browser has no WebGL 2: the material cannot be drawn.";
@@ -218,7 +220,7 @@ function mountViewer(root, data) {
     return [[state.left, 0, middle], [state.right, middle, width]].filter(([, from, to]) => to > from);
   }
 
-  // Draws, waits for the picture and returns the milliseconds that took; null while a shader is compiled.
+  // Draws, waits for the picture and returns the milliseconds that this took; null while a shader compiles.
   function draw(wait = true) {
     const width = Math.max(1, Math.round(canvas.clientWidth * state.scale));
     const height = Math.max(1, Math.round(canvas.clientHeight * state.scale));

@@ -1,5 +1,5 @@
 "use strict";
-// What the parts of a report share: its data, the codecs that are ticked, elements, packed texts, and the theme.
+// Common parts of a report's scripts: its data, the ticked codecs, elements, packed texts, and the theme.
 const report = (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
   const hidden = new Set(), heard = [];
@@ -104,8 +104,8 @@ const report = (() => {
     say();
   }
 
-  // Calls a function when an element first comes near the window. What it draws must change no size: a page that moves
-  // while it is scrolled takes a button from under the pointer.
+  // Calls a function when an element first comes near the window. Its drawing must not change sizes, because a page
+  // that moves while scrolling takes a button from under the pointer.
   function whenNear(root, begin) {
     const watch = new IntersectionObserver((entries) => {
       if (entries.some((entry) => entry.isIntersecting)) { watch.disconnect(); begin(); }
@@ -113,7 +113,7 @@ const report = (() => {
     watch.observe(root);
   }
 
-  // A record opens where a link leads to it, and its text is unpacked when it opens.
+  // A record opens when a link leads to it, and its text is unpacked when it opens.
   let records = null;
   async function opened(details) {
     const place = details.querySelector("pre");

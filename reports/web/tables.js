@@ -3,7 +3,7 @@
 (() => {
   const { element } = report;
 
-  // The number that a cell begins with; exact is better than any; what is no number comes last.
+  // The number that a cell begins with; exact is better than any; other text comes last.
   function value(text) {
     if (text === "exact") return Infinity;
     const found = text.replace(/[,\u202f]/g, "").replace("\u2212", "-").match(/^[+-]?\d+(\.\d+)?(e[+-]?\d+)?/);

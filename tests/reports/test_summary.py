@@ -64,7 +64,7 @@ def test_times_say_when_the_machine_was_not_quiet_and_have_a_column_fused(made):
     column = [name for name, _ in table.headers].index("fused")
     assert [row[column] for row in table.rows] == ["0.500", "—"]
     assert any(
-        "not quiet for 2 of 3 times: the floor, timed twice, differed by up to 18 %, others" in n for n in table.notes
+        "not quiet for 2 of 3 times: the floor, timed twice, differed by up to 18 %, other" in n for n in table.notes
     )
 
 

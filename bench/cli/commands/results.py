@@ -145,7 +145,7 @@ def _codecs() -> "dict[str, Codec]":
 
 
 def _written(path: Path, writes: bool) -> bool:
-    """Make the tables of a document anew, and store it if `writes`; returns whether it changed."""
+    """Make the tables of a document again, and store it if `writes`; returns whether it changed."""
     from bench.atomic import write
 
     try:

@@ -138,8 +138,8 @@ def test_a_size_that_the_pictures_do_not_have_is_an_error(copy):
     [
         (b'{"numComp": "8"', "cannot be read"),
         (b"[" * 60000, "cannot be read"),
-        (b"[8]", "must hold an object"),
-        (b'{"numComp": "' + b"8" * (1 << 16) + b'"}', "larger than 64 KiB"),
+        (b"[8]", "it must hold an object"),
+        (b'{"numComp": "' + b"8" * (1 << 16) + b'"}', "it is larger than 64 KiB"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],
 )
@@ -159,7 +159,7 @@ def test_other_numbered_pictures_with_a_meta_json_are_not_taken_for_this_format(
 @pytest.mark.parametrize("name", ["5.png", "R.png"])
 def test_a_missing_picture_is_named(copy, name):
     (copy / name).unlink()
-    with pytest.raises(InputError, match=rf"felt/{name}: missing: the material has 0\.png, 1\.png"):
+    with pytest.raises(InputError, match=rf"felt/{name}: it is missing: the material has 0\.png, 1\.png"):
         open_btf(copy)
 
 
