@@ -104,7 +104,7 @@ class Inception(nn.Module):
         super().__init__()
         point, three, five, pooled = BRANCHES
         shapes = (CHANNELS, point), (CHANNELS, three), (9 * three, three), (CHANNELS, five), (25 * five, five)
-        self.kernels = nn.ModuleList(linear(*shape, generator) for shape in (*shapes, (CHANNELS, pooled)))
+        self.kernels: Any = nn.ModuleList(linear(*shape, generator) for shape in (*shapes, (CHANNELS, pooled)))
 
     def forward(self, x: Tensor) -> Tensor:
         point, to_three, three, to_five, five, pooled = self.kernels
@@ -120,7 +120,7 @@ class Inception(nn.Module):
     def flops(self, side: int) -> int:
         """Operations of an answer of side × side."""
         counts = (side, side + 2, side, side + 4, side, side)
-        return sum(2 * n * n * layer.weight.numel() for n, layer in zip(counts, self.kernels, strict=True))
+        return sum(2 * n * n * int(layer.weight.numel()) for n, layer in zip(counts, self.kernels, strict=True))
 
 
 def linear(inputs: int, outputs: int, generator: torch.Generator | None) -> nn.Linear:
@@ -133,9 +133,8 @@ def linear(inputs: int, outputs: int, generator: torch.Generator | None) -> nn.L
     return layer
 
 
-def convolved(x: Tensor, layer: nn.Module) -> Tensor:
+def convolved(x: Tensor, layer: nn.Linear) -> Tensor:
     """Pictures (n, C, S, S) under a layer of k × k kernels and a ReLU: (n, D, S − k + 1, S − k + 1)."""
-    assert isinstance(layer, nn.Linear)
     side = math.isqrt(layer.in_features // x.shape[1])
     kernel = layer.weight.unflatten(1, (x.shape[1], side, side))
     return saturated(functional.conv2d(x, kernel, layer.bias)).relu()
@@ -147,7 +146,9 @@ class Hierarchy(nn.Module):
     def __init__(self, inputs: int, generator: torch.Generator | None):
         super().__init__()
         modules = (Inception(generator) for _ in range(2))
-        self.layers = nn.ModuleList([linear(inputs, CHANNELS, generator), *modules, linear(CHANNELS, 3, generator)])
+        self.layers: Any = nn.ModuleList(
+            [linear(inputs, CHANNELS, generator), *modules, linear(CHANNELS, 3, generator)]
+        )
 
     def hidden_matrices(self) -> list[Tensor]:
         return [kernel.weight for module in self.layers[1:-1] for kernel in module.kernels]

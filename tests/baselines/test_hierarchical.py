@@ -209,16 +209,13 @@ def test_it_comes_near_the_data() -> None:
     assert fit.history[-1]["psnr"] > 25
 
 
-def test_a_picture_that_only_neighbours_tell_is_learned_from_them() -> None:
-    """Every latent is alike, and so is the place; what differs is seen by the kernels alone."""
-    material, _ = fitted(places=0, steps=30, **EXACT)
-    up = torch.tensor([[0.0, 0.0, 1.0]])
-    before = material.query(torch.tensor([[1 / 16, 15 / 16]]), up, up)
-    material.table.unflatten(0, (-1, 1))[4] += 1.0  # four texels to the right, in no bilinear fetch of the point
-    after = material.query(torch.tensor([[1 / 16, 15 / 16]]), up, up)
-    assert (before - after).abs().max() > 1e-5
-    material.table.unflatten(0, (-1, 1))[4 * 8 + 4 : 4 * 8 + 5] += 1.0  # four down, too: the corner of 9 × 9
-    assert (material.query(torch.tensor([[1 / 16, 15 / 16]]), up, up) - after).abs().max() > 0
+@pytest.mark.parametrize(("away", "seen"), [(2, True), (4, True), (5, False)])
+def test_neighbours_up_to_four_texels_away_are_seen(away: int, seen: bool) -> None:
+    material, _ = fitted(tiny_btf(12, 3, 3), steps=30, **EXACT)
+    up, middle = torch.tensor([[0.0, 0.0, 1.0]]), torch.tensor([[6.5 / 12, 1 - 6.5 / 12]])  # the centre of texel 6, 6
+    before = material.query(middle, up, up)
+    material.table[6 * 12 + 6 + away] += 100.0
+    assert bool((material.query(middle, up, up) - before).abs().max() > 1e-6) == seen
 
 
 @pytest.mark.parametrize("loss", ["both", "l1", "root"])
