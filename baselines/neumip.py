@@ -145,8 +145,6 @@ class NeuMIP(Codec):
             raise ValueError(f"its textures do not fit {height} × {width} texels")
         return self.material(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)
 
-    # What `hierarchical` has in place of its own.
-
     def networks(self) -> "Networks":
         return Networks(self.settings)
 

@@ -56,9 +56,7 @@ class PCA(Codec):
     class Settings:
         components: Count = 16  # eigen-ABRDFs; fewer if the data have a lower rank
         domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
-        bits: Bits = (
-            0  # bits of a stored number on average; 0: chosen by the data; 16, 32: floats; the mean takes 16 at least
-        )
+        bits: Bits = 0  # bits of a stored number on average; 0: chosen by the data; 16, 32: floats; mean: 16 at least
         passes: Annotated[int, Range(2, 1000)] = 4  # passes over the data; one if they are small
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:

@@ -65,9 +65,7 @@ class Tucker(Codec):
         lights: Count = 16  # components of the lights
         alternations: Natural = 8  # least squares of one mode after another (HOOI), after the first decomposition
         domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
-        bits: Bits = (
-            0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats; the core takes 8
-        )
+        bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats; core: 8
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         settings, layout = self.settings, btf.layout

@@ -274,9 +274,9 @@ def test_the_settings_of_a_codec_are_listed(capsys):
     out = capsys.readouterr().out
     assert "of neubtf-bench" in out
     assert re.search(
-        r"^  bits +0 +0 or 1 or 2 or 3 or 4 or 5 or 6 or 7 or 8 or 16 or 32 +of a stored latent", out, re.M
+        r"^  bits +0 +0 or 1 or 2 or 3 or 4 or 5 or 6 or 7 or 8 or 16 or 32 +bits of a stored latent", out, re.M
     )
-    assert re.search(r"^  steps +40000 +a whole number ≥ 0 +of the training", out, re.M)
+    assert re.search(r"^  steps +40000 +a whole number ≥ 0 +steps of the training", out, re.M)
     assert re.search(r"^  zstd +false", out, re.M)
 
 

@@ -73,7 +73,7 @@ def test_weights_are_counted_before_a_network_is_built(name, tmp_path, resealed,
     path = container.save(tmp_path / "a.nbtf", codec, codec.encode(tiny_btf(5, 3, 3), Fit(seed=1))).path
     resealed(path, lambda metadata: metadata["settings"].update(layers=64, width=4096))
     monkeypatch.setattr(torch.nn, "Linear", None)  # no layer is made
-    with pytest.raises(ContainerError, match=r"a network of 1,0\d\d,\d{3},\d{3} weights, and its file holds fewer"):
+    with pytest.raises(ContainerError, match=r"a network of 1,0\d\d,\d{3},\d{3} weights, but fewer numbers"):
         loading.load(path)
 
 

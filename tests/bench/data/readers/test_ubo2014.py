@@ -177,7 +177,7 @@ def test_truncated_files_say_so(tmp_path):
             open_btf(path)
     path.write_bytes(whole[:-1])
     with pytest.raises(
-        InputError, match=r"offset \d+: channel 2: SV needs 120 bytes, 119 are left: the file is truncated"
+        InputError, match=r"offset \d+: channel 2: SV needs 120 bytes, but 119 are left: the file is truncated"
     ):
         open_btf(path)
 
