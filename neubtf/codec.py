@@ -47,7 +47,7 @@ class NeuBTF(Codec):
         picture = eight_bits(displayed(slice_of(samples, guiding_pair(samples))))
         guidance = as_guidance(picture)
         faint = settings.init == "faint"
-        autoencoder = Autoencoder(settings.latents, generator, FAINT if faint else 1.0)
+        autoencoder = Autoencoder(settings.latents, generator, FAINT if faint else 1.0, settings.recipe == "paper")
         encoder = Encoder.for_guidance(guidance, autoencoder, centred=faint)
         staged = Staged(samples, settings, encoder, guidance, generator)
         train(staged, fit, settings.steps)

@@ -66,12 +66,15 @@ class Encoder(nn.Module):
 
 def store_encoder(encoder: Encoder, guidance: Tensor) -> dict[str, Tensor]:
     """The encoder part of a file: weights, rounded to half, normalisation, and the guidance, bytes (H, W, 3)."""
-    return {"weights": to_vector(encoder.autoencoder).half(), "normal": encoder.normal, "guidance": guidance}
+    stored = {"weights": to_vector(encoder.autoencoder).half(), "normal": encoder.normal, "guidance": guidance}
+    # Of the paper's recipe alone: files without it, of ours and older ones, have GELU.
+    return stored | ({"rectified": torch.ones(1, dtype=torch.uint8)} if encoder.autoencoder.rectified else {})
 
 
 def load_encoder(tensors: dict[str, Tensor], channels: int) -> Encoder:
     """The encoder that `store_encoder` wrote, for `channels` of the neural texture."""
-    encoder = Encoder(Autoencoder(channels), *tensors["normal"].tolist())
+    autoencoder = Autoencoder(channels, rectified="rectified" in tensors)
+    encoder = Encoder(autoencoder, *tensors["normal"].tolist())
     load_vector(tensors["weights"], encoder.autoencoder)
     return encoder
 
