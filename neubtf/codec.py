@@ -7,8 +7,7 @@ file that holds the autoencoder (`keep_encoder`) can be re-textured.
 
 import dataclasses
 import logging
-from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -35,11 +34,7 @@ class NeuBTF(Codec):
     sizes = ("latents", "width")
     recipes: ClassVar = {"paper": PAPER}
 
-    @dataclass(frozen=True)
-    class Settings(StagedSettings):
-        """See `StagedSettings`."""
-
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": everything as published, end to end; see docs/neubtf.md
+    Settings = StagedSettings
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings

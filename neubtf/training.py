@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from bench.errors import InputError
+from bench.metrics.display import decode_srgb
 from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Decoder, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
 from neubtf.augmentation import Disturbance, Window, draw_scale
@@ -27,6 +28,7 @@ from neubtf.losses import Style, focal_frequency, shown
 from neubtf.renderer import RendererSettings, render
 
 ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
+DARKEST = 1e-4  # mean of a slice, of a display's range; darker ones are shown as if they had it
 DIM = 0.05  # mean of a slice, of a display's range; darker ones are compared as if they had it
 
 
@@ -61,6 +63,7 @@ class StagedSettings(RendererSettings):
     blur: NotNegative = 1.0  # largest blur of an input, σ in texels
     noise: NotNegative = 0.05  # largest noise of an input, σ
     keep_encoder: bool = False  # store the autoencoder, for new textures
+    recipe: Literal["ours", "paper"] = "ours"  # "paper": everything as published, end to end; see docs/neubtf.md
 
     def __post_init__(self) -> None:
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
@@ -121,6 +124,7 @@ class Staged(Objective):
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
         self.guidance: Tensor
         self.register_buffer("guidance", guidance, persistent=False)
+        self.brightness = float(decode_srgb(guidance.numpy()).mean())
         self.ends = [round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)]
 
     def groups(self) -> list[dict[str, Any]]:
@@ -165,8 +169,19 @@ class Staged(Objective):
             return Example(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
         texels = window.texels(samples.shape).to(samples.device)
         pair = int(torch.randint(samples.pairs, (), generator=generator))
-        picture = displayed(self.radiance(window, texels, torch.tensor([pair])))
+        picture = displayed(self.exposed(self.radiance(window, texels, torch.tensor([pair]))))
         return Example(window, texels, self.disturbance.disturbed(picture, generator), pair)
+
+    def exposed(self, level: Tensor) -> Tensor:
+        """Log radiance (1, 3, h, w) of a slice to be shown; by the paper's recipe, at the guidance's brightness.
+
+        So is the photograph that guides later, see `neubtf.guidance`. Most slices are darker, or clip: what their
+        texels are cannot be seen at one exposure.
+        """
+        if self.settings.recipe == "ours":
+            return level
+        mean = shown(level).mean().clamp_min(DARKEST)
+        return (level.expm1() * (self.brightness / mean)).log1p()
 
     def radiance(self, window: Window, texels: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); what is averaged is radiance."""
