@@ -67,16 +67,14 @@ class Pooled:
 class Autoencoder(nn.Module):
     """Guidance (B, 3, H, W) → neural texture (B, D, H, W), any H and W, both periodic. About 200,000 parameters.
 
-    The first texture is `scale` times what orthogonal weights make. If `rectified`, CBAM's perceptron has its authors'
+    The first texture is `FAINT` times what orthogonal weights make. If `rectified`, CBAM's perceptron has its authors'
     ReLU; otherwise GELU.
 
     Shifting the guidance by multiples of STRIDE, around its borders, shifts the texture. A side that is no multiple of
     STRIDE is padded circularly, so that its far border still sees the near one; the cells then do not fit the period.
     """
 
-    def __init__(
-        self, channels: int, generator: torch.Generator | None = None, scale: float = FAINT, rectified: bool = False
-    ):
+    def __init__(self, channels: int, generator: torch.Generator | None = None, rectified: bool = False):
         super().__init__()
         self.rectified = rectified
         full, half, deep = WIDTHS
@@ -91,7 +89,7 @@ class Autoencoder(nn.Module):
         self.head = nn.Conv2d(full, channels, 1)
         _orthogonal(self, generator)
         with torch.no_grad():
-            self.head.weight.mul_(scale)
+            self.head.weight.mul_(FAINT)
 
     def forward(self, guidance: Tensor) -> Tensor:
         height, width = guidance.shape[2:]

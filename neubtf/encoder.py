@@ -36,16 +36,15 @@ class Encoder(nn.Module):
         self.register_buffer("normal", torch.tensor([centre, spread]))
 
     @classmethod
-    def for_guidance(cls, guidance: Tensor, autoencoder: Autoencoder, centred: bool = True) -> "Encoder":
+    def for_guidance(cls, guidance: Tensor, autoencoder: Autoencoder) -> "Encoder":
         """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
 
         The deviation over all slices would include the differences between slices, and a slice of little contrast would
-        then be nearly constant. If `centred`, the bias of the autoencoder's head changes, see `_centre`.
+        then be nearly constant. The bias of the autoencoder's head changes, see `_centre`.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
         encoder = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
-        if centred:
-            encoder._centre(guidance)
+        encoder._centre(guidance)
         return encoder
 
     @torch.no_grad()

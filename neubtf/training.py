@@ -48,7 +48,7 @@ class StagedSettings(RendererSettings):
     crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step compares of a larger picture
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # scale of an input, at which it can be guided later, too
     keep_scale: Share = 0.5  # share of the inputs that keep their scale
-    init: Literal["faint", "published"] = "faint"  # first texture and answer: faint and the mean, or as drawn
+    init: Literal["faint", "published"] = "faint"  # of the renderer: answers the mean, or as SIREN's, about the mean
     start: Literal["components", "encoder"] = "components"  # of the first texture; or what the autoencoder makes
     optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; all else is Adam's
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
@@ -86,8 +86,14 @@ PAPER = {
     "keep_scale": 0.0,
     "init": "published",
     "start": "encoder",
-    "steps": 10_000,
     "optimiser": "adam",
+    # Left open, and chosen:
+    "steps": 30_000,
+    "slices": 16,
+    "crop": 16,
+    "smallest": 0.75,
+    "blur": 0.5,
+    "noise": 0.02,
 }
 
 
@@ -114,8 +120,7 @@ class Staged(Objective):
         super().__init__(samples)
         self.settings, self.encoder, self.style = settings, encoder, Style()
         self.renderer = Decoder(settings.architecture, generator)
-        if settings.init == "faint":
-            self.renderer.start_at(samples.mean(generator))
+        self.renderer.start_at(samples.mean(generator), settings.init == "faint")
         with torch.no_grad():  # the encoder's output for the guidance is near textures that it can learn
             texture = by_texel(encoder(guidance)).contiguous()
         if settings.start == "components":
