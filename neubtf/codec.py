@@ -7,6 +7,7 @@ file that holds the autoencoder (`keep_encoder`) can be re-textured.
 
 import dataclasses
 import logging
+from dataclasses import dataclass
 from typing import ClassVar
 
 import torch
@@ -34,7 +35,9 @@ class NeuBTF(Codec):
     sizes = ("latents", "width")
     recipes: ClassVar = {"paper": PAPER}
 
-    Settings = StagedSettings
+    @dataclass(frozen=True)
+    class Settings(StagedSettings):
+        """See `StagedSettings`."""
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
