@@ -67,19 +67,21 @@ class Pooled:
 class Autoencoder(nn.Module):
     """Guidance (B, 3, H, W) → neural texture (B, D, H, W), any H and W, both periodic. About 200,000 parameters.
 
-    The first texture is `scale` times that of orthogonal weights.
+    The first texture is `FAINT` times what orthogonal weights make. If `rectified`, CBAM's perceptron has its authors'
+    ReLU; otherwise GELU.
 
     Shifting the guidance by multiples of STRIDE, around its borders, shifts the texture. A side that is not a multiple
     of STRIDE is padded circularly, so its far border still sees the near one, but the cells do not fit the period.
     """
 
-    def __init__(self, channels: int, generator: torch.Generator | None = None, scale: float = FAINT):
+    def __init__(self, channels: int, generator: torch.Generator | None = None, rectified: bool = False):
         super().__init__()
+        self.rectified = rectified
         full, half, deep = WIDTHS
         self.stem = Circular(3, full, 3)
         self.encoders = nn.ModuleList(Block(*each) for each in zip(WIDTHS, EXPANSIONS, strict=True))
         self.downs = nn.ModuleList([nn.Conv2d(full, half, 2, 2), nn.Conv2d(half, deep, 2, 2)])
-        self.attention = Attention(deep)
+        self.attention = Attention(deep, rectified)
         self.ups = nn.ModuleList([nn.Conv2d(half, full, 1), nn.Conv2d(deep, half, 1)])
         self.skips = nn.ModuleList([nn.Conv2d(full, full, 1), nn.Conv2d(half, half, 1)])
         self.decoders = nn.ModuleList(Block(*each) for each in zip(WIDTHS[:2], EXPANSIONS[:2], strict=True))
@@ -87,7 +89,7 @@ class Autoencoder(nn.Module):
         self.head = nn.Conv2d(full, channels, 1)
         _orthogonal(self, generator)
         with torch.no_grad():
-            self.head.weight.mul_(scale)
+            self.head.weight.mul_(FAINT)
 
     def forward(self, guidance: Tensor) -> Tensor:
         height, width = guidance.shape[2:]
@@ -171,10 +173,11 @@ class Block(nn.Module):
 class Attention(nn.Module):
     """CBAM: a gain for each channel, from the whole picture's mean and maximum, then one for each cell."""
 
-    def __init__(self, channels: int):
+    def __init__(self, channels: int, rectified: bool):
         super().__init__()
         few = channels // REDUCTION
-        self.perceptron = nn.Sequential(nn.Linear(channels, few), nn.GELU(), nn.Linear(few, channels))
+        between = nn.ReLU() if rectified else nn.GELU()
+        self.perceptron = nn.Sequential(nn.Linear(channels, few), between, nn.Linear(few, channels))
         self.spatial = Circular(2, 1, 7)
 
     def forward(self, x: Tensor, pooled: Pooled) -> Tensor:

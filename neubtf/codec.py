@@ -8,7 +8,7 @@ holds the autoencoder (`keep_encoder`) can be re-textured.
 import dataclasses
 import logging
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -17,7 +17,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.training import Samples, gain_of, round_after, train
-from neubtf.autoencoder import FAINT, STRIDE, Autoencoder
+from neubtf.autoencoder import STRIDE, Autoencoder
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
 from neubtf.renderer import load, store
 from neubtf.training import PAPER, Staged, StagedSettings, slice_of
@@ -50,16 +50,13 @@ class NeuBTF(Codec):
     class Settings(StagedSettings):
         """See `StagedSettings`."""
 
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": everything as published, end to end; see docs/neubtf.md
-
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
         samples = Samples(btf, gain, fit)
         picture = eight_bits(displayed(slice_of(samples, guiding_pair(samples))))
         guidance = as_guidance(picture)
-        faint = settings.init == "faint"
-        autoencoder = Autoencoder(settings.latents, generator, FAINT if faint else 1.0)
-        encoder = Encoder.for_guidance(guidance, autoencoder, centred=faint)
+        autoencoder = Autoencoder(settings.latents, generator, rectified=settings.recipe == "paper")
+        encoder = Encoder.for_guidance(guidance, autoencoder)
         staged = Staged(samples, settings, encoder, guidance, generator)
         train(staged, fit, settings.steps)
         stored = store_encoder(encoder, picture)

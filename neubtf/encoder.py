@@ -36,16 +36,15 @@ class Encoder(nn.Module):
         self.register_buffer("normal", torch.tensor([centre, spread]))
 
     @classmethod
-    def for_guidance(cls, guidance: Tensor, autoencoder: Autoencoder, centred: bool = True) -> "Encoder":
-        """An encoder that normalises a guidance image (1, 3, H, W) to mean 0 and a mean deviation of channels of 1.
+    def for_guidance(cls, guidance: Tensor, autoencoder: Autoencoder) -> "Encoder":
+        """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
 
-        The deviation over all slices would include the differences between slices, and a slice with little contrast
-        would then be nearly constant. If `centred`, the bias of the autoencoder's head changes, see `_centre`.
+        The deviation over all slices would include the differences between slices, and a slice of little contrast would
+        then be nearly constant. The bias of the autoencoder's head changes, see `_centre`.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
         encoder = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
-        if centred:
-            encoder._centre(guidance)
+        encoder._centre(guidance)
         return encoder
 
     @torch.no_grad()
@@ -66,12 +65,15 @@ class Encoder(nn.Module):
 
 def store_encoder(encoder: Encoder, guidance: Tensor) -> dict[str, Tensor]:
     """The encoder part of a file: weights, rounded to half, normalisation, and the guidance, bytes (H, W, 3)."""
-    return {"weights": to_vector(encoder.autoencoder).half(), "normal": encoder.normal, "guidance": guidance}
+    stored = {"weights": to_vector(encoder.autoencoder).half(), "normal": encoder.normal, "guidance": guidance}
+    # Of the paper's recipe alone: files without it, of ours and older ones, have GELU.
+    return stored | ({"rectified": torch.ones(1, dtype=torch.uint8)} if encoder.autoencoder.rectified else {})
 
 
 def load_encoder(tensors: dict[str, Tensor], channels: int) -> Encoder:
     """The encoder that `store_encoder` wrote, for `channels` of the neural texture."""
-    encoder = Encoder(Autoencoder(channels), *tensors["normal"].tolist())
+    autoencoder = Autoencoder(channels, rectified="rectified" in tensors)
+    encoder = Encoder(autoencoder, *tensors["normal"].tolist())
     load_vector(tensors["weights"], encoder.autoencoder)
     return encoder
 

@@ -17,15 +17,15 @@ WHITE = 255
 
 
 def standardised(texture: Tensor) -> Tensor:
-    """A texture (H, W, D) with each channel at mean 0 and variance 1, through a sigmoid: in (0, 1).
+    """A texture (H, W, D) with each channel c at mean 0 and variance 1, through the paper's 1 / (e^(1 − c) + 1).
 
-    A channel that is constant becomes 0.5.
+    All is in (0, 1); a channel that is constant becomes 1 / (e + 1).
     """
     flat = texture.double().flatten(0, 1)
     deviation = flat.std(0, correction=0)
     steady = deviation <= 1e-6 * flat.abs().amax(0)
     scaled = (flat - flat.mean(0)) / torch.where(steady, torch.inf, deviation)
-    return scaled.sigmoid().reshape(texture.shape).float()
+    return (scaled - 1).sigmoid().reshape(texture.shape).float()
 
 
 def sheet(texture: Tensor) -> np.ndarray:

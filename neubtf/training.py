@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from bench.errors import InputError
+from bench.metrics.display import decode_srgb
 from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Decoder, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
 from neubtf.augmentation import Disturbance, Window, draw_scale
@@ -26,7 +27,8 @@ from neubtf.encoder import Encoder, displayed
 from neubtf.losses import Style, focal_frequency, shown
 from neubtf.renderer import RendererSettings, render
 
-ENCODERS = {"adam": 1, "muon": 2}  # the encoder's groups of parameters, before those of the renderer and the texture
+ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
+DARKEST = 1e-4  # least mean of a slice, in a display's range; darker slices are shown as if they had it
 DIM = 0.05  # least mean of a slice, in a display's range; darker slices are compared as if they had it
 
 
@@ -46,7 +48,7 @@ class StagedSettings(RendererSettings):
     crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step uses of a larger picture
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # least scale of an input, and so of later guidance
     keep_scale: Share = 0.5  # share of the inputs that keep their scale
-    init: Literal["faint", "published"] = "faint"  # first texture and answer: faint and the mean, or random
+    init: Literal["faint", "published"] = "faint"  # of the renderer: answers the mean, or as SIREN's, about the mean
     start: Literal["components", "encoder"] = "components"  # of the first texture; or what the autoencoder makes
     optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; Adam takes all others
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
@@ -61,6 +63,7 @@ class StagedSettings(RendererSettings):
     blur: NotNegative = 1.0  # largest blur of an input, σ in texels
     noise: NotNegative = 0.05  # largest noise of an input, σ
     keep_encoder: bool = False  # store the autoencoder, for new textures
+    recipe: Literal["ours", "paper"] = "ours"  # "paper": everything as published, end to end; see docs/neubtf.md
 
     def __post_init__(self) -> None:
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
@@ -83,8 +86,14 @@ PAPER = {
     "keep_scale": 0.0,
     "init": "published",
     "start": "encoder",
-    "steps": 10_000,
     "optimiser": "adam",
+    # Left open, and chosen:
+    "steps": 30_000,
+    "slices": 16,
+    "crop": 16,
+    "smallest": 0.75,
+    "blur": 0.5,
+    "noise": 0.02,
 }
 
 
@@ -111,9 +120,8 @@ class Staged(Objective):
         super().__init__(samples)
         self.settings, self.encoder, self.style = settings, encoder, Style()
         self.renderer = Decoder(settings.architecture, generator)
-        if settings.init == "faint":
-            self.renderer.start_at(samples.mean(generator))
-        with torch.no_grad():  # the encoder can learn textures near its output for the guidance
+        self.renderer.start_at(samples.mean(generator), settings.init == "faint")
+        with torch.no_grad():  # the encoder's output for the guidance is near textures that it can learn
             texture = by_texel(encoder(guidance)).contiguous()
         if settings.start == "components":
             texture = first_latents(samples, settings.latents, "components", generator)
@@ -121,6 +129,7 @@ class Staged(Objective):
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
         self.guidance: Tensor
         self.register_buffer("guidance", guidance, persistent=False)
+        self.brightness = float(decode_srgb(guidance.numpy()).mean())
         self.ends = [round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)]
 
     def groups(self) -> list[dict[str, Any]]:
@@ -165,8 +174,19 @@ class Staged(Objective):
             return Example(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
         texels = window.texels(samples.shape).to(samples.device)
         pair = int(torch.randint(samples.pairs, (), generator=generator))
-        picture = displayed(self.radiance(window, texels, torch.tensor([pair])))
+        picture = displayed(self.exposed(self.radiance(window, texels, torch.tensor([pair]))))
         return Example(window, texels, self.disturbance.disturbed(picture, generator), pair)
+
+    def exposed(self, level: Tensor) -> Tensor:
+        """Log radiance (1, 3, h, w) of a slice to be shown; by the paper's recipe, at the guidance's brightness.
+
+        So is the photograph that guides later, see `neubtf.guidance`. Most slices are darker, or clip: what their
+        texels are cannot be seen at one exposure.
+        """
+        if self.settings.recipe == "ours":
+            return level
+        mean = shown(level).mean().clamp_min(DARKEST)
+        return (level.expm1() * (self.brightness / mean)).log1p()
 
     def radiance(self, window: Window, texels: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); averages are of radiance."""

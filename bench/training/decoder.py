@@ -94,15 +94,16 @@ class Decoder(Network):
                 _initialise(layer, architecture, depth, generator)
 
     @torch.no_grad()
-    def start_at(self, outputs: Tensor) -> None:
-        """Set the last layer to output `outputs` (outputs,) for any input: its bias is `outputs`, its weights are 0.
+    def start_at(self, outputs: Tensor, everywhere: bool = True) -> None:
+        """Set the last layer's bias to `outputs` (outputs,); `everywhere`, its weights to 0: the output for any input.
 
         A fit that starts at the mean of its data converges sooner than from random outputs, and a constant material is
         exact from the start.
         """
         last = self.layers[-1]
         assert isinstance(last, nn.Linear)
-        last.weight.zero_()
+        if everywhere:
+            last.weight.zero_()
         last.bias.copy_(outputs)
 
     def hidden_matrices(self) -> list[Tensor]:

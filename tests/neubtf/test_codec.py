@@ -14,12 +14,14 @@ from bench.codecs import container
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import parameters
+from bench.metrics.display import decode_srgb
 from bench.training import Samples, load_texture
 from bench.training import fitting as training
 from neubtf.autoencoder import FAINT, Autoencoder
 from neubtf.codec import NeuBTF, guiding_pair
 from neubtf.direct import NeuBTFDirect
-from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, read_encoder
+from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, read_encoder
+from neubtf.training import Staged
 
 FEW: dict[str, Any] = {"steps": 24, "batch": 256}
 
@@ -240,6 +242,27 @@ def test_the_encoder_sees_its_own_guidance_with_mean_0_and_deviation_1() -> None
     assert seen[0].flatten(1).std(1, correction=0).mean().item() == pytest.approx(1, rel=1e-4)
     of_one_colour = torch.full((1, 3, 16, 16), 0.2)
     assert Encoder.for_guidance(of_one_colour, Autoencoder(2)).prepared(of_one_colour).abs().max() < 1e-3
+
+
+def test_the_papers_recipe_shows_every_slice_at_the_guidances_brightness() -> None:
+    samples, guidance = Samples(tiny_btf(), 2.0, Fit()), torch.full((1, 3, 16, 16), 0.3)
+    means = {}
+    for recipe in ("ours", "paper"):
+        settings = NeuBTF(recipe=recipe, explore=1, hue=0, blur=0, noise=0, keep_scale=1).settings
+        encoder = Encoder.for_guidance(guidance, Autoencoder(14))
+        staged = Staged(samples, settings, encoder, guidance, torch.Generator().manual_seed(0))
+        generator = torch.Generator().manual_seed(0)
+        shown = [decode_srgb(staged.example(1.0, generator).picture.numpy()).mean() for _ in range(20)]
+        means[recipe] = np.array(shown)
+    np.testing.assert_allclose(means["paper"], np.broadcast_to(decode_srgb(np.full(1, 0.3)), 20), rtol=0.1)
+    assert means["ours"].max() > 2 * means["ours"].min()
+
+
+def test_the_papers_perceptron_is_rectified_and_files_without_the_word_are_as_they_were() -> None:
+    kept = {recipe: fitted(keep_encoder=True, recipe=recipe)[1].encoder for recipe in ("ours", "paper")}
+    assert kept["ours"].keys() == {"weights", "normal", "guidance"}
+    assert isinstance(load_encoder(kept["ours"], 14).autoencoder.attention.perceptron[1], torch.nn.GELU)
+    assert isinstance(load_encoder(kept["paper"], 14).autoencoder.attention.perceptron[1], torch.nn.ReLU)
 
 
 @pytest.mark.parametrize("size", [1, 3, 16])

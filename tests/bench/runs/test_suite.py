@@ -133,7 +133,7 @@ def test_no_setting_is_dropped_whose_default_the_recipe_has_changed(codec, name,
 
 
 def test_a_setting_that_is_the_default_of_its_recipe_is_not_named():
-    changes = {"neubtf.recipe": "paper", "neubtf.steps": "10000", "neubtf.latents": "14"}
+    changes = {"neubtf.recipe": "paper", "neubtf.steps": "30000", "neubtf.latents": "14"}
     (spec,) = canonical(with_changes(parse_suite("a", ""), [], ["neubtf"], changes, None)).codecs
     assert spec.label == "neubtf recipe=paper"
     (spec,) = canonical(with_changes(parse_suite("a", ""), [], ["neubtf"], {"neubtf.recipe": "ours"}, None)).codecs
