@@ -113,7 +113,7 @@ def _check_parts(codec: "Codec | SharedNetwork", parts: object) -> None:
 
     encode = codec.train if isinstance(codec, SharedNetwork) else codec.encode
     if not isinstance(parts, Parts):
-        raise answered(encode, parts, "Parts of tensors, as Parts(texture={...}),")
+        raise answered(encode, parts, "Parts of tensors, as Parts(texture={...})")
     for part, named in ((part, getattr(parts, part)) for part in PARTS):
         if not isinstance(named, dict):
             what = f"Parts whose {part} is of type {type(named).__name__}"

@@ -257,7 +257,7 @@ def repeats(tested: CodecUnderTest) -> None:
     """the same queries get the same answers"""
     worst = (tested.material.query(*tested.queries) - tested.answers).abs().max().item()
     if not worst <= ROUNDING * max(1.0, tested.answers.abs().max().item()):
-        what = f"the same queries again with numbers that differ by {worst:.2g}"
+        what = f"other answers to the same queries (they differ by {worst:.2g})"
         raise answered(tested.material.evaluate, what, "the same answer (a decoder draws no random numbers)")
 
 

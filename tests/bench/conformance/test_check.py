@@ -218,24 +218,36 @@ def decodes_to_a_tensor(self, parts, device):
 
 
 MISTAKES = [
-    (type("Mine", (Broken,), {"material": Flat}), Flat.evaluate, r"answered a tensor \(4,\), and a tensor \(4, 3\) is"),
-    (type("Mine", (Broken,), {"material": Draws}), Draws.evaluate, "again with numbers that differ by .* no random"),
+    (
+        type("Mine", (Broken,), {"material": Flat}),
+        Flat.evaluate,
+        r"returned a tensor \(4,\), but must return a tensor \(4, 3\)",
+    ),
+    (type("Mine", (Broken,), {"material": Draws}), Draws.evaluate, "other answers to the same queries .* no random"),
     (
         with_method("encode", gives_arrays),
         gives_arrays,
-        "Parts whose texture/mean is of type ndarray, and a tensor .* is due",
+        "Parts whose texture/mean is of type ndarray, but must return a tensor",
     ),
-    (with_method("encode", gives_a_dictionary), gives_a_dictionary, "answered a dict, and Parts of tensors"),
-    (with_method("encode", gives_a_tensor), gives_a_tensor, "Parts whose texture is of type Tensor, and a dictionary"),
-    (with_method("decode", decodes_to_a_tensor), decodes_to_a_tensor, "answered a Tensor, and a Material is due"),
+    (
+        with_method("encode", gives_a_dictionary),
+        gives_a_dictionary,
+        "returned a dict, but must return Parts of tensors",
+    ),
+    (
+        with_method("encode", gives_a_tensor),
+        gives_a_tensor,
+        "Parts whose texture is of type Tensor, but must return a dictionary",
+    ),
+    (with_method("decode", decodes_to_a_tensor), decodes_to_a_tensor, "returned a Tensor, but must return a Material"),
 ]
 
 
 @pytest.mark.parametrize(("codec", "method", "says"), MISTAKES, ids=lambda given: getattr(given, "__qualname__", None))
-def test_a_first_mistake_names_the_method_its_line_and_what_is_due(codec, method, says, monkeypatch):
+def test_a_first_mistake_names_the_method_its_line_and_the_remedy(codec, method, says, monkeypatch):
     (message,) = failures(codec, monkeypatch).values()
     code = method.__code__
-    assert message.startswith(f"{method.__qualname__} ({__file__}:{code.co_firstlineno}) answered ")
+    assert message.startswith(f"{method.__qualname__} ({__file__}:{code.co_firstlineno}) returned ")
     assert re.search(says, message), message
     assert "\n" not in message
 
