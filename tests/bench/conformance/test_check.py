@@ -221,7 +221,7 @@ MISTAKES = [
     (
         type("Mine", (Broken,), {"material": Flat}),
         Flat.evaluate,
-        r"returned a tensor \(4,\), but must return a tensor \(4, 3\)",
+        r"a tensor \(4,\), but must return a tensor \(4, 3\)",
     ),
     (type("Mine", (Broken,), {"material": Draws}), Draws.evaluate, "other answers to the same queries .* no random"),
     (
@@ -232,12 +232,12 @@ MISTAKES = [
     (
         with_method("encode", gives_a_dictionary),
         gives_a_dictionary,
-        "returned a dict, but must return Parts of tensors",
+        "a dict, but must return Parts of tensors",
     ),
     (
         with_method("encode", gives_a_tensor),
         gives_a_tensor,
-        "Parts whose texture is of type Tensor, but must return a dictionary",
+        "texture is of type Tensor, but must return a dictionary",
     ),
     (with_method("decode", decodes_to_a_tensor), decodes_to_a_tensor, "returned a Tensor, but must return a Material"),
 ]
