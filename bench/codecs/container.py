@@ -86,7 +86,7 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
     by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
     for part, named in by_part.items():
         if name := _not_finite(named):
-            raise ValueError(f"codec {codec.name} made a tensor with NaN or infinite numbers: {part}/{name}")
+            raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {part}/{name}")
     if codec.zstd:
         by_part = {part: {ZSTD: compressed(serialise(named))} for part, named in by_part.items() if named}
     tensors = {f"{part}/{name}": tensor for part, named in by_part.items() for name, tensor in named.items()}

@@ -305,7 +305,7 @@ class FrameLast(Endless):
         return super().evaluate(uv, wo, wi, footprint)
 
 
-BAD, NAN, INF = "NaN or infinite", r"\[nan", "inf"
+BAD, NAN, INF = "not finite", r"\[nan", "inf"
 DUE = "required"
 MOVES = "the answer moves by"
 DIFFER = "answers differ by"

@@ -173,7 +173,7 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
     assert "the fastest is fast" in fastest
     assert "the smallest is small" in smallest
     _, fastest, smallest = choose.answers("m", rows[2:3])
-    assert fastest == "m: within 0.5 dB of it, none is faster."
+    assert fastest == "m: within 0.5 dB of it, no other is faster."
     assert smallest == "m: within 0.5 dB of it, none is smaller."
 
 
