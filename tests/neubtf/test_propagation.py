@@ -152,7 +152,7 @@ def test_a_picture_8k_wide_guides_at_a_scale(file: Path, tmp_path: Path) -> None
     ("codec", "told"),
     [
         (NeuBTF(steps=1), "keep_encoder=true"),
-        (NeuBTFDirect(steps=1), "codec neubtf-direct: only neubtf"),
+        (NeuBTFDirect(steps=1), "codec is neubtf-direct: only neubtf"),
     ],
 )
 def test_a_file_without_autoencoder_is_refused(

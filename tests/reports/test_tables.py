@@ -144,7 +144,7 @@ def test_tables_say_where_pooled_psnr_rests_on_one_slice(made):
         made.job(label, material="brick")
 
     def said(kind):
-        return [[note for note in table.notes if "rests on a single slice" in note] for table in tables(made, kind)]
+        return [[note for note in table.notes if "single slice" in note] for table in tables(made, kind)]
 
     (satin,), brick = said("main")
     assert satin.endswith(": mirror (32 %).")

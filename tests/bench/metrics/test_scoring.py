@@ -150,7 +150,7 @@ def test_no_pairs_give_no_numbers():
 
 def test_a_periodic_metric_needs_a_periodic_material():
     btf, _ = make(periodic=False)
-    with pytest.raises(InputError, match="ssim_periodic is for materials that repeat"):
+    with pytest.raises(InputError, match="ssim_periodic is only for materials that repeat"):
         Scorer(btf, ["ssim_periodic"])
     assert "ssim" in Scorer(btf).names
 

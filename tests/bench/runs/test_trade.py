@@ -174,7 +174,7 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
     assert "the smallest is small" in smallest
     _, fastest, smallest = choose.answers("m", rows[2:3])
     assert fastest == "m: within 0.5 dB of it, no other is faster."
-    assert smallest == "m: within 0.5 dB of it, none is smaller."
+    assert smallest == "m: within 0.5 dB of it, no other is smaller."
 
 
 def test_a_job_that_failed_is_a_row_that_says_why(tmp_path):
