@@ -103,5 +103,5 @@ def test_too_many_products_outside_of_networks_are_refused_or_left_to_pytorch(bt
     large = Mixed(MOST_PRODUCTS // 6 + 1)
     large.network = None
     large.evaluate = lambda uv, wo, wi, footprint: (torch.cat([wo, wi], 1) @ large.matrix)[:, :3]
-    with pytest.raises(InputError, match=r"up to 10,000 products .* asks for 10,002.*: use eager"):
+    with pytest.raises(InputError, match=r"up to 10,000 products .* needs 10,002.*: use eager"):
         prepared(large, Variant("fused"))
