@@ -145,7 +145,7 @@ def test_tables_say_where_pooled_psnr_rests_on_one_slice(made):
 
     def said(kind):
         return [
-            [note for note in table.notes if "Pooled PSNR rests" in note or "pooled PSNR rests" in note]
+            [note for note in table.notes if "PSNR rests on" in note]
             for table in tables(made, kind)
         ]
 
