@@ -144,10 +144,7 @@ def test_tables_say_where_pooled_psnr_rests_on_one_slice(made):
         made.job(label, material="brick")
 
     def said(kind):
-        return [
-            [note for note in table.notes if "PSNR rests on" in note]
-            for table in tables(made, kind)
-        ]
+        return [[note for note in table.notes if "PSNR rests on" in note] for table in tables(made, kind)]
 
     (satin,), brick = said("main")
     assert satin.endswith(": mirror (32 %).")
