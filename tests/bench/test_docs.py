@@ -62,3 +62,10 @@ def test_commands_are_found_in_blocks_and_in_sentences() -> None:
     assert "run baked" in shown["baking.md"]
     assert "run ablation" in shown["neubtf.md"]
     assert sum(map(len, shown.values())) > 80
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
+def test_levels_and_sizes_stand_in_generated_tables_alone(page: str) -> None:
+    """Another test holds the tables to the records; a sentence with a level or a file's size would grow old unseen."""
+    text = re.sub(r"<!-- neubtf-bench.*?<!-- end -->", "", (ROOT / page).read_text(), flags=re.S)
+    assert re.findall(r"\d{2,}\.\d+ dB|\d[\d,]+ (?:B|kB|bytes)\b", text) == []
