@@ -44,7 +44,18 @@ Octaves = Annotated[int, Range(0, 16)]
 
 
 class Hierarchical(NeuMIP):
-    """A hierarchical architecture: NeuMIP's pyramid and offset, and convolutions over the neighbours of a point."""
+    """A hierarchical architecture: NeuMIP's pyramid and offset, and convolutions over the neighbours of a point.
+
+    Code: https://github.com/yley123/A-Hierarchical-Architecture-for-Neural-Materials
+
+    @article{xue2024hierarchical,
+      author = {Xue, Bowen and Zhao, Shuang and Jensen, Henrik Wann and Montazeri, Zahra},
+      title = {A Hierarchical Architecture for Neural Materials},
+      journal = {Computer Graphics Forum},
+      year = {2024},
+      url = {https://arxiv.org/abs/2307.10135}
+    }
+    """
 
     name, version = "hierarchical", 1
     sizes = ("channels",)

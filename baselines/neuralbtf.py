@@ -54,7 +54,17 @@ PAPER |= {"rate": 1e-3, "latent_rate": 1e-2, "decay": False, "bits": 8, "steps":
 
 
 class NeuralBTF(Codec):
-    """NeuralBTF: a pyramid of latents, an offset behind a gate, spherical harmonics, a network of half a million."""
+    """NeuralBTF: a pyramid of latents, an offset behind a gate, spherical harmonics, a network of half a million.
+
+    Code: https://github.com/mandyxmq/NeuralBTF-release
+
+    @misc{neuralbtf2026,
+      title = {NeuralBTF},
+      howpublished = {Code of its authors},
+      year = {2026},
+      url = {https://github.com/mandyxmq/NeuralBTF-release}
+    }
+    """
 
     name, version = "neuralbtf", 1
     sizes = ("channels", "width")

@@ -63,8 +63,8 @@ def test_the_table_of_parameters_needs_no_run_and_differs_nowhere_from_the_paper
     assert cli.main(["table", "parameters", "--format", "csv"]) == 0
     header, *rows = capsys.readouterr().out.strip().splitlines()
     assert header.startswith("method,codec,param. ours,param. paper,param. diff.")
-    methods = {"Biplane", "NeuBTF", "NeuMIP", "Rainer 2019", "Rainer 2020", "Triple plane", "Zeltner 2024"}
-    methods |= {"Hierarchical"}
+    methods = {"Biplane", "NeuBTF", "NeuMIP", "Rainer 2019", "Rainer 2020", "Triple plane", "Zeltner 2024 (code)"}
+    methods |= {"Hierarchical", "NeuralBTF"}
     assert {row.split(",")[0] for row in rows} == methods
     assert {row.split(",")[-1] for row in rows} == {"0"}
     assert [row for row in rows if "3332,3332,0" in row]

@@ -20,7 +20,7 @@ def test_ours_stand_beside_the_papers_over_all_pairs_and_apart(made):
     assert pca[4::2] == ["—"] * 3
     assert absent[3::2] == ["none yet"] * 3
     assert absent[4] == "27.73 ± 4.711"
-    assert "none yet: fabric03: not there: ask UTIA." in table.notes
+    assert "none yet: fabric03: there is no such file: ask UTIA." in table.notes
 
 
 def test_the_nearest_materials_stand_for_the_paper_s_in_their_own_suite_alone(made):
