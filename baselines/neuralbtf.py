@@ -59,6 +59,7 @@ class NeuralBTF(Codec):
     Code: https://github.com/mandyxmq/NeuralBTF-release
 
     @misc{neuralbtf2026,
+      author = {{Authors of NeuralBTF}},
       title = {NeuralBTF},
       howpublished = {Code of its authors},
       year = {2026},
