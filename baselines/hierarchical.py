@@ -175,7 +175,8 @@ class Hierarchy(nn.Module):
         dtype, count = first.weight.dtype, directions.shape[1]
         seen = functional.linear(directions.to(dtype), first.weight[:, :count], first.bias)
         own = functional.linear(numbers.to(dtype), first.weight[:, count:])
-        x = saturated(own + seen[:, None, None]).permute(0, 3, 1, 2)
+        # In half precision each may be infinite, and their sum then no number.
+        x = saturated(saturated(own) + saturated(seen)[:, None, None]).permute(0, 3, 1, 2)
         for module in modules:
             x = module(x)
         return saturated(last(x.permute(0, 2, 3, 1))).to(numbers.dtype)
