@@ -231,7 +231,7 @@ def test_the_command_says_what_it_lacks(tmp_path, capsys, monkeypatch):
     assert cli.main(["demand", str(tmp_path / "no.xml"), "--bsdf", "a", "-o", out]) == 2
     assert "there is no such file" in capsys.readouterr().err
     assert cli.main(["demand", "wall", "--bsdf", "a", "-o", out]) == 2
-    assert "is of a Mitsuba scene" in capsys.readouterr().err
+    assert "only for a Mitsuba scene" in capsys.readouterr().err
     monkeypatch.setitem(__import__("sys").modules, "mitsuba", None)
     monkeypatch.delitem(__import__("sys").modules, "bench.demand.mitsuba.scene", raising=False)
     assert cli.main(["demand", str(path), "--bsdf", "a", "-o", out]) == 2
