@@ -42,10 +42,10 @@ def expand(data: Tensor, shape: Sequence[int]) -> Tensor:
     """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most`."""
     channels, count = shape[-1], math.prod(shape)
     if not len(data) or data[0] > IN_CONTEXT:
-        raise InputError("a texture of this file does not give its way of storage: encode it again")
+        raise InputError("a texture of this file does not say how it is stored: encode it again")
     way, bits, payload = int(data[0]), data[1 : 1 + channels].numpy(), data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or not ((bits >= 1) & (bits <= MOST_BITS)).all():
-        raise InputError("a texture of this file does not give its bits: encode it again")
+        raise InputError("a texture of this file does not say its bits: encode it again")
     if min(shape) < 1 or count > _most(payload):
         raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")
     size = count // channels
