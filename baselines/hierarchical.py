@@ -78,25 +78,25 @@ class Hierarchical(NeuMIP):
 
     @dataclass(frozen=True)
     class Settings:
-        steps: Natural = 2_500  # of the fit
+        steps: Natural = 2_500  # steps of the fit
         batch: BatchSize = 4_096  # samples a step, in whole patches
         patch: Annotated[int, Range(1, 1024)] = 8  # texels a side of a patch, whose samples share their directions
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, start, Adam, blur, loss, rate and batch
         start: Start = "mixed"  # of finest latents and offsets: components, both; or random, and zeros
-        optimiser: Optimiser = "muon"  # of hidden matrices; all else is Adam's
+        optimiser: Optimiser = "muon"  # of the hidden matrices; Adam takes all others
         hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         rate: Positive = 1e-2  # highest learning rate
         directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
-        octaves: Octaves = 0  # of the sines of each of these inputs; 0: the numbers themselves
-        places: Octaves = 10  # of the sines of u and of v; those that texels cannot show are 0
+        octaves: Octaves = 0  # octaves of the sines of each of these inputs; 0: the inputs themselves
+        places: Octaves = 10  # octaves of the sines of u and of v; those that texels cannot show are 0
         channels: Width = 7  # of the pyramid, and of the offset texture
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = False  # blur the textures at first, less and less, as NeuMIP's authors do
         loss: Literal["both", "l1", "root"] = "both"  # log errors; or the absolute error of fourth roots, as published
         gradient: NotNegative = 0.0  # weight of the squared error of Sobel gradients, from a quarter of the steps on
-        bits: Bits = 0  # of a stored number of the textures on average; 0: left to the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # of the stored networks
+        bits: Bits = 0  # bits of a stored number of the textures on average; 0: chosen by the fit; 16, 32: floats
+        weights: WeightPrecision = "half"  # precision of the stored networks
 
     def networks(self) -> Networks:
         return HierarchicalNetworks(self.settings)

@@ -1,7 +1,7 @@
-"""NeuralBTF (2026): a pyramid of latents, an offset of the look-up that the view decides, and a wide network.
+"""NeuralBTF (2026): a pyramid of latents, a look-up offset that depends on the view, and a wide network.
 
-Three levels of the texture are fetched at one place and stand side by side; the place is moved before by a small second
-network, whose answer is shared out by a gate that starts shut. Both directions enter as spherical harmonics. Facts are
+Three levels of the texture are fetched at one uv and concatenated. A second, small network moves this uv first; a
+learned factor, the gate, scales its output and starts at 0. Both directions enter as spherical harmonics. Facts are
 from the authors' code, mandyxmq/NeuralBTF-release; see docs/recipes.md for what differs. With half a million parameters
 it is the largest network of the suite.
 """
@@ -74,9 +74,9 @@ class NeuralBTF(Codec):
     @dataclass(frozen=True)
     class Settings(FitSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, loss and rates, random latents
-        steps: Natural = 1_000  # of the fit
+        steps: Natural = 1_000  # steps of the fit
         batch: BatchSize = 2_048  # samples a step
-        optimiser: Optimiser = "adam"  # of all; Muon would step the hidden matrices, at twice the seconds and no gain
+        optimiser: Optimiser = "adam"  # "muon" steps the hidden matrices by Muon, at twice the seconds and no gain
         rate: Positive = 3e-3  # highest learning rate of both networks and the gate
         relative: bool = False  # as published: the network answers radiance, its loss is relative, `loss` is not used
         decay: bool = True  # rates rise at first and fall to 0; as published they stay
@@ -86,8 +86,8 @@ class NeuralBTF(Codec):
         directions: Inputs = "xyzh"  # inputs: harmonics of both as published, or all of both and of their half vector
         layers: Layers = 3  # hidden layers of the network
         width: Width = 512  # channels of each hidden layer, and of the offset's one
-        bits: Bits = 0  # of a stored number of the textures on average; 0: left to the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # of the stored networks
+        bits: Bits = 0  # bits of a stored number of the textures on average; 0: chosen by the fit; 16, 32: floats
+        weights: WeightPrecision = "half"  # precision of the stored networks
 
         @property
         def architecture(self) -> Architecture:
@@ -135,7 +135,7 @@ def harmonics(w: Tensor) -> Tensor:
 
 
 def seen(wo: Tensor, wi: Tensor, kind: Inputs) -> Tensor:
-    """What the network sees of two directions (n, 3): (n, 18) or (n, 9).
+    """The network's inputs for two directions (n, 3): (n, 18) or (n, 9).
 
     As published harmonics are of 2 ω − 1: the authors' encoder expects a direction from 0 to 1 and is given ω itself.
     """
@@ -145,7 +145,7 @@ def seen(wo: Tensor, wi: Tensor, kind: Inputs) -> Tensor:
 
 
 class Networks(nn.Module):
-    """The network and, where the settings ask for it, the offset's network and its gate."""
+    """The network and, unless `reduction` is 0, the offset's network and its gate."""
 
     def __init__(self, settings: NeuralBTF.Settings, generator: torch.Generator | None = None):
         super().__init__()
@@ -157,7 +157,7 @@ class Networks(nn.Module):
             self.gate = nn.Parameter(torch.zeros(1))
 
     def forward(self, textures: list[Tensor], uv: Tensor, wo: Tensor, directions: Tensor) -> Tensor:
-        """What the network answers (n, 3) at uv (n, 2), the view wo (n, 3), and what it sees of directions.
+        """The network's output (n, 3) at uv (n, 2), for the view wo (n, 3) and the inputs of `seen`.
 
         Textures (H, W, C) are in the order of `names`.
         """
@@ -176,7 +176,7 @@ class Networks(nn.Module):
 class NeuralBTFObjective(TextureObjective):
     """The textures and the networks, all free."""
 
-    directions: Tensor  # (pairs, what the network sees)
+    directions: Tensor  # (pairs, inputs): those of `seen`
 
     def __init__(self, samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator):
         super().__init__(samples, settings)
@@ -191,7 +191,7 @@ class NeuralBTFObjective(TextureObjective):
         return super().rate(step, steps, group) if self.settings.decay else 1.0
 
     def answer(self, batch: Batch) -> Tensor:
-        """What the network answers at the texels and pairs of a batch."""
+        """The network's output at the texels and pairs of a batch."""
         textures = [self.roundings[name](values) for name, values in self.free.items()]
         uv, wo = self.samples.centres(batch.texel), self.samples.wo[batch.pair]
         answer: Tensor = self.network(textures, uv, wo, self.directions.index_select(0, batch.pair))

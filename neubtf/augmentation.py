@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from neubtf.autoencoder import STRIDE
 
-# Texels around a crop that the autoencoder sees and no loss compares. With these, the root mean square difference of #
+# Texels around a crop that the autoencoder sees and no loss compares. With these, the root mean square difference of
 # latents from those of the whole picture is 1e-4 of their deviation; padded as if the crop were periodic, it was 0.15.
 SURROUNDINGS = 16
 

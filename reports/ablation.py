@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from statistics import fmean
 
 from bench.records import PSNR, SSIM, Record, Run, stats_of
-from reports.numbers import NONE, fixed, integer
+from reports.numbers import NONE, fixed, integer, signed
 from reports.rows import of_suite
 from reports.table import Table
 
@@ -17,7 +17,7 @@ def ablation_table(run: Run) -> Table | None:
     if not jobs:
         return None
     materials = list(dict.fromkeys(job["material"] for job in jobs))
-    headers = [("codec", ""), ("what is changed", ""), ("decoder", "param."), ("a sample", "FLOP")]
+    headers = [("codec", ""), ("change", ""), ("decoder", "param."), ("a sample", "FLOP")]
     for material in materials:
         headers += [(material, "dB ↑"), ("against as it is", "dB"), (material, "SSIM ↑")]
     notes = [
@@ -46,7 +46,7 @@ def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
         for material in materials:
             ours, theirs = (_mean(jobs, material, which, PSNR, "pooled") for which in (label, whole))
             both = ours is not None and theirs is not None and label != whole
-            cells += [fixed(ours, 2), _signed(ours - theirs) if both else ""]  # type: ignore[operator]
+            cells += [fixed(ours, 2), signed(ours - theirs) if both else ""]  # type: ignore[operator]
             cells.append(fixed(_mean(jobs, material, label, SSIM, "mean"), 3))
         yield cells
 
@@ -56,7 +56,3 @@ def _mean(jobs: Iterable[Record], material: str, label: str, family: str, which:
     same = [job for job in jobs if (job["material"], job["label"]) == (material, label)]
     numbers = [number for job in same if (number := stats_of(job, family).get(which)) is not None]
     return fmean(numbers) if numbers else None
-
-
-def _signed(difference: float) -> str:
-    return f"{difference:+.2f}".replace("-", "−")

@@ -49,6 +49,11 @@ def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
     return " ± ".join(fixed(number, digits) for number in numbers)
 
 
+def signed(difference: float) -> str:
+    """With a sign and two decimals: +0.31, −1.50."""
+    return f"{difference:+.2f}".replace("-", "−")
+
+
 def interval(delta: "Interval") -> str:
     """A mean difference with its interval, and a mark if the codecs are told apart: −1.50 (−1.62 to −1.41) *."""
     return f"{delta.mean:+.2f} ({delta.low:+.2f} to {delta.high:+.2f}){' *' * delta.apart}".replace("-", "−")

@@ -17,7 +17,7 @@ from bench.errors import CodecError, ContainerError, answered
 from bench.material import Material
 from bench.training.decoder import decoding
 
-# Limits of a picture's texels, absolute and relative to the numbers in its file: no codec exceeds them, and slices of #
+# Limits of a picture's texels, absolute and relative to the numbers in its file: no codec exceeds them, and slices of
 # such a picture still fit into memory.
 LEAST_TEXELS, MOST_TEXELS = 1 << 24, 64
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Values = Sequence[float | None]  # a number a seed; None where it was not measured
 AGREE = 0.1  # share of the tolerance: rounding may make the seeds of a deterministic codec differ by this much
-# With fewer seeds, those of new help to estimate the scatter of a codec, and `Chance.margin` has a limit. With three #
+# With fewer seeds, those of new help to estimate the scatter of a codec, and `Chance.margin` has a limit. With three
 # seeds, one deviation in five (1 − e^−¼) is less than half the true one; with six seeds, one in sixteen.
 FEW_SEEDS = 6
 

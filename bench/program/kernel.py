@@ -17,7 +17,7 @@ from bench.program import INPUTS, Program
 from bench.program.backend import Array, Backend, Operation, Rows, Scalar, listed
 from bench.program.operations import OPERATIONS, looked_up
 
-# The most products in line. 36,000 of them take minutes to compile; as functions of `BLOCK` outputs, 4 s, and as one #
+# The most products in line. 36,000 of them take minutes to compile; as functions of `BLOCK` outputs, 4 s, and as one
 # function a layer, 13 s. Weights read from memory take eleven times as long a sample in a render.
 MOST_LITERALS = 10_000
 BLOCK = 24

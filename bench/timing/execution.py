@@ -35,7 +35,7 @@ DTYPES = {
     "bfloat16": torch.bfloat16,
     "float16": torch.float16,
 }
-# |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half #
+# |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half
 # precisions promise it only for networks with a layer norm or without a sine: they cannot hold a phase of many turns.
 TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
 LONG_CHUNK = 65_536  # for compiled half precisions on the CPU: small intermediates, but some overhead a call

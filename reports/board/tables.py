@@ -8,7 +8,7 @@ from bench.compare.budgets import shown
 from bench.records import PSNR
 from reports import budgets, columns
 from reports.board.sources import STATES, Source
-from reports.numbers import EXACT, NONE, fixed, integer
+from reports.numbers import EXACT, NONE, fixed, integer, signed
 from reports.rows import CodecRows, MaterialRows, Row
 from reports.table import Table
 
@@ -116,7 +116,7 @@ def standing(name: str, found: Sequence[Place]) -> Table | None:
     rows = []
     for place in found:
         (mine, size, quality), (best, its_size, its_quality) = place.mine, place.best
-        numbers = [integer(size), integer(its_size), _decibels(quality), _decibels(its_quality), _signed(place.gap)]
+        numbers = [integer(size), integer(its_size), _decibels(quality), _decibels(its_quality), _difference(place.gap)]
         rows.append([place.material, place.results, mine, best, *numbers])
     headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]
     headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
@@ -132,5 +132,5 @@ def _decibels(quality: float) -> str:
     return EXACT if quality == math.inf else fixed(quality, 2)
 
 
-def _signed(gap: float) -> str:
-    return (f"{gap:+.2f}" if math.isfinite(gap) else EXACT if gap > 0 else NONE).replace("-", "−")
+def _difference(gap: float) -> str:
+    return signed(gap) if math.isfinite(gap) else EXACT if gap > 0 else NONE

@@ -19,7 +19,7 @@ from bench.conformance.check import CheckError, CodecUnderTest, raised
 from bench.material import Material
 from bench.threads import torch_threads
 
-# Fits of the catalogue are short: those of these settings that a codec has are lowered to these values. `check` fits #
+# Fits of the catalogue are short: those of these settings that a codec has are lowered to these values. `check` fits
 # with the settings that it is given.
 SHORT = {"steps": 200, "batch": 1024, "texels": 16}
 
