@@ -8,6 +8,7 @@ from bench.records import Run
 from reports import budgets, series
 from reports.board import tables
 from reports.board.sources import MEASURED, PATH_TRACED, STATES, Source, by_material, joined, kind_of, page_name
+from reports.fits import curves_by_material
 from reports.html_tables import details, note, table_html
 from reports.live import Live, by_psnr
 from reports.page import CODECS, Page, document
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 FRONT = "index.html"
 PAGES = 2.5  # budgets of pictures of a run's page, some 20 MB each, for all pages of materials together
 _KINDS = "rate speed cost"  # of plots over all materials
+_FITS = "as published and ours"  # the name of a codec's plots of fits
 _INTRO = (
     "Neural codecs of bidirectional texture functions, behind one interface: bytes of written files, quality at "
     "directions that no fit has seen, time per sample, seconds of fits. Every number is of what was decoded from a "
@@ -67,8 +69,10 @@ class Board:
         sources = [source for source in self.sources if not source.claimed]
         return self._document("neubtf-bench: results", self._front_body(sources), sources)
 
-    def _document(self, title: str, body: Iterable[str], sources: Sequence[Source]) -> Iterator[str]:
-        plots = [plot for source in sources for plot in self.plots[source.name]]
+    def _document(
+        self, title: str, body: Iterable[str], sources: Sequence[Source], more: Sequence[series.Plot] = ()
+    ) -> Iterator[str]:
+        plots = [*(plot for source in sources for plot in self.plots[source.name]), *more]
         labels = {each["label"] for plot in plots for each in plot["series"]}
         every = series.codecs(_together(sources))
         return document(title, body, [look for look in every if look["label"] in labels], plots)
@@ -118,7 +122,8 @@ class Board:
 
     def _codec(self, name: str) -> Iterator[str]:
         sources = [s for s in self.sources if any(tables.codec_of(r) == name for m in s.materials for r in m.rows)]
-        return self._document(name, self._codec_body(name, sources), sources)
+        fits = [plot for source in sources for plot in _fits(name, source)]
+        return self._document(name, self._codec_body(name, sources), sources, fits)
 
     def _codec_body(self, name: str, sources: Sequence[Source]) -> Iterator[str]:
         yield _links([(FRONT, "All results")])
@@ -126,6 +131,7 @@ class Board:
         standing = tables.standing(name, self.places[name])
         yield table_html(standing, self._to_material) if standing else note("Nothing to compare was measured of it.")
         yield CODECS
+        yield f'<div class="plots" data-plots="{_FITS}" data-kinds="fits"></div>'
         for source in sources:
             yield f"<h2>{escape(source.title)}</h2>"
             yield _plots_of(source)
@@ -214,6 +220,25 @@ def _plots(source: Source) -> Iterator[series.Plot]:
     every = series.plots_of(source.run)
     over = [plot for plot in every if not plot["material"]] or every
     yield from (plot | {"material": source.name} for plot in over if plot["kind"] in _KINDS.split())
+
+
+def _fits(name: str, source: Source) -> Iterator[series.Plot]:
+    """Curves of a codec's fits over steps and over seconds, for each material where its published recipe has one."""
+    for material, curves in curves_by_material(source.run).items():
+        mine = [fit for fit in curves if fit.label.split()[0] == name]
+        if not any("recipe=paper" in fit.label for fit in mine):
+            continue
+        for place, unit in enumerate(("steps", "seconds")):
+            points = {fit.label: [[at[place], at[2]] for at in fit.points if at[place] > 0] for fit in mine}
+            yield {
+                "material": _FITS,
+                "kind": "fits",
+                "title": f"{material} of {source.title}: quality over {unit}",
+                "x": {"label": f"{unit} of the fit", "log": True, "unit": unit[0] if place else "", "less": True},
+                "y": {"label": f"{series.QUALITY} (training samples)"},
+                "series": [{"label": label, "line": True, "points": line} for label, line in points.items()],
+                "missing": [],
+            }
 
 
 def _plots_of(source: Source) -> str:

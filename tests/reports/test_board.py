@@ -103,6 +103,22 @@ def test_a_codec_s_page_says_what_to_cite_both_recipes_and_where_it_stands(whole
     assert "hammered-copper standard neumip (our recipe) ntc (our recipe)" in text
 
 
+def test_a_codec_s_page_draws_its_published_fit_over_steps_and_over_seconds(whole):
+    page = (whole / "codec-neubtf.html").read_text(encoding="utf-8")
+    assert 'data-plots="as published and ours" data-kinds="fits"' in page
+    data = json.loads(re.search(r'id="data"[^>]*>(.*?)</script>', page, re.S)[1])
+    fits = {plot["title"]: plot["series"] for plot in data["plots"] if plot["kind"] == "fits"}
+    (job,) = (
+        j
+        for j in load_run(ROOT / "docs/results/as-published.jsonl").jobs
+        if j["codec"] == "neubtf" and j["material"] == "satin" and j["settings"]["recipe"] == "paper"
+    )
+    for unit, name in (("steps", "step"), ("seconds", "seconds")):
+        drawn = fits[f"satin of as-published: quality over {unit}"]
+        (points,) = (each["points"] for each in drawn if each["label"] == job["label"])
+        assert points == [[pytest.approx(at[name], 1e-4), pytest.approx(at["psnr"], 1e-4)] for at in job["history"]]
+
+
 def test_no_picture_of_a_material_is_written_whose_licence_is_not_stated(made, tmp_path):
     """UBO2003 and UBO2014 state none; so of all that is not built in, or made of maps that are CC0."""
     where = {"one": "somewhere, CC0", "two": "somewhere, CC0", "three": "somewhere", "four": "", "five": "CC0"}
