@@ -15,7 +15,7 @@ from bench.material import sample_texture
 
 LOWEST = 0.2  # cosine of a direction: nearer to the horizon (78.5°) its slope grows no further
 FINENESS = 256  # least texels a side of the searched height; a larger height is searched as stored
-VIEW_STEPS, SECANTS = 16, 2  # of the search along the view
+VIEW_STEPS, SECANTS = 12, 1  # of the search along the view; 16 and 2 gain .02 dB on the deepest relief
 LIGHT_STEPS = 12  # of the search toward the light
 LEAST_FACING = 0.3  # least 1 − ∇h · along, which is 0 if a ray grazes the surface and a hit would move without bound
 MOST_FINE = 1 << 25  # samples of the finer copy, padding included
