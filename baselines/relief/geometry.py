@@ -15,7 +15,7 @@ from bench.material import sample_texture
 
 LOWEST = 0.2  # cosine of a direction: nearer to the horizon (78.5°) its slope grows no further
 FINENESS = 256  # least texels a side of the searched height; a larger height is searched as stored
-VIEW_STEPS, SECANTS = 16, 2  # of the search along the view
+VIEW_STEPS, SECANTS = 12, 1  # of the search along the view; 16 and 2 gain .02 dB on the deepest relief
 LIGHT_STEPS = 12  # of the search toward the light
 LEAST_FACING = 0.3  # least 1 − ∇h · along, which is 0 if a ray grazes the surface and a hit would move without bound
 MOST_FINE = 1 << 25  # samples of the finer copy, padding included
@@ -87,13 +87,13 @@ class Surface(nn.Module):
         """
         along = slope(wo, self.shape)
         step = (self.high - self.low) / VIEW_STEPS
-        z = self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype)
-        over = self._nearest(uv[:, :1] + along[:, :1] * z, uv[:, 1:] + along[:, 1:] * z) - z
-        first = (over[:, 1:] >= 0).to(torch.uint8).argmax(1, keepdim=True)
+        z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]
+        over = self._nearest(*_along(uv, along, z)) - z  # queries last: reductions over steps are fast
+        rank = torch.arange(VIEW_STEPS, 0, -1, device=uv.device, dtype=torch.uint8)[:, None]
         # The last step is at the lowest height, where only rounding can keep a ray from the surface.
-        first = torch.where((over[:, 1:] >= 0).any(1, keepdim=True), first, VIEW_STEPS - 1)
-        upper, lower = z[first], z[first + 1]
-        before, after = over.gather(1, first).clamp_max(0), over.gather(1, first + 1).clamp_min(0)
+        first = (VIEW_STEPS - ((over[1:] >= 0) * rank).amax(0, keepdim=True).long()).clamp_max(VIEW_STEPS - 1)
+        upper, lower = z[first[0]], z[first[0] + 1]
+        before, after = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
         for _ in range(SECANTS):
             middle = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
             gap = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype) - middle
@@ -124,9 +124,15 @@ class Surface(nn.Module):
         """
         along = slope(wi, self.shape)
         share = (torch.arange(LIGHT_STEPS, device=uv.device, dtype=uv.dtype) + 0.5) / LIGHT_STEPS
-        rise = (self.high - z).clamp_min(0) * share
-        over = self._nearest(uv[:, :1] + along[:, :1] * rise, uv[:, 1:] + along[:, 1:] * rise) - (z + rise)
-        return over.amax(1, keepdim=True) * self.shape[1]
+        rise = (self.high - z).clamp_min(0).T * share[:, None]
+        over = self._nearest(*_along(uv, along, rise)) - (z.T + rise)
+        return over.amax(0)[:, None] * self.shape[1]
+
+
+def _along(uv: Tensor, along: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
+    """u and v (steps, n) of rays through uv (n, 2) at heights z (steps, n) or (steps, 1)."""
+    (u, v), (across, up) = uv.T.contiguous(), along.T.contiguous()
+    return u + across * z, v + up * z
 
 
 def wrapped(uv: Tensor) -> Tensor:

@@ -128,12 +128,16 @@ def measure(
 
 
 def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, Any]:
-    """A result, extended by the materials that only an earlier result holds."""
-    here = {row["material"] for row in result["choices"]}
-    others = {key: [row for row in (earlier or {}).get(key, ()) if row["material"] not in here] for key in _BY_MATERIAL}
+    """A result, extended by the materials and settings of codecs that only an earlier result holds."""
+    here = {key: {_place(row) for row in result[key]} for key in _BY_MATERIAL}
+    others = {key: [row for row in (earlier or {}).get(key, ()) if _place(row) not in here[key]] for key in here}
     together = {key: [*rows, *result[key]] for key, rows in others.items()}
     names = dict.fromkeys(row["material"] for row in together["choices"])
     return result | together | {"answers": [text for name in names for text in answers(name, together["choices"])]}
+
+
+def _place(row: dict[str, Any]) -> tuple[Any, ...]:
+    return row["material"], row.get("label"), row.get("device")
 
 
 def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[dict[str, Any]]:

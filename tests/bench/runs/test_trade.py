@@ -310,6 +310,14 @@ def test_another_material_is_measured_beside_those_that_are_there(measured):
     assert trade.merged(None, result)["choices"] == result["choices"]
 
 
+def test_a_codec_that_is_measured_alone_leaves_the_others_of_its_material(measured):
+    result = measured[1]
+    alone = {key: [row for row in result[key] if row.get("label") == "mean-colour"] for key in ("choices", "profiles")}
+    assert alone["choices"]
+    kept = trade.merged(result, result | alone)["choices"]
+    assert sorted(map(str, kept)) == sorted(map(str, result["choices"]))
+
+
 def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
     folder, result = measured
     shutil.copy(folder / "records.jsonl", tmp_path)
