@@ -77,7 +77,8 @@ def _mixture(model: Model, channel: int, code: Ints, guess: Ints, around: Ints, 
         curve = model.curve(channel, guess, steepness)
         return -float(np.log2((curve.below(code + 1) - curve.below(code)) / TOTAL).sum())
 
-    best, least = FIRST, length(FIRST)
+    best: tuple[int, ...] = FIRST
+    least = length(best)
     improved = True
     while improved:
         improved = False

@@ -151,13 +151,13 @@ class Model:
         here = np.abs(ONE * value - guess) * ((1 << 20) // self.scale[channel]) >> 14
         return 3 * before + np.minimum(here, 255) >> 2
 
-    def taps(self, canvas: Canvas) -> tuple[Ints, Ints]:
-        """The offsets and the weights (C, T) of the terms of each channel."""
+    def taps(self, canvas: Canvas) -> tuple[Ints, NDArray[np.int32]]:
+        """The offsets and the weights, int32, (C, T) of the terms of each channel."""
         offsets, weights = np.zeros((2, len(self.terms), max(1, *map(len, self.terms), 1)), np.int64)
         for channel, terms in enumerate(self.terms):
             for place, (term, weight) in enumerate(terms):
                 offsets[channel, place], weights[channel, place] = canvas.offset(term), weight
-        return offsets, weights
+        return offsets, weights.astype(np.int32)
 
     def curve(self, channel: Ints | int, guess: Ints, steepness: Ints) -> "Curve":
         """The distributions (n,) of codes; `steepness` is 2^26 over the deviation."""
@@ -168,6 +168,7 @@ class Model:
             (ONE << 8 - bits) * steepness,
             self.mixture[channel, 3] * (2 * REACH) + REACH,
             1 << bits,
+            TOTAL - (1 << bits),
         )
 
 
@@ -178,6 +179,7 @@ class Curve(NamedTuple):
     slope: Ints
     middle: Ints  # of each one's table
     codes: Ints
+    room: Ints  # TOTAL − codes, as each takes at least one
 
     def inside(self, code: Ints) -> Ints:
         """The frequencies (n,) of all codes below these, from 1 to the last."""
@@ -187,7 +189,7 @@ class Curve(NamedTuple):
         np.minimum(place, REACH - 1, out=place)
         place += self.middle
         found = cumulative().take(place)
-        found *= TOTAL - self.codes
+        found *= self.room
         found >>= 16
         found += code
         return found

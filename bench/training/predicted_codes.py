@@ -80,13 +80,14 @@ def _rounds(count: int, lanes: int) -> list[slice]:
 
 def _walk(model: Model, canvas: Canvas, code_step: Step) -> None:
     """Visit all codes in their order, each with its guess and the steepness of its distribution."""
-    channels, plane, stride = len(model.bits), canvas.plane, canvas.stride
+    channels, plane = len(model.bits), canvas.plane
     offsets, weights = model.taps(canvas)
     values = np.zeros(channels * plane, np.int32)
     activity = np.full((1 + channels) * plane, USUAL, np.uint8)  # the first plane is before all channels
     for texel, channel in canvas.steps(channels):
         cell = channel * plane + canvas.cells[texel]
-        guess = model.guess((values[cell[:, None] + offsets[channel]] * weights[channel]).sum(1))
+        near = values.take(cell[:, None] + offsets.take(channel, 0))
+        guess = model.guess(np.einsum("ij,ij->i", near, weights.take(channel, 0)).astype(np.int64))
         before, around = activity[cell].astype(np.int64), canvas.around(activity, cell + plane)
         deviation = model.deviation(channel, around, before)
         code = code_step(texel, channel, model.curve(channel, guess, (1 << 26) // deviation))
@@ -112,14 +113,14 @@ class _Reader:
         """The next code (n,) of as many coders: that whose share of the frequencies holds the state's low bits."""
         state = self.state[: len(curve.start)]
         slot = state & TOTAL - 1
-        code, below, above = np.zeros_like(slot), np.zeros_like(slot), np.full_like(slot, TOTAL)
+        code = np.zeros_like(slot)
         for bit in reversed(range(self.most)):
             tried = code + (1 << bit)
-            edge = curve.inside(tried)
+            up = curve.inside(tried) <= slot
             if bit >= self.least:
-                edge[tried >= curve.codes] = TOTAL
-            up = edge <= slot
-            code, below, above = np.where(up, tried, code), np.where(up, edge, below), np.where(up, above, edge)
+                up &= tried < curve.codes
+            code += up * (1 << bit)
+        below, above = curve.below(code), curve.below(code + 1)
         state = (above - below) * (state >> 16) + slot - below
         empty = state < TOTAL
         end = self.at + int(empty.sum())
