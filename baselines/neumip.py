@@ -122,9 +122,9 @@ class NeuMIP(Codec):
         progress = train(objective, fit, self.settings.steps, self.settings.patience)
         pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=progress))
         assert pyramid is not None
-        texture = store_texture("pyramid", pyramid, objective.rounded_table)
+        texture = store_texture("pyramid", pyramid, objective.rounded_table, Pyramid(btf.shape, count).levels)
         if offset is not None and objective.rounded_offset is not None:
-            texture |= store_texture("offset", offset, objective.rounded_offset)
+            texture |= store_texture("offset", offset, objective.rounded_offset, [btf.shape])
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         if count < level_count(btf.shape):
             other["levels"] = torch.tensor([count], dtype=torch.uint8)
@@ -135,12 +135,12 @@ class NeuMIP(Codec):
         networks = self.networks()
         load_vector(unpack("weights", parts.decoder), networks)
         height, width = parts.other["size"].tolist()
-        offset = load_texture("offset", parts.texture) if self.settings.offset else None
-        table = load_texture("pyramid", parts.texture)
         levels = int(parts.other["levels"]) if "levels" in parts.other else None
         if min(height, width) < 1 or not 1 <= (levels or 1) <= level_count((height, width)):
             raise ValueError(f"a pyramid of {levels} levels over {height} × {width} texels")
         pyramid = Pyramid((height, width), levels)
+        offset = load_texture("offset", parts.texture, [(height, width)]) if self.settings.offset else None
+        table = load_texture("pyramid", parts.texture, pyramid.levels)
         if len(table) != sum(pyramid.counts) or (offset is not None and len(offset) != height * width):
             raise ValueError(f"its textures do not fit {height} × {width} texels")
         return self.material(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)

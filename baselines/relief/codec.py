@@ -73,7 +73,7 @@ class Relief(Codec):
         fitting = ReliefObjective(levels, self._height(btf, gain, fit), self.settings, fit)
         train(fitting, fit, self.settings.steps)
         rounding = fitting.rounding
-        codes = compress(rounding.codes(fitting.latents), rounding.bits.tolist())
+        codes = compress(rounding.codes(fitting.latents).unflatten(0, btf.shape), rounding.bits.tolist())
         texture = {"latents": codes, "low": rounding.low, "step": rounding.step}
         if fitting.height is not None:
             codes, extent, _ = stepped(fitting.height.detach().cpu())

@@ -16,6 +16,7 @@ from bench.errors import InputError
 from bench.training.quantise import pack, unpack
 from bench.training.texture_codes import MOST_BITS, compress, expand
 
+Sizes = Sequence[tuple[int, int]] | None  # of pictures (H, W) whose texels a texture (N, C) holds
 Bits = Literal[0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 32]  # of a stored number, on average; 0: left to the fit, 16, 32: floats
 
 BEARABLE = 0.015  # share of the fit's squared error that rounding may add, if the fit chooses the bits
@@ -168,12 +169,15 @@ def rounded(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def store_texture(name: str, values: Tensor, rounding: Rounding) -> dict[str, Tensor]:
-    """A texture (…, C) as named tensors: codes, their steps, and the size of the texture; or floats."""
+def store_texture(name: str, values: Tensor, rounding: Rounding, sizes: Sizes = None) -> dict[str, Tensor]:
+    """A texture (…, C) as named tensors: codes, their steps, and the size of the texture; or floats.
+
+    A texture (N, C) may be of pictures of some sizes (H, W), one after the other; `load_texture` needs the same sizes.
+    """
     if rounding.wanted > MOST_BITS or not values.numel():
         return pack(name, values, "float32" if rounding.wanted == 32 else "half")
     return {
-        name: compress(rounding.codes(values), rounding.bits.tolist()),
+        name: compress(rounding.codes(values), rounding.bits.tolist(), sizes),
         f"{name}.low": rounding.low,
         f"{name}.step": rounding.step,
         f"{name}.size": torch.tensor(values.shape[:-1], dtype=torch.int32),
@@ -189,18 +193,18 @@ def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str
     return store_texture(name, values, rounding)
 
 
-def load_texture(name: str, tensors: dict[str, Tensor]) -> Tensor:
+def load_texture(name: str, tensors: dict[str, Tensor], sizes: Sizes = None) -> Tensor:
     """The texture (…, C), float32, that `store_texture` stored. `InputError` if the bytes hold no such texture."""
     if f"{name}.step" not in tensors:
         return unpack(name, tensors)
     size = tensors[f"{name}.size"].tolist()
-    return expand_texture(tensors[name], tensors[f"{name}.low"], tensors[f"{name}.step"], size)
+    return expand_texture(tensors[name], tensors[f"{name}.low"], tensors[f"{name}.step"], size, sizes)
 
 
-def expand_texture(data: Tensor, low: Tensor, step: Tensor, size: Sequence[int]) -> Tensor:
+def expand_texture(data: Tensor, low: Tensor, step: Tensor, size: Sequence[int], sizes: Sizes = None) -> Tensor:
     """The values (*size, C), float32, of compressed codes, and the lowest value and step (C,) of each channel."""
     if step.ndim != 1 or low.shape != step.shape:  # other shapes would be broadcast over all codes
         raise InputError(
             f"a texture of this file has steps {tuple(step.shape)} from {tuple(low.shape)}: encode it again"
         )
-    return expand(data, (*size, len(step))) * step + low
+    return expand(data, (*size, len(step)), sizes) * step + low

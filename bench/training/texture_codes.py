@@ -1,7 +1,8 @@
 """The bytes of a texture's codes, of one to eight bits a number, chosen for each channel.
 
-Codes are stored plane by plane in the shortest of three ways, which the first byte names: their bits alone, or LZMA's
-range coder, whose odds adapt to each plane, without context or with the code before as context. LZMA comes with Python.
+Codes are stored in the shortest of four ways, which the first byte names: plane by plane, their bits alone, or LZMA's
+range coder, whose odds adapt to each plane, without context or with the code before as context; or each by what its
+neighbours in the picture and the channels before predict (`predicted_codes`). LZMA comes with Python.
 """
 
 import lzma
@@ -13,14 +14,19 @@ import torch
 from torch import Tensor
 
 from bench.errors import InputError
+from bench.training import predicted_codes
 
 MOST_BITS = 8
 MOST_CODES = 1 << 25  # of a texture, if its bytes hold no more: packed bits give up to eight a byte, LZMA any number
-PACKED, PLAIN, IN_CONTEXT = range(3)  # the ways; LZMA's context are the high bits of the byte before
+MOST_PREDICTED = 1 << 22  # likewise, of codes that are predicted: some two seconds
+PACKED, PLAIN, IN_CONTEXT, PREDICTED = range(4)  # the ways; LZMA's context are the high bits of the byte before
 
 
-def compress(codes: Tensor, bits: list[int]) -> Tensor:
-    """Codes (…, C), those of each channel below 2^bits, as bytes (n,), uint8, without loss."""
+def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
+    """Codes (…, C), those of each channel below 2^bits, as bytes (n,), uint8, without loss.
+
+    Codes (N, C) are of pictures of some sizes (H, W), one after the other; without sizes no neighbours predict them.
+    """
     planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).reshape(-1, len(bits)).T)
     shifted = planes << (MOST_BITS - np.array(bits, np.uint8))[:, None]
     flags = [np.unpackbits(plane[:, None], axis=1)[:, :each] for plane, each in zip(shifted, bits, strict=True)]
@@ -29,26 +35,41 @@ def compress(codes: Tensor, bits: list[int]) -> Tensor:
         PLAIN: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(PLAIN, planes.size)),
         IN_CONTEXT: lzma.compress(shifted.tobytes(), lzma.FORMAT_RAW, filters=_coder(IN_CONTEXT, planes.size)),
     }
-    way = min((each for each in ways if codes.numel() <= _most(ways[each])), key=lambda each: len(ways[each]))
+    if pictures := _pictures(codes.shape, sizes):
+        ways[PREDICTED] = predicted_codes.encode(planes.T, np.array(bits), pictures)
+    way = min((each for each in ways if codes.numel() <= _most(each, ways[each])), key=lambda each: len(ways[each]))
     return torch.frombuffer(bytearray([way, *bits]) + ways[way], dtype=torch.uint8)
 
 
-def _most(payload: bytes) -> int:
+def _pictures(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> Sequence[tuple[int, int]]:
+    """The sizes of the pictures of codes (…, C); none if they are not known or take too many steps."""
+    if sizes is None:
+        sizes = [(math.prod(shape[:-2]), shape[-2])] if len(shape) > 2 else []
+    fits = sum(height * width for height, width in sizes) == math.prod(shape[:-1])
+    return sizes if sizes and fits and predicted_codes.feasible(sizes, shape[-1]) else []
+
+
+def _most(way: int, payload: bytes) -> int:
     """The largest number of codes to which some bytes may expand."""
-    return max(MOST_CODES, 8 * len(payload))
+    return max(MOST_PREDICTED if way == PREDICTED else MOST_CODES, 8 * len(payload))
 
 
-def expand(data: Tensor, shape: Sequence[int]) -> Tensor:
+def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
     """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most`."""
     channels, count = shape[-1], math.prod(shape)
-    if not len(data) or data[0] > IN_CONTEXT:
+    if not len(data) or data[0] > PREDICTED:
         raise InputError("a texture of this file does not say how it is stored: encode it again")
     way, bits, payload = int(data[0]), data[1 : 1 + channels].numpy(), data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or not ((bits >= 1) & (bits <= MOST_BITS)).all():
         raise InputError("a texture of this file does not say its bits: encode it again")
-    if min(shape) < 1 or count > _most(payload):
+    if min(shape) < 1 or count > _most(way, payload):
         raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")
-    size = count // channels
+    size, pictures = count // channels, _pictures(shape, sizes)
+    if way == PREDICTED:
+        if not pictures:
+            raise InputError("a texture of this file does not say how its codes lie: encode it again")
+        found = predicted_codes.decode(payload, bits.astype(np.int64), pictures)
+        return torch.from_numpy(found.reshape(tuple(shape)).astype(np.float32))
     if way == PACKED:
         flags = np.unpackbits(np.frombuffer(payload, np.uint8))
         ends = np.cumsum(bits.astype(int) * size)

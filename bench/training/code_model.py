@@ -1,0 +1,233 @@
+"""What predicts a code of a texture from its neighbours and from earlier channels, in integers alone.
+
+A code is predicted as a weighted sum of codes around it: of its channel, those before it; of channels before, all nine
+around. What remains follows Student's t, whose scale grows with the errors near by. Weights and shapes are chosen by
+the encoder and stored, so nothing is learned while decoding, and all channels and rows are decoded side by side: texel
+(x, y) of channel c at step x + 2 y + 4 c. Its symbols go to interleaved range coders (rANS: Duda 2013, Giesen 2014).
+Every number that decides about a symbol is an integer, so that a file decodes alike on every machine.
+"""
+
+import functools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import InputError
+
+Ints = NDArray[np.int64]
+Size = tuple[int, int]
+
+LAG = 4  # steps from a channel to the next: its nine neighbours are known by then
+OWN = [(0, -1), (-1, 0), (-1, -1), (-1, 1), (0, -2), (-2, 0)]  # (rows, columns) from a code to those of its channel
+AROUND = [(0, 0), (0, -1), (-1, 0), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)]  # and of an earlier one
+MOST_TERMS = 15  # of a prediction
+BACK = (255 - len(OWN)) // len(AROUND)  # channels that a term can reach back
+ONE = 64  # the fixed point of weights, predictions and activity
+SHAPES = (2, 4, 8, 64)  # degrees of freedom; all even, so that the distribution has a closed form
+FINE, REACH = 1024, 1 << 14  # entries of its table for a scale, and to each side
+TOTAL = 1 << 16  # of the frequencies of a symbol, and the least state of a coder
+USUAL = 51  # activity where none is known: 0.8 scales, a normal density's mean absolute error
+MOST_GUESS = 1 << 15
+MOST_STEPS = 1 << 14
+HEAD = 5  # bytes of a channel's parameters before its terms
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """Pictures one below the other in a frame of two rows above, one below, two columns left and one right."""
+
+    stride: int
+    plane: int  # numbers of a channel, frame included
+    cells: Ints  # (N,) where each texel is
+    shadows: Ints  # (N,) from a texel at the border to the place beyond it that repeats it; 0 elsewhere
+    order: Ints  # (N,) texels by x + 2 y
+    starts: Ints  # (steps + 1,) where each x + 2 y starts in `order`
+
+    @classmethod
+    def of(cls, sizes: Sequence[Size]) -> "Canvas":
+        stride, top = max(width for _, width in sizes) + 3, 0
+        rows, columns, shadows = [], [], []
+        for height, width in sizes:
+            y, x = np.divmod(np.arange(height * width), width)
+            rows.append(y + top)
+            columns.append(x)
+            shadows.append(np.where(x == 0, stride - 1, np.where(x == width - 1, 1, 0)))
+            top += height
+        y, x = np.concatenate(rows), np.concatenate(columns)
+        order = np.argsort(x + 2 * y, kind="stable")
+        starts = np.searchsorted((x + 2 * y)[order], np.arange(int((x + 2 * y).max()) + 2))
+        return cls(stride, (top + 3) * stride, (y + 2) * stride + x + 2, np.concatenate(shadows), order, starts)
+
+    def steps(self, channels: int) -> Iterator[tuple[Ints, Ints]]:
+        """The texels and channels (n,) of each step of decoding."""
+        count, channel = len(self.starts) - 1, np.arange(channels)
+        for step in range(count + LAG * (channels - 1)):
+            level = step - LAG * channel
+            some = channel[(level >= 0) & (level < count)]
+            start, end = self.starts[step - LAG * some], self.starts[step - LAG * some + 1]
+            sizes = end - start
+            if total := int(sizes.sum()):
+                place = np.arange(total) + np.repeat(start - np.cumsum(sizes) + sizes, sizes)
+                yield self.order[place], np.repeat(some, sizes)
+
+    def fill(self, planes: Ints, plane: int, values: Ints) -> None:
+        """Write the values (N,) of all texels to a plane, and what repeats them beyond the border."""
+        for cells in (self.cells, self.cells + self.shadows):
+            planes[plane * self.plane + cells] = values
+
+    def around(self, planes: NDArray[np.integer], cell: Ints) -> Ints:
+        """The mean (n,) of what is left of cells (n,) and above them."""
+        left, *above = (planes[cell - back].astype(np.int64) for back in (1, *(self.stride + i for i in (0, -1, 1))))
+        return 3 * (left + above[0]) + above[1] + above[2] >> 3
+
+    def offset(self, term: int) -> int:
+        """From a code to the one that a term reads, in an array of planes."""
+        if term < len(OWN):
+            return OWN[term][0] * self.stride + OWN[term][1]
+        back, around = divmod(term - len(OWN), len(AROUND))
+        return AROUND[around][0] * self.stride + AROUND[around][1] - (back + 1) * self.plane
+
+
+@dataclass
+class Model:
+    """What predicts the codes of C channels, on the scale of eight bits: stored as bytes, and used as it is stored."""
+
+    bits: Ints  # (C,)
+    middle: Ints  # (C,) the code that counts as 0
+    spread: Ints  # (C,) a small floating-point number: three bits of fraction below the exponent
+    mixture: Ints  # (C, 4) of the scale: constant, activity around, activity of the channel before; and the shape
+    terms: list[list[tuple[int, int]]]  # of each channel: what it reads, and its weight
+
+    def to_bytes(self) -> bytes:
+        out = bytearray()
+        for channel, terms in enumerate(self.terms):
+            constant, around, before, shape = self.mixture[channel].tolist()
+            out += bytes([self.middle[channel], self.spread[channel], constant << 4 | around, before << 4 | shape])
+            out += bytes([len(terms), *(term for term, _ in terms), *(weight & 255 for _, weight in terms)])
+        return bytes(out)
+
+    @classmethod
+    def from_bytes(cls, data: bytes, bits: Ints) -> tuple["Model", int]:
+        """A model, and the number of bytes that it takes."""
+        at, heads, terms = 0, [], list[list[tuple[int, int]]]()
+        for channel in range(len(bits)):
+            head = data[at : at + HEAD]
+            count = head[4] if len(head) == HEAD else MOST_TERMS + 1
+            body = np.frombuffer(data[at + HEAD : at + HEAD + 2 * count], np.int8)
+            read = body[:count].view(np.uint8).tolist()
+            sound = count <= MOST_TERMS and len(body) == 2 * count and head[1] < 128 and head[3] % 16 < len(SHAPES)
+            if not sound or max(read, default=0) >= len(OWN) + len(AROUND) * min(channel, BACK):
+                raise InputError("a texture of this file does not say how its codes are predicted: encode it again")
+            heads.append([head[0], head[1], head[2] >> 4, head[2] & 15, head[3] >> 4, head[3] & 15])
+            terms.append(list(zip(read, body[count:].tolist(), strict=True)))
+            at += HEAD + 2 * count
+        table = np.array(heads, np.int64)
+        return cls(bits, table[:, 0], table[:, 1], table[:, 2:], terms), at
+
+    @property
+    def scale(self) -> Ints:
+        """The scale (C,) of the errors, in which activity is measured."""
+        return (8 + (self.spread & 7)) << (self.spread >> 3)
+
+    def deviation(self, channel: Ints | int, around: Ints, before: Ints) -> Ints:
+        """The scale (n,) of what remains, from the activity near by."""
+        constant, of_around, of_before, _ = self.mixture[channel].T
+        share = constant * ONE + of_around * around + of_before * before
+        return np.maximum(self.scale[channel] * share >> 10, 1)
+
+    def value(self, channel: Ints | int, code: Ints) -> Ints:
+        """What a code (n,) stands for, on the scale of eight bits."""
+        return code - self.middle[channel] << 8 - self.bits[channel]
+
+    def guess(self, weighted: Ints) -> Ints:
+        """The prediction (n,) from the sums of weighted terms."""
+        return np.minimum(np.maximum(weighted, -MOST_GUESS), MOST_GUESS)
+
+    def activity(self, channel: Ints | int, value: Ints, guess: Ints, before: Ints) -> Ints:
+        """The activity (n,) of a texel up to this channel, from that up to the one before."""
+        here = np.abs(ONE * value - guess) * ((1 << 20) // self.scale[channel]) >> 14
+        return 3 * before + np.minimum(here, 255) >> 2
+
+    def taps(self, canvas: Canvas) -> tuple[Ints, NDArray[np.int32]]:
+        """The offsets and the weights, int32, (C, T) of the terms of each channel."""
+        offsets, weights = np.zeros((2, len(self.terms), max(1, *map(len, self.terms), 1)), np.int64)
+        for channel, terms in enumerate(self.terms):
+            for place, (term, weight) in enumerate(terms):
+                offsets[channel, place], weights[channel, place] = canvas.offset(term), weight
+        return offsets, weights.astype(np.int32)
+
+    def curve(self, channel: Ints | int, guess: Ints, steepness: Ints) -> "Curve":
+        """The distributions (n,) of codes; `steepness` is 2^26 over the deviation."""
+        bits = self.bits[channel]
+        first = ONE // 2 * (-2 * self.middle[channel] - 1 << 8 - bits)
+        return Curve(
+            (first - guess) * steepness,
+            (ONE << 8 - bits) * steepness,
+            self.mixture[channel, 3] * (2 * REACH) + REACH,
+            1 << bits,
+            TOTAL - (1 << bits),
+        )
+
+
+class Curve(NamedTuple):
+    """Distributions (n,) of codes: the place in the table where each code begins, times 2^16, is linear in the code."""
+
+    start: Ints
+    slope: Ints
+    middle: Ints  # of each one's table
+    codes: Ints
+    room: Ints  # TOTAL − codes, as each takes at least one
+
+    def inside(self, code: Ints) -> Ints:
+        """The frequencies (n,) of all codes below these, from 1 to the last."""
+        place = self.start + code * self.slope
+        place >>= 16
+        np.maximum(place, -REACH, out=place)
+        np.minimum(place, REACH - 1, out=place)
+        place += self.middle
+        found = cumulative().take(place)
+        found *= self.room
+        found >>= 16
+        found += code
+        return found
+
+    def below(self, code: Ints) -> Ints:
+        """The frequencies (n,) of all codes below these, 0 and the number of codes among them."""
+        return np.where(code <= 0, 0, np.where(code >= self.codes, TOTAL, self.inside(code)))
+
+    def part(self, some: slice) -> "Curve":
+        return Curve(*(each[some] for each in self))
+
+
+@functools.cache
+def cumulative() -> Ints:
+    """Student's t distributions of 2^16, one after the other (shapes · 2 REACH,), at every 1/FINE of a scale.
+
+    For 2 k degrees of freedom: 1/2 + 1/2 sin a Σ_{i<k} C(2 i, i) / 4^i cos^{2 i} a with tan a = t / √(2 k)
+    (Abramowitz and Stegun 1964, 26.7.4).
+    """
+    tables = []
+    square = np.arange(REACH, dtype=np.int64) ** 2
+    for freedom in SHAPES:
+        whole = freedom * FINE**2 + square
+        cosine = (freedom * FINE**2 << 24) // whole
+        term = total = np.full(REACH, 1 << 24)
+        for i in range(1, freedom // 2):
+            term = (term * cosine >> 24) * (2 * i - 1) // (2 * i)
+            total = total + term
+        upper = np.maximum.accumulate(TOTAL // 2 + (_root((square << 34) // whole) * total >> 26))
+        tables.append(np.concatenate([TOTAL - upper[-1:], TOTAL - upper[:0:-1], upper]))
+    return np.concatenate(tables)
+
+
+def _root(values: Ints) -> Ints:
+    """The whole square roots (n,)."""
+    found = np.full_like(values, 1 << 18)
+    while True:
+        better = found + values // np.maximum(found, 1) >> 1
+        if (better >= found).all():
+            return found
+        found = np.minimum(found, better)
