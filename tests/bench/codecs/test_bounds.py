@@ -86,6 +86,7 @@ def test_codes_are_bounded_by_the_bytes_that_hold_them():
 
 def test_a_texture_beyond_proportion_is_stored_so_that_it_can_be_read(monkeypatch):
     monkeypatch.setattr(coding, "MOST_CODES", 100)
+    monkeypatch.setattr(coding, "MOST_PREDICTED", 100)
     codes = torch.zeros(64, 64, 2)
     data = coding.compress(codes, [1, 2])
     assert data[0] == coding.PACKED

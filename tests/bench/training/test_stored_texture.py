@@ -45,7 +45,7 @@ def test_a_damaged_texture_says_so() -> None:
             expand(data[:5], (8, 8, 2))
         with pytest.raises(InputError, match="not 512"):
             expand(data, (16, 16, 2))
-        for wrong in (data[:0], torch.cat([torch.tensor([3], dtype=torch.uint8), data[1:]])):
+        for wrong in (data[:0], torch.cat([torch.tensor([4], dtype=torch.uint8), data[1:]])):
             with pytest.raises(InputError, match="does not say how it is stored"):
                 expand(wrong, (8, 8, 2))
         for wrong in (0, 9):
