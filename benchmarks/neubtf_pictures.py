@@ -3,21 +3,20 @@
     python benchmarks/neubtf_pictures.py --out docs/images --keep FOLDER [NAME ...]
 
 `--keep` holds the fitted files, which are not fitted again: NeuBTF on the left half of brick, gravel and satin (128²
-texels, as `benchmarks/propagation.py` fits them), once more on that of brick, at several scales; at 64² and in full,
-with the curves of the fits, what fails on cable-knit, and both codecs on satin. NAMEs choose among the pictures; by
-default all are drawn. Prints the figures that the page quotes.
+texels, as `benchmarks/propagation.py` fits them), once more on that of brick, at several scales; at 64² and by default
+settings, what fails on cable-knit. NAMEs choose among the pictures; by default all are drawn. Prints the figures that
+the page quotes.
 """
 
 import argparse
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
-from propagation import BRIEF, fitted, frontal, guided, left_half
+from propagation import BRIEF, compared, fitted, frontal, guided, heldout, opened, part_of
 from scipy.spatial import cKDTree
 from skimage import data
 
@@ -25,7 +24,6 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
-from bench.data.materials import load
 from bench.data.materials.maps import resize
 from bench.hemisphere import from_degrees, to_degrees
 from bench.material import Material
@@ -45,11 +43,12 @@ from neubtf.tileable import seam_of
 Array = np.ndarray
 SIZE = 128
 SMALL = 64  # of what is fitted in full
+LARGE = 13  # points of text that a telephone shows, too
 FAILING = "cable-knit"
 UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
-SCALES = (1, 3 / 4, 1 / 2, 3 / 8, 1 / 4, 1 / 8)
+SCALES = (1, 3 / 4, 1 / 2, 1 / 4, 1 / 8)
 # Half the steps show other slices, and half of those another scale, or none of them.
 SCALED = BRIEF | {"smallest": 0.5, "explore": 0.5, "steps": 3600}
 
@@ -61,22 +60,20 @@ class Bench:
         self.out, self.keep = out, keep
 
     def btf(self, name: str) -> BTF:
-        return load(name, size=SIZE, split="validation")
+        return opened(name, SIZE)
 
     def half(self, name: str, kind: str = "0", settings: dict[str, Any] = BRIEF) -> FittedMaterial:
         """NeuBTF, fitted to the left half of a material."""
         path = self.keep / f"{name}-{SIZE}-left-{kind}.nbtf"
-        return FittedMaterial.read(fitted(left_half(self.btf(name)), NeuBTF(keep_encoder=True, **settings), path))
+        return FittedMaterial.read(fitted(part_of(self.btf(name)), NeuBTF(keep_encoder=True, **settings), path))
 
-    def whole(self, name: str, codec: Codec) -> tuple[Material, list[dict[str, float]]]:
-        """A codec, fitted to the whole of a material at 64², and the curve of its fit."""
+    def whole(self, name: str, codec: Codec) -> Path:
+        """The file of a codec, fitted to the whole of a material at 64²."""
         path = self.keep / f"{name}-{SMALL}-{codec.name}.nbtf"
-        curve = path.with_suffix(".json")
-        if not curve.exists():
-            btf, fit = load(name, size=SMALL, split="validation"), Fit()
-            container.save(path, codec, codec.encode(btf.subset(btf.split().train), fit))
-            curve.write_text(json.dumps(fit.history))
-        return loading.load(path)[1], json.loads(curve.read_text())
+        if not path.exists():
+            btf = opened(name, SMALL)
+            container.save(path, codec, codec.encode(btf.subset(btf.split().train), Fit()))
+        return path
 
     def save(self, figure: Figure, name: str) -> None:
         path = self.out / f"neubtf-{name}"
@@ -98,15 +95,19 @@ def shot(material: Material, pair: Any, shown: float) -> Array:
 
 def lit_from(pair: Any) -> str:
     (view, _), (light, azimuth) = pair
-    seen = f"seen from {view:g}°, " if view else ""
+    seen = f"seen from {view:g}°,\n" if view else ""
     return f"{seen}lit from {light:g}°" + (f", φ {azimuth:g}°" if light else "")
 
 
-def grid(rows: Sequence[Sequence[Array]], titles: Sequence[str], names: Sequence[str], side: float = 1.9) -> Figure:
-    """Pictures in rows and columns, titles above and names beside."""
+def grid(
+    rows: Sequence[Sequence[Array]], titles: Sequence[str], names: Sequence[str], side: float = 1.9, text: float = 8
+) -> Figure:
+    """Pictures in rows and columns, titles above and names beside, in so many points."""
     shape = rows[0][0].shape
-    high = side * shape[0] / shape[1]
-    figure = Figure(figsize=(side * len(titles) + 0.3, high * len(rows) + 0.3), layout="constrained")
+    high, lines = side * shape[0] / shape[1], 1 + max(title.count("\n") for title in titles)
+    figure = Figure(
+        figsize=(side * len(titles) + text / 27, high * len(rows) + lines * text / 27), layout="constrained"
+    )
     figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02, wspace=0, hspace=0)  # type: ignore[union-attr]
     every: Any = figure.subplots(len(rows), len(titles), squeeze=False)
     for axes_row, pictures, name in zip(every, rows, names, strict=True):
@@ -114,27 +115,29 @@ def grid(rows: Sequence[Sequence[Array]], titles: Sequence[str], names: Sequence
             axes.imshow(picture, interpolation="nearest")
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_visible(False)
-        axes_row[0].set_ylabel(name, fontsize=8)
+        axes_row[0].set_ylabel(name, fontsize=text)
     for axes, title in zip(every[0], titles, strict=True):
-        axes.set_title(title, fontsize=8)
+        axes.set_title(title, fontsize=text)
     return figure
 
 
 def draw_propagation(bench: Bench) -> None:
     """Fitted to the left of the line, guided by the whole: truth and what was propagated, at held-out pairs."""
-    rows = []
-    names = ("brick", "gravel", "satin")
-    for name in names:
+    rows, labels = [], []
+    for name in ("brick", "gravel", "satin"):
         btf, source = bench.btf(name), bench.half(name)
         material = guided(source, frontal(btf), Treatment(exposure=RADIANCE))
+        found = compared(btf, material, (SIZE, SIZE // 2))
+        seen, rest = (f"{-10 * np.log10(error):.1f}" for error in (found.seen, found.rest))
+        labels.append(f"{name}\n{seen} | {rest} dB")
         shown = exposure(btf)
         row = [to_display(frontal(btf), shown)]
         for pair in _near(btf, PAIRS[1]), _near(btf, PAIRS[3]):
             ours = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist()).numpy()
             row += [to_display(btf[pair], shown), to_display(ours, shown)]
         rows.append(row)
-    titles = ["guidance", "truth, lit aslant", "NeuBTF", "truth, seen aslant", "NeuBTF"]
-    figure = grid(rows, titles, names)
+    titles = ["guidance", "truth,\nlit aslant", "NeuBTF", "truth,\nseen aslant", "NeuBTF"]
+    figure = grid(rows, titles, labels, text=LARGE)
     for axes in figure.axes:
         axes.axvline(SIZE / 2 - 0.5, color="white", linewidth=0.8, linestyle=(0, (3, 3)))
     bench.save(figure, "propagation.jpg")
@@ -142,7 +145,7 @@ def draw_propagation(bench: Bench) -> None:
 
 def _near(btf: BTF, pair: Any) -> int:
     """The held-out pair nearest to a view and a light."""
-    held = btf.split().heldout["heldout"]
+    held = heldout(btf)
     wo, wi = (np.array(direction(angles)) for angles in pair)
     return int(held[np.argmax(btf.wo[held] @ wo + btf.wi[held] @ wi)])
 
@@ -157,8 +160,8 @@ def draw_photograph(bench: Bench) -> None:
         small = resize(picture, material.size)
         rows.append([encode_srgb(small), *(shot(material, pair, source.exposure) for pair in PAIRS[:3])])
     rows = [[picture[:200, :200] for picture in row] for row in rows]
-    titles = ["photograph, a part", *(lit_from(pair) for pair in PAIRS[:3])]
-    bench.save(grid(rows, titles, ["gravel", "grass, as gravel"], 2.1), "photograph.jpg")
+    titles = ["photograph,\na part", *(lit_from(pair) for pair in PAIRS[:3])]
+    bench.save(grid(rows, titles, ["gravel", "grass,\nas gravel"], 2.1, LARGE), "photograph.jpg")
 
 
 def draw_tileable(bench: Bench) -> None:
@@ -171,30 +174,30 @@ def draw_tileable(bench: Bench) -> None:
         material = guided(source, picture, Treatment(scale=SIZE / 210, margin=margin))
         ratios = seam_of(material, pairs)
         told = " and ".join(f"{seam.of_mean:.2f}" for seam in ratios)
-        titles.append(f"{name}: gradient across the\nborders over those inside: {told}")
+        titles.append(f"{name}\n{told}")
         largest = ", ".join(f"{seam.of_largest:.2f}" for seam in ratios)
         print(f"tileable, {name}: of the mean {told}, of the largest {largest}")
         tile = np.tile(shot(material, PAIRS[2], source.exposure), (2, 2, 1))
         side = min(tile.shape[:2])
         row.append(tile[:side, :side])
     least = min(picture.shape[0] for picture in row)
-    bench.save(grid([[picture[:least, :least] for picture in row]], titles, [""], 3.4), "tileable.jpg")
+    bench.save(grid([[picture[:least, :least] for picture in row]], titles, [""], 3.4, LARGE), "tileable.jpg")
 
 
 def draw_edits(bench: Bench) -> None:
     """Structures that the materials never had."""
     rows, names = [], []
     for name, structure, what in (
-        ("brick", hexagons(), "a drawing, as brick"),
-        ("satin", jacquard(), "a weaver's draft, as satin"),
-        ("gravel", decode_srgb(data.coins()[2:290:2, 10:370:2] / 255), "coins, as gravel"),
+        ("brick", hexagons(), "a drawing,\nas brick"),
+        ("satin", jacquard(), "a draft,\nas satin"),
+        ("gravel", decode_srgb(data.coins()[2:290:2, 10:370:2] / 255), "coins,\nas gravel"),
     ):
         source = bench.half(name)
         picture = np.repeat(structure[..., None], 3, 2).astype(np.float32)
         material = guided(source, picture, Treatment())
         rows.append([encode_srgb(picture), *(shot(material, pair, source.exposure) for pair in EDITED)])
         names.append(what)
-    bench.save(grid(rows, ["guidance", *(lit_from(pair) for pair in EDITED)], names, 2.3), "edits.jpg")
+    bench.save(grid(rows, ["guidance", *(lit_from(pair) for pair in EDITED)], names, 2.3, LARGE), "edits.jpg")
 
 
 def hexagons(side: float = 26, joint: float = 3) -> Array:
@@ -232,7 +235,7 @@ def levels(source: FittedMaterial, btf: BTF) -> list[list[float]]:
     for scale in SCALES:
         small = guided(source, own, Treatment(scale=scale, exposure="1"))
         errors = []
-        for pair in btf.split().heldout["heldout"][::3]:
+        for pair in heldout(btf)[::3]:
             at = (btf.wo[pair].tolist(), btf.wi[pair].tolist())
             truth, after, before = (
                 to_display(resize(each, small.size), shown)
@@ -253,69 +256,63 @@ def draw_latents(bench: Bench) -> None:
 
 def draw_failure(bench: Bench) -> None:
     """Relief so strong that it hides itself: NeuBTF without parallax against NeuMIP, which shifts its texels."""
-    btf = load(FAILING, size=SMALL, split="validation")
-    codecs = [load_codec(name)() for name in ("neubtf", "neubtf-direct", "neumip")]
-    materials = [bench.whole(FAILING, codec)[0] for codec in codecs]
+    btf = opened(FAILING, SMALL)
+    files = {name: bench.whole(FAILING, load_codec(name)()) for name in ("neubtf", "neumip")}
+    materials = {name: loading.load(path)[1] for name, path in files.items()}
     ssim = metric_of(default_names(btf.periodic), SSIM)
     scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
-    held = btf.split().heldout["heldout"]
+    held = heldout(btf)
     ring = np.digitize(to_degrees(btf.wo[held])[0], THETA_EDGES_DEG[1:-1])
-    figure = Figure(figsize=(9, 7), layout="constrained")
-    top, bottom = figure.subfigures(2, 1, height_ratios=[1, 1.5])
+    rings = [ring == i for i in range(5)]
+    figure = Figure(figsize=(8, 8.6), layout="constrained")
+    top, bottom = figure.subfigures(2, 1, height_ratios=[1, 2])
     panels: Any = top.subplots(1, 2)
-    print("| θ_o in degrees | pairs | " + " | ".join(f"{c.name}, dB | {c.name}, SSIM" for c in codecs) + " |")
-    print("|" + " --- |" * (2 + 2 * len(codecs)))
     columns = []
-    for codec, material, style in zip(codecs, materials, ("o-", "^:", "s--"), strict=True):
+    for (name, material), style in zip(materials.items(), ("o-", "s--"), strict=True):
         scores = scorer.score(held, lambda i, m=material: m.slice(btf.wo[i].tolist(), btf.wi[i].tolist()).numpy())
-        rings = [ring == i for i in range(5)]
         psnr = [-10 * np.log10(scores.raw["psnr_display"][here].mean()) for here in rings]
         alike = [scores.raw[ssim][here].mean() for here in rings]
         columns += [psnr, alike]
+        label = f"{name}, {files[name].stat().st_size / 1e3:.0f} kB"
         for axes, values in zip(panels, (psnr, alike), strict=True):
-            axes.plot(np.arange(5) * 15 + 7.5, values, style, label=codec.name)
-    for i, values in enumerate(zip(*columns, strict=True)):
-        cells = [f"{15 * i}–{15 * i + 15}", str(int((ring == i).sum()))]
-        print(
-            "| " + " | ".join(cells + [f"{v:.2f}" if k % 2 == 0 else f"{v:.3f}" for k, v in enumerate(values)]) + " |"
-        )
+            axes.plot(np.arange(5) * 15 + 7.5, values, style, label=label)
+    _print_rings(materials, rings, columns)
     for axes, what in zip(panels, ("display PSNR, dB", "SSIM"), strict=True):
-        axes.set(xlabel="angle of view θₒ in degrees", ylabel=what, xticks=range(0, 76, 15))
+        axes.set_xlabel("angle of view θₒ in degrees", fontsize=LARGE)
+        axes.set_title(what, fontsize=LARGE)
+        axes.set_xticks(range(0, 76, 15))
+        axes.tick_params(labelsize=LARGE)
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
-    panels[0].legend(frameon=False)
-    _draw_slices(bottom, btf, codecs, materials)
+    panels[1].legend(frameon=False, fontsize=LARGE)
+    _draw_slices(bottom, btf, materials)
     bench.save(figure, "failure.png")
 
 
-def _draw_slices(place: Any, btf: BTF, codecs: Sequence[Codec], materials: Sequence[Material]) -> None:
-    """Truth and codecs, from above and from a grazing view."""
+def _print_rings(names: Iterable[str], rings: Sequence[Array], columns: Sequence[Sequence[float]]) -> None:
+    """The table of PSNR and SSIM of each codec by angle of view."""
+    print("| θₒ in degrees | pairs | " + " | ".join(f"{name}, dB | SSIM" for name in names) + " |")
+    print("|" + " --- |" * (2 + len(columns)))
+    for i, values in enumerate(zip(*columns, strict=True)):
+        told = [f"{value:.{(1, 3)[k % 2]}f}" for k, value in enumerate(values)]
+        print("| " + " | ".join([f"{15 * i}–{15 * i + 15}", str(int(rings[i].sum())), *told]) + " |")
+
+
+def _draw_slices(place: Any, btf: BTF, materials: Mapping[str, Material]) -> None:
+    """Truth and codecs, from above and from a grazing view, with the PSNR of each slice."""
     shown = exposure(btf)
-    every = place.subplots(2, 1 + len(codecs))
+    every = place.subplots(2, 1 + len(materials))
     for row, pair in enumerate((_near(btf, (UP, (30.0, 45.0))), _near(btf, ((70.0, 270.0), (30.0, 45.0))))):
         at = (btf.wo[pair].tolist(), btf.wi[pair].tolist())
-        pictures = [btf[pair], *(material.slice(*at).numpy() for material in materials)]
-        view = float(to_degrees(btf.wo[pair])[0])
-        for axes, picture, name in zip(every[row], pictures, ["truth", *(c.name for c in codecs)], strict=True):
-            axes.imshow(to_display(picture, shown), interpolation="nearest")
+        truth = to_display(btf[pair], shown)
+        pictures = {f"truth, θₒ = {float(to_degrees(btf.wo[pair])[0]):.0f}°": truth}
+        for name, material in materials.items():
+            ours = to_display(material.slice(*at).numpy(), shown)
+            pictures[f"{name}, {-10 * np.log10(np.square(ours - truth).mean()):.1f} dB"] = ours
+        for axes, (name, picture) in zip(every[row], pictures.items(), strict=True):
+            axes.imshow(picture, interpolation="nearest")
             axes.set_axis_off()
-            axes.set_title(f"{name}, θₒ = {view:.0f}°", fontsize=7)
-
-
-def draw_speed(bench: Bench) -> None:
-    """How soon each of the two codecs is how good: the curves of their fits, one thread each."""
-    figure = Figure(figsize=(6.4, 3), layout="constrained")
-    axes = figure.subplots()
-    for name, style in (("neubtf-direct", "--"), ("neubtf", "-")):
-        _, curve = bench.whole("satin", load_codec(name)())
-        steps, seconds, psnr = ([point[key] for point in curve] for key in ("step", "seconds", "psnr"))
-        axes.plot(seconds, psnr, style, label=name)
-        print(f"{name}: {psnr[-1]:.2f} dB after {steps[-1]} steps and {seconds[-1]:.0f} s")
-    axes.set(xlabel="seconds of the fit", ylabel="display PSNR, dB", xscale="log")
-    axes.legend(frameon=False)
-    axes.grid(alpha=0.25)
-    axes.spines[["top", "right"]].set_visible(False)
-    bench.save(figure, "speed.png")
+            axes.set_title(name, fontsize=LARGE)
 
 
 DRAWINGS: dict[str, Callable[[Bench], None]] = {
