@@ -31,7 +31,7 @@ FINE, REACH = 1024, 1 << 14  # entries of its table for a scale, and to each sid
 TOTAL = 1 << 16  # of the frequencies of a symbol, and the least state of a coder
 USUAL = 51  # activity where none is known: 0.8 scales, a normal density's mean absolute error
 MOST_GUESS = 1 << 15
-MOST_STEPS = 1 << 14
+MOST_STEPS = 1 << 12  # of decoding: some two seconds
 HEAD = 5  # bytes of a channel's parameters before its terms
 
 
