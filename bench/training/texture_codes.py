@@ -18,7 +18,7 @@ from bench.training import predicted_codes
 
 MOST_BITS = 8
 MOST_CODES = 1 << 25  # of a texture, if its bytes hold no more: packed bits give up to eight a byte, LZMA any number
-MOST_PREDICTED = 1 << 22  # likewise, of codes that are predicted: some two seconds
+MOST_PREDICTED = 1 << 22  # that are predicted: more would take over three seconds to open
 PACKED, PLAIN, IN_CONTEXT, PREDICTED = range(4)  # the ways; LZMA's context are the high bits of the byte before
 
 
@@ -35,7 +35,7 @@ def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | 
         PLAIN: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(PLAIN, planes.size)),
         IN_CONTEXT: lzma.compress(shifted.tobytes(), lzma.FORMAT_RAW, filters=_coder(IN_CONTEXT, planes.size)),
     }
-    if pictures := _pictures(codes.shape, sizes):
+    if codes.numel() <= MOST_PREDICTED and (pictures := _pictures(codes.shape, sizes)):
         ways[PREDICTED] = predicted_codes.encode(planes.T, np.array(bits), pictures)
     way = min((each for each in ways if codes.numel() <= _most(each, ways[each])), key=lambda each: len(ways[each]))
     return torch.frombuffer(bytearray([way, *bits]) + ways[way], dtype=torch.uint8)
