@@ -3,9 +3,9 @@
     python benchmarks/neubtf_pictures.py --out docs/images --keep FOLDER [NAME ...]
 
 `--keep` holds the fitted files, which are not fitted again: NeuBTF on the left half of brick, gravel and satin (128²
-texels, as `benchmarks/propagation.py` fits them), once more on that of brick, at several scales; at 64² and by default
-settings, what fails on cable-knit. NAMEs choose among the pictures; by default all are drawn. Prints the figures that
-the page quotes.
+texels, as `benchmarks/propagation.py` fits them), once more on that of brick, at several scales; at 64² and with
+2,500 steps, what fails on cable-knit. NAMEs choose among the pictures; by default all are drawn. Prints the figures
+that the page quotes.
 """
 
 import argparse
@@ -257,7 +257,7 @@ def draw_latents(bench: Bench) -> None:
 def draw_failure(bench: Bench) -> None:
     """Relief so strong that it hides itself: NeuBTF without parallax against NeuMIP, which shifts its texels."""
     btf = opened(FAILING, SMALL)
-    files = {name: bench.whole(FAILING, load_codec(name)()) for name in ("neubtf", "neumip")}
+    files = {name: bench.whole(FAILING, load_codec(name)(steps=2_500)) for name in ("neubtf", "neumip")}
     materials = {name: loading.load(path)[1] for name, path in files.items()}
     ssim = metric_of(default_names(btf.periodic), SSIM)
     scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
