@@ -31,13 +31,17 @@ FINE, REACH = 1024, 1 << 14  # entries of its table for a scale, and to each sid
 TOTAL = 1 << 16  # of the frequencies of a symbol, and the least state of a coder
 USUAL = 51  # activity where none is known: 0.8 scales, a normal density's mean absolute error
 MOST_GUESS = 1 << 15
-MOST_STEPS = 1 << 12  # of decoding: some two seconds
+FEW_STEPS = 1 << 10  # some tenths of a second
+LEAST_CODES = 64  # of each further step, or its time is NumPy's, not theirs
 HEAD = 5  # bytes of a channel's parameters before its terms
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """Pictures one below the other in a frame of two rows above, one below, two columns left and one right."""
+    """Pictures one below the other in a frame of two rows above, one below, two columns left and one right.
+
+    Much higher than wide, they are laid on their side: that takes fewer steps.
+    """
 
     stride: int
     plane: int  # numbers of a channel, frame included
@@ -48,10 +52,13 @@ class Canvas:
 
     @classmethod
     def of(cls, sizes: Sequence[Size]) -> "Canvas":
-        stride, top = max(width for _, width in sizes) + 3, 0
+        tall = is_tall(sizes)
+        stride, top = max(height if tall else width for height, width in sizes) + 3, 0
         rows, columns, shadows = [], [], []
         for height, width in sizes:
             y, x = np.divmod(np.arange(height * width), width)
+            if tall:
+                x, y, height, width = y, x, width, height
             rows.append(y + top)
             columns.append(x)
             shadows.append(np.where(x == 0, stride - 1, np.where(x == width - 1, 1, 0)))
@@ -89,6 +96,20 @@ class Canvas:
             return OWN[term][0] * self.stride + OWN[term][1]
         back, around = divmod(term - len(OWN), len(AROUND))
         return AROUND[around][0] * self.stride + AROUND[around][1] - (back + 1) * self.plane
+
+
+def is_tall(sizes: Sequence[Size]) -> bool:
+    """Whether pictures one below the other are more than twice as high as wide."""
+    return sum(height for height, _ in sizes) > 2 * max(width for _, width in sizes)
+
+
+def feasible(sizes: Sequence[Size], channels: int) -> bool:
+    """Whether pictures of these sizes have texels, and take a number of steps that suits the number of codes."""
+    if min(min(size) for size in sizes) < 1:
+        return False
+    sides = [size[::-1] for size in sizes] if is_tall(sizes) else sizes
+    steps = max(width for _, width in sides) + 2 * sum(height for height, _ in sides) + LAG * channels
+    return steps <= FEW_STEPS + channels * sum(height * width for height, width in sizes) // LEAST_CODES
 
 
 @dataclass

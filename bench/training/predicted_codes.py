@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.errors import InputError
 from bench.training.code_fit import fitted
-from bench.training.code_model import LAG, MOST_STEPS, TOTAL, USUAL, Canvas, Curve, Ints, Model, Size
+from bench.training.code_model import TOTAL, USUAL, Canvas, Curve, Ints, Model, Size
 
 Codes = NDArray[np.uint8]
 Step = Callable[[Ints, Ints, Curve], Ints]  # the codes (n,) of texels and channels with some distributions
@@ -60,12 +60,6 @@ def decode(data: bytes, bits: Ints, sizes: Sequence[Size]) -> Codes:
     _walk(model, canvas, read)
     reader.close()
     return codes
-
-
-def feasible(sizes: Sequence[Size], channels: int) -> bool:
-    """Whether pictures of these sizes take a bearable number of steps, and have texels at all."""
-    steps = max(width for _, width in sizes) + 2 * sum(height for height, _ in sizes) + LAG * channels
-    return min(min(size) for size in sizes) > 0 and steps <= MOST_STEPS
 
 
 def _lanes(count: int) -> int:

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from bench.errors import InputError
 from bench.training import predicted_codes
+from bench.training.code_model import feasible
 
 MOST_BITS = 8
 MOST_CODES = 1 << 25  # of a texture, if its bytes hold no more: packed bits give up to eight a byte, LZMA any number
@@ -46,7 +47,7 @@ def _pictures(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> 
     if sizes is None:
         sizes = [(math.prod(shape[:-2]), shape[-2])] if len(shape) > 2 else []
     fits = sum(height * width for height, width in sizes) == math.prod(shape[:-1])
-    return sizes if sizes and fits and predicted_codes.feasible(sizes, shape[-1]) else []
+    return sizes if sizes and fits and feasible(sizes, shape[-1]) else []
 
 
 def _most(way: int, payload: bytes) -> int:
