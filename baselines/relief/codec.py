@@ -43,7 +43,7 @@ from bench.training import (
 class Relief(Codec):
     """Relief: heights found in the slices and marched, latents of few bits, directions in learned shading frames."""
 
-    name, version = "relief", 4
+    name, version = "relief", 3
     sizes = ("latents", "width")
 
     @dataclass(frozen=True)
