@@ -57,7 +57,7 @@ class Hierarchical(NeuMIP):
     }
     """
 
-    name, version = "hierarchical", 1
+    name, version = "hierarchical", 2
     sizes = ("channels",)
     recipes: ClassVar = {
         "paper": {
@@ -211,7 +211,7 @@ class HierarchicalNetworks(Networks):
         place = self.placed(uv, each, pyramid.side)
         look = pyramid.sample if level.is_floating_point() else pyramid.fetch
         if offset is not None:
-            uv = self.move(uv, look(offset, uv, torch.zeros_like(each)), wo.repeat_interleave(texels, 0))
+            uv = self.move(uv, look(offset, uv, torch.zeros_like(each)), wo.repeat_interleave(texels, 0), pyramid.reach)
         latents = look(table, uv, each)
         numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), side, side))
         out = self.decoder(self.seen(wo, wi), numbers)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.btf import BTF
+from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
@@ -46,7 +46,7 @@ from bench.training import (
     unpack,
 )
 
-WIDTHS = (25, 25, 25)
+WIDTHS = (25, 25, 25)  # of the offset network
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
 LOWEST_COSINE = 0.6  # least z of the view: below it, the offset stops growing
 COARSE_SHARE = 4  # one of this many samples is of a coarser level
@@ -76,7 +76,7 @@ class NeuMIP(Codec):
     }
     """
 
-    name, version = "neumip", 4
+    name, version = "neumip", 5
     sizes = ("channels",)
     recipes: ClassVar = {
         "paper": {
@@ -101,6 +101,7 @@ class NeuMIP(Codec):
         rate: Positive = 1e-2  # highest learning rate
         directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
         channels: Width = 7  # of the pyramid, and of the offset texture
+        width: Width = 25  # of the decoder's hidden layers
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
         offset: bool = True  # the neural offset; without it the decoder alone
         blur: bool = False  # blur the textures at first, less and less, as the authors do
@@ -170,9 +171,11 @@ class Pyramid(nn.Module):
         self.counts, self.side = counts, max(size)
         self.register_buffer("sizes", torch.tensor(self.levels), persistent=False)
         self.register_buffer("starts", torch.tensor([sum(counts[:i]) for i in range(len(counts))]), persistent=False)
+        self.register_buffer("reach", OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
 
     sizes: Tensor
     starts: Tensor
+    reach: Tensor  # (2,), of an offset of 1 along u and v: equally far on the surface
 
     def level(self, footprint: Tensor) -> Tensor:
         """The level (n,) of footprints (n,) in texture units: log2 of texels, within the pyramid."""
@@ -227,17 +230,17 @@ class Networks(nn.Module):
 
     def __init__(self, settings: Any, generator: torch.Generator | None = None):
         super().__init__()
-        self.directions = settings.directions
-        self.decoder: Any = self.first(settings, generator)
+        self.directions, self.decoder = settings.directions, self.first(settings, generator)
         self.offset = Decoder(Architecture(settings.channels + 2, WIDTHS, 1), generator) if settings.offset else None
         self.register_buffer("to_rgb", torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
 
     to_rgb: Tensor
+    decoder: Any
 
     def first(self, settings: Any, generator: torch.Generator | None) -> nn.Module:
         """The decoder, as a fit starts with it."""
         inputs = COUNTS[settings.directions] + settings.channels
-        return Decoder(Architecture(inputs, WIDTHS, settings.outputs), generator)
+        return Decoder(Architecture(inputs, (settings.width,) * len(WIDTHS), settings.outputs), generator)
 
     def start_at(self, level: Tensor) -> None:
         """Set the networks to answer one log radiance (3,) for any latents, with the mask half open."""
@@ -246,12 +249,12 @@ class Networks(nn.Module):
         outputs[:3] = torch.linalg.solve(self.to_rgb.T, rgb)
         self.decoder.start_at(outputs)
 
-    def move(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
+    def move(self, uv: Tensor, latents: Tensor, wo: Tensor, reach: Tensor) -> Tensor:
         """uv (n, 2) shifted along the view wo (n, 3) by the offset network's output for latents (n, 7)."""
         assert self.offset is not None
         xy = wo[:, :2]
-        depth = OFFSET_SCALE * self.offset(torch.cat([latents, xy], 1))
-        return uv + depth.to(uv.dtype) * xy / wo[:, 2:].clamp_min(LOWEST_COSINE)
+        depth = self.offset(torch.cat([latents, xy], 1))
+        return uv + depth.to(uv.dtype) * (xy * reach) / wo[:, 2:].clamp_min(LOWEST_COSINE)
 
     def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """gain · radiance (n, 3), not clamped, of latents (n, 7): YUV → RGB → expm1, times a mask if there is one."""
@@ -266,7 +269,7 @@ def answer(
     """gain · radiance (n, 3) of queries (uv, wo, wi, level); `offset` (H · W, 7) is of the finest level."""
     uv, wo, wi, level = queries
     if offset is not None:
-        uv = networks.move(uv, pyramid.fetch(offset, uv, torch.zeros_like(level, dtype=torch.long)), wo)
+        uv = networks.move(uv, pyramid.fetch(offset, uv, torch.zeros_like(level, dtype=torch.long)), wo, pyramid.reach)
     return networks.colour(pyramid.fetch(table, uv, level), wo, wi)
 
 
@@ -362,10 +365,8 @@ def blur(texture: Tensor, size: tuple[int, int], sigma: float) -> Tensor:
     """A periodic texture (H · W, C) convolved with a Gaussian of σ in texels, by its transfer exp(−2 π² σ² f²)."""
     height, width = size
     device = texture.device
-    square = (
-        torch.fft.fftfreq(height, device=device).square()[:, None] + torch.fft.rfftfreq(width, device=device).square()
-    )
-    transfer = (-2 * (math.pi * sigma) ** 2 * square).exp()[..., None]
+    down, across = torch.fft.fftfreq(height, device=device), torch.fft.rfftfreq(width, device=device)
+    transfer = (-2 * (math.pi * sigma) ** 2 * (down.square()[:, None] + across.square())).exp()[..., None]
     spectrum = torch.fft.rfft2(texture.reshape(height, width, -1), dim=(0, 1))
     return torch.fft.irfft2(spectrum * transfer, s=size, dim=(0, 1)).reshape(height * width, -1)
 
@@ -395,6 +396,6 @@ class NeuMIPMaterial(Material):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         if self.offset is not None:
             texture = self.offset.unflatten(0, self.size)
-            uv = self.networks.move(uv, sample_texture(texture, uv), wo)
+            uv = self.networks.move(uv, sample_texture(texture, uv), wo, self.pyramid.reach)
         latents = self.pyramid.sample(self.table, uv, self.pyramid.level(footprint))
         return self.networks.colour(latents, wo, wi) / self.gain

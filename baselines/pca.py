@@ -49,14 +49,14 @@ class PCA(Codec):
     }
     """
 
-    name, version = "pca", 3
+    name, version = "pca", 4
     interpolates, sizes = True, ("components",)
 
     @dataclass(frozen=True)
     class Settings:
         components: Count = 16  # eigen-ABRDFs; fewer if the data have a lower rank
         domain: Literal["log", "rgb"] = "log"  # decomposed quantity: log1p(8 · exposure · x) or x itself
-        bits: Bits = 0  # bits of a stored number on average; 0: chosen by the data; 16, 32: floats; mean: 16 at least
+        bits: Bits = 0  # bits of a stored number on average; 0: chosen by the data; 16, 32: floats
         passes: Annotated[int, Range(2, 1000)] = 4  # passes over the data; one if they are small
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
@@ -71,10 +71,16 @@ class PCA(Codec):
         pairs, values = probed(btf, fit, level)
         known, rows = mean[pairs].reshape(-1, 1), basis[pairs].flatten(0, 1)
         rounding = rounded_coefficients(texture, bits, known, rows, values)
-        coefficients = factors.coefficients
+        coefficients, decoder = factors.coefficients, dict[str, Tensor]()
+        if log:  # the mean is one more component, whose coefficient is 1
+            basis = torch.cat([mean[..., None], basis], 2)
+            rows, coefficients = basis[pairs].flatten(0, 1), functional.pad(coefficients, (0, 0, 1, 0), value=1.0)
+            known = torch.zeros_like(known)
+        else:  # its range is that of the highlights, so eight bits are too few
+            decoder = pack("mean", mean, "float32" if bits == 32 else "half")
         of_basis = round_after(rows, bits, lambda rows: known + rows @ coefficients, values).fit_to(basis)
         return Parts(
-            decoder=pack("mean", mean, "float32" if bits == 32 else "half") | store_texture("basis", basis, of_basis),
+            decoder=decoder | store_texture("basis", basis, of_basis),
             texture=store_texture("coefficients", texture, rounding),
             other={"gain": torch.tensor([gain]), **pack_layout(btf.layout)},
         )
@@ -111,9 +117,12 @@ class PCA(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         texture = load_texture("coefficients", parts.texture)
-        mean, basis = unpack("mean", parts.decoder), load_texture("basis", parts.decoder)
-        table = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1): the mean's coefficient is 1
+        table = load_texture("basis", parts.decoder)
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
+        if gain is None:
+            table = torch.cat([unpack("mean", parts.decoder)[..., None], table], 2)
+        if table.ndim != 3 or table.shape[2] != texture.shape[2] + 1:  # (N, 3, k + 1): the mean's coefficient is 1
+            raise ValueError(f"components {tuple(table.shape)} for coefficients {tuple(texture.shape)}")
         return PCAMaterial(texture, table, PairInterpolator(unpack_layout(parts.other, len(table))), gain).to(device)
 
 

@@ -30,7 +30,7 @@ from bench.training import (
     groups_of,
 )
 
-WIDTHS = (106, 106, 106, 106)
+WIDTH, LAYERS = 106, 4  # of the decoder, as published
 CONVOLUTIONS = ((16, 7), (32, 5), (64, 5))  # channels and kernel of the encoder's layers
 STRIDE = 4
 STATISTICS = 6  # channels of mean and deviation
@@ -42,9 +42,11 @@ Directions = Literal["stereographic", "xyzh"]
 COUNTS = {"stereographic": 4, "xyzh": 9}  # numbers of two directions
 
 
-def architecture(latents: int, activation: Activation, directions: Directions = "stereographic") -> Architecture:
+def architecture(
+    latents: int, activation: Activation, directions: Directions = "stereographic", width: int = WIDTH
+) -> Architecture:
     """The decoder for a number of latents: latents and two directions → four layers → colour."""
-    return Architecture(latents + COUNTS[directions], WIDTHS, activation=activation)
+    return Architecture(latents + COUNTS[directions], (width,) * LAYERS, activation=activation)
 
 
 class Encoder(nn.Module):

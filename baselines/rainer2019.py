@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from baselines.rainer import (
     STATISTICS,
+    WIDTH,
     Activation,
     Autoencoder,
     Directions,
@@ -81,6 +82,7 @@ class Rainer2019(Codec):
         directions: Directions = "xyzh"  # inputs: each stereographic as published, or all of both and of their half
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
         latents: Width = 8  # channels that the encoder makes
+        width: Width = WIDTH  # of the decoder's hidden layers
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
         activation: Activation = "leaky-relu"  # activation of the decoder's hidden layers
         bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
@@ -88,7 +90,7 @@ class Rainer2019(Codec):
 
         @property
         def architecture(self) -> Architecture:
-            return architecture(self.latents, self.activation, self.directions)
+            return architecture(self.latents, self.activation, self.directions, self.width)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)

@@ -5,7 +5,6 @@ Tong et al. introduced the clustering of ABRDFs ("Synthesis of bidirectional tex
 function compression based on multi-level vector quantization", Computer Graphics Forum 29(1), 2010).
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -14,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.components import PROBED_TEXELS, probed
+from baselines.components import MOST_CODES, PROBED_TEXELS, clustered, pack_index, probed, reduced, unpack_index
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
@@ -23,19 +22,13 @@ from bench.settings import Count, Range
 from bench.training import (
     Bits,
     blocks,
-    compress,
-    expand,
     gain_of,
     load_texture,
     round_after,
     store_texture,
-    truncated_svd,
 )
 
 BLOCK_BYTES = 64 << 20  # slices read together
-PASSES = 4  # passes over the data for the principal components
-CLUSTERING_BATCH = 4_096
-MOST_CODES = 65_536
 MOST_LABELS = 1 << 24  # of all stages, if fewer are stored: the index of a one-entry codebook takes no bytes
 
 
@@ -66,10 +59,10 @@ class VQ(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
-        points = _reduced(btf, gain, self.settings.components, fit)
+        points = reduced(btf, gain, self.settings.components, fit)[2]
         labels = []
         for stage in fit.progress(range(self.settings.stages), "clustering"):
-            labels.append(_cluster(points, self.settings.codes, fit.seed + stage))
+            labels.append(clustered(points, self.settings.codes, fit.seed + stage))
             points = points - _means(points, labels[-1])[labels[-1]]
         counts = [int(label.max()) + 1 for label in labels]
         books = _codebooks(btf, gain, labels, fit)
@@ -143,38 +136,6 @@ class VQMaterial(Material):
         return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
 
 
-def _reduced(btf: BTF, gain: float, components: int, fit: Fit) -> np.ndarray:
-    """The texels in the space of the first principal components, (H · W, k), at true distances."""
-
-    def read(label: str) -> Iterator[Tensor]:
-        return blocks(btf, fit, label, gain, BLOCK_BYTES)
-
-    shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
-    factors = truncated_svd(read, shape, components, PASSES, fit.generator(), fit.device, fit.row_weights)
-    weighted = (
-        factors.basis if fit.row_weights is None else factors.basis * fit.row_weights.to(fit.device).sqrt()[:, None]
-    )
-    lengths = torch.linalg.vector_norm(weighted, dim=0)
-    return (factors.coefficients.T * lengths).cpu().numpy()
-
-
-def _cluster(points: np.ndarray, codes: int, seed: int) -> np.ndarray:
-    """The cluster (n,) of each point (n, k); clusters are numbered without gaps.
-
-    With at most as many points as codes, each has its own cluster; points that are equal as halves share one.
-    """
-    from sklearn.cluster import MiniBatchKMeans
-
-    if codes == 1 or points.shape[1] == 0:
-        return np.zeros(len(points), np.int64)
-    step = 2.0**-12 * np.abs(points).max(initial=0) or 1.0
-    distinct, label = np.unique(np.round(points / step), axis=0, return_inverse=True)
-    if len(distinct) <= codes:
-        return label.reshape(-1)
-    means = MiniBatchKMeans(codes, batch_size=CLUSTERING_BATCH, n_init=3, random_state=seed % 2**32)
-    return np.unique(means.fit_predict(points), return_inverse=True)[1]
-
-
 def _means(points: np.ndarray, label: np.ndarray) -> np.ndarray:
     """The mean (codes, k) of the points (n, k) of each cluster."""
     sums = np.zeros((label.max() + 1, points.shape[1]), points.dtype)
@@ -203,25 +164,3 @@ def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> lis
             book = book - torch.from_numpy(both) / count[:, None] @ books[earlier].flatten(1)
         books.append(book.reshape(len(count), -1, 3))
     return books
-
-
-def pack_index(label: np.ndarray, codes: int) -> Tensor:
-    """Labels (n,) below `codes` as bytes: the low eight bits of each, and the high ones if there are more."""
-    bits = _bits(codes)
-    return compress(torch.from_numpy(label)[:, None] >> 8 * torch.arange(len(bits)) & 255, bits)
-
-
-def _bits(codes: int) -> list[int]:
-    bits = max(1, (codes - 1).bit_length())
-    return [bits] if bits <= 8 else [8, bits - 8]
-
-
-def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
-    """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` if bytes are missing."""
-    if count < 1 or codes > MOST_CODES:
-        raise ValueError(f"an index of {count} texels and {codes} codes")
-    planes = expand(packed, (count, len(_bits(codes)))).long()
-    label = (planes << 8 * torch.arange(planes.shape[1])).sum(1)
-    if label.amax() >= codes:
-        raise ValueError(f"it has an index beyond the codebook of {codes}")
-    return label

@@ -33,13 +33,10 @@ def open_material(
     tracer that bakes folders of maps for `data.renderer = "mitsuba"`. `MissingDataError` says where to get missing
     measured data.
     """
-    traced = data.renderer == "mitsuba"
     if not spec.path:
         from bench.data.materials import recipe
         from bench.data.materials.store import load_or_render
 
-        if traced:
-            raise InputError(f"data.renderer: mitsuba bakes only folders of maps, and {spec.name} is built in")
         return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
     path = spec.existing()
     if path is None:
@@ -51,6 +48,7 @@ def open_material(
     if looks_like_maps(path):
         from bench.data.bake import open_svbrdf
 
+        traced = data.renderer == "mitsuba"
         if traced and path_tracer is None:
             raise InputError(
                 f"data.renderer: only a run bakes with mitsuba; instead: neubtf-bench bake {path} --renderer mitsuba"

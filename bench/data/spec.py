@@ -126,6 +126,8 @@ class MaterialSpec:
         """Why `data.KEY` does not affect this material, and what does; "" if it does, or if there are no data."""
         if not self.rendered and not self.existing():
             return ""
+        if key == "data.renderer" and not self.path:
+            return f"mitsuba bakes only folders of maps, and {self.name} is built in"
         kind, others = ("rendered", _OF_MEASURED) if self.rendered else ("measured", _OF_RENDERED)
         instead = others.get(key)
         return f"{self.name} is {kind}, which has no such setting: {instead}" if instead else ""
