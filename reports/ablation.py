@@ -21,7 +21,7 @@ def ablation_table(run: Run) -> Table | None:
     for material in materials:
         headers += [(material, "dB ↑"), ("against as it is", "dB"), (material, "SSIM ↑")]
     notes = [
-        "dB: pooled display PSNR of the pairs held out to choose settings by; no test pair is among them.",
+        "dB: mean display PSNR of the pairs held out to choose settings by; no test pair is among them.",
         "FLOP: of the decoder's network. A change is told by the settings that differ from the row “as it is”.",
     ]
     rows = list(_rows(jobs, materials))
@@ -44,7 +44,7 @@ def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
         cells = [job["codec"], changes or "as it is", integer(job["parameters"])]
         cells.append(integer(job["cost"].get("flops_per_sample")))
         for material in materials:
-            ours, theirs = (_mean(jobs, material, which, PSNR, "pooled") for which in (label, whole))
+            ours, theirs = (_mean(jobs, material, which, PSNR, "mean") for which in (label, whole))
             both = ours is not None and theirs is not None and label != whole
             cells += [fixed(ours, 2), signed(ours - theirs) if both else ""]  # type: ignore[operator]
             cells.append(fixed(_mean(jobs, material, label, SSIM, "mean"), 3))

@@ -4,15 +4,14 @@
 codec to use, one line a question.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from statistics import fmean
 
 from bench.compare.budgets import BITS, BYTES, FIT, QUIET, Budget, Budgets, apart, budgets, mean_over, shown
 from bench.compare.paired import Interval
-from bench.records import FLIP, PSNR, SSIM, Record, Run, stats_of
-from bench.records.choosing import MUCH, Rung
+from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run
+from bench.records.choosing import Rung
 from reports.best_cells import best_cells
 from reports.numbers import EXACT, NONE, fixed, integer, significant
 from reports.rows import fused_times
@@ -21,9 +20,8 @@ from reports.table import Table
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 ENOUGH = Budget(BYTES, 64)  # the budget for questions about a single material or metric
 _CHOICE = (
-    "For each codec: the settings (a rung) that fit the budget with the best PSNR of validation pairs (mean over "
-    "slices if one slice holds over a tenth of their squared error). Numbers are of test pairs. Bits a texel are "
-    "those of the whole file, without a shared network."
+    "For each codec: the settings (a rung) that fit the budget with the best PSNR of validation pairs. Numbers are "
+    "means over the slices of test pairs. Bits a texel are those of the whole file, without a shared network."
 )
 
 
@@ -34,19 +32,27 @@ def found(run: Run) -> Budgets:
 
 
 def budgets_table(run: Run) -> Iterator[Table]:
-    """A row a codec, a column a budget: pooled PSNR, mean over materials."""
+    """A row a codec, a column a budget: PSNR, mean over materials. A table a kind of surface, then one over all."""
     result = found(run)
+    kinds = {kind: result.of_kind(kind) for kind in KINDS}
+    parts = {kind: part for kind, part in kinds.items() if part.materials}
+    for kind, part in parts.items():
+        yield from _budgets(run, part, kind)
+    if len(parts) > 1:
+        yield from _budgets(run, result, "all")
+
+
+def _budgets(run: Run, result: Budgets, kind: str) -> Iterator[Table]:
     means = {line: values for line, values in _means(result).items() if any(value is not None for value in values)}
     if not means:
         return
     lines = sorted(means, key=lambda line: [-(value or 0.0) for value in reversed(means[line][: len(BITS)])])
-    told, notes = _told(run, result) if result.materials[1:] else (set(), [])
+    told, notes = _told(run, result)
     rows = [[line, *(_cell(value, (line, i) in told) for i, value in enumerate(means[line]))] for line in lines]
     headers = [("codec", ""), *(_header(run, result, budget) for budget in result.picks)]
     count = len(result.materials)
-    title = f"Budgets over {count} material{'s' * (count > 1)} ({', '.join(result.materials)}): test PSNR, dB"
-    title += "".join(f"; {kind} times of {_machine(run, times.run)}" for kind, times in result.times.items())
-    notes = [f"{_CHOICE} {_missing(count)}", *notes, *_resting(result), *_common(run, result)]
+    title = f"Budgets on {count} {kind} surface{'s' * (count > 1)} ({', '.join(result.materials)}): test PSNR, dB"
+    notes = [f"{_CHOICE} {_missing(count)}", *notes, *_common(run, result)]
     marks = best_cells(rows, [[None, *means[line]] for line in lines])
     yield Table("budgets", title, headers, rows, notes, marks=marks)
 
@@ -57,18 +63,15 @@ def rung_tables(run: Run) -> Iterator[Table]:
     if result.materials[1:]:
         yield from _over_materials(run, result)
     headers = [("codec", ""), ("rung", ""), _at(result)]
-    headers += [("total", "bytes"), ("validation", "dB"), ("PSNR pooled", "dB"), ("SSIM", ""), ("FLIP", "")]
+    headers += [("total", "bytes"), ("validation", "dB"), ("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
     headers += [(kind, _unit(kind)) for kind in result.times]
     for material in result.materials:
         picked = list(_chosen(result, material))
         rows = [_rung_row(result, line, rung, at) for line, rung, at in picked]
-        resting = [f"{line} {rung.name}" for line, rung, _ in picked if _rests(rung)]
-        notes = [_CHOICE]
-        if resting:
-            notes.append(f"Test PSNR rests on a single slice, over a tenth of the squared error: {', '.join(resting)}.")
         if rows:
             title = f"{material}: the rung of each budget"
-            yield Table("rungs", title, headers, rows, [*notes, *_common(run, result)], words=3, material=material)
+            notes = [_CHOICE, *_common(run, result)]
+            yield Table("rungs", title, headers, rows, notes, words=3, material=material)
 
 
 def _over_materials(run: Run, result: Budgets) -> Iterator[Table]:
@@ -82,7 +85,7 @@ def _over_materials(run: Run, result: Budgets) -> Iterator[Table]:
                 size = fmean(max(job["bytes"]["total"] for job in rung.of) for rung in rungs)
                 numbers = [_number(value, digits) for value, digits in zip(values, (2, 3, 3), strict=True)]
                 rows.setdefault((line, integer(round(size)), *numbers), []).append(budget)
-    headers = [("codec", ""), _at(result), ("total", "bytes"), ("PSNR pooled", "dB"), ("SSIM", ""), ("FLIP", "")]
+    headers = [("codec", ""), _at(result), ("total", "bytes"), ("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
     cells = [[line, _span(at), *numbers] for (line, *numbers), at in rows.items()]
     if cells:
         title = f"Means over {len(result.materials)} materials of the rung of each budget"
@@ -155,7 +158,7 @@ def _cell(value: float | None, told: bool) -> str:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return EXACT if value == math.inf else fixed(value, digits)
+    return EXACT if value is not None and value >= MOST_DB else fixed(value, digits)
 
 
 def _missing(count: int) -> str:
@@ -245,17 +248,6 @@ def _answer(question: str, ranked: list[tuple[float, str]], unit: str, digits: i
     )
     gap = [NONE] * (2 - len(words))
     return [question, *words, *gap, *numbers, *gap, told]
-
-
-def _rests(rung: Rung) -> bool:
-    return any((stats_of(job, PSNR).get("largest") or 0.0) > MUCH for job in rung.of)
-
-
-def _resting(result: Budgets) -> Iterator[str]:
-    every = result.rungs
-    count = sum(_rests(rung) for _, rung in every)
-    if count:
-        yield f"Test PSNR of {count} of {len(every)} chosen rungs rests on a single slice: `table rungs` names them."
 
 
 def _common(run: Run, result: Budgets) -> Iterator[str]:

@@ -7,7 +7,7 @@ from functools import partial
 from bench.metrics import PERIODIC, label_of
 from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown_columns
 from reports.column_type import Column, Value, hull
-from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, pooled, significant, spread
+from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, mean, plus_minus, pooled, significant, spread
 from reports.rows import NEW_RUN, MaterialRows, Row, described
 
 
@@ -28,6 +28,20 @@ def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB
         return pooled(row.stats(group or row.gate, family))
 
     return Column(name, scale, value, partial(fixed, digits=_digits(unit)))
+
+
+def _mean(name: str, scale: str, family: str, group: str = "", unit: str = "dB") -> Column:
+    """The mean over the slices of a group."""
+
+    def value(row: Row) -> Value:
+        return mean(row.stats(group or row.gate, family))
+
+    return Column(name, scale, value, partial(fixed, digits=_digits(unit)))
+
+
+def _worst(row: Row) -> Value:
+    stats = row.stats(row.gate, PSNR)
+    return mean(stats | {"mean": stats.get("worst")})
 
 
 def _declared() -> list[Column]:
@@ -105,9 +119,11 @@ BITS = Column(
     _four,
     lambda job: _four(_bits(job, _native(job)["bytes"])),
 )
-_TRAIN = _pooled("PSNR train", "dB ↑", PSNR, "train")
-HELDOUT = _pooled("PSNR pooled", "dB ↑", PSNR)
-PER_SLICE = _spread("PSNR per slice", "dB ↑", PSNR)
+_TRAIN = _mean("PSNR train", "dB ↑", PSNR, "train")
+HELDOUT = _mean("PSNR", "dB ↑", PSNR)
+PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
+_WORST = Column("worst tenth", "dB ↑", _worst, partial(fixed, digits=2))
+_POOLED = _pooled("PSNR pooled", "dB ↑", PSNR)
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
 _FUSED = Column(
@@ -141,7 +157,7 @@ def time() -> list[Column]:
 def scored(material: MaterialRows) -> list[Column]:
     """Columns of a file that was scored alone, without a record of its fit."""
     size = [_PARAMETERS, _CHANNELS, TOTAL, BITS] if all(row.job["bytes"] for row in material.measured) else []
-    return [*size, replace(_TRAIN, name="train"), HELDOUT, *_others(material, _pooled)]
+    return [*size, replace(_TRAIN, name="train"), HELDOUT, *_others(material, _mean)]
 
 
 def short(material: MaterialRows) -> list[Column]:
@@ -156,7 +172,7 @@ def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
 
 def quality(material: MaterialRows) -> list[Column]:
     """PSNR of training and of held-out pairs, and every other metric."""
-    return [_TRAIN, HELDOUT, PER_SLICE, *_others(material)]
+    return [_TRAIN, PER_SLICE, _WORST, _POOLED, *_others(material)]
 
 
 def main(material: MaterialRows) -> list[Column]:
@@ -166,14 +182,14 @@ def main(material: MaterialRows) -> list[Column]:
 
 def papers(material: MaterialRows) -> list[Column]:
     """Every metric as papers report it: mean ± std over slices."""
-    return [replace(PER_SLICE, name="PSNR"), *_others(material, _spread)]
+    return [PER_SLICE, *_others(material)]
 
 
 def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     """Columns of a summary over materials besides PSNR: every other metric, size, time."""
     metrics = {label_of(name): (name, each) for material in materials for name, each in material.metrics.items()}
     quality = [
-        _pooled(label, _scale(each), name.removesuffix(PERIODIC), unit=each["unit"])
+        _mean(label, _scale(each), name.removesuffix(PERIODIC), unit=each["unit"])
         for label, (name, each) in metrics.items()
         if name != PSNR and each["unit"] != "radiance"
     ]
@@ -181,21 +197,17 @@ def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     return [*quality, TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
 
 
-def _others(material: MaterialRows, make: Callable[..., Column] | None = None) -> Iterator[Column]:
-    """A column for each metric but PSNR, and the errors of radiance, which have their own table.
-
-    Decibels are pooled, other metrics are mean ± std over slices, unless `make` makes all columns.
-    """
+def _others(material: MaterialRows, make: Callable[..., Column] = _spread) -> Iterator[Column]:
+    """A column for each metric but PSNR, and the errors of radiance, which have their own table."""
     for name, metric in material.metrics.items():
         unit = metric["unit"]
         if name != PSNR and unit != "radiance":
-            column = make or (_pooled if unit == "dB" else _spread)
-            yield column(label_of(name), _scale(metric), family=name, unit=unit)
+            yield make(label_of(name), _scale(metric), family=name, unit=unit)
 
 
 def bands(job: Record) -> list[Column]:
     """PSNR over each band of the pairs that decide."""
-    return [_pooled(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(job)]
+    return [_mean(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(job)]
 
 
 def radiance_bands(job: Record) -> list[Column]:
@@ -231,7 +243,7 @@ def scene(job: Record) -> list[Column]:
         TOTAL,
         *(_frames(name, job) for name in frames),
         *(_weighted(name, job) for name in weighted),
-        _pooled("outside PSNR", "dB ↑", PSNR, OUTSIDE),
+        _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE),
         HELDOUT,
     ]
 
@@ -280,7 +292,7 @@ def _with_relative(numbers: tuple[float, ...]) -> str:
 def _footprint(side: str) -> Column:
     def value(row: Row) -> Value:
         stats = row.job["footprints"].get(side)
-        return pooled({"pooled": stats[PSNR]} | stats) if stats else None
+        return mean(stats) if stats else None
 
     return Column(f"{side} texel{'s' * (side != '1')}", "dB ↑", value, partial(fixed, digits=2))
 

@@ -9,6 +9,8 @@ from reports.table import BOLD, UNDERLINED, Table
 TERMS = {  # of headers, explained above the tables that have them
     "mean rank": "the place by PSNR among the codecs, mean over materials",
     "won": "so many materials on which no codec has a better PSNR",
+    "PSNR": "mean over slices",
+    "worst tenth": "mean of the worst tenth of the slices",
     "PSNR pooled": "of the squared error of all slices together",
     "bits per": "8 × bytes of the whole file / texels",
     "× floor": "a multiple of the least time that a query can take, that of one bilinear fetch of a colour",

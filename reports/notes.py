@@ -7,8 +7,6 @@ from bench.records import PSNR, Record, Run, gate
 from reports.numbers import significant
 from reports.rows import MaterialRows, Row
 
-MUCH = 0.1  # a large share of the squared error for one slice
-
 
 def main_notes(material: MaterialRows) -> list[str]:
     """The footnotes of a main table."""
@@ -43,7 +41,7 @@ def _shared(material: MaterialRows) -> Iterator[str]:
 
 def common_notes(material: MaterialRows) -> list[str]:
     """Footnotes common to all tables of a material: on exact slices, a dominant slice, and rows left out."""
-    return [*_exact(material), *_single_slice(material), *_not_comparable(material)]
+    return [*_exact(material), *_not_comparable(material)]
 
 
 def run_notes(run: Run) -> list[str]:
@@ -150,29 +148,7 @@ def _exact(material: MaterialRows) -> Iterator[str]:
         stats = row.stats(row.gate, PSNR)
         if stats and stats.get("exact"):
             counted = f"{stats['exact']:,} of {stats['slices']:,} slices"
-            yield f"{row.name}: {counted} have no error in display space; mean ± std leave them out."
-
-
-def resting_over(materials: Sequence[MaterialRows]) -> Iterator[str]:
-    """A footnote over several materials: how many rows of each rest on a single slice; see `_single_slice`."""
-    by_material = {material.name: _shares(material) for material in materials}
-    most = {name: max(shares.values()) for name, shares in by_material.items() if shares}
-    counted = [f"{len(by_material[name])} of {name} (at most {100 * share:.0f} %)" for name, share in most.items()]
-    if counted:
-        yield f"In some rows pooled PSNR rests on a single slice (see the tables by material): {', '.join(counted)}."
-
-
-def _single_slice(material: MaterialRows) -> Iterator[str]:
-    """A footnote on the rows whose pooled PSNR rests on one slice; none if records lack that share."""
-    note = "Pooled PSNR rests on one slice with this share of the squared error (mean ± std weigh all slices equally)"
-    if shares := _shares(material):
-        yield f"{note}: {', '.join(f'{name} ({100 * share:.0f} %)' for name, share in shares.items())}."
-
-
-def _shares(material: MaterialRows) -> dict[str, float]:
-    """By row, the share of the squared error in one slice, if it is large."""
-    shares = {row.name: row.stats(row.gate, PSNR).get("largest") or 0.0 for row in material.measured}
-    return {name: share for name, share in shares.items() if share > MUCH}
+            yield f"{row.name}: {counted} have no error in display space; they count as 100 dB."
 
 
 def _not_comparable(material: MaterialRows) -> Iterator[str]:

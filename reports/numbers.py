@@ -1,10 +1,11 @@
 """Formats numbers for tables. None is never a number: it means exact, not applicable, or missing."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
 
+T = TypeVar("T")
 NONE, EXACT, NOT_APPLICABLE, NOT_COMPARABLE = "—", "exact", "n/a", "n/c"
 
 
@@ -32,8 +33,12 @@ def pooled(stats: dict[str, Any]) -> float | str | None:
     """The pooled number of a metric's statistics; `exact` if no slice has an error, `n/a` if none applies."""
     if not stats:
         return None
-    value: float | None = stats.get("pooled")
-    return _why_none(stats) if value is None else value
+    return _stated(stats, stats.get("pooled"))
+
+
+def mean(stats: dict[str, Any]) -> float | str | None:
+    """The mean over slices, or as `pooled`."""
+    return _stated(stats, stats.get("mean")) if stats else None
 
 
 def spread(stats: dict[str, Any]) -> tuple[float, ...] | str | None:
@@ -41,7 +46,7 @@ def spread(stats: dict[str, Any]) -> tuple[float, ...] | str | None:
     if not stats:
         return None
     numbers = tuple(stats[name] for name in ("mean", "std") if stats.get(name) is not None)
-    return numbers or _why_none(stats)
+    return _stated(stats, numbers or None)
 
 
 def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
@@ -59,5 +64,7 @@ def interval(delta: "Interval") -> str:
     return f"{delta.mean:+.2f} ({delta.low:+.2f} to {delta.high:+.2f}){' *' * delta.apart}".replace("-", "−")
 
 
-def _why_none(stats: dict[str, Any]) -> str:
-    return EXACT if stats.get("exact") and stats.get("exact") == stats.get("slices") else NOT_APPLICABLE
+def _stated(stats: dict[str, Any], value: T | None) -> T | str:
+    if stats.get("exact") and stats.get("exact") == stats.get("slices"):
+        return EXACT
+    return NOT_APPLICABLE if value is None else value

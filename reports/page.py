@@ -177,7 +177,7 @@ class Page:
             return table
         names = [name for name, _ in table.headers]
         late = [names.index("materials")] if len({row[names.index("materials")] for row in table.rows}) > 1 else []
-        psnr = names.index("PSNR pooled")
+        psnr = names.index("PSNR")
         rest = [i for i, name in enumerate(names) if i and i != psnr and name != "materials"]
         notes = [each for each in table.notes if each != missing_note(self.run)]
         return replace(table.of_columns([0, psnr, *rest, *late]), notes=notes)

@@ -50,8 +50,9 @@ class Row:
 
     @property
     def psnr(self) -> float | None:
-        """The pooled display PSNR of the pairs that decide, in dB; None if they have no error."""
-        return self.stats(self.gate, PSNR).get("pooled")
+        """The mean display PSNR of the slices that decide, in dB; None if they have no error."""
+        stats = self.stats(self.gate, PSNR)
+        return None if stats.get("exact") == stats.get("slices") else stats.get("mean")
 
     def metric(self, family: str) -> str:
         """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`), or ""."""

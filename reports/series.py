@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.compare.slices import decibels
 from bench.errors import InputError
-from bench.records import PSNR, Run
+from bench.records import Run
 from reports.fits import FitCurve, curves_by_material
 from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.styles import Styles
@@ -108,13 +108,13 @@ def _points(material: MaterialRows, of_row: Callable[[Row], list[float] | None])
 
 
 def _footprints(codec: CodecRows) -> list[list[float]]:
-    """[side of the footprint in texels, pooled display PSNR in dB], means over seeds, by side.
+    """[side of the footprint in texels, mean display PSNR of slices in dB], means over seeds, by side.
 
     Footprints at which a seed has no error, or was not measured, have no point.
     """
     stats = [row.job.get("footprints", {}) for row in codec.measured]
     sides = sorted({int(side) for each in stats for side in each if side.isdecimal() and int(side)})
-    values = {side: [each.get(str(side), {}).get(PSNR) for each in stats] for side in sides}
+    values = {side: [each.get(str(side), {}).get("mean") for each in stats] for side in sides}
     return [[side, fmean(known)] for side, known in values.items() if None not in known]
 
 

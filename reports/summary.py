@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from bench.records import Run
+from bench.records import MOST_DB, Run
 from reports import columns
 from reports.best_cells import best_cells
 from reports.column_type import Column
 from reports.missing import left_out_notes, missing_note
-from reports.notes import height_notes, one_texel_notes, resting_over, unrest_notes
+from reports.notes import height_notes, one_texel_notes, unrest_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import CodecRows, materials
 from reports.table import Table
@@ -29,7 +29,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
     if len(ranking) < 2:
         return None
     chosen = columns.summary(measured)
-    headers = [("codec", ""), ("materials", ""), ("mean rank", "↓"), ("won", "↑"), ("PSNR pooled", "dB ↑")]
+    headers = [("codec", ""), ("materials", ""), ("mean rank", "↓"), ("won", "↑"), ("PSNR", "dB ↑")]
     headers += [(column.name, column.unit) for column in chosen]
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
@@ -46,7 +46,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
         notes += [_paired(against)] if against.over else []
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
-    notes += [*resting_over(measured), *unrest_notes(timed), *one_texel_notes(timed), *height_notes(measured)]
+    notes += [*unrest_notes(timed), *one_texel_notes(timed), *height_notes(measured)]
     notes += [*left_out_notes(run), *filter(None, [missing_note(run)])]
     names = ", ".join(material.name for material in measured)
     title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {names}"
@@ -54,9 +54,9 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
 
 
 _NOTES = [
-    "Means over seeds, then over materials. Mean rank and “won” (materials on which no codec is better) are by pooled "
-    "PSNR. Decibels are of the pooled squared error of the deciding pairs, other metrics are means over their slices. "
-    "Only codecs that were measured on every material are ranked."
+    "Means over seeds, then over materials. Mean rank and “won” (materials on which no codec is better) are by PSNR. "
+    "Every metric is a mean over the slices of the deciding pairs. Only codecs that were measured on every material are "
+    "ranked."
 ]
 
 
@@ -82,7 +82,7 @@ def _paired(against: "Against") -> str:
 
 
 def _standing(each: "Standing", count: int) -> list[str]:
-    psnr = fixed(each.psnr, 2) if math.isfinite(each.psnr) else EXACT
+    psnr = EXACT if each.psnr >= MOST_DB else fixed(each.psnr, 2)
     return [each.label, f"{each.materials} of {count}", fixed(each.rank, 1), integer(each.wins), psnr]
 
 

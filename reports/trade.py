@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.records import load_trade
+from bench.records import MOST_DB, load_trade
 from reports.csv_tables import as_csv
 from reports.numbers import EXACT, NONE, fixed, integer, significant
 from reports.table import Table
@@ -76,7 +76,7 @@ def _choice(row: dict[str, Any]) -> list[str]:
         quality = [NONE] * 4
         limit, fronts = NONE, ""
     else:
-        quality = [EXACT if row["psnr"] is None else fixed(row["psnr"], 2)]
+        quality = [EXACT if row["psnr"] >= MOST_DB else fixed(row["psnr"], 2)]
         quality += [EXACT if row["worst"] is None else fixed(row["worst"], 2), fixed(row["flip"], 3)]
         quality += [integer(row["bytes"])]
         limit = fixed(100 * row["of_limit"], 1)

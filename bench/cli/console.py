@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from bench.codecs.container import Header
-from bench.records import PSNR, stats_of
+from bench.records import MOST_DB, PSNR, stats_of
 
 SILENCE = 10.0  # without a terminal, seconds between two lines of progress
 
@@ -85,9 +85,9 @@ def job_line(record: dict[str, Any], cached: str) -> str:
         word = "not available" if record["status"] == "unavailable" else "FAILED"
         return f"{record['job']}: {word}: {record['error']}"
     how = {"record": "cached", "file": "scored again from the cached file"}.get(cached)
-    psnr = stats_of(record, PSNR).get("pooled")
-    shown = "exact" if psnr is None else f"{psnr:.2f} dB"
-    how = how or f"fitted in {record['fit_seconds']:.1f} s"
+    psnr = stats_of(record, PSNR)["mean"]
+    shown = "exact" if psnr >= MOST_DB else f"{psnr:.2f} dB"
+    how = how or f"fitted in {record['fit_seconds']:.1f} processor s"
     return f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"
 
 

@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import re
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from bench.codec import Codec
 
 GROUP = "neubtf_bench.codecs"
+STORE = "bench.training.stored_texture"  # its `VERSION` is part of the version of every codec
 COMMAND = "command"  # the codec of other programs; lists omit it, because it is useless without them
 _OF_COMMANDS = EntryPoint(COMMAND, "bench.codecs.command:Programs", GROUP)
 
@@ -122,11 +124,57 @@ def first_line(module: str, class_name: str = "") -> str:
     return _docstring(module, class_name).split("\n")[0]
 
 
+def current_versions(codec: str) -> dict[str, int]:
+    """The installed version of a codec, and of the store of textures, as a fit key names them; read from the source.
+
+    Empty if no such codec is installed, or if its source does not state its version as a number.
+    """
+    entry = codec_entries().get(codec)
+    module, _, name = entry.value.partition(":") if entry else ("", "", "")
+    own = _number(module, name, "version") if entry else None
+    return {} if own is None else {"version": own, "store": _number(STORE, "", "VERSION") or 0}
+
+
+def _number(module: str, class_name: str, wanted: str) -> int | None:
+    """A whole number that a module or a class assigns to a name, alone or among others: `name, version = "pca", 4`."""
+    node = _definition(module, class_name)
+    for statement in node.body if node else []:
+        if isinstance(statement, ast.Assign):
+            names = [each.id for each in ast.walk(statement.targets[0]) if isinstance(each, ast.Name)]
+            try:
+                values = ast.literal_eval(statement.value)
+            except ValueError:  # an expression
+                continue
+            found = dict(zip(names, values if isinstance(values, tuple) else (values,), strict=False)).get(wanted)
+            if isinstance(found, int):
+                return found
+    return None
+
+
 def _docstring(module: str, class_name: str) -> str:
-    spec = importlib.util.find_spec(module)
-    if spec is None or spec.origin is None:
+    node = _definition(module, class_name)
+    if node is None and _definition(module, "") is None:
         return f"not importable: {module}"
-    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-    classes = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == class_name)
-    node = next(classes, None) if class_name else tree
     return (ast.get_docstring(node) or "") if node else ""
+
+
+@cache
+def _definition(module: str, class_name: str) -> "ast.Module | ast.ClassDef | None":
+    """The syntax of a module, or of a class in it; None if there is none.
+
+    Only its outermost package is looked up, since Python imports the packages around a module to find it.
+    """
+    top, *inside = module.split(".")
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    places = [Path(place).joinpath(*inside) for place in spec.submodule_search_locations or ()] if spec else []
+    files = [file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")]
+    files += [Path(spec.origin)] if spec and spec.origin and not places else []
+    source = next((file for file in files if file.is_file()), None)
+    if source is None:
+        return None
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    classes = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == class_name)
+    return next(classes, None) if class_name else tree

@@ -5,19 +5,18 @@ A *line* is a codec, or a codec as published (`recipe=paper`); its rungs are all
 """
 
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from statistics import fmean
 from typing import NamedTuple
 
 from bench.compare.paired import Interval, against_jobs
-from bench.records import Record, Run, scored_unlike, stats_of
+from bench.records import Record, Run, kind_of, scored_unlike, stats_of
 from bench.records.choosing import Limits, Rung, chosen, has_validation, over_seeds, validated, validation_of
 
-BITS = (16, 32, 64, 128, 256, 512)  # bits of the whole file a texel
+BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (4, 8, 16, 32)  # time of a query, × floor
 SECONDS = (1, 10, 100, 1000)  # of a fit
 BYTES, EAGER, FUSED, FIT = "bytes", "eager", "fused", "fit"
@@ -56,6 +55,16 @@ class Budgets:
     times: dict[str, Times] = field(default_factory=dict)  # by kind, measured on a quiet machine
     without: list[Record] = field(default_factory=list)  # jobs without a score of validation pairs
     unlike: list[Record] = field(default_factory=list)  # jobs not comparable with the newest of their material
+
+    def of_kind(self, kind: str) -> "Budgets":
+        """The same on the surfaces of one kind (`bench.records.kind_of`)."""
+        kinds = {material: kind_of(rung.of[0]) for material, rung in self.rungs}
+        mine = [material for material in self.materials if kinds.get(material) == kind]
+        picks = {
+            budget: {line: {m: rung for m, rung in rungs.items() if m in mine} for line, rungs in lines.items()}
+            for budget, lines in self.picks.items()
+        }
+        return replace(self, materials=mine, picks=picks)
 
     @property
     def rungs(self) -> list[tuple[str, Rung]]:
@@ -99,11 +108,8 @@ def rung_of(job: Record) -> str:
 
 
 def shown(rung: Rung, family: str) -> float | None:
-    """The number of a metric's family over test pairs, mean over seeds; infinite dB without error, None without a
-    score."""
-    every = [stats_of(job, family) for job in rung.of]
-    exact = [stats.get("pooled") is None and stats.get("exact") for stats in every]
-    return _mean([math.inf if each else stats.get("pooled") for each, stats in zip(exact, every, strict=True)])
+    """The mean of a metric's family over test slices, then over seeds; None without a score."""
+    return _mean([stats_of(job, family).get("mean") for job in rung.of])
 
 
 def mean_over(materials: Sequence[str], rungs: Mapping[str, Rung], family: str) -> float | None:

@@ -50,7 +50,7 @@ def reference(run: Run, before: Run | None = None) -> str:
 
 def few_seeds(run: Run) -> list[str]:
     """The names of rows whose seeds differ and are too few to estimate the scatter."""
-    rows = {row: [stats_of(job, PSNR).get("pooled") for job in jobs] for row, jobs in by_row(run.jobs).items()}
+    rows = {row: [stats_of(job, PSNR).get("mean") for job in jobs] for row, jobs in by_row(run.jobs).items()}
     return ["/".join(row) for row, values in rows.items() if len(values) < FEW_SEEDS and len(set(values)) != 1]
 
 

@@ -1,6 +1,5 @@
 """Ranks codecs over several materials: mean quality, mean rank, materials won."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
@@ -17,7 +16,7 @@ class Standing:
 
     label: str
     materials: int
-    psnr: float  # dB, pooled; mean over seeds, then over materials; infinite if no slice has an error
+    psnr: float  # dB; mean over slices, then over seeds, then over materials
     rank: float | None = None  # mean over materials, 1 for the best
     wins: int | None = None  # materials on which none is better
 
@@ -37,20 +36,17 @@ def standings(cells: Jobs) -> list[Standing]:
 
 def _standing(label: str, quality: dict[str, dict[str, float]], ranks: list[float]) -> Standing:
     values = [by_label[label] for by_label in quality.values() if label in by_label]
-    finite = [value for value in values if math.isfinite(value)]
-    psnr = fmean(finite) if finite else math.inf
-    return Standing(label, len(values), psnr, *((fmean(ranks), sum(rank < 2 for rank in ranks)) if ranks else ()))
+    raced = (fmean(ranks), sum(rank < 2 for rank in ranks)) if ranks else ()
+    return Standing(label, len(values), fmean(values), *raced)
 
 
 def _qualities(codecs: Mapping[str, Sequence[Record]]) -> dict[str, float]:
-    """The mean over seeds of the pooled PSNR by label; infinite without any error, absent where none was measured."""
-    by_label = {}
-    for label, jobs in codecs.items():
-        stats = [stats for job in jobs if (stats := stats_of(job, PSNR))]
-        values = [each["pooled"] for each in stats if each.get("pooled") is not None]
-        if values or any(each.get("exact") for each in stats):
-            by_label[label] = fmean(values) if values else math.inf
-    return by_label
+    """The mean over seeds of the mean PSNR of slices by label; absent where none was measured."""
+    values = {
+        label: [value for job in jobs if (value := stats_of(job, PSNR).get("mean")) is not None]
+        for label, jobs in codecs.items()
+    }
+    return {label: fmean(each) for label, each in values.items() if each}
 
 
 def _ranks(quality: dict[str, float]) -> dict[str, float]:

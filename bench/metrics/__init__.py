@@ -53,8 +53,8 @@ class Metric:
 
 
 _REGISTERED = (
-    Metric("psnr_display", "dB", "higher", "display", 1, "bench.metrics.psnr:DisplayPSNR", "PSNR", default=True),
-    Metric("psnr_log1p", "dB", "higher", "log1p", 1, "bench.metrics.psnr:LogPSNR", "log PSNR", default=True),
+    Metric("psnr_display", "dB", "higher", "display", 2, "bench.metrics.psnr:DisplayPSNR", "PSNR", default=True),
+    Metric("psnr_log1p", "dB", "higher", "log1p", 2, "bench.metrics.psnr:LogPSNR", "log PSNR", default=True),
     Metric("rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.rmse:LinearRMSE", "RMSE", default=True),
     Metric("ssim", "1", "higher", "display luma", 1, "bench.metrics.ssim:SSIM", "SSIM", default=True, periodic=True),
     Metric(

@@ -3,7 +3,8 @@
     PSNR = 10 · log10(peak² / MSE)   in dB; higher is better; ∞ if the slices are equal
 
 MSE is the mean over texels and channels. The raw number of a slice is its MSE, so the pooled PSNR, that of the
-squared error of all slices together, is exact. Source: Gonzalez & Woods, Digital Image Processing.
+squared error of all slices together, is exact. A slice counts as at most 100 dB, so that exact and black slices do not
+decide a mean over slices. Source: Gonzalez & Woods, Digital Image Processing.
 """
 
 import math
@@ -14,6 +15,7 @@ import numpy as np
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
 from bench.metrics.picture import Picture
+from bench.records import MOST_DB
 
 Array = np.ndarray
 
@@ -50,7 +52,7 @@ class DisplayPSNR(SquaredDifference):
     plane, peak = "display", 1.0
 
     def values(self, raw: Array) -> Array:
-        return psnr(raw, self.peak)
+        return np.minimum(psnr(raw, self.peak), MOST_DB)
 
 
 class LogPSNR(DisplayPSNR):

@@ -172,13 +172,13 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     and those of each group as `NAME, grazing view` and `NAME, grazing light`. Each group gives
 
     - `slices` and `radiance`, the mean linear radiance of its references;
-    - `metrics`: by name, `mean` and `std` over the slices with a finite value, `pooled` over all of them, `exact`, the
-      number of slices without any error, and `slices`, the number that the metric applies to; `relative` for an error
-      in units of radiance: pooled over the group's `radiance`; `largest` for a PSNR: the largest share of the group's
-      squared error that a single slice holds;
+    - `metrics`: by name, `mean` and `std` over the slices, `pooled` over all of them, `exact`, the number of slices
+      without any error, and `slices`, the number that the metric applies to; `relative` for an error
+      in units of radiance: pooled over the group's `radiance`; `worst` for a PSNR: its mean over the worst tenth of the
+      slices;
     - `bins`: by name, pooled numbers of θ_o × θ_i bins (`bench.metrics.angular.bins`).
 
-    None stands for a value that is not finite: no slice to measure or, if `exact` equals `slices`, no error at all.
+    None stands for no slice to measure.
     """
     loaded = {name: (registry.get(name).unit, registry.get(name).load()) for name in scores.raw}
     return {
@@ -189,7 +189,7 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
 def weighted(scores: Scores, share: Array) -> dict[str, Any]:
     """Statistics of all scored pairs, weighted by their shares (N,), by pair of the BTF; ready for JSON.
 
-    As a group of `summarise`, without bins and `largest`; `slices` and `exact` count pairs with a share.
+    As a group of `summarise`, without bins and `worst`; `slices` and `exact` count pairs with a share.
     """
     share = share[scores.pairs]
     radiance = as_number(np.average(scores.radiance, weights=share)) if share.any() else None
@@ -258,8 +258,7 @@ def footprint_errors(
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
     """The summary of `footprint_errors` for a record: of each footprint the display PSNR.
 
-    {"1": {"psnr_display": pooled over pairs, "mean": over slices, "exact": …, "slices": …}, …}. None stands for no
-    error at all.
+    {"1": {"psnr_display": pooled over pairs, "mean": over slices, "exact": …, "slices": …}, …}.
     """
     summary: dict[str, dict[str, float | int | None]] = {}
     for factor, raw in errors.items():
@@ -290,10 +289,15 @@ def _group(
         if unit == "radiance":
             stats["relative"] = stats["pooled"] / radiance if radiance and stats["pooled"] is not None else None
         if unit == "dB":
-            stats["largest"] = float(np.nanmax(raw) / np.nansum(raw)) if np.nansum(raw) else None
+            stats["worst"] = worst(metric.values(raw[~np.isnan(raw)]))
         result["metrics"][name] = stats
         result["bins"][name] = bins(wo[pairs], wi[pairs], raw, metric.pool)
     return result
+
+
+def worst(values: Array) -> float | None:
+    """The mean of the least tenth of some values (n,), at least of one; None if there are none."""
+    return float(np.sort(values)[: -(-len(values) // 10)].mean()) if len(values) else None
 
 
 def _statistics(metric: SliceMetric, raw: Array) -> dict[str, Any]:

@@ -19,7 +19,9 @@ from bench.records.lines import (
 from bench.records.meaning import (
     CONDITIONS,
     FLIP,
+    KINDS,
     LOG_PSNR,
+    MOST_DB,
     OUTSIDE,
     PSNR,
     RMSE,
@@ -28,6 +30,7 @@ from bench.records.meaning import (
     by_row,
     flattened,
     gate,
+    kind_of,
     metric_of,
     metrics_of,
     scored_unlike,

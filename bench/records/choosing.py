@@ -1,34 +1,28 @@
 """Chooses the best measured settings within a budget, by validation pairs only, never by test pairs.
 
-A *rung* is a codec at some settings, with its cost and its error of validation pairs. Its score is their pooled display
-PSNR. But if one slice holds over a tenth of the squared error of any compared rung, all rungs are scored by their mean
-over slices. Tables of budgets and `neubtf-bench choose` use this module. Imports nothing heavy.
+A *rung* is a codec at some settings, with its cost and its score: the mean over validation slices of display PSNR.
+Tables of budgets and `neubtf-bench choose` use this module. Imports nothing heavy.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
 from bench.records.meaning import PSNR, VALIDATION, gate, metric_of
 from bench.records.schema import Record
 
-MUCH = 0.1  # a large share of the squared error for one slice
-
 
 @dataclass(frozen=True)
 class Rung:
-    """A codec at some settings: its name, its cost, and its display PSNR of validation pairs; infinite if exact."""
+    """A codec at some settings: its name, its cost, and its score."""
 
     name: str
     size: float  # size of the whole file, in the unit of the limit
-    pooled: float  # PSNR in dB, of the squared error of all slices
-    mean: float  # mean PSNR in dB over slices
-    largest: float = 0.0  # the largest share of the squared error that one slice holds
+    score: float  # mean display PSNR in dB over validation slices
     time: float | None = None  # time of a query, in the unit of the limit; None: not measured
     of: Any = None  # the jobs or the choice that it stands for
-    score: float | None = None  # the score by which it was chosen
 
 
 @dataclass(frozen=True)
@@ -39,19 +33,16 @@ class Limits:
     time: float | None = None
     score: float | None = None
 
-    def misses(self, rung: Rung, score: float) -> list[float]:
+    def misses(self, rung: Rung) -> list[float]:
         """By how much a rung misses each limit, as a share of the limit (for a score: dB / 10); ≤ 0 if it meets it."""
         misses = [] if self.size is None else [rung.size / self.size - 1]
         misses += [] if self.time is None else [math.inf if rung.time is None else rung.time / self.time - 1]
-        return misses + ([] if self.score is None else [(self.score - score) / 10])
+        return misses + ([] if self.score is None else [(self.score - rung.score) / 10])
 
 
 def validated(stats: Mapping[str, Any], **known: Any) -> Rung | None:
     """A rung from its statistics of validation pairs, as records hold them; None if there are none."""
-    if not stats.get("slices"):
-        return None
-    pooled, mean = (math.inf if stats.get(name) is None else float(stats[name]) for name in ("pooled", "mean"))
-    return Rung(pooled=pooled, mean=mean, largest=stats.get("largest") or 0.0, **known)
+    return Rung(score=float(stats["mean"]), **known) if stats.get("slices") else None
 
 
 def validation_of(job: Record) -> Mapping[str, Any]:
@@ -72,18 +63,10 @@ def over_seeds(rungs: Sequence[Rung]) -> Rung:
     return Rung(
         rungs[0].name,
         max(rung.size for rung in rungs),
-        fmean(rung.pooled for rung in rungs),
-        fmean(rung.mean for rung in rungs),
-        max(rung.largest for rung in rungs),
+        fmean(rung.score for rung in rungs),
         fmean(times) if times else None,
         [rung.of for rung in rungs],
     )
-
-
-def scores(rungs: Sequence[Rung]) -> list[float]:
-    """The score of each rung, by one rule for all: pooled, or the mean over slices if one slice dominates a rung."""
-    by_slice = any(rung.largest > MUCH for rung in rungs)
-    return [rung.mean if by_slice else rung.pooled for rung in rungs]
 
 
 def chosen(rungs: Sequence[Rung], limits: Limits) -> Rung | None:
@@ -91,21 +74,15 @@ def chosen(rungs: Sequence[Rung], limits: Limits) -> Rung | None:
 
     Ties go to the smaller file, then to the faster query, then to the first. None if no rung meets the limits.
     """
-    met = [(r, score) for r, score in zip(rungs, scores(rungs), strict=True) if max(limits.misses(r, score)) <= 0]
-    if not met:
-        return None
+    met = [rung for rung in rungs if max(limits.misses(rung)) <= 0]
     enough = limits.score is not None
-    best, score = min(met, key=lambda each: (0.0 if enough else -each[1], each[0].size, _time(each[0])))
-    return replace(best, score=score)
+    return min(met, key=lambda rung: (0.0 if enough else -rung.score, rung.size, _time(rung)), default=None)
 
 
 def nearest(rungs: Sequence[Rung], limits: Limits) -> Rung:
     """The rung that misses the limits least."""
 
-    def missed(each: tuple[Rung, float]) -> float:
-        return sum(max(0.0, miss) for miss in limits.misses(*each))
-
-    return min(zip(rungs, scores(rungs), strict=True), key=missed)[0]
+    return min(rungs, key=lambda rung: sum(max(0.0, miss) for miss in limits.misses(rung)))
 
 
 def _time(rung: Rung) -> float:

@@ -10,6 +10,8 @@ from bench.records.schema import APART, Record, Timing
 
 PSNR, LOG_PSNR, SSIM, FLIP, RMSE = "psnr_display", "psnr_log1p", "ssim", "flip_ldr", "rmse_linear"
 
+MOST_DB = 100.0  # the PSNR of a slice counts as no more, so that exact and black slices do not decide a mean
+
 VALIDATION = "validation"  # the group of pairs by which settings are chosen
 OUTSIDE = "outside the scene"  # the group of pairs that the demand of a scene does not touch
 SAME_EXPOSURE = 1e-4  # relative, a gain of 0.0004 dB: published records are rounded, machines differ in the last bit
@@ -34,6 +36,17 @@ def shown_label(job: Record) -> str:
     label = str(job.get("label", job["job"]))
     ours = job.get("settings", {}).get("recipe") == "ours" and "recipe=" not in label
     return " ".join([*label.split()[:1], "(our recipe)", *label.split()[1:]]) if ours else label
+
+
+KINDS = ("measured", "path-traced", "rendered")  # of surfaces, in the order of what a claim on them is worth
+
+
+def kind_of(job: Record) -> str:
+    """The kind of a job's surface: measured, path-traced with inter-reflections, or rendered by the suite itself."""
+    provenance = job.get("provenance", {})
+    if "path_version" in provenance:
+        return KINDS[1]
+    return KINDS[2] if "renderer_version" in provenance else KINDS[0]
 
 
 def gate(groups: Container[str]) -> str:

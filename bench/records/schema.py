@@ -90,6 +90,7 @@ class FitKey(TypedDict, total=False):
 
     codec: Annotated[Name, RESULTS | CLAIM]
     version: Annotated[Count, PUBLISHED | CLAIM]
+    store: Annotated[Count, PUBLISHED]  # version of the store of textures
     settings: Annotated[dict[str, Setting], PUBLISHED | CLAIM]
     training: Annotated[Any, PUBLISHED | CLAIM]
     torch: Annotated[Any, RESULTS]
@@ -129,6 +130,7 @@ class Provenance(TypedDict, total=False):
     material: Annotated[Any, RESULTS]
     parameters: Annotated[Any, RESULTS]
     renderer_version: Annotated[Any, RESULTS]
+    path_version: Annotated[Any, RESULTS]
     native: Annotated[Any, RESULTS]
     split: Annotated[Any, RESULTS]
 
@@ -191,7 +193,7 @@ class Job(TypedDict, total=False):
         Needed("comparison", ("settings", "training")),
         Needed("verification", ("version", "code")),
     ]
-    fit_seconds: Annotated[NotNegative, RESULTS, Shown("fit", "s", 2)]
+    fit_seconds: Annotated[NotNegative, RESULTS, Shown("fit", "processor s", 2)]
     fit_cached: bool
     fitted: Annotated[dict[str, Text | None], RESULTS]
     history: Annotated[list[Point], RESULTS]

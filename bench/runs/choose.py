@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.errors import InputError
-from bench.records import load_run
-from bench.records.choosing import Rung, scores, validated
+from bench.records import MOST_DB, load_run
+from bench.records.choosing import Rung, validated
 
 Choice = dict[str, Any]
 PLAIN = "eager float32"  # the default execution and precision
@@ -20,8 +20,8 @@ _SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
 
 
 def psnr(row: Choice) -> float:
-    """dB; infinite without error."""
-    return float("inf") if row["psnr"] is None else float(row["psnr"])
+    """dB; mean over slices."""
+    return float(row["psnr"])
 
 
 def usable(choices: list[Choice], material: str) -> list[Rung]:
@@ -50,9 +50,8 @@ def answers(material: str, choices: list[Choice]) -> Iterator[str]:
     rungs = usable(choices, material)
     if not rungs:
         return
-    judged = list(zip(rungs, scores(rungs), strict=True))
-    best, most = max(judged, key=lambda each: each[1])
-    near = [rung for rung, score in judged if score >= most - NEAR_DB]
+    best = max(rungs, key=lambda rung: rung.score)
+    near = [rung for rung in rungs if rung.score >= best.score - NEAR_DB]
     yield f"{material}: the best is {described(best.of)}."
     for word, key in (("faster", "time"), ("smaller", "size")):
         least = min(near, key=lambda rung: (getattr(rung, key), rung.time))
@@ -71,7 +70,7 @@ def named(row: Choice) -> str:
 
 def described(row: Choice) -> str:
     """A choice with its figures, in words."""
-    quality = "exact" if row["psnr"] is None else f"{row['psnr']:.2f} dB"
+    quality = "exact" if row["psnr"] >= MOST_DB else f"{row['psnr']:.2f} dB"
     return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
 
 

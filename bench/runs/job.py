@@ -15,7 +15,6 @@ import json
 import logging
 import platform
 import re
-import time
 import traceback
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -42,6 +41,8 @@ from bench.runs.process_state import restored_process_state
 from bench.runs.provenance import processor, revision
 from bench.runs.task import Task
 from bench.runs.workbench import Workbench, workbench
+from bench.threads import processor_seconds
+from bench.training import stored_texture
 
 log = logging.getLogger(__name__)
 
@@ -132,6 +133,7 @@ class Job:
         key = {
             "codec": self.codec.name,
             "version": self.codec.version,
+            "store": stored_texture.VERSION,
             "settings": settings_dict(self.codec),
             "training": self.bench.training.fingerprint,
             "seed": self.seed,
@@ -256,14 +258,14 @@ class Job:
             self.folder.put(name, content)
 
     def _encode(self) -> tuple[Record, Parts]:
-        """Fit the codec; returns the facts of the fit (seconds and curve) and the encoded parts."""
+        """Fit the codec; returns the facts of the fit (processor seconds and curve) and the encoded parts."""
         device, threads = torch.device(self.task.device), self.task.threads
         fit = Fit(device, threads, self.seed, self.show, self.checkpoint, network=self.network)
         demand = self.bench.demand if self.codec.scene else None
         with restored_process_state():
-            start = time.perf_counter()
+            start = processor_seconds()
             parts = fitting.encode(self.codec, self.bench.training, fit, demand, self.task.uniform)
-            seconds = time.perf_counter() - start
+            seconds = processor_seconds() - start
         if fit.history:  # its clock continues when an interrupted fit is resumed
             seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
         return {"fit_seconds": seconds, "history": fit.history}, parts

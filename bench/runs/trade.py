@@ -242,7 +242,7 @@ def _figures(job: Record, squared: np.ndarray) -> dict[str, Any]:
     metrics, validation = metrics_of(job), validation_of(job)
     flip = metric_of(metrics, FLIP)
     return {
-        "psnr": metrics[PSNR]["pooled"],
+        "psnr": metrics[PSNR]["mean"],
         "flip": metrics[flip]["mean"] if flip else None,
         "worst": as_number(float(decibels(squared.max()))),
     } | ({"validation": dict(validation)} if validation else {})

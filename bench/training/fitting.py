@@ -25,6 +25,7 @@ from bench.errors import InputError
 from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
+from bench.threads import processor_seconds
 from bench.training.optimiser import Optimisers
 from bench.training.stored_texture import Rounding, choose_bits
 
@@ -286,7 +287,8 @@ class _Loop:
         samples = objective.samples
         probe = samples.draw_unseen if samples.trained < samples.texels else samples.draw
         self.probe = probe(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
-        self.started = self.saved = self.shown = time.perf_counter()
+        self.saved = self.shown = time.perf_counter()
+        self.started = processor_seconds()
         self.good = self._state()
 
     def _tensors(self) -> dict[str, Tensor]:
@@ -392,7 +394,7 @@ class _Loop:
         level = self.objective.predict(self.probe, self.step / self.steps)
         if not (level - self.probe.target).square().mean() <= AWAY**2:
             return False
-        psnr, seconds = display_psnr(level, self.probe.target), time.perf_counter() - self.started
+        psnr, seconds = display_psnr(level, self.probe.target), processor_seconds() - self.started
         self.curve.append((self.step, seconds, psnr))
         self.fit.log(self.step, seconds=seconds, psnr=psnr)
         return True

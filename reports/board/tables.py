@@ -121,8 +121,8 @@ def standing(name: str, found: Sequence[Place]) -> Table | None:
     headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]
     headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
     note = (
-        "Test PSNR, pooled. With a budget: of the settings that validation pairs choose; else of those of each codec "
-        "with the highest test PSNR, whatever their bytes."
+        "Test PSNR, mean over slices. With a budget: of the settings that validation pairs choose; else of those of "
+        "each codec with the highest test PSNR, whatever their bytes."
     )
     title = "Where it wins and loses, against the best of the others"
     return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4) if rows else None

@@ -73,7 +73,7 @@ def _mean(number: int, jobs: Sequence[Measured]) -> float:
 
 def _value(number: int, job: Record, timing: Record | None) -> float | None:
     if number == 0:
-        return stats_of(job, PSNR).get("pooled")
+        return stats_of(job, PSNR).get("mean")
     if number == 1:
         return float(job["bytes"]["total"])
     return timing.get("ratio_to_floor") if timing else None

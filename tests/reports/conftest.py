@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from bench.records import TRADE_FORMAT, append
+from bench.records import MOST_DB, TRADE_FORMAT, append
 from tests.reports.browser import chromium
 
 METRICS = {
@@ -31,7 +31,7 @@ class RunMaker:
         return self
 
     def job(self, label="pca components=8", material="satin", **changes):
-        """One finished job; `psnr=None` makes it exact, `metrics`, `btf`, `exposure` change its score key."""
+        """One finished job; `psnr=100` makes it exact, `metrics`, `btf`, `exposure` change its score key."""
         psnr, run, seed = changes.pop("psnr", 30.0), changes.pop("run", "1"), changes.pop("seed", 0)
         key = {"btf": changes.pop("btf", "f"), "exposure": changes.pop("exposure", 1.5), "sha256": "0"}
         key["metrics"] = changes.pop("metrics", {name: metric["version"] for name, metric in METRICS.items()})
@@ -44,7 +44,8 @@ class RunMaker:
         job |= {"parameters": 3011, "cost": {"texture_channels": 14}, "metrics": METRICS, "fit_seconds": 1.25}
         groups = ["all", "train", "heldout", "heldout, grazing view", "heldout, new view"]
         job["scores"] = {name: self._group(psnr) for name in [*groups, "heldout, new view, grazing light"]}
-        job["footprints"] = {side: {"psnr_display": psnr, "exact": 0, "slices": 4} for side in ("1", "2", "4", "8")}
+        footprint = {"psnr_display": psnr, "mean": psnr, "exact": 0, "slices": 4}
+        job["footprints"] = {side: footprint for side in ("1", "2", "4", "8")}
         job["history"] = [{"step": 10, "seconds": 0.5, "psnr": 25.0}, {"step": 20, "seconds": 1.0, "psnr": 31.0}]
         job |= {"slices": self._slices(stem, psnr), "pictures": self._pictures(stem), "angular": self._angular(stem)}
         append(self.folder, job | changes)
@@ -83,8 +84,8 @@ class RunMaker:
         return self
 
     def _group(self, psnr):
-        exact = 0 if psnr else 4
-        quality = {"mean": psnr, "std": psnr and 1.5, "pooled": psnr, "exact": exact, "slices": 4}
+        exact = 4 if psnr >= MOST_DB else 0
+        quality = {"mean": psnr, "std": 1.5, "worst": psnr - 3, "pooled": psnr, "exact": exact, "slices": 4}
         unit = {"mean": 0.75, "std": 0.125, "pooled": 0.75, "exact": exact, "slices": 4}
         radiance = {"mean": 0.02, "std": 0.01, "pooled": 0.025, "exact": exact, "slices": 4, "relative": 0.333}
         by_unit = {"dB": quality, "1": unit, "radiance": radiance}
@@ -92,7 +93,7 @@ class RunMaker:
 
     def _slices(self, stem, psnr):
         rng = np.random.default_rng(1)
-        raw = np.full(PAIRS, 10 ** (-psnr / 10) if psnr else 0.0)
+        raw = np.full(PAIRS, 10 ** (-psnr / 10) if psnr < MOST_DB else 0.0)
         angles = rng.uniform((0, 0), (75, 360), (PAIRS, 2))
         content = {"pairs": np.arange(PAIRS), "heldout": np.arange(PAIRS) % 3 == 0, "wo_deg": angles}
         content |= {"wi_deg": angles[::-1], "abrdf": np.full((SIDE, SIDE), raw[0])} | dict.fromkeys(METRICS, raw)

@@ -12,8 +12,8 @@ SIDE = 64
 METRICS = {PSNR: {"unit": "dB", "direction": "higher", "space": "display", "version": 1}}
 
 
-def rung(name, size, pooled, mean=0.0, largest=0.05, time=None):
-    return Rung(name, size, pooled, mean or pooled, largest, time)
+def rung(name, size, score, time=None):
+    return Rung(name, size, score, time)
 
 
 def group(psnr, **more):
@@ -22,7 +22,7 @@ def group(psnr, **more):
 
 def job(label, size, validation, test=20.0, material="satin", seed=0, **more):
     scores = {"heldout": group(test), "train": group(50.0)}
-    scores |= {} if validation is None else {"validation": group(validation, largest=more.pop("largest", 0.05))}
+    scores |= {} if validation is None else {"validation": group(validation)}
     recipe = {"recipe": "paper"} if "recipe=paper" in label else {}
     key = {"btf": "f", "exposure": 1.0, "sha256": "0", "metrics": {PSNR: 1}}
     record = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": "1", "material": material, "label": label}
@@ -59,7 +59,7 @@ def test_the_best_that_fits_is_chosen_and_one_that_is_a_byte_too_large_is_not(tm
 
 def test_a_line_without_a_rung_that_fits_has_none(tmp_path):
     run = run_of(tmp_path / "run", job("a", 10**6, 30.0), job("b", 10, 10.0))
-    assert picks(run, Budget(BYTES, 512)) == {"b": "default"}
+    assert picks(run, Budget(BYTES, 128)) == {"b": "default"}
 
 
 def test_records_without_validation_are_never_chosen_and_are_told(tmp_path):
@@ -68,21 +68,10 @@ def test_records_without_validation_are_never_chosen_and_are_told(tmp_path):
     assert [each["label"] for each in budgets(run, {}).without] == ["a x=1"]
 
 
-def test_one_slice_that_dominates_any_rung_makes_the_mean_over_slices_decide():
-    pooled, steady = rung("pooled", 1, 40.0, 30.0), rung("steady", 1, 35.0, 33.0)
-    assert chosen([pooled, steady], Limits(size=1)).name == "pooled"
-    dominated = rung("dominated", 1, 20.0, 20.0, largest=0.11)
-    assert chosen([pooled, steady, dominated], Limits(size=1)).name == "steady"
-    assert chosen([pooled, steady, dominated], Limits(size=1)).score == 33.0
-    assert chosen([pooled, steady, rung("at the limit", 1, 20.0, largest=0.1)], Limits(size=1)).name == "pooled"
-
-
-def test_a_rung_that_does_not_fit_changes_no_criterion_between_budgets(tmp_path):
-    large = job("a x=3", 10**7, 20.0, largest=0.5)  # fits nowhere, and decides all the same
-    small = [job("a x=1", 10, 40.0), job("a x=2", 10, 35.0)]
-    small[0]["scores"]["validation"]["metrics"][PSNR]["mean"] = 30.0
-    run = run_of(tmp_path / "run", large, *small)
-    assert {name for budget in budgets(run, {}).picks for name in picks(run, budget).values()} == {"x=2"}
+def test_the_mean_over_slices_decides(tmp_path):
+    pooled, steady = job("a pooled", 10, 30.0), job("a steady", 10, 31.0)
+    pooled["scores"]["validation"]["metrics"][PSNR]["pooled"] = 50.0
+    assert picks(run_of(tmp_path / "run", pooled, steady), Budget(BYTES, 16)) == {"a": "steady"}
 
 
 def test_what_is_as_published_is_a_line_of_its_own(tmp_path):
@@ -99,7 +88,7 @@ def test_equals_go_to_the_smaller_file_then_to_the_faster_then_to_the_first():
 
 
 def test_an_exact_rung_beats_every_other():
-    exact = validated({"pooled": None, "mean": None, "exact": 4, "slices": 4, "largest": None}, name="exact", size=2)
+    exact = validated({"pooled": 100.0, "mean": 100.0, "exact": 4, "slices": 4}, name="exact", size=2)
     assert chosen([rung("near", 1, 99.0), exact], Limits(size=2)).name == "exact"
 
 

@@ -1,13 +1,11 @@
 """How codecs stand over materials."""
 
-import math
-
 from bench.compare.standings import standings
 
 
 def jobs(*psnrs):
     return [
-        {"scores": {"all": {"metrics": {"psnr_display": {"pooled": psnr, "exact": 4 * (psnr is None), "slices": 4}}}}}
+        {"scores": {"all": {"metrics": {"psnr_display": {"mean": psnr, "exact": 4 * (psnr == 100), "slices": 4}}}}}
         for psnr in psnrs
     ]
 
@@ -24,9 +22,9 @@ def test_ranks_are_means_over_materials_and_what_reads_alike_shares_one():
 
 
 def test_no_error_is_the_best_and_who_lacks_a_material_is_not_ranked():
-    cells = {"a": {"pca": jobs(30.0), "table": jobs(None)}}
-    cells["b"] = {"part": jobs(9.0), "table": jobs(None), "pca": jobs(8.0), "none": []}
+    cells = {"a": {"pca": jobs(30.0), "table": jobs(100.0)}}
+    cells["b"] = {"part": jobs(9.0), "table": jobs(100.0), "pca": jobs(8.0), "none": []}
     table, pca, part = standings(cells)
-    assert (table.label, table.psnr, table.rank, table.wins) == ("table", math.inf, 1.0, 2)
+    assert (table.label, table.psnr, table.rank, table.wins) == ("table", 100.0, 1.0, 2)
     assert (pca.label, pca.rank, part.label, part.rank, part.materials) == ("pca", 2.0, "part", None, 1)
     assert standings({}) == []

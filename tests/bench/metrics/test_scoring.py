@@ -222,14 +222,15 @@ def test_statistics_of_a_group():
     assert stats["metrics"]["psnr_display"]["pooled"] == pytest.approx(-10 * np.log10(mse.mean()))
     assert stats["metrics"]["psnr_display"]["mean"] == pytest.approx(np.mean(-10 * np.log10(mse)))
     assert stats["metrics"]["psnr_display"]["std"] == pytest.approx(np.std(-10 * np.log10(mse)))
-    assert stats["metrics"]["psnr_display"]["largest"] == pytest.approx(mse.max() / mse.sum())
-    assert "largest" not in stats["metrics"]["rmse_linear"]
+    worst = np.sort(-10 * np.log10(mse))[: int(np.ceil(len(mse) / 10))]
+    assert stats["metrics"]["psnr_display"]["worst"] == pytest.approx(worst.mean())
+    assert "worst" not in stats["metrics"]["rmse_linear"]
     relative = np.sqrt(scores.raw["rmse_linear"][50:].mean()) / scores.radiance[50:].mean()
     assert stats["metrics"]["rmse_linear"]["relative"] == pytest.approx(relative)
     assert np.shape(stats["bins"]["ssim_periodic"]) == (6, 6)
 
 
-def test_exact_slices_are_counted_and_left_out_of_the_mean():
+def test_exact_slices_are_counted_and_have_100_db():
     btf, decoded = make(4)
     decoded[:2] = np.stack([btf[0], btf[1]])
     scores = Scorer(btf).score(np.arange(4), lambda i: decoded[i])
@@ -238,9 +239,9 @@ def test_exact_slices_are_counted_and_left_out_of_the_mean():
     )
     psnr = table["all"]["metrics"]["psnr_display"]
     assert (psnr["exact"], psnr["slices"]) == (2, 4)
-    assert psnr["mean"] == pytest.approx(-10 * np.log10(scores.raw["psnr_display"][2:]).mean())
-    assert table["equal"]["metrics"]["psnr_display"]["pooled"] is None
-    assert table["equal"]["metrics"]["psnr_display"]["largest"] is None
+    assert psnr["mean"] == pytest.approx(50 - 5 * np.log10(scores.raw["psnr_display"][2:]).mean())
+    assert [table["equal"]["metrics"]["psnr_display"][name] for name in ("mean", "pooled", "worst")] == [100] * 3
+    assert table["none"]["metrics"]["psnr_display"]["worst"] is None
     assert all(stats["exact"] == 2 for stats in table["equal"]["metrics"].values())
     assert table["none"]["slices"] == 0
     json.dumps(table, allow_nan=False)
@@ -258,7 +259,7 @@ def test_footprints_are_compared_with_box_filtered_truth():
     btf, decoded = make(shape=(16, 18))
     summary = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(btf[i], f), 0.5))
     assert list(summary) == ["1", "2", "4", "8"]
-    assert all(entry == {"psnr_display": None, "mean": None, "exact": 2, "slices": 2} for entry in summary.values())
+    assert all(entry == {"psnr_display": 100, "mean": 100, "exact": 2, "slices": 2} for entry in summary.values())
     summary = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(decoded[i], f), 0.5))
     # Averaging removes independent noise, so the error falls with the footprint.
     values = [entry["psnr_display"] for entry in summary.values()]
