@@ -121,7 +121,7 @@ class NeuMIP(Codec):
         levels = Samples.levels(btf, count, gain, fit)
         objective = self.objective(levels, fit.generator())
         progress = train(objective, fit, self.settings.steps, self.settings.patience)
-        pyramid, offset = (None if t is None else t.detach().cpu() for t in objective.blurred(progress=progress))
+        pyramid, offset = (None if t is None else t.detach() for t in objective.blurred(progress=progress))
         assert pyramid is not None
         texture = store_texture("pyramid", pyramid, objective.rounded_table, Pyramid(btf.shape, count).levels)
         if offset is not None and objective.rounded_offset is not None:

@@ -29,7 +29,7 @@ class Table(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         values = parts.texture["values"].to(device).float()
         interpolator = PairInterpolator(unpack_layout(parts.other, len(values)))
-        return TableMaterial(values, interpolator, float(parts.other["scale"]))
+        return TableMaterial(values, interpolator, float(parts.other["scale"])).to(device)
 
 
 class TableMaterial(Material):

@@ -175,7 +175,7 @@ def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
 
     Most numbers of a core are nearly 0. If 0 were between two levels, all of them would be wrong to the same side.
     """
-    flat, rounding = values.flatten(0, -2), Rounding(values.shape[-1], max(8, bits))
+    flat, rounding = values.flatten(0, -2), Rounding(values.shape[-1], max(8, bits)).to(values.device)
     low, high = flat.amin(0), flat.amax(0)
     step = ((high - low) / 254).clamp_min(1e-12)
     for ours, chosen in ((rounding.low, (low / step).floor() * step), (rounding.step, step)):

@@ -2,7 +2,8 @@
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,30 @@ import pytest
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy and PyTorch are first imported, after this file
 
 
+def pytest_configure() -> None:
+    """Add the emulated GPU where PyTorch can: only before the first gradient of a process."""
+    from bench.conformance.emulated import NoEmulationError, register
+
+    with suppress(NoEmulationError):
+        register()
+
+
 @pytest.fixture(autouse=True)
 def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     """No line of progress where a slow machine takes long: what a command prints is compared."""
     monkeypatch.setattr("bench.cli.console.SILENCE", math.inf)
+
+
+@pytest.fixture
+def gpu() -> Iterator[Any]:
+    """An emulated GPU, of which `bench.conformance.emulated` counts the kernels."""
+    from bench.conformance.emulated import NoEmulationError, emulated
+
+    try:
+        with emulated() as device:
+            yield device
+    except NoEmulationError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture

@@ -56,10 +56,10 @@ class Surface(nn.Module):
     padded: Tensor
 
     def _padded(self) -> Tensor:
-        (rows, cols), (above, left) = self.fine, self.margin
-        v = 1 - (torch.arange(-above, rows + above) + 0.5) / rows
-        u = (torch.arange(-left, cols + left) + 0.5) / cols
-        found = torch.empty(len(v), len(u))
+        (rows, cols), (above, left), device = self.fine, self.margin, self.height.device
+        v = 1 - (torch.arange(-above, rows + above, device=device) + 0.5) / rows
+        u = (torch.arange(-left, cols + left, device=device) + 0.5) / cols
+        found = self.height.new_empty(len(v), len(u))
         tall, wide = max(1, BLOCK // len(u)), min(BLOCK, len(u))
         for top, left in itertools.product(range(0, len(v), tall), range(0, len(u), wide)):
             part = found[top : top + tall, left : left + wide]

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -18,9 +18,10 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF, ArraySource
-from bench.codec import Codec, Fit, Progress, TrainedNetwork, silent
+from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
-from bench.conformance import counting, frame
+from bench.conformance import counting, emulated, frame
+from bench.devices import is_gpu
 from bench.errors import CodecError, ContainerError, InputError, answered
 from bench.hemisphere import thinned_product, ubo2003, uniform
 from bench.material import Material, parameters, texel_centres
@@ -28,6 +29,13 @@ from bench.threads import torch_threads
 
 # Float32 sums of a few hundred terms in another order differ by about 1e-6 of their size; allow ten times that.
 ROUNDING = 1e-5
+
+
+GPU_STEPS = 4  # of a fit on the emulated GPU, which takes long for a kernel
+
+
+class NotApplicable(Exception):  # noqa: N818 (it is not an error)
+    """The reason why a check does not apply to a codec, or cannot be tried here."""
 
 
 class CheckError(AssertionError):
@@ -261,6 +269,41 @@ def repeats(tested: CodecUnderTest) -> None:
         raise answered(tested.material.evaluate, what, "the same answer (a decoder draws no random numbers)")
 
 
+def on_a_gpu(tested: CodecUnderTest) -> None:
+    """it encodes, decodes and answers on a GPU (an emulated one), as on the CPU"""
+    if tested.material.opaque:
+        raise NotApplicable("another program answers")
+    settings, queries = settings_dict(tested.codec), [q[:64] for q in tested.queries]
+    codec = type(tested.codec)(**settings | ({"steps": GPU_STEPS} if "steps" in settings else {}))
+    try:
+        with emulated.emulated() as device, torch_threads(1), torch.enable_grad():
+            fit = Fit(seed=1, network=tested.network, device=device)
+            path = tested.folder / f"gpu{container.SUFFIX}"
+            parts = container.read_parts(container.save(path, codec, codec.encode(tested.btf, fit)).path)[1]
+            material = _decoded_on(device, codec, replace(parts, network=tested.network), queries)
+            answers = material.query(*(q.to(device) for q in queries)).cpu()
+            material.slice(tested.btf.wo[0].tolist(), tested.btf.wi[0].tolist())
+    except emulated.NoEmulationError as error:
+        raise NotApplicable(str(error)) from error
+    _same("on the GPU", answers, loading.load(path, network=tested.network)[1].query(*queries), ROUNDING)
+
+
+def _decoded_on(device: torch.device, codec: Codec, parts: Parts, queries: list[Tensor]) -> Material:
+    """The material on a device, or a `CheckError` that names what its decoder leaves on the CPU."""
+    material = codec.decode(parts, device)
+    left = ", ".join(f"`{name}`" for name in emulated.left_behind(material))
+    try:
+        if is_gpu(material.device):
+            material.query(*(q.to(device) for q in queries))
+            return material
+    except RuntimeError as error:
+        if not left:
+            raise
+        raise CheckError(f"your decoder leaves {left} on the CPU ({raised(error, codec)})") from error
+    what = f"leaves {left} on the CPU" if left else "does not tell its material that it is on a GPU"
+    raise CheckError(f"your decoder {what}: return `material.to(device)`")
+
+
 def framed(tested: CodecUnderTest) -> str | None:
     """frame, order of channels and directions, and units are those of the truth"""
     if mistake := tested.frame_answers.mistake():
@@ -274,5 +317,5 @@ STAGES: tuple[tuple[Check, ...], ...] = (
     (encodes,),
     (repeats,),
     (follows_data, slices, framed),
-    (same_bytes, fresh_process, batches, order, wraps, refuses, counted),
+    (same_bytes, fresh_process, batches, order, wraps, refuses, counted, on_a_gpu),
 )

@@ -3,6 +3,7 @@
 import dataclasses
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib.resources import files
@@ -11,8 +12,8 @@ from typing import Any
 
 from bench.codec import Codec, Progress, followed, settings_dict, silent
 from bench.codecs.registry import load_codec
-from bench.conformance import stress
-from bench.conformance.check import STAGES, Check, CheckError, CodecUnderTest, raised
+from bench.conformance import emulated, stress
+from bench.conformance.check import STAGES, Check, CheckError, CodecUnderTest, NotApplicable, raised
 from bench.conformance.stress.case import short
 from bench.material import parameters
 from bench.records import Record, load_run
@@ -35,6 +36,8 @@ def check(codec: Codec, show: Progress = silent) -> Iterator[Result]:
     renderer hold; and the quick extremes of `bench.conformance.stress` hold. If a check fails, later stages are not
     tried, because they would fail for the same reason.
     """
+    with suppress(emulated.NoEmulationError):
+        emulated.register()
     with tempfile.TemporaryDirectory() as folder:
         tested = CodecUnderTest(codec, Path(folder), show=show)
         stages = [*(partial(_stage, tested, stage) for stage in STAGES), partial(_extremes, tested)]
@@ -65,6 +68,8 @@ def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result
         name = one.__doc__ or one.__name__
         try:
             yield Result(name, note=one(tested) or "")
+        except NotApplicable as reason:
+            yield Result(name, reason=str(reason))
         except CheckError as error:
             yield Result(name, str(error))
         except Exception as error:  # any exception of a foreign codec is its failure

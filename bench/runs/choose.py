@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from bench.devices import is_gpu
 from bench.errors import InputError
 from bench.records import MOST_DB, load_run
 from bench.records.choosing import Rung, validated
@@ -77,7 +78,7 @@ def described(row: Choice) -> str:
 def held(folder: Path, row: Choice) -> str:
     """Which device a choice was timed on, and the size of its textures on a GPU, by the record of its job."""
     threads = row.get("threads", 1)
-    whose = "the GPU's" if row["device"] != "cpu" else f"the CPU's, {threads} thread{'s' * (threads != 1)}"
+    whose = "the GPU's" if is_gpu(row["device"]) else f"the CPU's, {threads} thread{'s' * (threads != 1)}"
     job = load_run(folder).job(row.get("job", "")) or {}
     floats = job.get("cost", {}).get("texture_floats", 0)
     textures = f"{FLOAT_BYTES * floats:,} bytes of textures at {FLOAT_BYTES} bytes a float" if floats else "no textures"

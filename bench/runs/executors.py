@@ -19,11 +19,13 @@ from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from bench.codecs.outside_codecs import EXPENDABLE
+from bench.devices import is_gpu
 from bench.errors import InputError
 from bench.threads import handling
 
 T = TypeVar("T")
 PATIENCE = "10s"  # how long to wait for the first answer of a scheduler
+VISIBLE = {"cuda": "CUDA_VISIBLE_DEVICES", "xpu": "ZE_AFFINITY_MASK"}  # what chooses the GPUs of a process
 THREAD_COUNTS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
@@ -53,9 +55,11 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
         raise InputError(f"--max-seconds {limit:g}: must be above 0")
     if count < 1:
         raise InputError(f"--jobs {count}: must be at least 1")
-    if device.startswith("cuda:"):
-        raise InputError(f"--device {device}: with --jobs each job has its own GPU: give --device cuda")
-    pool = Processes(count, threads, _gpu_names(count) if device == "cuda" else [], limit)
+    if is_gpu(device) and ":" in device:
+        raise InputError(
+            f"--device {device}: with --jobs each job has its own GPU: give --device {device.partition(':')[0]}"
+        )
+    pool = Processes(count, threads, _gpus(count, device) if is_gpu(device) else [], limit)
     try:
         yield Workers(pool, count)
     finally:
@@ -127,7 +131,7 @@ class Processes(Executor):
     `submit` waits until a worker is free. A worker ends when this process does, however that ends.
     """
 
-    def __init__(self, count: int, threads: int, gpus: Sequence[str] = (), limit: float | None = None):
+    def __init__(self, count: int, threads: int, gpus: Sequence[dict[str, str]] = (), limit: float | None = None):
         self.threads, self.gpus, self.limit = threads, gpus, limit
         self.pools: dict[int, tuple[ProcessPoolExecutor, Connection]] = {}
         self.free: queue.SimpleQueue[int] = queue.SimpleQueue()
@@ -139,7 +143,7 @@ class Processes(Executor):
         if seat not in self.pools:
             context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
             theirs, ours = context.Pipe(duplex=False)
-            given = (self.threads, self.gpus[seat] if self.gpus else None, theirs)
+            given = (self.threads, self.gpus[seat] if self.gpus else {}, theirs)
             self.pools[seat] = ProcessPoolExecutor(1, context, _prepare, given), ours
         pool = self.pools[seat][0]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
@@ -191,12 +195,10 @@ class Processes(Executor):
             self._end(seat, wait)
 
 
-def _prepare(threads: int, gpu: str | None, leash: Connection) -> None:
+def _prepare(threads: int, gpu: dict[str, str], leash: Connection) -> None:
     """Prepare a worker process: set environment variables before NumPy and PyTorch are imported and read them."""
-    os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)))
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)) | gpu)
     os.environ[EXPENDABLE] = "1"
-    if gpu is not None:
-        os.environ["CUDA_VISIBLE_DEVICES"] = gpu
     threading.Thread(target=_follow, args=(leash,), daemon=True).start()
 
 
@@ -208,15 +210,18 @@ def _follow(leash: Connection) -> None:
         os._exit(1)
 
 
-def _gpu_names(count: int) -> list[str]:
-    """Names of `count` GPUs that this process may use, one for each job."""
-    chosen = os.environ.get("CUDA_VISIBLE_DEVICES")
+def _gpus(count: int, device: str) -> list[dict[str, str]]:
+    """The variable that gives a process its own GPU, for each of `count` jobs."""
+    variable = VISIBLE.get(device)
+    if variable is None:
+        raise InputError(f"--jobs {count}: no variable gives a process its own {device}: leave --jobs out")
+    chosen = os.environ.get(variable)
     if chosen is None:
         import torch
 
-        names = [str(index) for index in range(torch.cuda.device_count())]
+        names = [str(index) for index in range(torch.get_device_module(device).device_count())]
     else:
         names = [name.strip() for name in chosen.split(",") if name.strip()]
     if len(names) < count:
         raise InputError(f"--jobs {count}: each job needs its own GPU, and there are {len(names)}: give fewer jobs")
-    return names[:count]
+    return [{variable: name} for name in names[:count]]

@@ -30,6 +30,7 @@ from bench.codecs import container, loading, shared
 from bench.codecs.command import Programs
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
 from bench.demand import fitting, require_demand
+from bench.devices import is_gpu
 from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.records import Record, fields
 from bench.records.schema import Facts
@@ -205,7 +206,7 @@ class Job:
         scores = evaluate(self.bench, file, self.task.threads, self.folder.keep, self.show)
         if self.task.repetition:  # only the first seed has pictures
             return scores
-        if self.task.device != "cpu":
+        if is_gpu(self.task.device):
             file = loading.load(header.path, "cpu", self.network)
         self._keep_truth()
         return scores | drawing(file, self.folder.keep)

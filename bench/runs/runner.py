@@ -17,8 +17,6 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from bench import atomic, records
 from bench.codec import REMARK, Codec, Progress, silent
 from bench.codecs import container, shared
@@ -26,6 +24,7 @@ from bench.codecs.command import Programs, permit
 from bench.codecs.registry import from_outside, make_codec
 from bench.data.spec import MaterialSpec
 from bench.demand import require_demand
+from bench.devices import present
 from bench.errors import CodecError, InputError, MissingDataError
 from bench.records import Record, Run
 from bench.runs.estimate import Estimate
@@ -231,7 +230,7 @@ class _Session:
 
     def time(self) -> None:
         """Time the decoders of each material in turns."""
-        if torch.device(self.options.device).type == "cuda" and not torch.cuda.is_available():
+        if not present(self.options.device):
             remedy = "run the same command on a machine with a GPU"
             log.warning("no decoder is timed, because there is no GPU here: %s", remedy)
             return

@@ -6,6 +6,8 @@ from typing import Any
 
 import torch
 
+from bench.devices import is_gpu
+
 SPAN_NS = 10_000_000  # an inner loop runs at least this long, far above the clock's resolution
 STABLE = 0.1  # a call is warm if two in a row differ by less
 MOST_WARM_UPS = 10
@@ -31,14 +33,14 @@ def elapsed(
     call: Callable[[], Any], repeat: int, device: torch.device, clock: Callable[[], int] = perf_counter_ns
 ) -> float:
     """ns that `repeat` calls take."""
-    if device.type == "cuda":
-        start, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+    if is_gpu(device):
+        start, end = (torch.get_device_module(device).Event(enable_timing=True) for _ in range(2))
         start.record()
         for _ in range(repeat):
             call()
         end.record()
         end.synchronize()
-        return 1e6 * start.elapsed_time(end)
+        return float(1e6 * start.elapsed_time(end))
     begun = clock()
     for _ in range(repeat):
         call()

@@ -23,6 +23,7 @@ import torch
 import torch._dynamo
 from torch import Tensor, nn
 
+from bench.devices import is_gpu
 from bench.errors import InputError, did_you_mean
 from bench.material import Around, Material
 from bench.program.llvm import drjit, unusable
@@ -66,13 +67,14 @@ class Variant:
 
 def exists_on(variant: Variant, device: torch.device) -> bool:
     """Whether a kind of device supports a variant; `prepared` reports missing packages."""
-    of_gpus = variant.precision == "tf32" or (variant.execution == "fused" and variant.precision != "float32")
-    return device.type == "cuda" or not of_gpus
+    if variant.precision == "tf32":  # NVIDIA's
+        return device.type == "cuda"
+    return is_gpu(device) or variant.execution != "fused" or variant.precision == "float32"
 
 
 def is_whole(variant: Variant, device: torch.device) -> bool:
     """Whether a variant fuses a whole material, so that it also computes codecs without a network."""
-    return variant.execution == "fused" and variant.precision == "float32" and device.type == "cpu"
+    return variant.execution == "fused" and variant.precision == "float32" and not is_gpu(device)
 
 
 def prepared(material: Material, variant: Variant) -> Material:
@@ -80,7 +82,7 @@ def prepared(material: Material, variant: Variant) -> Material:
     if variant.precision == "tf32" and material.device.type != "cuda":
         raise InputError("tf32 is a precision of NVIDIA's GPUs: use float32 here")
     material = copy.deepcopy(material).to(dtype=DTYPES[variant.precision])
-    if material.device.type == "cuda":
+    if is_gpu(material.device):
         material.chunk = GPU_CHUNK
     match variant.execution:
         case "compiled":
@@ -113,7 +115,7 @@ def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
 
 
 def _fused(material: Material, variant: Variant) -> Material:
-    if material.device.type != "cuda":
+    if not is_gpu(material.device):
         if variant.precision != "float32":
             raise InputError(f"fused on the CPU computes in float32, not {variant.precision}: use compiled")
         return _fused_on_cpu(material)
@@ -166,7 +168,7 @@ class _Compiled(Around):
 
         needs_compiler(inner.device)
         _replaced(inner, Lean)
-        if inner.device.type == "cpu" and inner.dtype.itemsize < 4:
+        if not is_gpu(inner.device) and inner.dtype.itemsize < 4:
             inner.chunk = LONG_CHUNK
         super().__init__(inner)
         self.whole = compiled(inner.evaluate, dynamic=False)
@@ -203,5 +205,5 @@ class _Tf32(Around):
 
 def needs_compiler(device: torch.device) -> None:
     """Raise `InputError` if torch.compile would find no compiler for a device."""
-    if device.type == "cpu" and not any(map(shutil.which, filter(None, (os.environ.get("CXX"), "g++", "clang++")))):
+    if not is_gpu(device) and not any(map(shutil.which, filter(None, (os.environ.get("CXX"), "g++", "clang++")))):
         raise InputError("compiled needs a C++ compiler: install g++ or clang++, or name one in CXX; or use eager")

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import torch
 
+from bench.devices import is_gpu
+
 # Words of /proc/cpuinfo and of `torch.cpu.get_capabilities`, of x86 and of ARM: each stands for an instruction that
 # multiplies such numbers.
 _PRODUCTS = {
@@ -15,7 +17,7 @@ _PRODUCTS = {
 
 def emulated(precision: str, device: torch.device) -> bool:
     """Whether a device only emulates products in a precision; False if the system does not say."""
-    if device.type != "cpu" or precision not in _PRODUCTS:
+    if is_gpu(device) or precision not in _PRODUCTS:
         return False
     if _x86() and not torch.backends.cpu.get_cpu_capability().startswith("AVX512"):
         return True  # PyTorch was told, or found, that none of the instructions above exist

@@ -74,7 +74,6 @@ class Optimisers:
     """Adam and Muon over the groups of an objective; Muon steps the groups with `hidden`."""
 
     def __init__(self, groups: list[dict[str, Any]], device: torch.device):
-        self.fused = device.type in ("cpu", "cuda")
         given = [{key: value for key, value in group.items() if key != "hidden"} for group in groups]
         hidden = [bool(group.get("hidden")) for group in groups]
         self.highest = [group["lr"] for group in groups]
@@ -88,10 +87,10 @@ class Optimisers:
         self.groups = [next(turns["muon" if h else "adam"]) for h in hidden]  # in the given order
 
     def _adam(self, groups: list[dict[str, Any]], device: torch.device) -> torch.optim.Optimizer:
-        adam = torch.optim.Adam(groups, lr=0.0, fused=self.fused)
+        adam = torch.optim.Adam(groups, lr=0.0, fused=True)
         for p in (p for group in adam.param_groups for p in group["params"]):
             adam.state[p] = {
-                "step": torch.zeros((), device=device if self.fused else "cpu"),
+                "step": torch.zeros((), device=device),
                 "exp_avg": torch.zeros_like(p),
                 "exp_avg_sq": torch.zeros_like(p),
             }

@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 FLOORS = [  # from the ground up; a room may enter those of lower floors, and a word any word
     {"errors", "atomic", "threads", "hemisphere", "density", "settings", "records", "archive", "material", "btf"}
-    | {"directions", "codec"},
+    | {"directions", "codec", "devices"},
     {"metrics", "program"},
     {"training"},
     {"data", "codecs", "decoder", "quantise"},

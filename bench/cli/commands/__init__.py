@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from bench import atomic
 from bench.codecs.registry import first_line
+from bench.devices import present
 from bench.errors import InputError, writable
 from bench.settings import Threads, converted
 
@@ -89,11 +90,11 @@ def usable_device(name: str) -> str:
     import torch
 
     try:
-        device = torch.device(name)
+        here = present(torch.device(name))
     except RuntimeError:
         raise InputError(f"--device {name}: no such device: use cpu or cuda") from None
-    if device.type == "cuda" and not torch.cuda.is_available():
-        raise InputError(f"--device {name}: PyTorch finds no CUDA device here; use cpu")
+    if not here:
+        raise InputError(f"--device {name}: PyTorch finds no such device here; use cpu")
     return name
 
 

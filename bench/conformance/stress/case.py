@@ -15,17 +15,13 @@ from torch import Tensor
 from bench.btf import BTF, Array
 from bench.codec import Codec, Configured, Fit, Parts, settings_dict
 from bench.codecs import container, loading
-from bench.conformance.check import CheckError, CodecUnderTest, raised
+from bench.conformance.check import CheckError, CodecUnderTest, NotApplicable, raised
 from bench.material import Material
 from bench.threads import torch_threads
 
 # Fits of the catalogue are short: those of these settings that a codec has are lowered to these values. `check` fits
 # with the settings that it is given.
 SHORT = {"steps": 200, "batch": 1024, "texels": 16}
-
-
-class NotApplicable(Exception):  # noqa: N818 (it is not an error)
-    """The reason why a case does not apply to a codec."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from bench.devices import is_gpu
 from bench.errors import InputError
 from bench.timing.fused.layers import Array, Layer, layers_of, sine_of_turns
 from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
@@ -148,7 +149,7 @@ class TritonNetwork(Network):
             "BEND": BEND,
             "PARABOLA": PARABOLA if architecture.activation == "smelu" else 0.0,
             "PRECISION": "tf32" if tf32 else "ieee",
-            "WIDEN": parameter.device.type == "cpu",
+            "WIDEN": not is_gpu(parameter.device),
             **{f"C{i}": c for i, c in enumerate(sine_of_turns())},
         }
         self.eps = norm.eps if norm else 0.0

@@ -3,6 +3,8 @@
 import inspect
 import random
 import re
+import subprocess
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +14,8 @@ import torch
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench import cli
 from bench.codec import Codec, Parts
-from bench.conformance import stress, verdicts
-from bench.conformance.check import STAGES, encodes, framed
+from bench.conformance import emulated, stress, verdicts
+from bench.conformance.check import STAGES, encodes, framed, on_a_gpu
 from bench.conformance.verdicts import check, codec_to_check
 from bench.material import DecoderCost, Material
 from bench.records import FILE, append
@@ -64,7 +66,7 @@ class Broken(MeanColour):
     material: type[Material] = MeanColourMaterial
 
     def decode(self, parts, device):
-        return self.material(unpack("mean", parts.texture))
+        return self.material(unpack("mean", parts.texture)).to(device)
 
 
 class Dark(MeanColourMaterial):
@@ -163,6 +165,60 @@ def test_a_broken_fit_is_caught(codec, promise, monkeypatch):
 class Raises(MeanColour):
     def encode(self, btf, fit):
         return super().encode(btf, fit), self.no_such_thing
+
+
+class StaysBehind(MeanColour):
+    def decode(self, parts, device):
+        return MeanColourMaterial(unpack("mean", parts.texture))
+
+
+class InAList(MeanColourMaterial):
+    def __init__(self, texture):
+        super().__init__(texture)
+        self.levels = [texture]
+
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) + 0 * self.levels[0][0, 0]
+
+
+class Untold(MeanColour):
+    def decode(self, parts, device):
+        return MeanColourMaterial(unpack("mean", parts.texture).to(device))
+
+
+@pytest.mark.parametrize(
+    ("codec", "says"),
+    [
+        (StaysBehind, "your decoder leaves `texture` on the CPU: return `material.to(device)`"),
+        (type("Faulty", (Broken,), {"material": InAList}), "your decoder leaves `levels.0` on the CPU (RuntimeError"),
+        (Untold, "your decoder does not tell its material that it is on a GPU: return `material.to(device)`"),
+    ],
+)
+def test_a_decoder_that_leaves_a_tensor_on_the_cpu_is_told_its_name(codec, says, monkeypatch, gpu):
+    (message,) = failures(codec, monkeypatch).values()
+    assert message.startswith(says)
+
+
+def test_a_pytorch_that_emulates_no_gpu_fails_no_codec(monkeypatch):
+    monkeypatch.setattr(emulated, "_libraries", [])
+    monkeypatch.delattr("torch.utils.backend_registration._setup_privateuseone_for_python_backend")
+    (reason,) = (result.reason for result in check(MeanColour()) if result.name == on_a_gpu.__doc__)
+    assert reason.startswith("a GPU is emulated by PyTorch 2.9 or newer, and this is ")
+
+
+AFTER_A_GRADIENT = """
+import torch
+from baselines.mean_colour import MeanColour
+from bench.conformance.check import on_a_gpu
+from bench.conformance.verdicts import check
+torch.ones(1, requires_grad=True).sum().backward()
+print([result.reason for result in check(MeanColour()) if result.name == on_a_gpu.__doc__])
+"""
+
+
+def test_a_process_that_took_a_gradient_emulates_no_gpu_and_fails_no_codec(gpu):
+    done = subprocess.run([sys.executable, "-c", AFTER_A_GRADIENT], capture_output=True, text=True, check=True)
+    assert done.stdout == "['a GPU is emulated only in a process that took no gradient before']\n"
 
 
 def test_the_first_failing_stage_is_the_last_and_names_the_authors_line_once(monkeypatch):

@@ -1,0 +1,256 @@
+"""An emulated GPU: tensors in host memory that PyTorch takes for a GPU's, to find mistakes where there is no GPU.
+
+It is PyTorch's spare backend, "PrivateUse1", under the name "gpu". A tensor on it has a storage of its own over the
+memory of a CPU tensor, so that views, autograd, optimisers and modules are PyTorch's. Each operation runs on the CPU,
+and therefore gives the CPU's bits; but it is refused where CUDA would refuse it: for tensors on two devices, and for a
+generator of the CPU. `counted` counts what a GPU and its host would do: kernels, waits, and bytes copied.
+
+Not emulated: rounding and order of sums of a GPU, dtypes that it lacks, asynchrony, torch.compile and Triton.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from types import ModuleType
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils import _pytree as tree
+
+NAME = "gpu"
+NEEDS = "a GPU is emulated by PyTorch 2.9 or newer"
+
+# Where CUDA takes tensors of the CPU: indices, and numbers (0-dim) in `pointwise` operations and in these.
+_INDEXING = {"aten::index", "aten::index_put", "aten::index_put_", "aten::_index_put_impl_"}
+_OF_NUMBERS = {"aten::masked_fill", "aten::masked_fill_", "aten::index_fill_", "aten::fill_", *_INDEXING}
+# Where a host waits for a GPU: a number, a size that depends on data, a solver that reports errors.
+_WAITING = {
+    *("aten::_local_scalar_dense", "aten::nonzero", "aten::masked_select", "aten::_unique2", "aten::unique_dim"),
+    *("aten::equal", "aten::repeat_interleave", "aten::_linalg_eigh", "aten::_linalg_svd", "aten::linalg_inv_ex"),
+    "aten::_linalg_solve_ex",
+}
+_WITHOUT_KERNEL = ("aten::empty", "aten::set_", "aten::resize_")
+_aten = torch.ops.aten
+_place = _aten.set_.source_Storage_storage_offset
+_clone = torch.UntypedStorage.clone
+_libraries = list[torch.library.Library]()  # they hold the kernels
+
+
+class NoEmulationError(Exception):
+    """This PyTorch cannot emulate a GPU: it is too old, or has another device in its place."""
+
+
+@dataclass
+class Traffic:
+    """What a GPU and its host did: kernels and waits by the name of the operation, and bytes copied between the two.
+
+    A copy between the two is a wait, too, unless it goes up and is `non_blocking`.
+    """
+
+    kernels: Counter[str] = field(default_factory=Counter)
+    waits: Counter[str] = field(default_factory=Counter)
+    copied: int = 0
+
+
+_traffic = list[Traffic]()
+
+
+@contextmanager
+def counted() -> Iterator[Traffic]:
+    """Count what happens on the device in this block."""
+    traffic = Traffic()
+    _traffic.append(traffic)
+    try:
+        yield traffic
+    finally:
+        _traffic.remove(traffic)
+
+
+@contextmanager
+def emulated() -> Iterator[torch.device]:
+    """The device, in a block in which it works. `NoEmulationError` if it cannot be."""
+    register()
+    before = torch.__future__.get_swap_module_params_on_conversion()
+    # `Module.to` keeps its parameters, as on CUDA; and `copy.deepcopy` copies storages, which have no allocator here.
+    torch.__future__.set_swap_module_params_on_conversion(True)
+    torch.UntypedStorage.clone = _cloned  # type: ignore[method-assign, assignment]
+    try:
+        with torch.enable_grad():
+            _gradient()
+        yield torch.device(NAME, 0)
+    finally:
+        torch.UntypedStorage.clone = _clone  # type: ignore[method-assign]
+        torch.__future__.set_swap_module_params_on_conversion(before)
+
+
+def _gradient() -> None:
+    try:
+        torch.ones((), device=NAME, requires_grad=True).square().backward()
+    except RuntimeError as error:  # autograd's engine counted the devices before this one
+        raise NoEmulationError("a GPU is emulated only in a process that took no gradient before") from error
+
+
+def register() -> None:
+    """Add the device to PyTorch; `NoEmulationError` if it cannot. A process must do so before its first gradient."""
+    if _libraries:
+        return
+    try:
+        from torch.utils.backend_registration import _setup_privateuseone_for_python_backend
+    except ImportError as error:
+        raise NoEmulationError(f"{NEEDS}, and this is {torch.__version__}") from error
+    try:
+        _setup_privateuseone_for_python_backend(NAME)
+    except RuntimeError as error:
+        raise NoEmulationError(f"no GPU is emulated where PyTorch has another device: {error}") from error
+    every, aten = torch.library.Library("_", "IMPL"), torch.library.Library("aten", "IMPL")
+    every.fallback(_computed, "PrivateUse1")
+    kernels: dict[str, Callable[..., Any]] = {
+        "_copy_from": _copied,
+        "set_.source_Storage_storage_offset": partial(_place.redispatch, _cpu_keys()),
+        "convolution_overrideable": partial(_computed, _aten.convolution.default),
+        "convolution_backward_overrideable": _convolved_back,
+        # Otherwise PyTorch makes these of several kernels, unlike CUDA.
+        **{name: partial(_computed, getattr(_aten, name).default) for name in ("native_layer_norm", "mse_loss")},
+    }
+    for name, kernel in kernels.items():
+        aten.impl(name, kernel, "PrivateUse1")
+    _libraries.extend([every, aten])
+
+
+def _cpu_keys() -> Any:
+    return torch._C.DispatchKeySet(torch._C.DispatchKey.CPU)
+
+
+def _here(value: Any) -> bool:
+    return value.device.type == NAME
+
+
+def _host(tensor: Tensor) -> Tensor:
+    """The CPU tensor over the memory of one on the device."""
+    storage: Any = tensor.untyped_storage()
+    return torch.empty(0, dtype=tensor.dtype).set_(
+        storage.memory, tensor.storage_offset(), tensor.size(), tensor.stride()
+    )
+
+
+def _storage(memory: torch.UntypedStorage) -> Any:
+    """A storage of the device over the memory of one of the CPU."""
+    make: Any = torch._C._construct_storage_from_data_pointer
+    storage = make(memory.data_ptr(), torch.device(NAME, 0), memory.nbytes())
+    storage.memory = memory  # keeps it alive
+    return storage
+
+
+def _device(host: Tensor, storage: Any = None, out: Tensor | None = None) -> Tensor:
+    """A tensor of the device over the memory of a CPU tensor; `out` is moved there."""
+    acc: Any = torch._C._acc
+    out = acc.create_empty_tensor((0,), host.dtype) if out is None else out
+    storage = _storage(host.untyped_storage()) if storage is None else storage
+    moved: Tensor = _place.redispatch(_cpu_keys(), out, storage, host.storage_offset(), host.size(), host.stride())
+    return moved
+
+
+def _cloned(storage: torch.UntypedStorage) -> torch.UntypedStorage:
+    return _storage(_clone(storage.memory)) if _here(storage) else _clone(storage)  # type: ignore[attr-defined]
+
+
+class _Operands:
+    """The tensors of one operation: checked and lowered to the CPU; its results raised to the device again."""
+
+    def __init__(self, op: Any):
+        self.op, self.name = op, op._schema.name
+        self.given, self.storages = dict[int, tuple[Tensor, Tensor]](), dict[int, Any]()
+
+    def lowered(self, value: Any, position: int = -1) -> Any:
+        if isinstance(value, torch.Generator) and not _here(value):
+            raise RuntimeError(f"{self.name}: expected a generator on {NAME}, but it is on {value.device}")
+        if isinstance(value, torch.device):
+            return torch.device("cpu")
+        if not isinstance(value, Tensor):
+            return value
+        if not _here(value):
+            number = value.ndim == 0 and (torch.Tag.pointwise in self.op.tags or self.name in _OF_NUMBERS)
+            if not number and not (self.name in _INDEXING and position == 1):
+                raise RuntimeError(f"{self.name}: expected all tensors on {NAME}, but one is on {value.device}")
+            if not number:
+                _copy_noted("an index", value)
+            return value
+        host = _host(value)
+        self.given[id(host)] = host, value
+        self.storages[host.untyped_storage()._cdata] = value.untyped_storage()
+        return host
+
+    def raised(self, value: Any) -> Any:
+        if not isinstance(value, Tensor):
+            return value
+        if id(value) not in self.given:
+            return _device(value, self.storages.get(value.untyped_storage()._cdata))
+        host, ours = self.given[id(value)]  # written in place, perhaps resized
+        kept = ours.shape == host.shape and ours.untyped_storage().nbytes() == host.untyped_storage().nbytes()
+        return ours if kept else _device(host, out=ours)
+
+    def only_views(self, found: Any) -> bool:
+        """Whether all that an operation returned are views of what it was given."""
+        new = [x for x in tree.tree_leaves(found) if isinstance(x, Tensor) and id(x) not in self.given]
+        return bool(new) and all(x.untyped_storage()._cdata in self.storages for x in new)
+
+
+def _computed(op: Any, *args: Any, **kwargs: Any) -> Any:
+    """Compute an operation of the device on the CPU."""
+    operands = _Operands(op)
+    name = operands.name
+    flat = [tree.tree_map(partial(operands.lowered, position=i), each) for i, each in enumerate(args)]
+    named = {key: tree.tree_map(operands.lowered, value) for key, value in kwargs.items()}
+    # PyTorch wraps a number as a tensor for some operations, and unwraps it again for a kernel in Python.
+    arguments = zip(op._schema.arguments, args, strict=False)
+    numbers = any(isinstance(x, int | float) and str(each.type) == "Tensor" for each, x in arguments)
+    found = (op._overloadpacket if numbers else op)(*flat, **named)
+    if not operands.only_views(found) and not name.startswith(_WITHOUT_KERNEL):
+        for traffic in _traffic:
+            (traffic.waits if name in _WAITING else traffic.kernels)[name] += 1
+    return tree.tree_map(operands.raised, found)
+
+
+def _copy_noted(what: str, tensor: Tensor, waits: bool = True) -> None:
+    for traffic in _traffic:
+        traffic.copied += tensor.nbytes
+        traffic.waits[what] += waits
+
+
+def _copied(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tensor:
+    """Copy between two tensors, at least one of them on the device."""
+    (_host(target) if _here(target) else target).copy_(_host(source) if _here(source) else source)
+    if _here(source) and _here(target):
+        for traffic in _traffic:
+            traffic.kernels["aten::copy_"] += 1
+    else:
+        _copy_noted("up" if _here(target) else "down", source, waits=_here(source) or not non_blocking)
+    return target
+
+
+def _convolved_back(grad: Tensor, *args: Any) -> Any:
+    return _computed(_aten.convolution_backward.default, grad, *args[:2], [grad.shape[1]], *args[2:])
+
+
+def left_behind(owner: object) -> list[str]:
+    """The names of tensors of the CPU that an object holds, in its attributes, however deep."""
+    names, seen = list[str](), set[int]()
+
+    def search(value: Any, name: str) -> None:
+        if isinstance(value, Tensor):
+            if value.device.type == "cpu":
+                names.append(name)
+        elif id(value) not in seen and not isinstance(value, type | ModuleType):
+            seen.add(id(value))
+            inner = value if isinstance(value, dict) else getattr(value, "__dict__", {})
+            items = enumerate(value) if isinstance(value, list | tuple) else inner.items()
+            for key, each in items:
+                # PyTorch's modules keep their parts in dictionaries of their own.
+                skipped = str(key) in ("_parameters", "_buffers", "_modules")
+                search(each, name if skipped else f"{name}.{key}".lstrip("."))
+
+    search(owner, "")
+    return names

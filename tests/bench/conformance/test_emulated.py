@@ -1,0 +1,106 @@
+"""The emulated GPU refuses what CUDA refuses, and counts; and every codec fits and answers on it as on the CPU."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from bench.btf import BTF
+from bench.codec import Fit, settings_dict
+from bench.codecs import container, loading, shared
+from bench.codecs.registry import load_codec
+from bench.conformance.check import tiny_btf
+from bench.conformance.emulated import counted
+from bench.data.materials import load
+from bench.hemisphere import uniform
+from bench.training import fitting
+
+PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+CODECS = sorted(PROJECT["entry-points"]["neubtf_bench.codecs"])
+# Few kernels: each takes long on an emulated GPU. Textures are rounded from half of the steps on, channel by channel.
+SMALL = {"steps": 4, "batch": 32, "patch": 2, "channels": 2, "latents": 2, "components": 2, "fine": 2, "coarse": 2}
+
+
+def test_it_computes_as_the_cpu_does(gpu: torch.device) -> None:
+    values = torch.arange(6.0).reshape(2, 3)
+    ours = values.to(gpu)
+    assert ours.device == gpu
+    assert torch.equal((ours.T @ ours).cpu(), values.T @ values)
+    ours[0].zero_()  # a view shares its memory
+    assert ours.sum().item() == 12
+    network = torch.nn.Linear(3, 2).to(gpu)
+    network(ours).square().mean().backward()
+    assert network.weight.grad is not None
+    assert network.weight.grad.device == gpu
+
+
+def test_it_refuses_what_cuda_refuses(gpu: torch.device) -> None:
+    ours, theirs = torch.ones(3, device=gpu), torch.ones(3)
+    for mistake in (lambda: ours + theirs, lambda: torch.cat([ours, theirs]), lambda: theirs[ours.long()]):
+        with pytest.raises(RuntimeError, match=r"device|on gpu|cpu"):
+            mistake()
+    with pytest.raises(RuntimeError, match="generator"):
+        torch.rand(3, device=gpu, generator=torch.Generator())
+    with pytest.raises(TypeError):
+        ours.numpy()
+    assert (ours + torch.tensor(1.0)).sum().item() == 6  # a number may stay on the CPU
+
+
+def test_it_counts_kernels_waits_and_bytes(gpu: torch.device) -> None:
+    with counted() as traffic:
+        ours = torch.ones(3).to(gpu)  # 12 bytes up
+        total = (ours * 2)[1:].sum()
+    assert traffic.kernels.total() == 2
+    assert traffic.waits == {"up": 1}
+    assert traffic.copied == 12
+    with counted() as traffic:
+        float(total)
+        ours[ours > 0]
+        ours.to("cpu")
+    assert traffic.waits == {"aten::_local_scalar_dense": 1, "aten::nonzero": 1, "down": 1}
+
+
+def material_for(name: str) -> BTF:
+    """A material in which `relief` finds a height; a smaller one for all others."""
+    return load("cable-knit", 16, views=9, lights=5, heldout=0) if name == "relief" else tiny_btf()
+
+
+@pytest.mark.parametrize("name", CODECS)
+def test_a_codec_fits_and_answers_on_a_gpu_as_on_the_cpu(
+    name: str, gpu: torch.device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind, btf = load_codec(name), material_for(name)
+    codec = kind(**{key: value for key, value in SMALL.items() if key in settings_dict(kind())})
+    network, state = shared.find_for(codec), tmp_path / "state"
+    parts = codec.encode(btf, Fit(network=network))
+    assert ("height" in parts.texture) == (name == "relief")
+
+    def halt(label: str, done: int, total: int) -> None:
+        if label.startswith("fitting") and done == SMALL["steps"]:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(fitting, "KEEP_EVERY", 3)  # past half of the steps
+    monkeypatch.setattr(fitting, "SAVE_SECONDS", 0.0)
+    try:
+        found = codec.encode(btf, Fit(network=network, device=gpu, checkpoint=state, show=halt))
+    except KeyboardInterrupt:
+        assert state.exists() or name == "svbrdf"  # which keeps none
+        found = codec.encode(btf, Fit(network=network, device=gpu, checkpoint=state))
+    path = container.save(tmp_path / "a.nbtf", codec, found).path
+    assert path.read_bytes() == container.to_bytes(codec, parts)
+
+    rng = np.random.default_rng(0)
+    uv = torch.from_numpy(rng.uniform(-1, 2, (64, 2)).astype(np.float32))
+    wo, wi = (torch.from_numpy(uniform(rng, 64, 89)) for _ in range(2))
+    queries = uv, wo, wi, torch.linspace(0, 0.5, 64)
+    for dtype in (torch.float32, torch.float16, torch.bfloat16):
+        theirs = loading.load(path, "cpu", network).material.to(dtype=dtype)
+        ours = loading.load(path, gpu, network).material.to(dtype=dtype)
+        assert ours.device == gpu
+        answers = ours.query(*(q.to(gpu) for q in queries))
+        assert answers.device == gpu
+        torch.testing.assert_close(answers.cpu(), theirs.query(*queries))
+        directions = btf.wo[0].tolist(), btf.wi[0].tolist()
+        torch.testing.assert_close(ours.slice(*directions), theirs.slice(*directions))
