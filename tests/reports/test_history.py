@@ -10,7 +10,7 @@ from reports.figures import history
 
 def test_points_are_means_over_seeds_by_start(made, tmp_path, monkeypatch):
     made.start("20250101T0").job("pca", psnr=30.0, run="20250101T0").job("pca", psnr=32.0, seed=1, run="20250101T0")
-    made.timing("pca", run="20250101T0").job("table", psnr=None, run="20250101T0")
+    made.timing("pca", run="20250101T0").job("table", psnr=100.0, run="20250101T0")
     later = type(made)(tmp_path / "later").start("20250301T0").job("pca", psnr=35.0, run="20250301T0")
     drawn, plain = {}, history.new
 

@@ -52,7 +52,7 @@ def test_scripts_run_by_their_hash_alone(made):
 
 
 def test_gaps_are_explained(made):
-    page = page_of(made.job("table", psnr=None, history=[]).unfinished("failed", "ValueError: why"))
+    page = page_of(made.job("table", psnr=100.0, history=[]).unfinished("failed", "ValueError: why"))
     for words in (
         "The plot of speed and accuracy is omitted",
         "The plot of quality over seconds is omitted",

@@ -55,7 +55,7 @@ def test_a_codec_that_answers_texels_has_its_time_at_one_of_them(made):
 
 
 def test_exact_slices_are_counted_openly(made):
-    (table,) = tables(made.job("table", psnr=None), "main")
+    (table,) = tables(made.job("table", psnr=100.0), "main")
     assert cells(table)["PSNR pooled dB ↑"] == cells(table)["PSNR per slice dB ↑"] == "exact"
     assert any(note.startswith("table: 4 of 4 slices have no error") for note in table.notes)
 
@@ -167,8 +167,8 @@ def test_footprints_have_a_column_each(made):
 
 
 def test_seeds_are_one_row_mean_and_deviation_where_they_differ(made):
-    made.job("vq", psnr=30.0).job("vq", seed=1, psnr=31.0).job("table", psnr=None).job("table", seed=1, psnr=None)
-    made.job("pca").job("pca", seed=1).timing("pca").job("half", psnr=None).job("half", seed=1, psnr=28.0)
+    made.job("vq", psnr=30.0).job("vq", seed=1, psnr=31.0).job("table", psnr=100.0).job("table", seed=1, psnr=100.0)
+    made.job("pca").job("pca", seed=1).timing("pca").job("half", psnr=100.0).job("half", seed=1, psnr=28.0)
     (table,) = tables(made, "main")
     rows = {row[0]: cells(table, i) for i, row in enumerate(table.rows)}
     assert [row[0] for row in table.rows] == ["vq", "table", "pca", "half"]
@@ -193,7 +193,7 @@ def test_pairs_that_are_drawn_anew_for_each_seed_are_no_obstacle_but_older_ones_
 
 
 def test_the_best_of_a_column_is_bold_and_the_second_underlined(made):
-    made.job("a", psnr=30.0).job("b", psnr=31.0).job("c", psnr=None).job("d", psnr=30.0, run="0", exposure=9.0)
+    made.job("a", psnr=30.0).job("b", psnr=31.0).job("c", psnr=100.0).job("d", psnr=30.0, run="0", exposure=9.0)
     (table,) = tables(made, "main")
     column = [name for name, _ in table.headers].index("PSNR pooled")
     assert {row: mark for (row, at), mark in table.marks.items() if at == column} == {2: "bold", 1: "underlined"}

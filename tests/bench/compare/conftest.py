@@ -19,7 +19,7 @@ class Maker:
         self.folder = folder
 
     def job(self, label="pca", material="satin", seed=0, psnr=30.0, flip=0.1, **changes):
-        """One finished job; `psnr=None` makes it exact. `version`, `training`, `btf`, `exposure`, `size` and
+        """One finished job; `psnr=100.0` makes it exact. `version`, `training`, `btf`, `exposure`, `size` and
         `settings` change what their names say, `versions` those of metrics (0: not measured).
         """
         get = changes.pop

@@ -140,7 +140,7 @@ def test_of_many_regressions_the_last_annotation_counts_the_rest(make):
 
 
 def test_the_tracker_gets_numbers_by_direction(make):
-    jobs = [make.job("vq", seed=seed, psnr=30.0 + seed) for seed in range(3)] + [make.job("table", psnr=None)]
+    jobs = [make.job("vq", seed=seed, psnr=30.0 + seed) for seed in range(3)] + [make.job("table", psnr=100.0)]
     jobs += [make.job("mean-colour"), make.unfinished("failed", "pca")]
     run = make.run("new", *jobs, make.timing("mean-colour", ns=100), make.timing("vq", ns=250))
     files = {name: json.loads(text) for name, text in tracker(run).items()}

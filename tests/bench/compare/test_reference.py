@@ -14,7 +14,7 @@ PSNRS = [30.0, 30.1234567891, 29.9]
 
 @pytest.fixture
 def run(make):
-    jobs = [*make.seeds(PSNRS), *make.seeds([28.0] * 3, "pca"), make.job("table", psnr=None), make.job("mean-colour")]
+    jobs = [*make.seeds(PSNRS), *make.seeds([28.0] * 3, "pca"), make.job("table", psnr=100.0), make.job("mean-colour")]
     timings = [make.timing("mean-colour", ns=100), make.timing("vq", ns=250)]
     return make.run("run", *jobs, *timings, git="abc", text="a suite", python="3.11")
 
