@@ -70,6 +70,8 @@ def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
         raise CodecError(f"{prefix}{called(entry)} cannot be imported: {_kind(error)}") from error
     if (name := getattr(codec, "name", None)) != entry.name:
         raise InputError(f"{prefix}entry point {entry.name!r} leads to a codec that calls itself {name!r}")
+    if not isinstance(getattr(codec, "version", None), int):
+        raise InputError(f"{prefix}{called(entry)} has no version: add `version = 1` to its class")
     return codec
 
 

@@ -2,6 +2,7 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
+from baselines.pca import PCA
 from bench.codecs import registry
 from bench.errors import InputError
 
@@ -55,6 +56,13 @@ def test_a_class_must_bear_the_name_of_its_entry_point(installed):
     installed(("pcb", "baselines.pca:PCA"))
     with pytest.raises(InputError, match="calls itself 'pca'"):
         registry.load_codec("pcb")
+
+
+def test_a_class_without_a_version_is_told_what_to_add(installed, monkeypatch):
+    installed(("pca", "baselines.pca:PCA"))
+    monkeypatch.delattr(PCA, "version")
+    with pytest.raises(InputError, match=r"codec pca of .* has no version: add `version = 1` to its class"):
+        registry.load_codec("pca")
 
 
 def test_a_module_that_is_not_there_is_described_as_such(installed):
