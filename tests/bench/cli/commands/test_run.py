@@ -96,10 +96,10 @@ def test_a_run_says_first_what_is_left_and_after_each_job_how_far_it_is(tmp_path
     lines = capsys.readouterr().out.splitlines()
     jobs = [line for line in lines if line.startswith("satin/")]
     assert [line.split("(")[-1] for line in jobs] == ["1 of 2 jobs)", "2 of 2 jobs)"]
-    started = "2 jobs: 2 left, no estimate, because no fit of mean-colour, table is recorded here"
+    started = "2 jobs: 2 left, no estimate before the first fit of mean-colour, table on this machine"
     assert lines.index(started) < lines.index(jobs[0])
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
-    assert "2 jobs, all recorded" in capsys.readouterr().out
+    assert "2 jobs, all recorded; what changed since is done again" in capsys.readouterr().out
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "two")]) == 0  # a run beside it
     assert re.search(r"2 jobs: 2 left, about .* of fits\n", capsys.readouterr().out)
 
