@@ -1,12 +1,13 @@
 """A comparison of two runs as tables: for a terminal of 120 columns, and as GitHub Markdown."""
 
+import shlex
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
 from bench.compare import Comparison
 from bench.compare.quantities import Quantity
-from bench.compare.rows import ComparedRow
+from bench.compare.rows import ABSENT, ComparedRow
 from bench.compare.verdicts import Change, Verdict
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
@@ -27,6 +28,7 @@ _LEGEND = (
     "The margin is a small tolerance if seeds agree; else chance exceeds it once in 1,000 times (slice by slice) or "
     "4,000 times (other numbers). So it is the smallest loss that these seeds can reveal."
 )
+_MANY = 3  # rows that the run never had: so many are one line
 _UNLIKE = (
     "n/c: not comparable; this fails like a regression: update the reference in the same change (docs/ci.md), or name "
     "the row with --allow."
@@ -35,19 +37,32 @@ _UNLIKE = (
 
 def terminal(comparison: Comparison) -> str:
     """The whole comparison: deciding rows, all others, remarks, and the summary; without a trailing line break."""
+    absent = [row for row in comparison.rows if row.why == ABSENT]
+    present = [row for row in comparison.rows if len(absent) < _MANY or row not in absent]
     tables = []
-    for material in dict.fromkeys(row.material for row in comparison.rows):
-        rows = [row for row in comparison.rows if row.material == material]
+    for material in dict.fromkeys(row.material for row in present):
+        rows = [row for row in present if row.material == material]
         tables += [_deciding(material, rows), *_others(material, rows)]
     tables += [_deciding(comparison.means[0].material, comparison.means)] if comparison.means else []
-    every = [*comparison.rows, *comparison.means]
-    findings = [_wrapped(f"{_word(verdict):<7} {row.name}: {text}") for row in every for verdict, text in _remarks(row)]
+    every = [*present, *comparison.means]
+    findings = [_wrapped(_partial(absent, present))] if len(absent) >= _MANY else []
+    findings += [
+        _wrapped(f"{_word(verdict):<7} {row.name}: {text}") for row in every for verdict, text in _remarks(row)
+    ]
     findings += [_wrapped(f"advice  {row.name}: {row.advice}") for row in comparison.rows if row.advice]
     legend = [_LEGEND] if any(row.deciding for row in comparison.rows) else []
     legend += [_UNLIKE] if comparison.having(Verdict.UNLIKE) else []
     legend += [note[:1].upper() + note[1:] + "." for note in comparison.notes]
     blocks = [plain(tables), "\n".join(findings), "\n".join(map(_wrapped, legend)), comparison.summary]
     return "\n\n".join(block for block in blocks if block)
+
+
+def _partial(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) -> str:
+    """One line on rows that the run never had, and the options that compare what it has."""
+    names = (("material", [row.material for row in present]), ("codec", [row.label.split()[0] for row in present]))
+    options = " ".join(f"--{word} {shlex.quote(name)}" for word, found in names for name in dict.fromkeys(found))
+    remedy = f"; to compare what is there: {options}" if options else ""
+    return f"{Verdict.GONE}    {len(absent)} rows: {ABSENT}{remedy}"
 
 
 def markdown(comparison: Comparison) -> str:

@@ -55,8 +55,8 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
 
 _NOTES = [
     "Means over seeds, then over materials. Mean rank and “won” (materials on which no codec is better) are by PSNR. "
-    "Every metric is a mean over the slices of the deciding pairs. Only codecs that were measured on every material are "
-    "ranked."
+    "Every metric is a mean over the slices of the deciding pairs. Only codecs that were measured on every "
+    "material are ranked."
 ]
 
 

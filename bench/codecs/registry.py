@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import re
+import tomllib
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -60,8 +61,18 @@ def _entry(name: str, wanted_by: str = "") -> EntryPoint:
         return _OF_COMMANDS
     if name not in entries:
         prefix = f"{wanted_by}: " if wanted_by else ""
-        raise InputError(f"{prefix}no codec named {name!r} is installed{did_you_mean(name, entries)}")
+        remedy = f": pip install ./{name}" if _lies_here(name) else did_you_mean(name, entries)
+        raise InputError(f"{prefix}no codec named {name!r} is installed{remedy}")
     return entries[name]
+
+
+def _lies_here(name: str) -> bool:
+    """Whether a folder of that name is a package with such a codec."""
+    try:
+        project = tomllib.loads(Path(name, "pyproject.toml").read_text("utf-8"))["project"]
+        return name in project["entry-points"][GROUP]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
@@ -72,6 +83,8 @@ def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
         raise CodecError(f"{prefix}{called(entry)} cannot be imported: {_kind(error)}") from error
     if (name := getattr(codec, "name", None)) != entry.name:
         raise InputError(f"{prefix}entry point {entry.name!r} leads to a codec that calls itself {name!r}")
+    if not isinstance(getattr(codec, "version", None), int):
+        raise InputError(f"{prefix}{called(entry)} has no version: add `version = 1` to its class")
     return codec
 
 
@@ -99,6 +112,15 @@ def describe(entry: EntryPoint) -> str:
     """The first line of a codec's docstring, read from its source, so that listing imports no PyTorch."""
     module, _, attribute = entry.value.partition(":")
     return first_line(module, attribute)
+
+
+def listed(entry: EntryPoint) -> str:
+    """`describe`, or what fails when the codec is loaded: an external one is tried, in a process of its own."""
+    try:
+        outside_codecs.check(entry, called(entry), _made_in_child)
+        return describe(entry)
+    except Exception as error:  # any exception of a foreign codec is its failure
+        return f"FAILS: {' '.join(str(error).split())}"
 
 
 def reference(entry: EntryPoint) -> dict[str, str]:

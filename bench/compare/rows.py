@@ -12,6 +12,7 @@ from bench.records import Record
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
 
+ABSENT = "no such job in the run"
 ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BETTER, Verdict.SAME)
 
 
@@ -139,7 +140,7 @@ def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> 
     expected = {job["seed"] for job in base} & declared
     gone = sorted(expected - {job["seed"] for job in after})
     if gone or not after:
-        return Verdict.GONE, f"seed {', '.join(map(str, gone))} has no result" if after else "no such job in the run"
+        return Verdict.GONE, f"seed {', '.join(map(str, gone))} has no result" if after else ABSENT
     return None, ""
 
 

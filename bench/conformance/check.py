@@ -54,6 +54,8 @@ def raised(error: BaseException, codec: Codec) -> str:
     if isinstance(error, CodecError):
         return str(error)  # names the author's line itself
     what = f"{type(error).__name__}: {error}".splitlines()[0]
+    if "Half" in what and "float" in what.lower():  # networks and tables have the material's dtype, queries do not
+        what += ": queries are at least float32; convert what meets them by .to(wi.dtype)"
     own, suite = Path(inspect.getfile(type(codec))).parent, Path(__file__).parents[1]
     lines = [
         frame
@@ -178,7 +180,7 @@ def fresh_process(tested: CodecUnderTest) -> None:
 def same_bytes(tested: CodecUnderTest) -> None:
     """the same seed and threads give the same bytes"""
     if tested.encode("b" + container.SUFFIX).sha256 != tested.header.sha256:
-        raise CheckError("two fits of the same seed gave different files")
+        raise CheckError("two fits of the same seed gave different files: draw from fit.generator() or fit.seed alone")
 
 
 def batches(tested: CodecUnderTest) -> None:

@@ -16,10 +16,10 @@ from torch import Tensor
 
 from bench.btf import BTF, ArraySource
 from bench.hemisphere import from_degrees, product
-from bench.material import Material, texel_centres
+from bench.material import Material, texel_centres, texel_corners
 from bench.metrics.display import decode_srgb, encode_srgb
 
-SHAPE = (8, 8)
+SHAPE = (8, 12)  # not square, so that height and width are told apart
 WRONG, RIGHT = 0.65, 0.35  # a share above or below these decides; between them the codec does not separate the two
 SAME_SCALE = 1.25  # a mean within this factor is not an error of units
 PHASES_U, PHASES_V = (0.03, 0.37, 0.66), (0.18, 0.52, 0.86)  # of the three channels
@@ -79,8 +79,18 @@ def _turned(w: Tensor, x: tuple[int, int], y: tuple[int, int]) -> Tensor:
     return w @ turn.T
 
 
-def _both(x: tuple[int, int], y: tuple[int, int]) -> Radiance:
-    return lambda uv, wo, wi: truth(uv, _turned(wo, x, y), _turned(wi, x, y))
+def _directions(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
+    """The radiance with ω_o, ω_i, or both, turned."""
+    return lambda uv, wo, wi: truth(
+        uv, _turned(wo, x, y) if "ω_o" in sides else wo, _turned(wi, x, y) if "ω_i" in sides else wi
+    )
+
+
+def _reshaped(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+    """The radiance of the texels of (H, W), row by row, as a picture (W, H)."""
+    texel, weight = texel_corners((SHAPE[1], SHAPE[0]), uv)
+    centres = texel_centres(*SHAPE)[texel]
+    return sum((weight[:, k : k + 1] * truth(centres[:, k], wo, wi) for k in range(4)), torch.zeros(len(uv), 3))
 
 
 def _channels(order: tuple[int, int, int]) -> Radiance:
@@ -93,7 +103,14 @@ def _as(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
 
 
 HALF = 0.5 / SHAPE[1], 0.5 / SHAPE[0]
-OPPOSITE = (-1, 0), (0, -1)
+TURNS = (
+    ("φ + 180° for φ (ω pointing the other way)", (-1, 0), (0, -1)),
+    ("φ mirrored (−φ for φ)", (1, 0), (0, -1)),
+    ("φ mirrored (180° − φ for φ)", (-1, 0), (0, 1)),
+    ("φ + 90° for φ", (0, -1), (1, 0)),
+    ("φ − 90° for φ", (0, 1), (-1, 0)),
+    ("φ counted from +y clockwise", (0, 1), (1, 0)),
+)
 PLACES = (
     Arrangement("with the picture upside down (v grows upwards, row 0 is the top)", _place(lambda u, v: (u, 1 - v))),
     Arrangement("with the picture mirrored left to right", _place(lambda u, v: (1 - u, v))),
@@ -101,6 +118,7 @@ PLACES = (
     Arrangement("with u and v exchanged", _place(lambda u, v: (v, u))),
     # Transposed rows and columns: u = col/W, v = 1 − row/H.
     Arrangement("with the picture transposed, rows for columns", _place(lambda u, v: (1 - v, 1 - u))),
+    Arrangement("with rows and columns counted for each other (reshape(W, H) for reshape(H, W))", _reshaped),
     Arrangement("with the picture turned by 90° to the left", _place(lambda u, v: (v, 1 - u))),
     Arrangement("with the picture turned by 90° to the right", _place(lambda u, v: (1 - v, u))),
     Arrangement("with the picture moved by half a texel to the left", _moved(HALF[0], 0)),
@@ -120,14 +138,11 @@ CHANNELS = tuple(
 )
 DIRECTIONS = (
     Arrangement("with ω_o and ω_i exchanged", lambda uv, wo, wi: truth(uv, wi, wo)),
-    Arrangement("with φ + 180° for φ (ω pointing the other way)", _both(*OPPOSITE)),
-    Arrangement("with φ mirrored (−φ for φ)", _both((1, 0), (0, -1))),
-    Arrangement("with φ mirrored (180° − φ for φ)", _both((-1, 0), (0, 1))),
-    Arrangement("with φ + 90° for φ", _both((0, -1), (1, 0))),
-    Arrangement("with φ − 90° for φ", _both((0, 1), (-1, 0))),
-    Arrangement("with φ counted from +y clockwise", _both((0, 1), (1, 0))),
-    Arrangement("with φ + 180° for φ of ω_o alone", lambda uv, wo, wi: truth(uv, _turned(wo, *OPPOSITE), wi)),
-    Arrangement("with φ + 180° for φ of ω_i alone", lambda uv, wo, wi: truth(uv, wo, _turned(wi, *OPPOSITE))),
+    *(
+        Arrangement(f"with {words} in {sides}", _directions(x, y, sides))
+        for sides in ("ω_o and ω_i", "ω_o alone", "ω_i alone")
+        for words, x, y in TURNS
+    ),
 )
 UNITS = (
     Arrangement("as sRGB for linear radiance", _as(encode_srgb)),
@@ -136,6 +151,9 @@ UNITS = (
     Arrangement("with the cosine of ω_i twice", lambda uv, wo, wi: truth(uv, wo, wi) * wi[:, 2:]),
 )
 ARRANGEMENTS = (*PLACES, *CHANNELS, *DIRECTIONS, *UNITS)
+# So near the truth that a blur lies toward it, too: its error must be far below that of the truth.
+LOGARITHM = Arrangement("as log1p(radiance) for radiance (expm1 undoes it)", _as(np.log1p))
+FAR_BELOW = 0.25
 
 
 @dataclass(frozen=True)
@@ -176,6 +194,8 @@ class FrameAnswers:
         """Describe the mistake in words; empty if there is none."""
         wrong = [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
         likely = [(self.error(one.radiance(*self.queries)), one.description) for one in wrong]
+        if (error := self.error(LOGARITHM.radiance(*self.queries))) < FAR_BELOW * self.error(truth(*self.queries)):
+            likely.append((error, LOGARITHM.description))
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
             likely.append((self.error(truth(*self.queries).double() * scale), f"as {scale:.3g} times the truth"))

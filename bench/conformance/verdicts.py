@@ -79,11 +79,11 @@ def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result
 def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
     subject = stress.Subject(tested)
     cases = [case for case in stress.CASES if case.cheap]
-    details = set[str]()
+    details = dict[str, str]()
     for case in followed(tested.show, cases, "extremes", len(cases)):
         verdict = stress.judge(case, subject)
-        what = verdict.detail if verdict.detail not in details else "the same again"
-        details.add(verdict.detail)
+        first = details.setdefault(verdict.detail, case.name)
+        what = verdict.detail if first == case.name else f"the same as for {first!r}"
         failure = what + met_by_others(case.name) if verdict.verdict == "fail" else ""
         yield Result(f"{case.name}: {case.holds}", failure, verdict.detail if verdict.verdict == "n/a" else "")
 

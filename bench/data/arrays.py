@@ -1,11 +1,16 @@
 """A BTF from arrays in memory."""
 
+import logging
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bench.btf import BTF, ArraySource
-from bench.data.readers.checks import no_duplicates, unit_directions
+from bench.data.readers.checks import negative, no_duplicates, radiance_fault, unit_directions, warn_of_radians
 from bench.errors import InputError
+from bench.hemisphere import to_degrees
+
+log = logging.getLogger(__name__)
 
 
 def from_arrays(
@@ -24,16 +29,29 @@ def from_arrays(
     picture repeats without a seam. `InputError` names the array and the row of a wrong value.
     """
     values = np.asarray(radiance)
-    if values.ndim != 4 or values.shape[-1] != 3 or 0 in values.shape or values.dtype.kind != "f":
-        raise InputError(f"radiance is {values.shape} {values.dtype}: it must be (N, H, W, 3) floats")
+    if fault := radiance_fault(values.shape, values.dtype):
+        raise InputError(fault)
     count = len(values)
     views, lights = (_directions(np.asarray(side), word, count) for side, word in ((wo, "wo"), (wi, "wi")))
     no_duplicates(views, lights, lambda row: f"pair {row}")
     mask = None if heldout is None else np.asarray(heldout)
     if mask is not None and (mask.shape != (count,) or mask.dtype.kind != "b" or mask.all()):
         raise InputError(f"heldout must be a mask ({count},) of booleans that leaves pairs to train on")
+    _look_at(values, name)
+    warn_of_radians(*to_degrees(np.concatenate([views, lights])), "wo and wi")
     provenance = {"format": "arrays", "colour": "taken as linear Rec. 709", "cosine": "taken as f_r cos(theta_i)"}
     return BTF(name, views, lights, ArraySource(values), heldout=mask, periodic=periodic, provenance=provenance)
+
+
+def _look_at(values: np.ndarray, name: str) -> None:
+    for row, picture in enumerate(values):  # one at a time, because the array may be a mapped file
+        if count := int((~np.isfinite(picture)).sum()):
+            raise InputError(
+                f"radiance[{row}]: {count:,} of {picture.size:,} values are not finite (NaN or infinite): mend them, "
+                "leave the pair out, or save radiance, wo and wi by numpy.savez and bench.open(path, repair=True)"
+            )
+    if text := negative(values):
+        log.warning("%s: %s", name, text)
 
 
 def _directions(vectors: np.ndarray, word: str, count: int) -> np.ndarray:

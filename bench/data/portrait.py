@@ -14,6 +14,7 @@ import numpy as np
 from bench.btf import BTF, Array, Layout, box_filter
 from bench.data import periodic
 from bench.data.frame import MeanLobe, mean_lobe
+from bench.data.readers.checks import negative
 from bench.errors import writable
 from bench.hemisphere import thin, to_degrees
 from bench.metrics.display import exposure_of, to_display
@@ -83,6 +84,8 @@ class Look:
                 f"{self.clipped:.2%} of the values lie exactly at the maximum, {self.values.max():.4g}: "
                 "highlights are clipped"
             )
+        if text := negative(self.values):
+            warnings.append(text)
         if self.missing:
             whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
             warnings.append(f"{self.missing:,} pairs of the product of {whole} are missing")

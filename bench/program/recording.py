@@ -21,6 +21,7 @@ from bench.errors import InputError
 from bench.material import Material
 from bench.program import INPUTS, Program, Step
 
+MOST_RANKED = 256  # numbers of which a program finds the first few: 54 statements of a shader each, for nine
 # Operations that only assert a property of their argument.
 SAME = ("alias", "detach", "clone", "contiguous", "lift_fresh_copy")
 
@@ -52,8 +53,35 @@ class _Evaluate(nn.Module):
 def _exported(material: Material) -> torch.export.ExportedProgram:
     zenith = torch.tensor([[0.0, 0.0, 1.0]])
     query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)
+    plain = torch.export.default_decompositions()
+    plain[torch.ops.aten._cdist_forward.default] = _distances
+    plain[torch.ops.aten.topk.default] = _first
     with torch.no_grad(), _quiet():
-        return torch.export.export(_Evaluate(material), query, strict=False).run_decompositions()
+        exported = torch.export.export(_Evaluate(material), query, strict=False)
+        # PyTorch knows a constant again and computes with its value: of one number looked up, with unset memory.
+        fresh = {name: x.detach() if isinstance(x, Tensor) else x for name, x in exported.constants.items()}
+        exported.constants.update(fresh)
+        return exported.run_decompositions(plain)
+
+
+def _distances(left: Tensor, right: Tensor, order: float, mode: int | None) -> Tensor:
+    if order != 2:
+        raise InputError(f"distances of order {order:g}")
+    return (left.unsqueeze(-2) - right.unsqueeze(-3)).square().sum(-1).sqrt()
+
+
+def _first(source: Tensor, count: int, axis: int = -1, largest: bool = True, ranked: bool = True) -> list[Tensor]:
+    """`topk` as plain operations: one number after the other is found, then put last."""
+    if (rows := source.shape[axis]) > MOST_RANKED:
+        raise InputError(f"it ranks {rows:,} numbers, but the limit is {MOST_RANKED}")
+    last = torch.finfo(source.dtype).max / (-2 if largest else 2)
+    numbers = torch.arange(rows).unflatten(0, [rows] + [1] * (source.ndim - 1 - axis % source.ndim))
+    places, values = [], []
+    for _ in range(count):
+        places.append((source.argmax if largest else source.argmin)(axis, keepdim=True))
+        values.append(source.gather(axis, places[-1]))
+        source = torch.where(numbers == places[-1], last, source)
+    return [torch.cat(values, axis), torch.cat(places, axis)]
 
 
 def program_of(material: Material) -> Program:
@@ -67,9 +95,13 @@ def program_of(material: Material) -> Program:
         # alive, and with them guards by which PyTorch pauses recording, so an operation would be missing.
         with _RECORDING, ThreadPoolExecutor(1) as thread:
             exported = thread.submit(_exported, material).result()
+        return _written(exported, material.size)
     except Exception as error:  # torch.export has no exception type of its own
         what = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise InputError(f"this material cannot be recorded as a program: {what}") from error
+
+
+def _written(exported: torch.export.ExportedProgram, size: tuple[int, int]) -> Program:
     known = {**exported.state_dict, **exported.constants}
     signature = exported.graph_signature
     named = {
@@ -84,7 +116,7 @@ def program_of(material: Material) -> Program:
         if node.op == "call_function":
             recorder.record(node)
     (result,) = signature.user_outputs
-    return recorder.program(str(result), material.size)
+    return recorder.program(str(result), size)
 
 
 class _Recorder:
@@ -120,7 +152,7 @@ class _Recorder:
         if operation == "embedding_bag_forward_only":
             table, index, offsets, _, mode, _, *weights = arguments
             if mode != 0:
-                raise InputError("this material cannot be recorded as a program: an embedding bag that is not a sum")
+                raise InputError("an embedding bag that is not a sum")
             arguments, value = [table, index, len(offsets), *weights[:1]], value[0]
             self.values[node.name] = [f"{node.name}"]
         elif operation in ("split_with_sizes", "split", "unbind"):
@@ -129,10 +161,10 @@ class _Recorder:
         else:
             self.values[node.name] = node.name
         if not isinstance(value, Tensor):
-            raise InputError(f"this material cannot be recorded as a program: {operation} gives several tensors")
+            raise InputError(f"{operation} gives several tensors")
         foreign = set(node.kwargs) - {"dtype", "layout", "device", "memory_format", "pin_memory"}
         if foreign:
-            raise InputError(f"this material cannot be recorded as a program: {operation} with {min(foreign)}")
+            raise InputError(f"{operation} with {min(foreign)}")
         plain = [_plain(argument, self._keep) for argument in arguments]
         self.steps.append(Step(node.name, operation, plain, tuple(value.shape), _kind(value.dtype)))
 

@@ -8,6 +8,7 @@ import torch
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Progress, followed, silent
 from bench.codecs.registry import load_codec
+from bench.data.thinning import thinned
 from bench.hemisphere import thin, thinned_product, ubo2003, uniform
 from bench.material import Material
 from bench.metrics.display import exposure, exposure_of
@@ -53,7 +54,7 @@ def drawable_truth(btf: BTF, show: Progress = silent) -> Drawable:
 
 
 def sparse_truth(btf: BTF) -> Program | None:
-    """A BTF as the interpolated table of few of its training views and lights, that a page has room for.
+    """A BTF as the interpolated table of few of its training views and lights, or pairs, that a page has room for.
 
     None where fewer than three of each fit into `SPARSE_FLOATS`.
     """
@@ -62,9 +63,11 @@ def sparse_truth(btf: BTF) -> Program | None:
     if count < 3:
         return None
     layout = train.layout
+    if layout.grid is None:
+        return _interpolated(thinned(train, count * count), silent)
     views, lights = (thin(each, min(count, len(each))) for each in (layout.views, layout.lights))
     chosen = np.flatnonzero(np.isin(layout.view, views) & np.isin(layout.light, lights))
-    return _interpolated(train.subset(chosen), silent) if len(chosen) else None
+    return _interpolated(train.subset(chosen), silent)
 
 
 def _interpolated(btf: BTF, show: Progress) -> Program:

@@ -76,10 +76,10 @@ class Estimate:
         seconds, unknown = self._ahead()
         names = ", ".join(sorted({task.codec.codec for task in unknown}))
         if not left:
-            return f"{_jobs(self.total)}, all recorded"
+            return f"{_jobs(self.total)}, all recorded; what changed since is done again"
         start = f"{_jobs(self.total)}{recorded}: {left} left, "
         if len(unknown) == left:
-            return f"{start}no estimate, because no fit of {names} is recorded here"
+            return f"{start}no estimate before the first fit of {names} on this machine"
         rest = f", and {_jobs(len(unknown))} of {names}, which have no recorded fit here" if unknown else ""
         return f"{start}about {duration(seconds)} of fits{rest}"
 

@@ -214,7 +214,14 @@ class Job:
     def _keep_truth(self) -> None:
         """Store the truth that a page draws live, once for each material."""
         name = f"drawings/truth-{self.bench.btf.fingerprint[:16]}.npz"
-        if not (self.folder.path / name).exists() and (program := sparse_truth(self.bench.btf)):
+        if (self.folder.path / name).exists():
+            return
+        try:
+            program = sparse_truth(self.bench.btf)
+        except Exception as error:  # a drawing for the report must not cost the job
+            log.warning("%s: its truth is not drawn: %s", self.bench.btf.name, error)
+            return
+        if program:
             self.folder.keep(name, program.arrays())
 
     def _file(self) -> tuple[container.Header, Record]:

@@ -3,10 +3,12 @@
 The commands of `neubtf-bench` call the same code, so that a script measures the same as a run.
 """
 
+import logging
 import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from bench.btf import BTF
@@ -16,6 +18,7 @@ from bench.codecs.registry import load_codec
 from bench.codecs.slices_material import SlicesMaterial
 from bench.data.open import open_named
 from bench.data.readers import open_btf
+from bench.data.readers.checks import negative
 from bench.demand import fitting, require_demand
 from bench.demand.demand import load as load_demand
 from bench.errors import InputError
@@ -23,6 +26,9 @@ from bench.material import Material
 from bench.records import ARTEFACT, Record, field_names
 from bench.runs.evaluation import conditions, evaluate, score_key, scored
 from bench.runs.workbench import Workbench
+
+log = logging.getLogger(__name__)
+LOOKED_AT = 24  # slices of a BTF that is encoded, for negative values
 
 
 def open(name: str | Path, **data: Any) -> BTF:
@@ -63,7 +69,11 @@ def encode(
     instance = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
     require_demand(instance, None)
     fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(instance))
-    return container.save(Path(out), instance, fitting.encode(instance, btf.subset(btf.split().train), fit))
+    train = btf.subset(btf.split().train)
+    some = np.unique(np.linspace(0, len(train) - 1, LOOKED_AT).astype(int))
+    if text := negative(np.stack([train[int(pair)] for pair in some])):
+        log.warning("%s: %s", btf.name, text)
+    return container.save(Path(out), instance, fitting.encode(instance, train, fit))
 
 
 def load(file: str | Path, device: str = "cpu") -> Material:

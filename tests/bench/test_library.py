@@ -17,6 +17,7 @@ from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
 from bench.errors import ContainerError, InputError
+from bench.hemisphere import from_degrees
 from bench.records import load_run
 from tests.bench.outside import install
 
@@ -120,6 +121,10 @@ def test_arrays_become_a_btf_that_is_encoded_and_scored(folder):
     radiance, wo, wi = names["radiance"], btf.wo, btf.wi
     for arrays, message in (
         ((radiance[0], wo, wi), r"radiance is \(8, 8, 3\) float32: it must be \(N, H, W, 3\) floats"),
+        ((radiance.transpose(0, 3, 1, 2), wo, wi), r"floats: give radiance.transpose\(0, 2, 3, 1\)"),
+        (((255 * radiance).astype(np.uint8), wo, wi), "divide codes by 255, and convert sRGB to linear"),
+        ((np.where(radiance == radiance[3, 0, 0, 0], np.nan, radiance), wo, wi), r"radiance\[3\]: .* repair=True"),
+        ((radiance, wo[:, [0, 2, 1]], wi), "is y up in your data"),
         ((radiance, wo[:-1], wi), r"wo is \(\d+, 3\): it must be"),
         ((radiance, wo, 2 * wi), r"wi\[0\]: .* is not a unit vector"),
         (
@@ -131,6 +136,24 @@ def test_arrays_become_a_btf_that_is_encoded_and_scored(folder):
             bench.from_arrays(*arrays)
     with pytest.raises(InputError, match="heldout must be a mask"):
         bench.from_arrays(radiance, wo, wi, heldout=np.ones(len(wo), bool))
+
+
+def test_negative_radiance_and_radians_are_warned_of(tmp_path, caplog):
+    made = tiny_btf()
+    values = np.stack(list(made))
+    values[:, 0, 0] = -0.5
+    btf = bench.from_arrays(values, made.wo, made.wi)
+    said = "arrays: 1.56% of the values are negative, the least -0.5: radiance cannot be"
+    assert said in caplog.text
+    caplog.clear()
+    bench.encode(btf, "mean-colour", tmp_path / "a.nbtf")
+    assert said in caplog.text
+    caplog.clear()
+    small = from_degrees(np.linspace(0.1, 1.5, 81), np.linspace(0, 6.2, 81))
+    bench.from_arrays(np.maximum(values, -1e-6), small, made.wi)
+    assert caplog.text == "", "only one side is small"
+    bench.from_arrays(np.maximum(values, -1e-6), small, small)
+    assert "wo and wi: every theta is below 1.6 degrees and every phi below 6.3, so these seem" in caplog.text
 
 
 def test_what_is_no_name_or_path_is_told_where_arrays_go_and_not_printed():

@@ -45,7 +45,7 @@ class RunMaker:
         groups = ["all", "train", "heldout", "heldout, grazing view", "heldout, new view"]
         job["scores"] = {name: self._group(psnr) for name in [*groups, "heldout, new view, grazing light"]}
         footprint = {"psnr_display": psnr, "mean": psnr, "exact": 0, "slices": 4}
-        job["footprints"] = {side: footprint for side in ("1", "2", "4", "8")}
+        job["footprints"] = dict.fromkeys(("1", "2", "4", "8"), footprint)
         job["history"] = [{"step": 10, "seconds": 0.5, "psnr": 25.0}, {"step": 20, "seconds": 1.0, "psnr": 31.0}]
         job |= {"slices": self._slices(stem, psnr), "pictures": self._pictures(stem), "angular": self._angular(stem)}
         append(self.folder, job | changes)

@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
     if options.name:
         return _settings(options.what, options.name)
     listings: dict[str, dict[str, str]] = {
-        "codecs": {name: registry.describe(entry) for name, entry in sorted(registry.codec_entries().items())},
+        "codecs": {name: registry.listed(entry) for name, entry in sorted(registry.codec_entries().items())},
         "materials": materials.describe(),
         "suites": {name: suite.parse_suite(name, text).description for name, text in suite.builtin_suites().items()},
         "metrics": {

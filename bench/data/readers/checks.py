@@ -1,5 +1,6 @@
-"""Checks that every reader makes before it returns a BTF: directions and duplicates."""
+"""Checks that every reader makes before it returns a BTF: directions, duplicates, form and range of values."""
 
+import logging
 from collections.abc import Callable
 
 import numpy as np
@@ -8,6 +9,10 @@ from bench.errors import InputError
 
 Array = np.ndarray
 HORIZON = 1e-6
+MANY_BELOW = 0.25  # a larger share of directions below the surface means other axes
+NOISE = 1e-3  # negative values down to this share of the largest are noise
+
+log = logging.getLogger(__name__)
 
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
@@ -21,10 +26,10 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
         raise InputError(f"{label(row)}: {_listed(vectors[row])} is not a unit vector: give x y z of length 1")
     above = vectors[:, 2] > HORIZON
     if not above.all():
-        row = int(np.argmin(above))
-        raise InputError(
-            f"{label(row)}: {_listed(vectors[row])} is not above the surface (z > 0): leave this entry out"
-        )
+        row, below = int(np.argmin(above)), int((~above).sum())
+        many = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
+        remedy = many if below > max(1, MANY_BELOW * len(above)) else ": leave this entry out"
+        raise InputError(f"{label(row)}: {_listed(vectors[row])} is not above the surface (z > 0){remedy}")
     return (vectors / length[:, None]).astype(np.float32)
 
 
@@ -41,6 +46,36 @@ def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what:
                 f"{label(row)}: {symbol}{what} = {value[row]:g} degrees is outside {bounds}: "
                 "correct the angle or leave the entry out"
             )
+
+
+def warn_of_radians(theta: Array, phi: Array, label: str) -> None:
+    """Warn where angles (N,) in degrees are all as small as radians would be."""
+    if 0 < theta.max() < 1.6 and np.abs((phi + 180) % 360 - 180).max() < 6.3:
+        log.warning(
+            "%s: every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians: "
+            "multiply them by 180 / pi",
+            label,
+        )
+
+
+def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
+    """What is wrong with the form of radiance, and the remedy; "" where it is (N, H, W, 3) floats."""
+    if len(shape) == 4 and shape[-1] == 3 and 0 not in shape and dtype.kind == "f":
+        return ""
+    remedy = ""
+    if len(shape) == 4 and shape[1] == 3 != shape[-1]:
+        remedy = ": give radiance.transpose(0, 2, 3, 1)"
+    elif dtype.kind in "iu":
+        remedy = f": divide codes by {np.iinfo(dtype).max:,}, and convert sRGB to linear"
+    return f"radiance is {shape} {dtype}: it must be (N, H, W, 3) floats{remedy}"
+
+
+def negative(values: Array) -> str:
+    """A sentence on radiance below 0, unless it is noise; else ""."""
+    least = float(values.min())
+    if not least < -NOISE * float(values.max()):
+        return ""
+    return f"{(values < 0).mean():.2%} of the values are negative, the least {least:.4g}: radiance cannot be"
 
 
 def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from bench.archive import inside
 from bench.btf import BTF, Array
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import angles_in_range, no_duplicates, view_major
+from bench.data.readers.checks import angles_in_range, no_duplicates, view_major, warn_of_radians
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.errors import NO_PLACE, InputError, readable
@@ -48,6 +48,7 @@ def opened(seen: Candidate) -> BTF | None:
 
     for side, what in ((0, "_o_deg"), (2, "_i_deg")):
         angles_in_range(np.radians(angles[:, side]), np.radians(angles[:, side + 1]), label, what)
+    warn_of_radians(angles[:, ::2], angles[:, 1::2], str(path / LIST))
     wo, wi = from_degrees(angles[:, 0], angles[:, 1]), from_degrees(angles[:, 2], angles[:, 3])
     no_duplicates(wo, wi, label)
     heldout = _heldout(path, rows)

@@ -9,9 +9,10 @@ import numpy as np
 from bench.archive import ZipFiles, stored
 from bench.btf import BTF, Array, ArraySource, finite
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import no_duplicates, unit_directions
+from bench.data.readers.checks import no_duplicates, radiance_fault, unit_directions, warn_of_radians
 from bench.data.readers.files import file_digest
 from bench.errors import InputError, readable
+from bench.hemisphere import to_degrees
 
 NOTES = 16 << 20  # the most bytes of a provenance, four to a character
 
@@ -49,11 +50,12 @@ def opened(seen: Candidate) -> BTF | None:
         return None
     path, files = seen.path, ZipFiles(seen.path)
     radiance = stored(files, "radiance")
-    if len(radiance.shape) != 4 or radiance.shape[-1] != 3 or 0 in radiance.shape or radiance.dtype.kind != "f":
-        raise InputError(f"{path}: radiance is {radiance.shape} {radiance.dtype}: it must be (N, H, W, 3) floats")
+    if fault := radiance_fault(radiance.shape, radiance.dtype):
+        raise InputError(f"{path}: {fault}")
     count = radiance.shape[0]
     wo, wi = (_directions(files, key, count) for key in ("wo", "wi"))
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
+    warn_of_radians(*to_degrees(np.concatenate([wo, wi])), f"{path}: wo and wi")
     return BTF(
         path.stem,
         wo,

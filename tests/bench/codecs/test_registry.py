@@ -2,8 +2,12 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
+from baselines.pca import PCA
 from bench.codecs import registry
 from bench.errors import InputError
+from tests.bench.outside import install
+
+MINE = 'class Mine:\n    """Says what it is."""\n\n    name, version = "mine", 1\n'
 
 
 @pytest.fixture
@@ -57,6 +61,31 @@ def test_a_class_must_bear_the_name_of_its_entry_point(installed):
         registry.load_codec("pcb")
 
 
+def test_a_class_without_a_version_is_told_what_to_add(installed, monkeypatch):
+    installed(("pca", "baselines.pca:PCA"))
+    monkeypatch.delattr(PCA, "version")
+    with pytest.raises(InputError, match=r"codec pca of .* has no version: add `version = 1` to its class"):
+        registry.load_codec("pca")
+
+
 def test_a_module_that_is_not_there_is_described_as_such(installed):
     installed(("gone", "no_such_module:Codec"))
     assert "not importable" in registry.describe(registry.codec_entries()["gone"])
+
+
+def test_an_unknown_codec_whose_folder_lies_here_is_told_how_to_install_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "pyproject.toml").write_text(
+        '[project.entry-points."neubtf_bench.codecs"]\nmine = "mine:Mine"\n'
+    )
+    with pytest.raises(InputError, match=r"no codec named 'mine' is installed: pip install \./mine"):
+        registry.load_codec("mine")
+
+
+def test_a_codec_that_fails_is_listed_with_its_failure(tmp_path, monkeypatch):
+    site = install(tmp_path, "outside", {"fails": "fails:Mine", "mine": "mine:Mine"}, {"fails": "1 / 0", "mine": MINE})
+    monkeypatch.syspath_prepend(site)
+    entries = registry.codec_entries()
+    assert registry.listed(entries["fails"]).startswith("FAILS: codec fails of outside 1.0 cannot be imported: ZeroDiv")
+    assert registry.listed(entries["mine"]) == "Says what it is."

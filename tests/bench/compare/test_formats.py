@@ -50,6 +50,13 @@ def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
     assert text.splitlines()[-1] == ("8 rows: 1 failed, 1 gone, 2 worse, 1 not comparable, 1 better, 1 same, 1 new")
 
 
+def test_a_run_of_a_part_is_told_how_to_compare_what_is_there(make):
+    base = make.run("base", *(make.job(label, seed=0) for label in ("pca", "vq", "hsh", "table")))
+    text = terminal(compare(base, make.run("new", make.job("pca", seed=0))))
+    said = "GONE    3 rows: no such job in the run; to compare what is there: --material satin --codec pca"
+    assert text.splitlines().count(said) == text.count("no such job") == 1
+
+
 def test_a_gain_beside_a_loss_is_no_finding_against_the_row(make):
     base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
     comparison = compare(base, make.run("new", *(make.job(seed=seed, psnr=29.0, flip=0.05) for seed in range(3))))

@@ -154,6 +154,29 @@ class Remembers(Codec):
         return MeanColourMaterial(Remembers.kept.float())
 
 
+class Halved(MeanColourMaterial):
+    """Multiplies by a matrix of the material's precision, without turning what meets it."""
+
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) + 0 * wi @ torch.eye(3, dtype=torch.half)
+
+
+def test_a_failure_comes_with_its_remedy(monkeypatch):
+    (message,) = failures(Unseeded, monkeypatch).values()
+    assert message.endswith("draw from fit.generator() or fit.seed alone")
+    faulty = type("Faulty", (Broken,), {"material": Halved})
+    assert "by .to(wi.dtype)" in next(iter(failures(faulty, monkeypatch).values()))
+
+
+def test_a_failure_seen_before_names_the_first(monkeypatch):
+    cases = [case for case in stress.CASES if case.cheap][:2]
+    monkeypatch.setattr(stress, "CASES", cases)
+    monkeypatch.setattr(stress, "judge", lambda case, subject: stress.case.CaseVerdict("fail", detail="all is black"))
+    first, second = failures(MeanColour, monkeypatch).values()
+    assert first.startswith("all is black")
+    assert second.startswith(f"the same as for {cases[0].name!r}")
+
+
 @pytest.mark.parametrize(
     ("codec", "promise"), [(Unseeded, "same seed and threads give the same bytes"), (Remembers, "fresh process")]
 )

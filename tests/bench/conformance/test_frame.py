@@ -63,20 +63,12 @@ def turned(view, light):
     return asked_otherwise(change)
 
 
-def both(turn):
-    return turned(turn, turn)
-
-
 def same(x, y):
     return x, y
 
 
-def opposite(x, y):
-    return -x, -y
-
-
 def moved(u, v):
-    return asked_otherwise(lambda uv, wo, wi: (uv + torch.tensor([u, v]) / 16, wo, wi))
+    return asked_otherwise(lambda uv, wo, wi: (uv + torch.tensor([u / 24, v / 16]), wo, wi))
 
 
 def channels(*order):
@@ -88,6 +80,7 @@ PLANTED = {
     "mirrored left to right": encoded(lambda picture: picture[:, ::-1]),
     "turned by 180°": encoded(lambda picture: picture[::-1, ::-1]),
     "u and v exchanged": asked_otherwise(lambda uv, wo, wi: (uv.flip(1), wo, wi)),
+    "reshape(W, H)": encoded(lambda picture: picture.reshape(picture.shape[1], picture.shape[0], 3)),
     "transposed": encoded(lambda picture: picture.transpose(1, 0, 2)),
     "by 90° to the left": encoded(lambda picture: np.rot90(picture, 1)),
     "by 90° to the right": encoded(lambda picture: np.rot90(picture, -1)),
@@ -101,18 +94,23 @@ PLANTED = {
     "order GBR": channels(1, 2, 0),
     "order BRG": channels(2, 0, 1),
     "ω_o and ω_i exchanged": asked_otherwise(lambda uv, wo, wi: (uv, wi, wo)),
-    "φ + 180° for φ (ω": both(opposite),
-    "−φ for φ": both(lambda x, y: (x, -y)),
-    "180° − φ for φ": both(lambda x, y: (-x, y)),
-    "φ + 90° for φ": both(lambda x, y: (-y, x)),
-    "φ − 90° for φ": both(lambda x, y: (y, -x)),
-    "+y clockwise": both(lambda x, y: (y, x)),
-    "of ω_o alone": turned(opposite, same),
-    "of ω_i alone": turned(same, opposite),
+    **{
+        f"{words} in {sides}": turned(turn if "ω_o" in sides else same, turn if "ω_i" in sides else same)
+        for sides in ("ω_o and ω_i", "ω_o alone", "ω_i alone")
+        for words, turn in (
+            ("φ + 180° for φ (ω pointing the other way)", lambda x, y: (-x, -y)),
+            ("(−φ for φ)", lambda x, y: (x, -y)),
+            ("(180° − φ for φ)", lambda x, y: (-x, y)),
+            ("φ + 90° for φ", lambda x, y: (-y, x)),
+            ("φ − 90° for φ", lambda x, y: (y, -x)),
+            ("+y clockwise", lambda x, y: (y, x)),
+        )
+    },
     "sRGB for linear": answered(lambda rgb, wi: torch.from_numpy(to_display(rgb.numpy(), 1.0)).float()),
     "sRGB undone twice": encoded(decode_srgb),
     "without the cosine": answered(lambda rgb, wi: rgb / wi[:, 2:]),
     "cosine of ω_i twice": answered(lambda rgb, wi: rgb * wi[:, 2:]),
+    "log1p(radiance)": answered(lambda rgb, wi: rgb.log1p()),
     "as 3.14 times the truth": answered(lambda rgb, wi: rgb * torch.pi),
     "as 0.318 times the truth": answered(lambda rgb, wi: rgb / torch.pi),
 }
@@ -127,7 +125,7 @@ def test_a_wrong_arrangement_is_named(says, tmp_path, monkeypatch):
 
 
 def test_there_is_a_planted_codec_for_each_arrangement():
-    for arrangement in frame.ARRANGEMENTS:
+    for arrangement in (*frame.ARRANGEMENTS, frame.LOGARITHM):
         assert sum(words in arrangement.description for words in PLANTED) == 1, arrangement.description
 
 

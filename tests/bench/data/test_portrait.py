@@ -46,6 +46,14 @@ def test_clipped_highlights_are_counted(btf):
     assert look(like(btf, values.mean((1, 2), keepdims=True) * tiles)).clipped == 0, "a flat tile is bright as a whole"
 
 
+def test_negative_values_are_counted(btf):
+    values = values_of(btf)
+    values[:, 0, 0] = -0.5
+    assert "of the values are negative, the least -0.5" in look(like(btf, values)).warnings()[0]
+    values[:, 0, 0] = -1e-6
+    assert not any("negative" in warning for warning in look(like(btf, values)).warnings())
+
+
 def test_missing_pairs_of_a_product_are_counted(btf):
     (warning,) = look(btf.subset(range(78))).warnings()
     assert warning == "3 pairs of the product of 9 views × 9 lights are missing"

@@ -31,6 +31,14 @@ MATERIALS: dict[str, Evaluate] = {
     "whole numbers and truths": lambda uv, wo, wi: 0.1 * (whole(uv)[:, :1] + (wo > wi)),
     "a remainder by a number of a tensor": lambda uv, wo, wi: wi.abs() * (whole(uv)[:, :1] % torch.tensor(4)),
     "a remainder by what may be 1": lambda uv, wo, wi: wi.abs() * (whole(uv)[:, :1] % (whole(uv)[:, 1:] + 1)),
+    "the greatest of some numbers": lambda uv, wo, wi: torch.cat([wo, wi], 1).abs().topk(3).values,
+    "the least of some numbers, and their places": lambda uv, wo, wi: (
+        wo.abs() * torch.cat([wo, wi], 1).topk(3, largest=False).indices
+    ),
+    "distances": lambda uv, wo, wi: torch.cdist(wo, torch.eye(3)),
+    "a look-up of one whole number in few": lambda uv, wo, wi: (
+        wo.abs() * torch.tensor([0.5, 2.0])[torch.tensor([1, 0])[whole(uv)[:, :1] % 2]]
+    ),
 }
 
 

@@ -48,7 +48,7 @@ def looked(folder, tasks, holds=(), at_once=1):
 
 def test_without_records_there_is_no_estimate_and_it_says_so(tmp_path, clock):
     estimate = looked(tmp_path / "run", [task("pca"), task("vq"), task("vq", seed=1)])
-    assert estimate.first == "3 jobs: 3 left, no estimate, because no fit of pca, vq is recorded here"
+    assert estimate.first == "3 jobs: 3 left, no estimate before the first fit of pca, vq on this machine"
     assert estimate.progress == "0 of 3 jobs"
 
 
@@ -112,7 +112,7 @@ def test_jobs_on_record_are_not_counted_until_one_is_fitted_anew(tmp_path, clock
     clock[0] += 60
     estimate.ended(job(tasks[1], 60.0), "")  # its code has changed
     assert estimate.progress == "2 of 4 jobs, about 2 min left"
-    assert looked(tmp_path / "run", tasks[:3], names).first == "3 jobs, all recorded"
+    assert looked(tmp_path / "run", tasks[:3], names).first == "3 jobs, all recorded; what changed since is done again"
 
 
 def append_all(folder, *records):

@@ -130,3 +130,10 @@ def test_a_truth_to_draw_has_few_pairs_and_is_none_where_those_are_too_large(mon
     assert max(len(each) for each in truth.constants.values() if each.shape[1:] == (3,)) == 81 * 64
     monkeypatch.setattr("bench.runs.drawing.SPARSE_FLOATS", 8 * 64 * 3)
     assert sparse_truth(whole) is None
+
+
+def test_a_truth_of_scattered_pairs_is_drawn_of_few_of_them():
+    scattered = tiny_btf().subset(np.random.default_rng(0).choice(81, 40, replace=False))
+    truth = sparse_truth(scattered)
+    assert max(len(each) for each in truth.constants.values() if each.shape[1:] == (3,)) <= 40 * 64
+    assert truth.steps

@@ -478,3 +478,12 @@ def test_the_demand_of_a_run_is_read_once_a_process(tmp_path, monkeypatch):
     demands = [demand_of(run, str(tmp_path / "a.npz")) for run in ("one", "one", "two")]
     assert demands[0] is demands[1]
     assert read == [tmp_path / "a.npz"] * 2
+
+
+def test_a_truth_that_cannot_be_drawn_costs_no_job(tmp_path, monkeypatch, caplog):
+    def refuse(_):
+        raise ValueError("its directions meet")
+
+    monkeypatch.setattr("bench.runs.job.sparse_truth", refuse)
+    assert [job.record["status"] for job in outcomes(tmp_path)] == ["ok", "ok"]
+    assert "its truth is not drawn: its directions meet" in caplog.text

@@ -2,10 +2,13 @@ import argparse
 import re
 from contextlib import nullcontext
 
+import numpy as np
 import pytest
 
 from bench import cli
 from bench.cli.commands import run as command
+from bench.conformance.check import tiny_btf
+from bench.data.readers.folder import write_folder
 from bench.records import load_run
 from bench.runs import runner
 
@@ -93,9 +96,18 @@ def test_a_run_says_first_what_is_left_and_after_each_job_how_far_it_is(tmp_path
     lines = capsys.readouterr().out.splitlines()
     jobs = [line for line in lines if line.startswith("satin/")]
     assert [line.split("(")[-1] for line in jobs] == ["1 of 2 jobs)", "2 of 2 jobs)"]
-    started = "2 jobs: 2 left, no estimate, because no fit of mean-colour, table is recorded here"
+    started = "2 jobs: 2 left, no estimate before the first fit of mean-colour, table on this machine"
     assert lines.index(started) < lines.index(jobs[0])
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
-    assert "2 jobs, all recorded" in capsys.readouterr().out
+    assert "2 jobs, all recorded; what changed since is done again" in capsys.readouterr().out
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "two")]) == 0  # a run beside it
     assert re.search(r"2 jobs: 2 left, about .* of fits\n", capsys.readouterr().out)
+
+
+def test_twenty_scattered_pairs_in_a_folder_are_run_and_drawn(tmp_path):
+    chosen = np.random.default_rng(0).choice(81, 20, replace=False)
+    write_folder(tiny_btf(16).subset(chosen), tmp_path / "own")
+    words = ["run", "quick", "--material", str(tmp_path / "own"), "--codec", "pca", "--codec", "mean-colour"]
+    assert cli.main([*words, "--out", str(tmp_path / "run")]) == 0
+    assert all("drawing" in job for job in load_run(tmp_path / "run").jobs)
+    assert [*(tmp_path / "run").glob("drawings/truth-*.npz")]

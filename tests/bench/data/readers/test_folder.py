@@ -52,6 +52,14 @@ def test_columns_in_any_order_and_pairs_sorted_by_view_then_light(tmp_path):
     assert len(open_btf(folder / "pairs.csv")) == 3
 
 
+def test_angles_that_seem_to_be_radians_are_warned_of(tmp_path, caplog):
+    open_btf(make(tmp_path / "x", ["a.png,0,0,0.5,6.2", "b.png,0,0,1.5,3"]))
+    assert "pairs.csv: every theta is below 1.6 degrees" in caplog.text
+    caplog.clear()
+    open_btf(make(tmp_path / "y", ["a.png,0,0,0.5,6.2", "b.png,0,0,15,3"]))
+    assert caplog.text == ""
+
+
 def test_split_column_declares_what_is_held_out(tmp_path):
     lines = ["a.png,0,0,0,0,train", "b.png,0,0,10,0,heldout", "c.png,0,0,20,0,train"]
     btf = open_btf(make(tmp_path / "x", lines, HEADER + ",split"))
