@@ -9,7 +9,7 @@ from functools import lru_cache
 from statistics import fmean
 
 from bench.compare.budgets import BITS, BYTES, FIT, QUIET, Budget, Budgets, apart, budgets, mean_over, shown
-from bench.compare.paired import Interval
+from bench.compare.paired import AGAINST, FEWEST, Interval
 from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run
 from bench.records.choosing import Rung
 from reports.best_cells import best_cells
@@ -17,6 +17,7 @@ from reports.numbers import EXACT, NONE, fixed, integer, significant
 from reports.rows import fused_times
 from reports.table import Table
 
+_NOTHING = f"On fewer than {FEWEST} surfaces nothing is told apart."
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 ENOUGH = Budget(BYTES, 64)  # the budget for questions about a single material or metric
 _CHOICE = (
@@ -47,7 +48,7 @@ def _budgets(run: Run, result: Budgets, kind: str) -> Iterator[Table]:
     if not means:
         return
     lines = sorted(means, key=lambda line: [-(value or 0.0) for value in reversed(means[line][: len(BITS)])])
-    told, notes = _told(run, result)
+    told, notes = _told(run, result) if len(result.materials) >= FEWEST else (set(), [_NOTHING])
     rows = [[line, *(_cell(value, (line, i) in told) for i, value in enumerate(means[line]))] for line in lines]
     headers = [("codec", ""), *(_header(run, result, budget) for budget in result.picks)]
     count = len(result.materials)
@@ -95,9 +96,9 @@ def _over_materials(run: Run, result: Budgets) -> Iterator[Table]:
 def when_table(run: Run) -> Iterator[Table]:
     """Which codec when: a question a row, its answer with numbers, and the next best."""
     result = found(run)
-    rows = [*_by_budget(run, result), *_smallest(result), *_by_material(result), *_by_metric(result)]
-    headers = [("question", ""), ("best", ""), ("then", ""), ("best", ""), ("then", ""), ("told apart", "")]
-    notes = [f"{_CHOICE} Told apart: whether the two are, by the rule of the table of budgets."]
+    rows = [*_by_budget(result), *_smallest(result), *_by_material(result), *_by_metric(result)]
+    headers = [("question", ""), ("best", ""), ("then", ""), ("best", ""), ("then", "")]
+    notes = [_CHOICE]
     if rows:
         yield Table("when", "Which codec when", headers, rows, notes, words=3)
 
@@ -122,25 +123,23 @@ def _ranked(result: Budgets, budget: Budget, materials: list[str], family: str =
 
 
 def _told(run: Run, result: Budgets) -> tuple[set[tuple[str, int]], list[str]]:
-    """The cells, by line and column, that are told apart from the best of their column, and a note on how."""
-    told: set[tuple[str, int]] = set()
-    seeds = 1
-    for column, budget in enumerate(result.picks):
-        for line, each in _against(run, result, budget).items():
-            told |= {(line, column)} if each.apart else set()
-            seeds = max(seeds, each.seeds)
-    fits = f"{seeds} seeds" if seeds > 1 else "1 seed, so the scatter of fits is not known apart"
+    """The cells, by line and column, that are told apart from `AGAINST` in their column, and a note on how."""
+    told = {
+        (line, column)
+        for column, budget in enumerate(result.picks)
+        for line, each in _against(run, result, budget).items()
+        if each.apart
+    }
     return told, [
-        f"*: told apart from the best of its column, by Student's t over material means of paired differences of PSNR "
-        f"a slice ({fits}), with Holm's correction over all pairs of codecs of the column: {len(told)} in all."
+        f"*: told apart from {AGAINST}, by Student's t over the surfaces' means of paired differences of PSNR a slice, "
+        f"with Holm's correction over the column: {len(told)} in all."
     ]
 
 
 def _against(run: Run, result: Budgets, budget: Budget) -> Mapping[str, Interval]:
-    """The paired differences to the best line at a budget, of the other lines with a rung on each material."""
-    ranked = [line for _, line in _ranked(result, budget, result.materials)]
+    """The paired differences to `AGAINST` at a budget, of the other lines with a rung on each material."""
     picked = result.picks.get(budget, {})
-    return apart(run, {line: picked[line] for line in ranked}, ranked[0]) if ranked[1:] else {}
+    return apart(run, {line: picked[line] for _, line in _ranked(result, budget, result.materials)})
 
 
 def _header(run: Run, result: Budgets, budget: Budget) -> tuple[str, str]:
@@ -206,13 +205,11 @@ def _span(at: list[Budget]) -> str:
     return ", ".join(filter(None, [ends, *times]))
 
 
-def _by_budget(run: Run, result: Budgets) -> Iterator[list[str]]:
+def _by_budget(result: Budgets) -> Iterator[list[str]]:
     for budget in result.picks:
         ranked = _ranked(result, budget, result.materials)
         if ranked:
-            told = _against(run, result, budget).get(ranked[1][1]) if ranked[1:] else None
-            answer = NONE if told is None or told.materials < 2 else "yes" if told.apart else "no"
-            yield _answer(f"best quality in {in_words(budget)}", ranked, "dB", 2, answer)
+            yield _answer(f"best quality in {in_words(budget)}", ranked, "dB", 2)
 
 
 def _smallest(result: Budgets) -> Iterator[list[str]]:
@@ -241,13 +238,13 @@ def _by_metric(result: Budgets) -> Iterator[list[str]]:
             yield _answer(f"best {name} in {ENOUGH.most:g} bits a texel", ranked, "", 3)
 
 
-def _answer(question: str, ranked: list[tuple[float, str]], unit: str, digits: int, told: str = NONE) -> list[str]:
+def _answer(question: str, ranked: list[tuple[float, str]], unit: str, digits: int) -> list[str]:
     words, numbers = (
         [line for _, line in ranked[:2]],
         [f"{_number(value, digits)} {unit}".strip() for value, _ in ranked[:2]],
     )
     gap = [NONE] * (2 - len(words))
-    return [question, *words, *gap, *numbers, *gap, told]
+    return [question, *words, *gap, *numbers, *gap]
 
 
 def _common(run: Run, result: Budgets) -> Iterator[str]:

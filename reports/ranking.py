@@ -1,9 +1,8 @@
-"""The ranking of the codecs of a run, and the difference of each to the best one; both are computed only once."""
+"""The ranking of the codecs of a run, and the difference of each to one of them; both are computed only once."""
 
-import math
 from functools import lru_cache
 
-from bench.compare.paired import Against, against
+from bench.compare.paired import AGAINST, Against, against
 from bench.compare.standings import Standing, standings
 from bench.records import Run
 from reports.rows import materials
@@ -24,8 +23,10 @@ def ranked(run: Run) -> list[Standing]:
 
 
 @lru_cache(maxsize=1)
-def against_the_best(run: Run) -> Against:
-    """The paired differences to the best codec that has an error; empty if nothing can be compared."""
-    ranking = ranked(run)
-    best = next((each.label for each in ranking if each.rank is not None and math.isfinite(each.psnr)), "")
-    return against(run, best, [each.label for each in ranking if each.label != best])
+def against_one(run: Run) -> Against:
+    """The paired differences to `AGAINST` or, without it, to the suite's first codec: no result chooses it."""
+    ranking = [each.label for each in ranked(run) if each.rank is not None]
+    order = dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs)
+    racing = [label for label in order if label in ranking]
+    first = next((label for label in racing if label.split()[0] == AGAINST), racing[0] if racing else "")
+    return against(run, first, [label for label in ranking if label != first])

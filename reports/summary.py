@@ -1,10 +1,10 @@
 """The summary of a run over its materials: the standing of each codec, best bold, second underlined."""
 
-import math
 from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING
 
+from bench.compare.paired import FEWEST
 from bench.records import MOST_DB, Run
 from reports import columns
 from reports.best_cells import best_cells
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def summary_table(run: Run, intervals: bool = True) -> Table | None:
     """A row a codec; None if fewer than two codecs were measured. Without `intervals` no slice is read."""
-    from reports.ranking import against_the_best, ranked  # loads NumPy, which a table of one material does not need
+    from reports.ranking import against_one, ranked  # loads NumPy, which a table of one material does not need
 
     measured = [material for material in materials(run) if material.measured]
     ranking = ranked(run)
@@ -41,8 +41,8 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         scores.append([None, None, *_scores(each, chosen, means)])
     notes = list(_NOTES)
     if intervals:
-        against = against_the_best(run)
-        headers.append(("against the best", "dB a slice"))
+        against = against_one(run)
+        headers.append(("against", against.first))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
         notes += [_paired(against)] if against.over else []
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
@@ -61,23 +61,17 @@ _NOTES = [
 
 
 def _paired(against: "Against") -> str:
-    """A note on the differences to the best: what their intervals cover, and how many codecs are told apart."""
+    """A note on the differences: what their intervals cover, and how many codecs are told apart."""
     every = against.over.values()
     materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
     told = sum(each.apart for each in every)
-    apart = f"{told} of {len(every)}" if told else "None"
-    pairs = math.comb(len(every) + 1, 2)
-    fits = f"{seeds} seeds" if seeds > 1 else "1 seed, so the scatter of fits is not known apart"
-    start = f"Against {against.first}: the mean paired difference of PSNR a slice and its 95 % interval, "
-    if materials < 2:
-        drawn = "seeds and pairs" if seeds > 1 else "pairs"
-        return (
-            f"{start}by a bootstrap over {drawn} of this material only ({fits}). It does not hold for other materials."
-        )
-    return start + (
-        f"by Student's t over the means of up to {materials} materials ({fits}); it holds for materials like these. "
-        f"{apart} told apart (*), by Holm's correction over the {pairs} pairs "
-        "of codecs, because the best was chosen by the same numbers."
+    start = f"Against {against.first}: the mean paired difference of PSNR a slice in dB and its 95 % interval, "
+    if materials < FEWEST:
+        by = "Student's t" if materials > 1 else f"a bootstrap over {'seeds and ' * (seeds > 1)}pairs"
+        return f"{start}by {by}. On fewer than {FEWEST} surfaces nothing is told apart."
+    return (
+        f"{start}by Student's t over the means of up to {materials} surfaces; it holds for surfaces like these. "
+        f"{told or 'None'} of {len(every)} told apart (*), by Holm's correction over the rows."
     )
 
 

@@ -12,7 +12,7 @@ from itertools import chain
 from statistics import fmean
 from typing import NamedTuple
 
-from bench.compare.paired import Interval, against_jobs
+from bench.compare.paired import AGAINST, Interval, against_jobs
 from bench.records import Record, Run, kind_of, scored_unlike, stats_of
 from bench.records.choosing import Limits, Rung, chosen, has_validation, over_seeds, validated, validation_of
 
@@ -122,13 +122,15 @@ def _mean(values: Sequence[float | None]) -> float | None:
     return fmean(known) if known and len(known) == len(values) else None
 
 
-def apart(run: Run, lines: Mapping[str, Mapping[str, Rung]], best: str) -> dict[str, Interval]:
-    """The paired differences of lines to the best one at a budget, each with whether it is told apart from it."""
+def apart(run: Run, lines: Mapping[str, Mapping[str, Rung]]) -> dict[str, Interval]:
+    """The paired differences at a budget of lines to `AGAINST`, each with whether it is told apart from it."""
+    if AGAINST not in lines:
+        return {}
     jobs = {
         line: {(job["material"], job["seed"]): job for job in chain(*(rung.of for rung in rungs.values()))}
         for line, rungs in lines.items()
     }
-    return against_jobs(run.folder, best, jobs).over
+    return against_jobs(run.folder, AGAINST, jobs).over
 
 
 def _alike(jobs: list[Record]) -> Iterator[Record]:

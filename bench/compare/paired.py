@@ -21,7 +21,9 @@ from bench.errors import InputError
 from bench.records import Record, Run, shown_label
 
 Array = np.ndarray
-FALSE = 0.05  # the largest chance that a table of equal codecs tells any two apart
+AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
+FEWEST = 3  # materials on which codecs may be told apart
+FALSE = 0.05  # the largest chance that a table of equal codecs tells any of them apart from that codec
 DRAWS = 2000
 SEED = 0
 _FRESH = np.random.default_rng(SEED).bit_generator.state
@@ -41,8 +43,8 @@ class Cell:
 class Interval:
     """A mean difference with its 95 % interval, and the numbers of materials, seeds and slices behind it.
 
-    `chance` is the probability of so large a difference between equal codecs; 1 for one material, which says nothing
-    about others.
+    `chance` is the probability of so large a difference between equal codecs; 1 for fewer than `FEWEST` materials,
+    which say nothing about others.
     """
 
     mean: float
@@ -97,11 +99,11 @@ def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str,
 
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
-    """The differences of all other codecs to the best; each says whether the two are told apart.
+    """The differences of codecs to one that was named beforehand; each says whether the two are told apart.
 
-    Uses Holm's correction (1979) over all pairs of codecs, because the best was chosen by the same numbers.
+    Uses Holm's correction (1979) over the codecs.
     """
-    left, all_apart = math.comb(len(over) + 1, 2), True
+    left, all_apart = len(over), True
     judged = {}
     for label, each in sorted(over.items(), key=lambda item: item[1].chance):
         all_apart = all_apart and each.chance <= FALSE / left
@@ -111,7 +113,7 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
 
 
 def shared_cells(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]) -> list[Cell]:
-    """The cells of two sets of jobs, seed by seed, without slices that are exact in either."""
+    """The cells of two sets of jobs, seed by seed."""
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
     every = [_cell(a, decibels(base.folder, a), decibels(new.folder, b)) for a, b in pairs if _same(a, b)]
@@ -124,13 +126,10 @@ def _same(job: Record, other: Record) -> bool:
 
 
 def _cell(job: Record, ours: Array | None, others: Array | None) -> Cell | None:
-    """The differences of the slices that have an error in both; None if there are none."""
-    if ours is None or others is None or len(ours) != len(others):
+    """The differences of the slices; None if there are none."""
+    if ours is None or others is None or len(ours) != len(others) or not len(ours):
         return None
-    both = np.isfinite(ours) & np.isfinite(others)
-    if not both.any():
-        return None
-    return Cell(job["material"], job["seed"], job["score_key"]["btf"], others[both] - ours[both])
+    return Cell(job["material"], job["seed"], job["score_key"]["btf"], others - ours)
 
 
 def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
@@ -145,6 +144,7 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     if len(means) > 1:
         reach, chance = _student(means)
         low, high = means.mean() - reach, means.mean() + reach
+        chance = chance if len(means) >= FEWEST else 1.0
     else:
         low, high = np.percentile(_bootstrap_means(list(cells), draws, np.random.default_rng(SEED)), [2.5, 97.5])
         chance = 1.0

@@ -1,7 +1,7 @@
 """Reads the PSNR of every slice of a job, from the file beside its record, or from a reference, which stores it packed.
 
-The slices are those of the pairs that decide, in the order of the BTF. The number is the display PSNR in dB, infinite
-for a slice without error.
+The slices are those of the pairs that decide, in the order of the BTF. The number is the display PSNR in dB, at most
+`MOST_DB`.
 """
 
 import base64
@@ -12,10 +12,9 @@ import numpy as np
 from bench.archive import MAX_FILE, read_arrays
 from bench.errors import InputError
 from bench.metrics.psnr import psnr
-from bench.records import PSNR, Record, gate
+from bench.records import MOST_DB, PSNR, Record, gate
 
 Array = np.ndarray
-_EXACT = 32767  # in hundredths of a dB; marks a slice without error, since real errors are never so small
 
 
 def decibels(folder: Path, job: Record) -> Array | None:
@@ -39,16 +38,14 @@ def decibels(folder: Path, job: Record) -> Array | None:
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): run it again") from error
     raw = raw[heldout] if gate(job["scores"]) == "heldout" else raw
-    return psnr(raw[~np.isnan(raw)])
+    return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)
 
 
 def packed(values: Array) -> str:
     """Encode dB as text for a reference, in hundredths, two bytes each."""
-    hundredths = np.where(np.isinf(values), _EXACT, np.round(100 * np.where(np.isinf(values), 0, values)))
-    return base64.b64encode(np.clip(hundredths, -_EXACT, _EXACT).astype("<i2").tobytes()).decode()
+    return base64.b64encode(np.round(100 * values).clip(-32768, 32767).astype("<i2").tobytes()).decode()
 
 
 def unpacked(text: str) -> Array:
     """Decode the text of `packed`."""
-    hundredths = np.frombuffer(base64.b64decode(text), "<i2")
-    return np.where(hundredths == _EXACT, np.inf, hundredths / 100)
+    return np.minimum(np.frombuffer(base64.b64decode(text), "<i2") / 100, MOST_DB)

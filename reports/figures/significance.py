@@ -1,12 +1,13 @@
-"""The difference of each codec to the best one, slice by slice, and whether the two are told apart."""
+"""The difference of each codec to one of them, slice by slice, and whether the two are told apart."""
 
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from bench.compare.paired import FEWEST
 from bench.records import Run
 from reports.figures.canvas import Figure, new, png, short, style
 from reports.numbers import interval
-from reports.ranking import against_the_best
+from reports.ranking import against_one
 from reports.rows import materials
 from reports.styles import Styles
 
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 
 
 def significance(run: Run) -> Iterator[Figure]:
-    """The paired differences to the best codec with their intervals: over all materials, then on each."""
-    against, styles = against_the_best(run), Styles(run)
+    """The paired differences to one codec with their intervals: over all materials, then on each."""
+    against, styles = against_one(run), Styles(run)
     parts = {material.name: against.on[material.name] for material in materials(run) if material.name in against.on}
     if len(parts) > 1:
         yield _figure("", f"all {len(parts)} materials", against.first, against.over, styles)
@@ -26,29 +27,29 @@ def significance(run: Run) -> Iterator[Figure]:
         yield _figure(name, name, against.first, part, styles)
 
 
-def _figure(material: str, where: str, best: str, differences: "Differences", styles: Styles) -> Figure:
-    title = f"{where}: mean paired difference to {short(best, 40)}"
+def _figure(material: str, where: str, first: str, differences: "Differences", styles: Styles) -> Figure:
+    title = f"{where}: mean paired difference to {short(first, 40)}"
     differences = dict(sorted(differences.items(), key=lambda item: -item[1].mean))
     with style():
         height = 1.45 + 0.24 * (len(differences) + 1)
         drawing = new(9.6, height)
         axes = drawing.add_axes((0.27, 0.95 / height, 0.46, 1 - 1.25 / height))
-        _draw(axes, best, differences, styles)
+        _draw(axes, first, differences, styles)
         drawing.text(0.012, 1 - 0.18 / height, title, va="center")
         drawing.text(0.012, 0.1 / height, _caption(differences), fontsize=8, color="0.3", va="bottom")
         return Figure(material, "significance", title, png(drawing), drawing)
 
 
-def _draw(axes: Any, best: str, differences: "Differences", styles: Styles) -> None:
+def _draw(axes: Any, first: str, differences: "Differences", styles: Styles) -> None:
     axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
-    axes.plot(0, 0, **styles.of_codec(best) | {"linestyle": "none"}, markersize=6)
+    axes.plot(0, 0, **styles.of_codec(first) | {"linestyle": "none"}, markersize=6)
     for row, (label, each) in enumerate(differences.items(), 1):
         look = styles.of_codec(label) | {"linestyle": "none"}
         axes.plot([each.low, each.high], [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
         axes.plot(each.mean, row, **look, markersize=6)
-        remark = ", not told apart" if each.materials > 1 and not each.apart else ""
+        remark = ", not told apart" if each.materials >= FEWEST and not each.apart else ""
         axes.text(1.02, row, interval(each) + remark, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
-    axes.set_yticks(range(len(differences) + 1), [short(label) for label in (best, *differences)], fontsize=8)
+    axes.set_yticks(range(len(differences) + 1), [short(label) for label in (first, *differences)], fontsize=8)
     axes.set(ylim=(len(differences) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better)")
     axes.grid(axis="y", visible=False)
 
@@ -64,7 +65,4 @@ def _caption(differences: "Differences") -> str:
     else:
         words = f"of a bootstrap over {'seeds and ' * (seeds > 1)}pairs, of this material only"
         caveat = "" if seeds > 1 else " With one seed, it does not include the scatter of fits."
-    return (
-        f"Bars: 95 % interval {words}: {', '.join(counts)}.{caveat}\n"
-        "Both codecs at the same pairs; slices without error in one of them are left out."
-    )
+    return f"Bars: 95 % interval {words}: {', '.join(counts)}.{caveat}\nBoth codecs at the same pairs."

@@ -162,10 +162,10 @@ def test_channels_are_those_of_textures_that_are_looked_up_by_the_place(made):
 
 def test_level_of_detail_is_the_mean_over_seeds_at_each_footprint(made):
     for seed in (0, 1):
-        stats = {str(side): {"psnr_display": 30.0 + seed - side} for side in (8, 1, 2)}
-        made.job("pca", seed=seed, footprints=stats | {"4": {"psnr_display": 31.0 if seed else None}})
+        stats = {str(side): {"mean": 30.0 + seed - side} for side in (8, 1, 2)}
+        made.job("pca", seed=seed, footprints=stats | {"4": {"mean": 31.0} if seed else {}})
     (plot,) = (plot for plot in plots_of(run_of(made)) if plot["kind"] == "footprints")
-    assert plot["series"][0]["points"] == [[1, 29.5], [2, 28.5], [8, 22.5]]  # at 4 a seed has no error
+    assert plot["series"][0]["points"] == [[1, 29.5], [2, 28.5], [8, 22.5]]  # at 4 a seed was not measured
 
 
 def test_the_interval_of_several_seeds_holds_those_of_all_in_the_one_series_of_figure_and_page(made):
