@@ -20,7 +20,7 @@ Sizes = Sequence[tuple[int, int]] | None  # of pictures (H, W) whose texels a te
 Bits = Literal[0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 32]  # of a stored number, on average; 0: left to the fit, 16, 32: floats
 
 VERSION = 2  # part of the version of every codec: raise it if the codes or the choice of bits change
-BEARABLE = 0.03  # share of the fit's squared error that rounding may add, if the fit chooses the bits
+BEARABLE = 0.015  # share of the fit's squared error that rounding may add, if the fit chooses the bits
 PROBED = 4  # bits of a channel that is rounded alone, to measure the error that this adds
 MEASURED = 1 << 16  # texels of larger textures whose rounding is measured
 RANGES = 29  # number of tried shares of a channel's range, from 0.3 to 1: smaller ones round finer and clip more
