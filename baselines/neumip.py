@@ -315,9 +315,7 @@ class NeuMIPObjective(Objective):
             levels = zip(table.split(self.pyramid.counts), self.pyramid.levels, strict=True)
             table = torch.cat([blur(level, size, sigma / 2**i) for i, (level, size) in enumerate(levels)])
         offset: Tensor | None = self.offset
-        if offset is not None:
-            offset = blur(offset, self.samples.shape, max(sigma, OFFSET_BLUR))
-        return table, offset
+        return table, None if offset is None else blur(offset, self.samples.shape, max(sigma, OFFSET_BLUR))
 
     def textures(self, progress: float) -> tuple[Tensor, Tensor | None]:
         """The same, rounded as the file will hold it."""

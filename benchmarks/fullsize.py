@@ -7,7 +7,7 @@ The reflectance is that of a built-in material (texture, gloss, shadows and para
 picture and multiplied by a pattern that repeats nowhere. A `.btf` holds its factors, `--rank` a channel; a zip holds a
 JPEG for each pair. Neither is ever held in memory as a whole. Then, for instance:
 
-    neubtf-bench run standard --material FILE --codec pca --codec neubtf --codec relief --out runs/full
+    neubtf-bench run budgets --material FILE --codec pca --codec neubtf --codec relief --out runs/full
 """
 
 import argparse

@@ -18,11 +18,12 @@ _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` s
 # The kinds of table, in the order of a report, and why a run may have none of a kind.
 _NO_VALIDATION = (
     "no job of this run has scores of validation pairs, by which settings are chosen: measure it with "
-    "`validation = true` under [data], as `neubtf-bench run ladders` does"
+    "`validation = true` under [data], as `neubtf-bench run budgets` does"
 )
 WHY_EMPTY = {
     "budgets": _NO_VALIDATION,
     "when": _NO_VALIDATION,
+    "ranks": "fewer than two codecs have a rung at 32 bits a texel on each of three or more surfaces",
     "rungs": _NO_VALIDATION,
     "summary": "fewer than two codecs have numbers that can be compared: `neubtf-bench table main` says why",
     "main": _NO_NUMBERS,
@@ -40,7 +41,7 @@ WHY_EMPTY = {
     "unfinished": "every job has a result",
 }
 KINDS = tuple(WHY_EMPTY)
-BY_BUDGET = ("budgets", "when", "rungs")  # tables of records that have a score of validation pairs
+BY_BUDGET = ("budgets", "when", "ranks", "rungs")  # tables of records that have a score of validation pairs
 
 
 @dataclass(frozen=True)

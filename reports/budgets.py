@@ -10,6 +10,7 @@ from statistics import fmean
 
 from bench.compare.budgets import BITS, BYTES, FIT, QUIET, Budget, Budgets, apart, budgets, mean_over, shown
 from bench.compare.paired import AGAINST, FEWEST, Interval
+from bench.compare.ranks import Ranks, ranks
 from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run
 from bench.records.choosing import Rung
 from reports.best_cells import best_cells
@@ -19,7 +20,7 @@ from reports.table import Table
 
 _NOTHING = f"On fewer than {FEWEST} surfaces nothing is told apart."
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
-ENOUGH = Budget(BYTES, 64)  # the budget for questions about a single material or metric
+ENOUGH = Budget(BYTES, 32)  # the budget of ranks, and for questions about a single material or metric
 _CHOICE = (
     "For each codec: the settings (a rung) that fit the budget with the best PSNR of validation pairs. Numbers are "
     "means over the slices of test pairs. Bits a texel are those of the whole file, without a shared network."
@@ -40,7 +41,7 @@ def budgets_table(run: Run) -> Iterator[Table]:
     for kind, part in parts.items():
         yield from _budgets(run, part, kind)
     if len(parts) > 1:
-        yield from _budgets(run, result, "all")
+        yield from _budgets(run, result, "")
 
 
 def _budgets(run: Run, result: Budgets, kind: str) -> Iterator[Table]:
@@ -52,7 +53,8 @@ def _budgets(run: Run, result: Budgets, kind: str) -> Iterator[Table]:
     rows = [[line, *(_cell(value, (line, i) in told) for i, value in enumerate(means[line]))] for line in lines]
     headers = [("codec", ""), *(_header(run, result, budget) for budget in result.picks)]
     count = len(result.materials)
-    title = f"Budgets on {count} {kind} surface{'s' * (count > 1)} ({', '.join(result.materials)}): test PSNR, dB"
+    on = " ".join(filter(None, [str(count), kind, f"surface{'s' * (count > 1)}"]))
+    title = f"Budgets on {on} ({', '.join(result.materials)}): test PSNR, dB"
     notes = [f"{_CHOICE} {_missing(count)}", *notes, *_common(run, result)]
     marks = best_cells(rows, [[None, *means[line]] for line in lines])
     yield Table("budgets", title, headers, rows, notes, marks=marks)
@@ -103,7 +105,31 @@ def when_table(run: Run) -> Iterator[Table]:
         yield Table("when", "Which codec when", headers, rows, notes, words=3)
 
 
-TABLES = {"budgets": budgets_table, "when": when_table, "rungs": rung_tables}
+def ranked_at(result: Budgets, budget: Budget = ENOUGH) -> Ranks | None:
+    """The mean ranks at a budget of the lines with a rung on every material."""
+    lines = {
+        line: [shown(rungs[name], PSNR) or 0.0 for name in result.materials]
+        for line, rungs in result.picks.get(budget, {}).items()
+        if rungs.keys() >= set(result.materials)
+    }
+    return ranks(lines)
+
+
+def ranks_table(run: Run) -> Iterator[Table]:
+    """The mean rank of each line at a budget, and the lines that are not told apart from it."""
+    result = found(run)
+    if not (ranking := ranked_at(result)):
+        return
+    rows = []
+    for line, rank in ranking.mean.items():
+        near = [other for other, its in ranking.mean.items() if other != line and abs(its - rank) < ranking.critical]
+        rows.append([line, fixed(rank, 2), ", ".join(near) or NONE])
+    title = f"Mean ranks over {len(result.materials)} surfaces at {in_words(ENOUGH)}"
+    note = f"Nemenyi's critical difference: {ranking.critical:.2f}. Only lines with a rung on each surface are ranked."
+    yield Table("ranks", title, [("codec", ""), ("mean rank", "↓"), ("not told apart from", "")], rows, [note, _CHOICE])
+
+
+TABLES = {"budgets": budgets_table, "when": when_table, "rungs": rung_tables, "ranks": ranks_table}
 
 
 def _means(result: Budgets, family: str = PSNR) -> dict[str, list[float | None]]:

@@ -41,7 +41,7 @@ def _mean(name: str, scale: str, family: str, group: str = "", unit: str = "dB")
 
 def _worst(row: Row) -> Value:
     stats = row.stats(row.gate, PSNR)
-    return mean(stats | {"mean": stats.get("worst")})
+    return mean(stats | {"mean": stats["worst"]}) if "worst" in stats else None
 
 
 def _declared() -> list[Column]:

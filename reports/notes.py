@@ -57,8 +57,8 @@ def _definition(job: Record) -> str:
     held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
     pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
     return (
-        f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file. Pooled PSNR is that of the "
-        "squared error of all slices together, mean ± std are over slices; the two may differ by a few dB."
+        f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, mean ± std over slices. "
+        "Worst tenth: the mean of that many slices. Pooled: of the squared error of all slices together."
     )
 
 

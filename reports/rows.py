@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
+from bench.codecs.alike import obstacles
 from bench.records import (
     CONDITIONS,
     PSNR,
@@ -15,7 +16,6 @@ from bench.records import (
     metric_of,
     metrics_of,
     require,
-    scored_unlike,
     shown_label,
     stats_of,
 )
@@ -167,13 +167,12 @@ def materials(run: Run) -> list[MaterialRows]:
             require(job, "tables", run.folder)
         by_name.setdefault(job["material"], []).append(job)
     nowhere = frozenset(map(shown_label, run.jobs)) - {shown_label(job) for job in run.jobs if job["status"] == "ok"}
-    return [MaterialRows(name, list(_rows(run, jobs)), nowhere) for name, jobs in by_name.items()]
+    unlike = obstacles(run.jobs)
+    return [MaterialRows(name, list(_rows(run, jobs, unlike)), nowhere) for name, jobs in by_name.items()]
 
 
-def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
-    scored = [job for job in jobs if job["status"] == "ok"]
-    newest = {job.get("seed"): job for job in sorted(scored, key=lambda job: str(job["run"]))}  # pairs differ by seed
-    timings = {job["job"]: run.timing(job) for job in scored}
+def _rows(run: Run, jobs: list[Record], unlike: dict[str, str]) -> Iterator[Row]:
+    timings = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}
     latest: Record = max((t for t in timings.values() if t), key=lambda timing: str(timing["run"]), default={})
     seeds = {job.get("seed") for job in jobs}
     fused = fused_times(run)
@@ -181,10 +180,8 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
         label = shown_label(job)
         name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
         timing = timings.get(job["job"])
-        newest_key = newest.get(job.get("seed"), {}).get("score_key", {})
-        obstacle = _difference(job["score_key"], newest_key) if job["status"] == "ok" else ""
         timing_obstacle = _timing_obstacle(timing, latest) if timing else ""
-        yield Row(job, label, name, timing, fused.get(job["job"]), obstacle, timing_obstacle)
+        yield Row(job, label, name, timing, fused.get(job["job"]), unlike.get(job["job"], ""), timing_obstacle)
 
 
 @lru_cache(maxsize=1)
@@ -193,17 +190,6 @@ def fused_times(run: Run) -> dict[str, Record]:
     choices = (load_trade(run.folder) or {"choices": []})["choices"]
     fused = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
     return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
-
-
-def _difference(key: Record, newest: Record) -> str:
-    """The conditions, in words, in which two scores differ although they must agree."""
-    reasons = scored_unlike(key, newest)
-    reasons += ["another demand"] if key.get("demand") != newest.get("demand") else []
-    mine, theirs = key.get("metrics", {}), newest.get("metrics", {})
-    for name in sorted(mine.keys() & theirs.keys()):  # if only one has a metric, they are still comparable
-        if mine[name] != theirs[name]:
-            reasons.append(f"{name} version {mine[name]} instead of version {theirs[name]}")
-    return ", ".join(reasons)
 
 
 def _timing_obstacle(timing: Record, latest: Record) -> str:

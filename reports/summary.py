@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from bench.compare.paired import FEWEST
 from bench.records import MOST_DB, Run
 from reports import columns
 from reports.best_cells import best_cells
@@ -62,6 +61,8 @@ _NOTES = [
 
 def _paired(against: "Against") -> str:
     """A note on the differences: what their intervals cover, and how many codecs are told apart."""
+    from bench.compare.paired import FEWEST
+
     every = against.over.values()
     materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
     told = sum(each.apart for each in every)

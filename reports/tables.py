@@ -15,6 +15,7 @@ from reports.numbers import NONE, NOT_COMPARABLE
 from reports.paper import paper_table
 from reports.parameters import parameters_table
 from reports.rows import CodecRows, MaterialRows, materials
+from reports.stale import marked
 from reports.stress import stress_tables
 from reports.summary import summary_table
 from reports.table import Table
@@ -29,7 +30,8 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[
     rows = materials(run)
     main: Maker = lambda run, rows: [*_QUALITY(run, rows), *_COST(run, rows)]  # noqa: E731
     makers = _OF_KIND | ({"main": main} if narrow else {})
-    return [table for name in KINDS if kind in (None, name) for table in makers[name](run, rows) if table]
+    found = (table for name in KINDS if kind in (None, name) for table in makers[name](run, rows) if table)
+    return list(marked(run, found))
 
 
 def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table | None:
@@ -38,7 +40,11 @@ def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table |
 
 
 def budget_tables(run: Run, kind: str) -> list[Table]:
-    """The tables of `reports.budgets` of a kind; none if no job was scored at validation pairs."""
+    """The tables of `reports.budgets` of a kind, stale rows marked; none if no job was scored at validation pairs."""
+    return list(marked(run, _budgets(run, kind)))
+
+
+def _budgets(run: Run, kind: str) -> list[Table]:
     if not any(map(has_validation, run.jobs)):
         return []
     from reports import budgets  # loads NumPy, which most tables do not need
@@ -152,9 +158,10 @@ _COST = _each("main", "size and time", lambda _: (*columns.SIZE, *columns.time()
 _RELATIVE = "(…): relative to the mean radiance of the same pairs, because an absolute error is small in dark slices."
 _BOXES = "Answers over a square of this many texels a side, compared with the box-filtered truth."
 _OF_KIND: dict[str, Maker] = {
-    "budgets": lambda run, _: budget_tables(run, "budgets"),
-    "when": lambda run, _: budget_tables(run, "when"),
-    "rungs": lambda run, _: budget_tables(run, "rungs"),
+    "budgets": lambda run, _: _budgets(run, "budgets"),
+    "when": lambda run, _: _budgets(run, "when"),
+    "ranks": lambda run, _: _budgets(run, "ranks"),
+    "rungs": lambda run, _: _budgets(run, "rungs"),
     "summary": lambda run, _: [summary_table(run)],
     "main": _each("main", "", columns.main, main_notes),
     "slices": _each("slices", "as papers report it, mean ± std over slices", columns.papers, quality_notes),

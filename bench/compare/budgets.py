@@ -6,14 +6,15 @@ A *line* is a codec, or a codec as published (`recipe=paper`); its rungs are all
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from statistics import fmean
 from typing import NamedTuple
 
+from bench.codecs.alike import obstacles
 from bench.compare.paired import AGAINST, Interval, against_jobs
-from bench.records import Record, Run, kind_of, scored_unlike, stats_of
+from bench.records import Record, Run, kind_of, stats_of
 from bench.records.choosing import Limits, Rung, chosen, has_validation, over_seeds, validated, validation_of
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
@@ -77,7 +78,8 @@ def budgets(run: Run, fused: Mapping[str, Record]) -> Budgets:
     """The rung of each line for each budget and material; `fused` holds times as one kernel by job, if any."""
     done = [job for job in run.jobs if job["status"] == "ok"]
     judged = [job for job in done if has_validation(job)]
-    alike = list(_alike(judged))
+    unlike = obstacles(judged)
+    alike = [job for job in judged if job["job"] not in unlike]
     names = {job["job"] for job in alike}
     taken = {EAGER: [t for t in run.timings if t["job"] in names], FUSED: [fused[n] for n in fused if n in names]}
     times = {kind: quiet for kind, each in taken.items() if (quiet := _quiet(each))}
@@ -131,12 +133,6 @@ def apart(run: Run, lines: Mapping[str, Mapping[str, Rung]]) -> dict[str, Interv
         for line, rungs in lines.items()
     }
     return against_jobs(run.folder, AGAINST, jobs).over
-
-
-def _alike(jobs: list[Record]) -> Iterator[Record]:
-    """The jobs that may be compared with the newest of their material and seed."""
-    newest = {(job["material"], job["seed"]): job["score_key"] for job in sorted(jobs, key=lambda job: str(job["run"]))}
-    yield from (job for job in jobs if not scored_unlike(job["score_key"], newest[job["material"], job["seed"]]))
 
 
 def _quiet(times: Sequence[Record]) -> Times | None:

@@ -193,7 +193,7 @@ class Job(TypedDict, total=False):
         Needed("comparison", ("settings", "training")),
         Needed("verification", ("version", "code")),
     ]
-    fit_seconds: Annotated[NotNegative, RESULTS, Shown("fit", "CPU s", 2)]
+    fit_seconds: Annotated[NotNegative, RESULTS, Shown("CPU", "s", 2)]
     fit_cached: bool
     fitted: Annotated[dict[str, Text | None], RESULTS]
     history: Annotated[list[Point], RESULTS]

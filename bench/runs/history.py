@@ -1,7 +1,7 @@
 """Loads the records of many runs as one pandas frame: one row for each job, failed ones included.
 
     import bench
-    frame = bench.load_runs(["runs/quick", "runs/ladders"])
+    frame = bench.load_runs(["runs/quick", "runs/budgets"])
     frame.groupby(["material", "label", "started"])["scores/heldout/metrics/psnr_display/pooled"].mean()
 
 Columns are named after the fields of a record, as in a run's `tables/results.csv`: `bytes/total`,

@@ -4,18 +4,19 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
-from bench.records import Run
-from reports import budgets, series
+from bench.records import KINDS, Run, kind_of
+from reports import series
 from reports.board import tables
-from reports.board.sources import MEASURED, PATH_TRACED, STATES, Source, by_material, joined, kind_of, page_name
+from reports.board.sources import STATES, Source, by_material, joined, page_name
 from reports.fits import curves_by_material
 from reports.html_tables import details, note, table_html
 from reports.live import Live, by_psnr
 from reports.page import CODECS, Page, document
 from reports.rows import MaterialRows
+from reports.stale import marked
 from reports.summary import summary_table
 from reports.table import Table
-from reports.tables import all_tables
+from reports.tables import all_tables, budget_tables
 
 if TYPE_CHECKING:
     from reports.board import Codec
@@ -36,7 +37,7 @@ _NOT_FREE = (
 _HAND_IN = """<h2 id="hand-in">Hand in results</h2>
 <p>Measure your codec, pack records and files, and send the archive with the text that <code>submit</code> prints.
 <code>verify</code> decodes every file of it anew and scores it here: its rows are then “verified”.</p>
-<pre>neubtf-bench run ladders-measured --codec mine --out runs/mine
+<pre>neubtf-bench run budgets --codec mine --out runs/mine
 neubtf-bench submit runs/mine --codec mine -o mine.zip</pre>"""
 _Piece = tuple[str, Iterator[str]]  # the name of a page and its text
 
@@ -45,9 +46,8 @@ class Board:
     """All pages of some sources; what installed codecs say of themselves stands on theirs."""
 
     def __init__(self, sources: Sequence[Source], codecs: Mapping[str, "Codec"]):
-        order = {MEASURED: 0, PATH_TRACED: 1}
         filled = (source for source in sources if source.materials)
-        self.sources = sorted(filled, key=lambda source: (not source.has_budgets, order.get(_kind(source), 2)))
+        self.sources = sorted(filled, key=lambda source: (not source.has_budgets, [*KINDS, ""].index(_kind(source))))
         self.known = codecs
         self.pictured = {
             job["material"] for s in self.sources for job in s.run.jobs if {"pictures", "drawing"} & {*job}
@@ -181,7 +181,7 @@ class MaterialPage(Page):
         if any("pictures" in row.job for row in material.shown):
             yield from super()._slices(number, material)
         else:
-            yield note(_NOT_FREE if material.first and kind_of(material.first) == MEASURED else _NO_PICTURES)
+            yield note(_NOT_FREE if material.first and kind_of(material.first) == KINDS[0] else _NO_PICTURES)
 
     def _live(self, number: int, material: Live) -> Iterator[str]:
         if material.models:
@@ -209,10 +209,10 @@ def _about(codec: "Codec | None") -> Iterator[str]:
 def _overview(source: Source) -> Iterator[Table]:
     """The tables over all materials of a source."""
     if source.has_budgets:
-        yield from budgets.budgets_table(source.run)
-        yield from budgets.when_table(source.run)
-    elif table := summary_table(source.run):
-        yield table
+        yield from budget_tables(source.run, "budgets")
+        yield from budget_tables(source.run, "when")
+    else:
+        yield from marked(source.run, filter(None, [summary_table(source.run)]))
 
 
 def _plots(source: Source) -> Iterator[series.Plot]:
@@ -252,7 +252,7 @@ def _together(sources: Sequence[Source]) -> Run:
 
 def _kind(source: Source, material: str = "") -> str:
     jobs = [job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"])]
-    return kind_of(jobs[0]) if jobs else "unknown"
+    return kind_of(jobs[0]) if jobs else ""
 
 
 def _links(links: Iterable[tuple[str, str]]) -> str:

@@ -18,8 +18,6 @@ STATES = (
     f"“{OWN}”: measured by those who keep these records. “{VERIFIED}”: handed in with its files, which were decoded "
     f"and scored anew here. “{CLAIMED}”: handed in, and scored by nobody else."
 )
-MEASURED, PATH_TRACED, SYNTHETIC = "measured", "path-traced from scanned maps", "rendered by the suite"
-_KINDS = {BAKED: PATH_TRACED, RENDERED: SYNTHETIC}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +48,6 @@ class Source:
         if job["status"] != "ok":
             return str(job["status"])
         return CLAIMED if self.claimed else VERIFIED if job.get("verified") else OWN
-
-
-def kind_of(job: Record) -> str:
-    """Where the truth of a job comes from, in words."""
-    return _KINDS.get(_source(job), MEASURED)
 
 
 def may_be_shown(job: Record, run: Run) -> bool:

@@ -11,12 +11,14 @@ from reports.figures.contact import contact_sheets
 from reports.figures.latents import latent_channels
 from reports.figures.plots import plot_figures
 from reports.figures.polar import polar_maps
+from reports.figures.ranks import critical_differences
 from reports.figures.significance import significance
 from reports.figures.trade import trade_fronts
 
 # By kind; the names of their files begin with it.
 ALL: dict[str, Callable[[Run], Iterator[Figure]]] = {
     "significance": significance,
+    "ranks": critical_differences,
     "contact": contact_sheets,
     **{kind: partial(plot_figures, kind=kind) for kind in ("rate", "speed", "fits", "footprints")},
     "trade": trade_fronts,

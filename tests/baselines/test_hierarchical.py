@@ -84,7 +84,8 @@ class Oracle:
         for i, (weight, bias) in enumerate(self.moving):
             x = weight @ x + bias
             x = x.clip(0) if i < 3 else x
-        du, dv = 0.05 * x[0] * wo[:2] / max(wo[2], 0.6)
+        height, width = self.size  # the offset is a length on the surface, in its longer side
+        du, dv = 0.05 * x[0] * wo[:2] / max(wo[2], 0.6) * max(self.size) / np.array([width, height])
         low = int(level)
         upper = min(low + 1, len(self.pyramid) - 1)
         fine, coarse = (bilinear(self.pyramid[i], u + du, v + dv) for i in (low, upper))

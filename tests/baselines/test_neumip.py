@@ -103,15 +103,18 @@ def test_the_output_stage_is_the_authors() -> None:
     torch.testing.assert_close(rgb[0], log.expm1() * (0.1 + 1 / (1 + (-mask).exp())))
 
 
-def test_the_offset_moves_along_the_view() -> None:
+@pytest.mark.parametrize(("size", "along"), [((8, 8), (1, 1)), ((32, 64), (1, 2)), ((64, 32), (2, 1))])
+def test_the_offset_moves_along_the_view_equally_far_on_the_surface(
+    size: tuple[int, int], along: tuple[int, int]
+) -> None:
     networks = Networks(NeuMIP().settings)
     assert networks.offset is not None
     load_vector(torch.cat([torch.zeros(1575), torch.ones(1)]), networks.offset)
     wo = torch.tensor([[0.6, 0.0, 0.8], [0.0, -0.96, 0.28], [0.0, 0.0, 1.0]])
-    moved = networks.move(torch.zeros(3, 2), torch.zeros(3, CHANNELS), wo)
+    moved = networks.move(torch.zeros(3, 2), torch.zeros(3, CHANNELS), wo, Pyramid(size).reach)
     # Nearer to the horizon than z = 0.6 the shift grows no further.
     expected = torch.tensor([[0.05 * 0.6 / 0.8, 0], [0, -0.05 * 0.96 / 0.6], [0, 0]])
-    torch.testing.assert_close(moved, expected)
+    torch.testing.assert_close(moved, expected * torch.tensor(along))
 
 
 def test_the_stored_textures_are_those_that_were_fitted() -> None:

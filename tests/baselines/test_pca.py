@@ -110,7 +110,7 @@ def test_the_parts_are_of_the_stated_sizes() -> None:
     btf = made(100, 20, 20, views=10)
     for bits in (32, 16, 8, 4, 0):
         parts = PCA(components=6, bits=bits).encode(btf, Fit())
-        for numbers, stored in ((2400, parts.texture["coefficients"]), (1800, parts.decoder["basis"])):
+        for numbers, stored in ((2400, parts.texture["coefficients"]), (2100, parts.decoder["basis"])):  # with the mean
             if bits > 8:
                 assert stored.nbytes == numbers * bits // 8
             else:  # a byte says the way, six say the bits of each channel; coding only takes away

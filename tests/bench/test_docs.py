@@ -59,7 +59,7 @@ def test_commands_are_found_in_blocks_and_in_sentences() -> None:
     """Otherwise the test above could pass because it sees nothing."""
     shown = {page.name: [" ".join(words) for words in commands(page)] for page in PAGES}
     assert "run mine.toml --seed 3 --jobs 2 --out runs/mine" in shown["ci.md"]
-    assert "run baked" in shown["baking.md"]
+    assert "run budgets --material rock" in shown["baking.md"]
     assert "run ablation" in shown["neubtf.md"]
     assert sum(map(len, shown.values())) > 80
 

@@ -75,7 +75,7 @@ def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
     table = summary_table(load_run(made.folder))
     assert {row[0]: row[-1] for row in table.rows}["vq"] == "−1.00 (−1.00 to −1.00)"
     assert any(note.endswith("On fewer than 3 surfaces nothing is told apart.") for note in table.notes)
-    for label, psnr in (("pca", 29.8), ("vq", 28.5), ("neubtf-direct", 29.5)):
+    for label, psnr in (("pca", 29.0), ("vq", 28.5), ("neubtf-direct", 29.5)):
         made.job(label, material="wool", psnr=psnr)
     table = summary_table(load_run(made.folder))
     against = {row[0]: row[-1] for row in table.rows}

@@ -6,7 +6,7 @@ the paper's, of runs/paper and runs/paper-nearest if no run is given, and says w
 
 examples:
   neubtf-bench table
-  neubtf-bench table budgets runs/ladders
+  neubtf-bench table budgets runs/budgets
   neubtf-bench table main runs/quick --format latex
   neubtf-bench table summary docs/results/quick.jsonl runs/mine
   neubtf-bench table summary --format latex --codec neubtf-direct --codec pca --column PSNR --column total

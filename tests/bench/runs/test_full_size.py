@@ -1,4 +1,4 @@
-"""Small files in the formats of UBO2014 and UBO2003 go through the suite `standard`, as whole measurements do."""
+"""Small files in the formats of UBO2014 and UBO2003 go through a suite, as whole measurements do."""
 
 import json
 
@@ -43,11 +43,11 @@ def test_a_generated_file_repeats_a_material_under_a_pattern(generated):
 
 
 @pytest.mark.parametrize("generated", ["ubo2014", "ubo2003"], indirect=True)
-def test_a_generated_file_goes_through_standard(generated, tmp_path, monkeypatch, capsys):
+def test_a_generated_file_goes_through_a_suite(generated, tmp_path, monkeypatch, capsys):
     path, _ = generated
     out = tmp_path / "run"
     words = ["--codec", "mean-colour", "--set", "data.scored=3", "--out", str(out)]
-    assert cli.main(["run", "standard", "--material", str(path), *words]) == 0, capsys.readouterr().err
+    assert cli.main(["run", "budgets", "--material", str(path), *words]) == 0, capsys.readouterr().err
     job = load_run(out).jobs[0]
     assert job["provenance"]["format"] == ("UBO2014" if path.stem == "ubo2014" else "UBO2003")
     assert job["scores"]["heldout"]["slices"] == 3 < job["pairs"]["heldout"]

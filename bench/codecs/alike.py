@@ -1,0 +1,60 @@
+"""Which records may stand in one table: those of one version of a codec, at the same pairs, of the same metrics.
+
+A codec's `version` names its file and its fit; the store of textures has a version of its own, which is part of it. A
+record of another version than the installed one is *stale*: tables mark it, since its numbers cannot be made again.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from bench.codecs.registry import current_versions, from_outside
+from bench.records import Record, scored_unlike, shown_label
+
+
+def stale(job: Record) -> str:
+    """How a job's versions differ from the installed ones, in words; "" if they agree or are not known."""
+    return _differences(job.get("fit_key", {}), current_versions(str(job.get("codec", ""))))
+
+
+def obstacles(jobs: Iterable[Record]) -> dict[str, str]:
+    """By name of job, why its numbers cannot stand beside those of newer jobs; jobs that can are left out."""
+    finished = sorted((job for job in jobs if job["status"] == "ok"), key=lambda job: str(job["run"]))
+    scored = {(job["material"], job.get("seed")): job["score_key"] for job in finished}  # pairs differ by seed
+    fitted = {job.get("codec"): job.get("fit_key", {}) for job in finished}
+    coded = {row_of(job): job.get("fit_key", {}).get("code") for job in finished}
+    found = {}
+    for job in finished:
+        reasons = _scored(job["score_key"], scored[job["material"], job.get("seed")])
+        reasons += [each] if (each := _differences(job.get("fit_key", {}), fitted[job.get("codec")])) else []
+        code = coded[row_of(job)]
+        # The suite's own codecs get a new version if their files change; one's own may change without.
+        if code and job.get("fit_key", {}).get("code") != code and from_outside(str(job.get("codec"))):
+            reasons.append("fitted by other code of the codec than its newest seed")
+        if reasons:
+            found[job["job"]] = ", ".join(reasons)
+    return found
+
+
+def row_of(job: Record) -> tuple[Any, ...]:
+    """The row that a job and its other seeds share."""
+    return job["material"], shown_label(job)
+
+
+def _differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
+    words = [
+        f"{what} version {mine.get(key)} instead of {theirs[key]}"
+        for key, what in (("version", "codec"), ("store", "store"))
+        if mine and key in theirs and mine.get(key) != theirs[key]
+    ]
+    return ", ".join(words)
+
+
+def _scored(key: Record, newest: Record) -> list[str]:
+    """The conditions in which two scores differ although they must agree."""
+    reasons = scored_unlike(key, newest)
+    reasons += ["another demand"] if key.get("demand") != newest.get("demand") else []
+    mine, theirs = key.get("metrics", {}), newest.get("metrics", {})
+    for name in sorted(mine.keys() & theirs.keys()):  # if only one has a metric, they are still comparable
+        if mine[name] != theirs[name]:
+            reasons.append(f"{name} version {mine[name]} instead of version {theirs[name]}")
+    return reasons

@@ -1,0 +1,50 @@
+"""Which records may stand in one table, and which are stale."""
+
+import pytest
+
+from bench.codecs import alike
+from bench.codecs.registry import codec_entries, current_versions, load_codec
+from bench.training import stored_texture
+
+
+def job(label="pca", seed=0, run="1", **key):
+    fit = {"version": 4, "store": 2, "code": "a"} | {k: v for k, v in key.items() if k in ("version", "store", "code")}
+    score = {"btf": "f", "exposure": 1.0, "metrics": {"psnr_display": key.get("metric", 2)}}
+    named = {"job": f"satin/{label}/{seed}/{run}", "material": "satin", "label": label, "codec": label.split()[0]}
+    return named | {"seed": seed, "run": run, "status": "ok", "fit_key": fit, "score_key": score}
+
+
+def test_versions_are_read_from_the_source_without_importing_it():
+    for name in codec_entries():
+        assert current_versions(name) == {"version": load_codec(name).version, "store": stored_texture.VERSION}
+    assert current_versions("nobody's") == {}
+
+
+@pytest.mark.parametrize(("key", "why"), [("version", "codec version"), ("store", "store version")])
+def test_a_record_of_another_version_is_stale(key, why):
+    now = current_versions("pca")
+    fresh = job() | {"fit_key": now}
+    assert alike.stale(fresh) == ""
+    assert alike.stale(fresh | {"fit_key": now | {key: now[key] - 1}}) == f"{why} {now[key] - 1} instead of {now[key]}"
+    assert alike.stale(fresh | {"fit_key": {"version": now["version"]}}).endswith(f"None instead of {now['store']}")
+    assert alike.stale(fresh | {"codec": "nobody's", "fit_key": {"version": 1}}) == ""
+    assert alike.stale(fresh | {"fit_key": {}}) == ""  # handed in without one
+
+
+def test_versions_of_a_codec_do_not_mix_over_seeds_or_settings_and_the_newest_stands():
+    jobs = [job(run="2"), job("pca components=8", run="1", version=3), job("vq", run="1", version=3)]
+    assert alike.obstacles(jobs) == {"satin/pca components=8/0/1": "codec version 3 instead of 4"}
+
+
+def test_metrics_do_not_mix():
+    (why,) = alike.obstacles([job("vq", run="1", metric=1), job(run="2")]).values()
+    assert why == "psnr_display version 1 instead of version 2"
+
+
+def test_code_of_one_s_own_codec_does_not_mix_between_seeds(monkeypatch):
+    """The suite's own codecs have a version for that; their code changes with every word of `bench`."""
+    jobs = [job("mine", seed=0, code="old"), job("mine", seed=1, run="2"), job("mine x=1", code="old")]
+    assert alike.obstacles(jobs) == {}
+    monkeypatch.setattr(alike, "from_outside", lambda name: name == "mine")
+    (why,) = alike.obstacles(jobs).values()
+    assert why == "fitted by other code of the codec than its newest seed"

@@ -1,0 +1,30 @@
+"""Stale rows are marked in every table, and none stands on the front page or among the budgets."""
+
+import re
+from pathlib import Path
+
+from bench.codecs.registry import current_versions
+from bench.records import load_run
+from reports import table_text
+from reports.tables import all_tables
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_a_row_of_an_older_version_is_marked_in_every_table_and_why_is_said(made):
+    now = current_versions("pca")
+    made.job("pca", fit_key=now).job("vq", fit_key=current_versions("vq") | {"version": 1})
+    tables = [table for table in all_tables(load_run(made.folder)) if table.kind in ("summary", "main", "slices")]
+    assert len(tables) == 3
+    for table in tables:
+        assert {row[0] for row in table.rows} == {"pca", "vq †"}
+        assert table.notes[-1].startswith("†: stale")
+        assert "vq: codec version 1 instead of" in table.notes[-1]
+    assert "vq †" in table_text(made.folder, "latex", "main")
+
+
+def test_no_stale_row_stands_on_the_front_page_or_among_the_budgets():
+    readme, results = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/results.md"))
+    budgets = re.search(r"^## Budgets$(.*?)^## ", results, re.S | re.M)
+    assert budgets
+    assert "†" not in readme + budgets[1]
