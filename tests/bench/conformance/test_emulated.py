@@ -1,5 +1,6 @@
 """The emulated GPU refuses what CUDA refuses, and counts; and every codec fits and answers on it as on the CPU."""
 
+import re
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from bench import timing
 from bench.btf import BTF
 from bench.codec import Fit, settings_dict
 from bench.codecs import container, loading, shared
@@ -15,8 +17,10 @@ from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.conformance.emulated import counted
 from bench.data.materials import load
+from bench.errors import InputError
 from bench.hemisphere import uniform
-from bench.training import fitting, optimiser
+from bench.material import CHUNK, DecoderCost, Material
+from bench.training import Architecture, Decoder, fitting, optimiser
 
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 CODECS = sorted(PROJECT["entry-points"]["neubtf_bench.codecs"])
@@ -147,3 +151,22 @@ def test_kernels_waits_and_bytes_do_not_grow(
     found = steps[0][0], steps[-1][0], max(steps[0][2], steps[-1][2]), query.kernels.total()
     assert all(ours <= most for ours, most in zip(found, MOST[name], strict=True)), found
     assert [steps[0][1], steps[-1][1], query.waits.total(), query.copied] == [0, 0, 1, 0]
+
+
+def test_a_time_on_a_gpu_names_it_and_is_of_many_queries(gpu: torch.device) -> None:
+    assert timing.conditions(1, "cpu")["batch"] == timing.BATCH
+    assert "gpu" not in timing.conditions(1, "cpu")
+    found = timing.conditions(1, str(gpu))
+    assert found["batch"] == 1 << 20
+    assert re.search("driver .*, CUDA ", found["gpu"])
+
+
+def test_a_chunk_is_longer_on_a_gpu(gpu: torch.device) -> None:
+    flat = Material((2, 2), DecoderCost())
+    assert [flat.to(device).chunk for device in (gpu, gpu, "cpu")] == [1 << 20, 1 << 20, CHUNK]
+
+
+def test_a_network_that_no_gpu_has_room_for_is_refused(gpu: torch.device) -> None:
+    triton = pytest.importorskip("bench.timing.fused.with_triton", exc_type=ImportError)
+    with pytest.raises(InputError, match="no room for 512 channels"):
+        triton.TritonNetwork(Decoder(Architecture(20, (512, 512))).to(gpu))
