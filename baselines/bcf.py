@@ -141,11 +141,18 @@ class BCFObjective(DirectedObjective):
         # The range of each channel's codes; a span of 0 means that there are none yet.
         self.register_buffer("low", torch.zeros(settings.textures, 3))
         self.register_buffer("span", torch.zeros(settings.textures, 3))
+        self.register_buffer("levels", LEVELS, persistent=False)
+        self.ranged = False  # whether the range is set: kept on the host, which else would wait for a GPU at each step
 
     block: Tensor
     within: Tensor
     low: Tensor
     span: Tensor
+    levels: Tensor
+
+    def restored(self) -> None:
+        super().restored()
+        self.ranged = bool(self.span.any())
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         with torch.no_grad():
@@ -161,11 +168,12 @@ class BCFObjective(DirectedObjective):
 
     def codes(self, ends: Tensor) -> Tensor:
         """Ends (…, T, 3) in 5, 6 and 5 bits, int64; the first call sets their range."""
-        if not self.span.any():
+        if not self.ranged:
             low, high = self.ends.flatten(0, 1).amin(0), self.ends.flatten(0, 1).amax(0)
             self.low.copy_(low)
             self.span.copy_((high - low).clamp_min(1e-6))
-        levels = LEVELS.to(ends.device)
+            self.ranged = True
+        levels = self.levels
         return ((ends - self.low) / self.span * levels).round().clamp(torch.zeros_like(levels), levels).long()
 
     def rounded(self, first: Tensor, second: Tensor, share: Tensor) -> Tensor:

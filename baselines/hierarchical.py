@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, _log
-from bench.material import DecoderCost, Material, saturated, to_radiance
+from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Width
 from bench.training import (
@@ -205,14 +205,16 @@ class HierarchicalNetworks(Networks):
         (middle, wo, wi, level), (table, offset), side = queries, textures, side + 2 * HALO
         at = torch.arange(side, device=middle.device) - (side - 1) / 2
         grid = torch.stack([at.expand(side, side), -at[:, None].expand(side, side)], 2)
-        step = 2.0 ** level[:, None] / middle.new_tensor(pyramid.levels[0][::-1])
+        step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)
         uv = (middle[:, None, None] + grid * step[:, None, None]).flatten(0, 2)
         texels, each = side * side, level.repeat_interleave(side * side)
         place = self.placed(uv, each, pyramid.side)
-        look = pyramid.sample if level.is_floating_point() else pyramid.fetch
+        fits = not level.is_floating_point()
         if offset is not None:
-            uv = self.move(uv, look(offset, uv, torch.zeros_like(each)), wo.repeat_interleave(texels, 0), pyramid.reach)
-        latents = look(table, uv, each)
+            finest = offset.unflatten(0, pyramid.levels[0])
+            own = pyramid.fetch(offset, uv, torch.zeros_like(each)) if fits else sample_texture(finest, uv)
+            uv = self.move(uv, own, wo.repeat_interleave(texels, 0), pyramid.reach)
+        latents = (pyramid.fetch if fits else pyramid.sample)(table, uv, each)
         numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), side, side))
         out = self.decoder(self.seen(wo, wi), numbers)
         return to_radiance(out @ self.to_rgb.to(out.dtype), 1.0)
@@ -267,8 +269,8 @@ class HierarchicalObjective(NeuMIPObjective):
         height, width = samples.shape
         corner = samples.draw(count, generator)
         uv, wo, wi, levels = self._queries(samples, corner, level)
-        texel = 2**level / uv.new_tensor(self.samples.shape[::-1])
-        middle = uv + (patch - 1) / 2 * texel * uv.new_tensor([1.0, -1.0])
+        across, down = ((patch - 1) / 2 * (2**level / self.pyramid.sizes[0].flip(0))).unbind()
+        middle = torch.stack([uv[:, 0] + across, uv[:, 1] - down], 1)
         along = torch.arange(patch, device=uv.device)
         row = (corner.texel.div(width, rounding_mode="floor")[:, None] + along).remainder(height)
         col = (corner.texel.remainder(width)[:, None] + along).remainder(width)

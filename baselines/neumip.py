@@ -15,6 +15,7 @@ from torch.nn import functional
 
 from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
+from bench.devices import is_gpu
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
@@ -167,8 +168,8 @@ class Pyramid(nn.Module):
     def __init__(self, size: tuple[int, int], levels: int | None = None):
         super().__init__()
         self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels or level_count(size))]
-        counts = [height * width for height, width in self.levels]
-        self.counts, self.side = counts, max(size)
+        self.counts = counts = [height * width for height, width in self.levels]
+        self.side = max(size)
         self.register_buffer("sizes", torch.tensor(self.levels), persistent=False)
         self.register_buffer("starts", torch.tensor([sum(counts[:i]) for i in range(len(counts))]), persistent=False)
         self.register_buffer("reach", OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
@@ -183,7 +184,7 @@ class Pyramid(nn.Module):
 
     def sample(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
         """As `fetch` at real levels, without a gradient: one bilinear fetch if all levels are the finest."""
-        if not torch.compiler.is_exporting() and not level.any():  # a recorded program has no branches
+        if not (torch.compiler.is_exporting() or is_gpu(uv.device) or level.any()):  # these two take no branches
             return sample_texture(table[: self.counts[0]].unflatten(0, self.levels[0]), uv)
         index, weight = self._around(uv, level)
         return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
@@ -252,9 +253,8 @@ class Networks(nn.Module):
     def move(self, uv: Tensor, latents: Tensor, wo: Tensor, reach: Tensor) -> Tensor:
         """uv (n, 2) shifted along the view wo (n, 3) by the offset network's output for latents (n, 7)."""
         assert self.offset is not None
-        xy = wo[:, :2]
-        depth = self.offset(torch.cat([latents, xy], 1))
-        return uv + depth.to(uv.dtype) * (xy * reach) / wo[:, 2:].clamp_min(LOWEST_COSINE)
+        depth = self.offset(torch.cat([latents, wo[:, :2]], 1))
+        return uv + depth.to(uv.dtype) * (wo[:, :2] * reach) / wo[:, 2:].clamp_min(LOWEST_COSINE)
 
     def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """gain · radiance (n, 3), not clamped, of latents (n, 7): YUV → RGB → expm1, times a mask if there is one."""
@@ -361,8 +361,7 @@ def _log(values: Tensor) -> Tensor:
 
 def blur(texture: Tensor, size: tuple[int, int], sigma: float) -> Tensor:
     """A periodic texture (H · W, C) convolved with a Gaussian of σ in texels, by its transfer exp(−2 π² σ² f²)."""
-    height, width = size
-    device = texture.device
+    (height, width), device = size, texture.device
     down, across = torch.fft.fftfreq(height, device=device), torch.fft.rfftfreq(width, device=device)
     transfer = (-2 * (math.pi * sigma) ** 2 * (down.square()[:, None] + across.square())).exp()[..., None]
     spectrum = torch.fft.rfft2(texture.reshape(height, width, -1), dim=(0, 1))
@@ -393,7 +392,7 @@ class NeuMIPMaterial(Material):
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         if self.offset is not None:
-            texture = self.offset.unflatten(0, self.size)
-            uv = self.networks.move(uv, sample_texture(texture, uv), wo, self.pyramid.reach)
+            latents = sample_texture(self.offset.unflatten(0, self.size), uv)
+            uv = self.networks.move(uv, latents, wo, self.pyramid.reach)
         latents = self.pyramid.sample(self.table, uv, self.pyramid.level(footprint))
         return self.networks.colour(latents, wo, wi) / self.gain

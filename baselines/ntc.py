@@ -183,7 +183,7 @@ class NTCObjective(DirectedObjective):
             if progress >= ROUNDED_FROM[rounding]:  # as published, noisy grids then stop moving
                 grids.append(stored if rounding == "noise" else grid + (stored - grid).detach())
             elif rounding == "noise" and generator is not None:
-                noise = torch.rand(grid.shape, generator=generator).to(grid.device) - 0.5
+                noise = torch.rand(grid.shape, generator=generator).to(grid.device, non_blocking=True) - 0.5
                 grids.append(grid + noise * (2 / (2**bits - 1)))
             else:
                 grids.append(grid)

@@ -18,11 +18,12 @@ def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tenso
     h = functional.normalize(wo + wi, dim=1)
     if kind == "nearest":
         # The turn that takes h to z: w − (w · (h + z)) / (1 + h_z) (h + z) + 2 (w · h) z.
-        z = torch.zeros_like(h).index_fill_(1, torch.tensor([2], device=h.device), 1)
+        z = torch.cat([torch.zeros_like(h[:, :2]), torch.ones_like(h[:, :1])], 1)
         along = (wi * (h + z)).sum(1, keepdim=True) / (1 + h[:, 2:])
         return h, wi - along * (h + z) + 2 * (wi * h).sum(1, keepdim=True) * z
     sine = torch.linalg.vector_norm(h[:, :2], dim=1, keepdim=True)
-    cos_phi, sin_phi = torch.where(sine > 0, h[:, :2] / sine, h.new_tensor([1.0, 0.0])).unbind(1)
+    zenith = torch.cat([torch.ones_like(sine), torch.zeros_like(sine)], 1)
+    cos_phi, sin_phi = torch.where(sine > 0, h[:, :2] / sine, zenith).unbind(1)
     x = cos_phi * wi[:, 0] + sin_phi * wi[:, 1]
     y = cos_phi * wi[:, 1] - sin_phi * wi[:, 0]
     return h, torch.stack([h[:, 2] * x - sine[:, 0] * wi[:, 2], y, (wi * h).sum(1)], 1)

@@ -163,7 +163,8 @@ class Autoencoder(Fitted):
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         settings, device = self.settings, self.samples.device
-        texel = torch.randint(self.samples.trained, (settings.texels,), generator=generator).to(device)
+        texel = torch.randint(self.samples.trained, (settings.texels,), generator=generator)
+        texel = texel.to(device, non_blocking=True)
         batch = self.samples.draw_at(texel.repeat_interleave(settings.pairs), generator)
         latents = self.latents(texel).repeat_interleave(settings.pairs, 0)
         return distance(self.decode(latents, batch), batch.target, settings.loss)

@@ -2,7 +2,7 @@
 it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -36,6 +36,10 @@ class Density:
     weight: Tensor  # (n, k) their weights, including cosines
     per_pair: Tensor  # (N,) float64: the share of each pair in the demand
     uniform: float
+
+    def to(self, device: torch.device) -> "Density":
+        """The same, which tells the pairs around directions of a device; it still draws on the CPU."""
+        return replace(self, pair=self.pair.to(device), weight=self.weight.to(device))
 
     @property
     def weights(self) -> Tensor:

@@ -1,5 +1,7 @@
 """Tells GPUs from CPUs, by whatever name PyTorch knows them; imports PyTorch only where it must ask it."""
 
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -16,3 +18,17 @@ def present(device: "torch.device | str") -> bool:
     import torch
 
     return not is_gpu(device) or bool(torch.get_device_module(device).is_available())
+
+
+def described(device: "torch.device | str") -> str:
+    """The GPU, its driver and CUDA (or what PyTorch was built for), on which times depend; "" for a CPU."""
+    import torch
+
+    if not is_gpu(device):
+        return ""
+    named = getattr(torch.get_device_module(device), "get_device_name", str)
+    try:
+        driver = re.search(r"\d+\.\d[.\d]*", Path("/proc/driver/nvidia/version").read_text(encoding="utf-8"))
+    except OSError:
+        driver = None
+    return f"{named(device)}, driver {driver[0] if driver else 'unknown'}, CUDA {torch.version.cuda or 'none'}"

@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull, Delaunay
 from torch import Tensor, nn
 
 from bench.btf import Layout
+from bench.devices import is_gpu
 
 CELLS = 64  # cells per side of the grid of candidate triangles: about two candidates a cell for the published sets
 MOST_CANDIDATES = 4096  # in a cell; a file with more is not a measurement, but could exhaust memory
@@ -115,7 +116,8 @@ class Hemisphere(nn.Module):
             return Weights(index, torch.ones_like(index, dtype=points.dtype))
         triangle, weights = self._barycentric(points)
         outside = weights.amin(1) < -ROUNDING
-        if torch.compiler.is_exporting():  # a program has no branches, so compute both answers, then choose
+        # A program has no branches, and a GPU would be waited for: compute both answers, then choose.
+        if torch.compiler.is_exporting() or is_gpu(points.device):
             on_hull = self._barycentric(self._onto_hull(points))
             triangle = torch.where(outside, on_hull[0], triangle)
             weights = torch.where(outside[:, None], on_hull[1], weights)

@@ -125,7 +125,8 @@ def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
     if side != cut:
         matrix = functional.interpolate(matrix[None, None], (cut, side), mode="bilinear", antialias=True)[0, 0]
     weight, index = matrix.topk(int((matrix > 0).sum(1).max()))
-    return index.to(place.device)[place], weight.to(place.device)[place]
+    index, weight = (each.to(place.device, non_blocking=True) for each in (index, weight))
+    return index[place], weight[place]
 
 
 def _fitting(side: int) -> int:
@@ -146,7 +147,7 @@ class Disturbance:
         hue, blur, noise = torch.rand(3, generator=generator, dtype=torch.float64).tolist()
         pictures = turned(pictures, self.hue * hue)
         pictures = blurred(pictures, self.blur * blur)
-        grain = torch.randn(pictures.shape, generator=generator).to(pictures.device)
+        grain = torch.randn(pictures.shape, generator=generator).to(pictures.device, non_blocking=True)
         return (pictures + self.noise * noise * grain).clamp(0, 1)
 
 
@@ -162,7 +163,8 @@ def turned(pictures: Tensor, turn: float) -> Tensor:
         (1 - math.cos(angle)) / 3 + part
         for part in (math.cos(angle), -math.sin(angle) / math.sqrt(3), math.sin(angle) / math.sqrt(3))
     )
-    matrix = pictures.new_tensor([[same, less, more], [more, same, less], [less, more, same]])
+    matrix = torch.tensor([[same, less, more], [more, same, less], [less, more, same]], dtype=pictures.dtype)
+    matrix = matrix.to(pictures.device, non_blocking=True)
     return torch.einsum("ij,bjhw->bihw", matrix, pictures).clamp(0, 1)
 
 

@@ -108,7 +108,7 @@ class Example(NamedTuple):
     @property
     def inner(self) -> Tensor:
         """The texels (n,) of the picture that a loss compares: those without the window's surroundings."""
-        return self.window.inner().to(self.picture.device)
+        return self.window.inner().to(self.picture.device, non_blocking=True)
 
 
 class Staged(Objective):
@@ -170,9 +170,9 @@ class Staged(Objective):
         window = Window.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator)
         if not exploring:
             window = window.aligned()
-            texels = window.texels(samples.shape).to(samples.device)
+            texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
             return Example(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
-        texels = window.texels(samples.shape).to(samples.device)
+        texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
         pair = int(torch.randint(samples.pairs, (), generator=generator))
         picture = displayed(self.exposed(self.radiance(window, texels, torch.tensor([pair]))))
         return Example(window, texels, self.disturbance.disturbed(picture, generator), pair)
@@ -190,7 +190,7 @@ class Staged(Objective):
 
     def radiance(self, window: Window, texels: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); averages are of radiance."""
-        each = pairs.to(texels.device).repeat_interleave(len(texels))
+        each = pairs.to(texels.device, non_blocking=True).repeat_interleave(len(texels))
         values = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
         return values if window.keeps_scale else window.rescaled(values.expm1()).log1p()
 
@@ -218,8 +218,8 @@ class Staged(Objective):
         """The pixels' loss, of single random samples: a slice holds thousands of texels, but one pair only."""
         size = (self.settings.batch,)
         inner = example.inner
-        here = inner[torch.randint(len(inner), size, generator=generator).to(latents.device)]
-        pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device)
+        here = inner[torch.randint(len(inner), size, generator=generator).to(latents.device, non_blocking=True)]
+        pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device, non_blocking=True)
         index, weight = example.window.taps(here)
         each = pair.repeat_interleave(index.shape[1])
         values = self.samples.at(example.texels[index].flatten(), each).target.expm1().unflatten(0, index.shape)
@@ -237,7 +237,7 @@ class Staged(Objective):
         """The loss of whole slices: style and spectrum, and that of pixels if it does not use single samples."""
         settings, inner = self.settings, example.inner
         level = self.radiance(example.window, example.texels, pairs).flatten(2)[..., inner].movedim(1, -1).flatten(0, 1)
-        pair = pairs.to(latents.device).repeat_interleave(len(inner))
+        pair = pairs.to(latents.device, non_blocking=True).repeat_interleave(len(inner))
         rendered = self.rendered(latents, inner.repeat(len(pairs)), pair)
         loss = torch.zeros((), device=latents.device)
         if settings.pixels == "slices":

@@ -52,7 +52,8 @@ class ReliefObjective(Objective):
         self.network = Network(settings, height is not None, generator)
         self.network.start_at(self.samples.mean(generator))
         self.pyramid = Pyramid(self.samples.shape)
-        self.first_height = height
+        self.first_height: Tensor | None
+        self.register_buffer("first_height", height, persistent=False)
         # The shift of the found height in texels, before smoothing.
         self.offset = nn.Parameter(torch.zeros_like(height)) if height is not None and settings.refine else None
         self.relief = None if height is None else Surface(stepped(height)[2])
@@ -72,7 +73,7 @@ class ReliefObjective(Objective):
         """The height (H, W) as refined so far, not rounded; none without a relief."""
         if self.first_height is None or self.offset is None:
             return self.first_height
-        moved = self.first_height.to(self.offset) + smoothed(self.offset) / self.samples.shape[1]
+        moved = self.first_height + smoothed(self.offset) / self.samples.shape[1]
         return moved.clamp(-HIGHEST, HIGHEST)
 
     @torch.no_grad()
@@ -118,4 +119,4 @@ class ReliefObjective(Objective):
             row = batch.texel.div(samples.shape[1], rounding_mode="floor")
             col = batch.texel - row * samples.shape[1]
             uv = torch.stack([(col + 0.5) * (factor / width), 1 - (row + 0.5) * (factor / height)], 1)
-            yield uv, samples.wo[batch.pair], samples.wi[batch.pair], torch.full_like(uv[:, 0], level)
+            yield uv, samples.wo[batch.pair], samples.wi[batch.pair], torch.full_like(batch.texel, level)

@@ -26,7 +26,9 @@ MOST_PADDED = 32  # largest growth of a copy by padding; a picture far wider tha
 def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
     """Change of uv (n, 2) per unit of height along a ray with `direction` (n, 3)."""
     across = direction[:, :2] / direction[:, 2:].clamp_min(LOWEST)
-    return across if shape[0] == shape[1] else across * across.new_tensor([1, shape[1] / shape[0]])
+    if shape[0] == shape[1]:
+        return across
+    return torch.cat([across[:, :1], across[:, 1:] * (shape[1] / shape[0])], 1)
 
 
 class Surface(nn.Module):

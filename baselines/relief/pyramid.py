@@ -41,12 +41,15 @@ class Pyramid(nn.Module):
         return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels."""
+        """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels.
+
+        A fit asks for whole numbers as levels: only these one levels are then read.
+        """
         lower = level.int()
         share = (level - lower)[:, None]
         near, near_weight = self._corners(uv, lower)
-        if table.requires_grad and not share.any():
-            # A fit asks for whole levels. The gradient of a bag or a matrix product takes longer than that of this sum.
+        if table.requires_grad and not level.is_floating_point():
+            # The gradient of a bag or a matrix product takes longer than that of this sum.
             corners = table.index_select(0, near.flatten()).unflatten(0, near.shape)
             return (near_weight.to(table.dtype)[:, :, None] * corners).sum(1)
         far, far_weight = self._corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))

@@ -192,8 +192,9 @@ def _choices(
                 continue
             rows.append(row)
             timed[len(rows) - 1] = ready
-    measured = timing.time_materials({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(BATCH))
-    conditions = {"batch": BATCH, "threads": suite.threads, "device": device}
+    batch = timing.batch_on(device, BATCH)
+    measured = timing.time_materials({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(batch))
+    conditions = {"batch": batch, "threads": suite.threads, "device": device} | timing.hardware(device)
     for i, ready in timed.items():
         summary = measured[str(i)].summary()
         least = _limit(ready, ceilings)

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from bench.codec import Progress, followed, silent
+from bench.devices import described, is_gpu
 from bench.material import DecoderCost, Material, sample_texture
 from bench.threads import torch_threads
 from bench.timing.clock import calibrated
@@ -27,6 +28,7 @@ from bench.timing.queries import Queries
 
 SAMPLES = 30
 BATCH = 16_384
+GPU_BATCH = 1 << 20  # with fewer a GPU's time counts its launches
 FLOOR = "floor"
 FLOORS = 2  # the first and the last of a turn; ratios are to their mean
 
@@ -73,16 +75,27 @@ class _Floor(Material):
         return sample_texture(self.texture, uv)
 
 
+def batch_on(device: torch.device | str, cpu: int = BATCH) -> int:
+    """The samples of a timed batch on a device."""
+    return GPU_BATCH if is_gpu(device) else cpu
+
+
+def hardware(device: torch.device | str) -> dict[str, str]:
+    """What a record of times on a GPU says of it; the CPU stands in the record of its run."""
+    return {"gpu": described(device)} if is_gpu(device) else {}
+
+
 def conditions(threads: int, device: str) -> dict[str, Any]:
     """The conditions under which `time_materials` measures, to be published with its figures."""
     return {
-        "batch": BATCH,
+        "batch": batch_on(device),
         "dtype": "float32",
         "threads": threads,
         "device": device,
         "execution": "eager",
         "queries": "random uv and directions up to 75°, footprint 0",
         "texture_fetch": True,
+        **hardware(device),
     }
 
 
@@ -91,7 +104,7 @@ def time_materials(
 ) -> dict[str, Timing]:
     """Time the whole query of each material in turns; the row `FLOOR` is one bilinear colour fetch."""
     first = next(iter(materials.values()))
-    batch = (queries or Queries(BATCH)).draw(first.size, first.device)
+    batch = (queries or Queries(batch_on(first.device))).draw(first.size, first.device)
     calls = {name: partial(material.query, *batch) for name, material in materials.items()}
     return in_turns(calls, len(batch[0]), first.size, threads, first.device, show)
 

@@ -1,6 +1,7 @@
 """Times a call, on the CPU by the clock, on a GPU by events; warms it up and repeats it to be long enough."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from time import perf_counter_ns
 from typing import Any
 
@@ -34,12 +35,14 @@ def elapsed(
 ) -> float:
     """ns that `repeat` calls take."""
     if is_gpu(device):
-        start, end = (torch.get_device_module(device).Event(enable_timing=True) for _ in range(2))
-        start.record()
-        for _ in range(repeat):
-            call()
-        end.record()
-        end.synchronize()
+        module = torch.get_device_module(device)
+        with module.device(device) if device.index else nullcontext():  # `cuda:1` has a queue of its own
+            start, end = (module.Event(enable_timing=True) for _ in range(2))
+            start.record()
+            for _ in range(repeat):
+                call()
+            end.record()
+            end.synchronize()
         return float(1e6 * start.elapsed_time(end))
     begun = clock()
     for _ in range(repeat):

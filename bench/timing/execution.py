@@ -18,6 +18,7 @@ import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 import torch._dynamo
@@ -41,7 +42,6 @@ DTYPES = {
 TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
 LONG_CHUNK = 65_536  # for compiled half precisions on the CPU: small intermediates, but some overhead a call
 FUSED_CHUNK = 1 << 17  # on the CPU: long, because switching between PyTorch's and Dr.Jit's threads is slow
-GPU_CHUNK = 1 << 22  # a chunk must fill a GPU
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,7 @@ def prepared(material: Material, variant: Variant) -> Material:
     if variant.precision == "tf32" and material.device.type != "cuda":
         raise InputError("tf32 is a precision of NVIDIA's GPUs: use float32 here")
     material = copy.deepcopy(material).to(dtype=DTYPES[variant.precision])
-    if is_gpu(material.device):
-        material.chunk = GPU_CHUNK
+    torch.backends.cudnn.allow_tf32 = False  # which PyTorch allows to convolutions unless told, and float32 is not
     match variant.execution:
         case "compiled":
             material = _Compiled(material)
@@ -195,12 +194,15 @@ class _Tf32(Around):
     """Products of float32 numbers rounded as tf32."""
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        before = torch.backends.cuda.matmul.allow_tf32
-        torch.backends.cuda.matmul.allow_tf32 = True
+        kinds: list[Any] = [torch.backends.cuda.matmul, torch.backends.cudnn]
+        before = [kind.allow_tf32 for kind in kinds]
+        for kind in kinds:
+            kind.allow_tf32 = True
         try:
             return self.inner.evaluate(uv, wo, wi, footprint)
         finally:
-            torch.backends.cuda.matmul.allow_tf32 = before
+            for kind, allowed in zip(kinds, before, strict=True):
+                kind.allow_tf32 = allowed
 
 
 def needs_compiler(device: torch.device) -> None:

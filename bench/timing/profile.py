@@ -1,6 +1,7 @@
 """Profiles a material's time per sample over the timed part, the batch size, the order of queries, and the threads.
 
-One condition changes at a time. The common condition is the whole query of `BATCH` random samples on one thread.
+One condition changes at a time. The common condition is the whole query of `BATCH` random samples on one thread, on a
+GPU of `GPU_BATCH`.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,7 +13,7 @@ import torch
 from torch import Tensor
 
 from bench.material import Material
-from bench.timing import BATCH, FLOOR, in_turns
+from bench.timing import BATCH, FLOOR, batch_on, hardware, in_turns
 from bench.timing.execution import networks
 from bench.timing.queries import Queries
 
@@ -31,9 +32,9 @@ class Condition:
     threads: int = 1
 
 
-def conditions(batches: tuple[int, ...], all_threads: int) -> list[Condition]:
+def conditions(batches: tuple[int, ...], all_threads: int, batch: int = BATCH) -> list[Condition]:
     """Every condition of a profile, the common one first."""
-    common = Condition()
+    common = Condition(batch=batch)
     every = [common, *(replace(common, part=part) for part in ("decoder", "evaluate"))]
     every += [replace(common, batch=batch) for batch in batches]
     every += [replace(common, coherent=True)]
@@ -47,13 +48,14 @@ def profile(
 ) -> Iterator[dict[str, Any]]:
     """One record for each condition and material, and the floor: the condition, the summary of its timing."""
     first = next(iter(materials.values()))
-    for condition in conditions(batches, all_threads):
+    for condition in conditions(batches, all_threads, batch_on(first.device)):
         calls = {name: _call(material, condition) for name, material in materials.items()}
         there = {name: call for name, call in calls.items() if call}
         timed = in_turns(there, condition.batch, first.size, condition.threads, first.device)
         for name, timing in timed.items():
             if name != FLOOR or condition.part == "query":
-                yield {"name": name} | asdict(condition) | timing.summary() | {"samples_ns": timing.samples.tolist()}
+                summary = timing.summary() | {"samples_ns": timing.samples.tolist()} | hardware(first.device)
+                yield {"name": name} | asdict(condition) | summary
 
 
 def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:

@@ -11,13 +11,12 @@ from bench.training.fitting import (
     display_psnr,
     distance,
     gain_of,
-    rate,
     train,
 )
 from bench.training.frames import Frames
 from bench.training.initial_latents import RANDOM_SPREAD, Start, components, first_latents
 from bench.training.inputs import COUNTS, Directions, direction_inputs
-from bench.training.optimiser import Optimiser, groups_of
+from bench.training.optimiser import Optimiser, groups_of, rate
 from bench.training.quantise import (
     HALF_PEAKS,
     WeightPrecision,

@@ -6,10 +6,9 @@ versions and threads give the same parameters, whether or not the fit was interr
 """
 
 import logging
-import math
 import time
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -21,16 +20,14 @@ from torch.nn import functional
 from bench import atomic
 from bench.btf import BTF, box_filter
 from bench.codec import REMARK, Fit
+from bench.density import Density
 from bench.errors import InputError
 from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
 from bench.threads import processor_seconds
-from bench.training.optimiser import Optimisers
+from bench.training.optimiser import Optimisers, rate
 from bench.training.stored_texture import Rounding, choose_bits
-
-if TYPE_CHECKING:
-    from bench.density import Density
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +35,6 @@ MEMORY_LIMIT = 640 << 20  # bytes of log radiance kept in memory; a larger BTF i
 COARSE_PAIRS = 2_048  # pairs of a larger BTF whose coarser levels of detail are kept
 PROBE = 8_192  # samples for the PSNR of the curve
 POINTS = 25  # points of the curve
-WARMUP = 100  # steps, or a tenth of a short fit
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
 SHOW_SECONDS = 1.0  # between two moves of the progress bar
 SAVE_SECONDS = 5.0  # least seconds between two states on disk; a killed fit loses these, and up to KEEP_EVERY steps
@@ -81,10 +77,11 @@ class Samples:
     """A BTF as log radiance, log1p(gain · radiance), for random reads; negative radiance counts as 0.
 
     Within `MEMORY_LIMIT` it is read once, slice by slice, and kept as half floats, whose rounding (5e-4 of a value) is
-    far below any codec's error. `gain` is 8 × exposure: see `gain_of`.
+    far below any codec's error. `gain` is 8 × exposure: see `gain_of`. Random numbers are the CPU's, so that a fit is
+    the same on any device; they go up `non_blocking`: PyTorch reads them at once, and no step waits for a GPU.
     """
 
-    density: "Density | None" = None  # density of the scene, in a fit to one
+    density: Density | None = None  # density of the scene, in a fit to one
 
     def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
         self.btf, self.gain, self.device = btf, gain, fit.device
@@ -92,7 +89,7 @@ class Samples:
         self.texels = btf.shape[0] * btf.shape[1]
         self.trained = self.texels  # these come first; others belong to materials kept out of training, for the curve
         self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
-        self.density = fit.density
+        self.density = fit.density and fit.density.to(fit.device)
         if self.density:  # the scene's directions follow those of the pairs
             self.wo = torch.cat([self.wo, self.density.wo.to(fit.device)])
             self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
@@ -121,23 +118,26 @@ class Samples:
     def _log(self, radiance: np.ndarray) -> Tensor:
         return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: sources may be read-only
 
+    def _up(self, drawn: Tensor) -> Tensor:
+        return drawn.to(self.device, non_blocking=True)
+
     def draw(self, count: int, generator: torch.Generator) -> Batch:
         """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
         if self.density:
-            return self.seen(*(drawn.to(self.device) for drawn in self.density.draw(count, self.shape, generator)))
-        flat = torch.randint(self.trained * self.pairs, (count,), generator=generator).to(self.device)
+            return self.seen(*map(self._up, self.density.draw(count, self.shape, generator)))
+        flat = self._up(torch.randint(self.trained * self.pairs, (count,), generator=generator))
         return self.at(flat // self.pairs, flat % self.pairs)
 
     def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
         """Draw a sample at each of some texels (n,), uniform over pairs; in a fit to a scene, by its density."""
         if self.density:
-            return self.seen(texel, self.density.draw(len(texel), self.shape, generator).direction.to(self.device))
-        return self.at(texel, torch.randint(self.pairs, (len(texel),), generator=generator).to(self.device))
+            return self.seen(texel, self._up(self.density.draw(len(texel), self.shape, generator).direction))
+        return self.at(texel, self._up(torch.randint(self.pairs, (len(texel),), generator=generator)))
 
     def draw_unseen(self, count: int, generator: torch.Generator) -> Batch:
         """Draw `count` samples of texels kept out of training."""
         texel = self.trained + torch.randint(self.texels - self.trained, (count,), generator=generator)
-        return self.draw_at(texel.to(self.device), generator)
+        return self.draw_at(self._up(texel), generator)
 
     def mean(self, generator: torch.Generator) -> Tensor:
         """The mean log radiance (3,), of a random sample."""
@@ -154,7 +154,7 @@ class Samples:
         """The samples at some texels and directions (n,), each a pair, or in a fit to a scene one between pairs."""
         if not self.density:
             return self.at(texel, direction)
-        pair, weight = (each.to(self.device) for each in self.density.around(direction.cpu()))
+        pair, weight = self.density.around(direction)
         corners = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten()).target.unflatten(0, pair.shape)
         return Batch(texel, direction, (corners.expm1() * weight[..., None]).sum(1).log1p())
 
@@ -227,6 +227,11 @@ class Objective(nn.Module):
         batch = self.samples.draw(self.settings.batch, generator)
         return distance(self.predict(batch, progress), batch.target, self.settings.loss)
 
+    def restored(self) -> None:
+        """Read again what steps keep on the host, once the tensors came from a state."""
+        for each in (module for module in self.modules() if isinstance(module, Rounding)):
+            each.chosen = bool(each.bits.any())
+
     @torch.no_grad()
     def round_textures(self, fit: Fit, progress: float) -> None:
         """Choose the rounding of each texture with a `Rounding`, unless it is already chosen."""
@@ -241,12 +246,6 @@ def display_psnr(level: Tensor, target: Tensor) -> float:
     ours, truth = (to_display((x.double().expm1() / LOG_SCALE).cpu().numpy(), 1.0) for x in (level, target))
     # A constant material is fitted exactly; the curve then shows 120 dB, because a record cannot hold infinity.
     return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
-
-
-def rate(step: int, steps: int) -> float:
-    """The share of the highest learning rate at a step: a linear warm-up, then a cosine from 1 to 0."""
-    warm = min(1.0, (step + 1) / (min(WARMUP, steps // 10) + 1))
-    return warm * (1 + math.cos(math.pi * step / steps)) / 2
 
 
 def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> float:
@@ -309,6 +308,7 @@ class _Loop:
         with torch.no_grad():
             for name, value in ours.items():
                 value.copy_(state[name])
+        self.objective.restored()
         self.generator.set_state(state["loop.generator"].cpu())
         self.step, self.halvings = state["loop.progress"].tolist()
         self.curve = [(int(step), seconds, psnr) for step, seconds, psnr in state["loop.curve"].tolist()]

@@ -8,6 +8,7 @@ matrices from hidden channels to hidden channels; Adam steps inputs, outputs, bi
 matrix of 32², and 0.06 ms in the float32 used here.
 """
 
+import math
 from collections.abc import Iterable
 from typing import Any, Literal
 
@@ -19,7 +20,14 @@ Optimiser = Literal["muon", "adam"]
 QUINTIC = (3.4445, -4.7750, 2.0315)  # coefficients of the published iteration, and how often it is applied
 ITERATIONS = 5
 MOMENTUM = 0.95
+WARMUP = 100  # steps, or a tenth of a short fit
 TINY = 1e-7
+
+
+def rate(step: int, steps: int) -> float:
+    """The share of the highest learning rate at a step: a linear warm-up, then a cosine from 1 to 0."""
+    warm = min(1.0, (step + 1) / (min(WARMUP, steps // 10) + 1))
+    return warm * (1 + math.cos(math.pi * step / steps)) / 2
 
 
 def orthogonal(matrix: Tensor) -> Tensor:

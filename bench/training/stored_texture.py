@@ -43,17 +43,18 @@ class Rounding(nn.Module):
         self.register_buffer("low", torch.zeros(channels))
         self.register_buffer("step", torch.zeros(channels))
         self.register_buffer("bits", torch.zeros(channels, dtype=torch.long))
+        self.chosen = False  # whether there are bits: kept on the host, which else would wait for a GPU at each step
         self.trial: Callable[[Tensor], Tensor] | None = None  # the rounding that is tried while bits are chosen
 
     @property
     def undecided(self) -> bool:
         """Whether bits must still be chosen."""
-        return self.wanted <= MOST_BITS and self.bits.numel() > 0 and not self.bits.any()
+        return self.wanted <= MOST_BITS and self.bits.numel() > 0 and not self.chosen
 
     def forward(self, values: Tensor) -> Tensor:
         if self.trial is not None:
             return self.trial(values)
-        return rounded(values, self.low, self.step, self.bits) if self.bits.any() else values
+        return rounded(values, self.low, self.step, self.bits) if self.chosen else values
 
     def codes(self, values: Tensor) -> Tensor:
         """The codes (…, C), as floats, of values (…, C)."""
@@ -61,7 +62,7 @@ class Rounding(nn.Module):
 
     def fit_to(self, values: Tensor) -> "Rounding":
         """Itself, with steps for these values (…, C), in the bits that were chosen with some of them."""
-        if self.bits.any():
+        if self.chosen:
             self.set(values, self.bits)
         return self
 
@@ -70,6 +71,7 @@ class Rounding(nn.Module):
         low, step = steps_for(values, bits.to(self.bits))
         for ours, chosen in ((self.low, low), (self.step, step), (self.bits, bits)):
             ours.copy_(chosen)
+        self.chosen = True
 
 
 @torch.no_grad()

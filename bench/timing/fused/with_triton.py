@@ -17,6 +17,7 @@ from bench.timing.fused.layers import Array, Layer, layers_of, sine_of_turns
 from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
 
 BLOCK = 128  # samples of one Triton program
+MOST_SHARED = 227 << 10  # bytes of shared memory of one program, of the GPU with the most (H100)
 SMALLEST = 16  # a side of the smallest matrix that the GPU multiplies
 
 
@@ -130,6 +131,9 @@ class TritonNetwork(Network):
         parameter = next(decoder.parameters())
         if parameter.dtype not in (torch.float32, torch.bfloat16):
             raise InputError(f"fused on a GPU computes in float32 or bfloat16, not {parameter.dtype}: use compiled")
+        # At least the numbers that one layer passes to the next go through it: 514 kB in all for 512 channels.
+        if is_gpu(parameter.device) and BLOCK * _padded(width) * parameter.itemsize > MOST_SHARED:
+            raise InputError(f"fused on a GPU has no room for {width} channels of {parameter.dtype}: use compiled")
         layers = layers_of(decoder)
         inputs, width, last = (_padded(k) for k in (architecture.inputs, architecture.widths[0], architecture.outputs))
         sides = [inputs, *[width] * len(architecture.widths), last]

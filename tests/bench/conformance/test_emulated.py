@@ -1,12 +1,15 @@
 """The emulated GPU refuses what CUDA refuses, and counts; and every codec fits and answers on it as on the CPU."""
 
+import re
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from bench import timing
 from bench.btf import BTF
 from bench.codec import Fit, settings_dict
 from bench.codecs import container, loading, shared
@@ -14,8 +17,10 @@ from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.conformance.emulated import counted
 from bench.data.materials import load
+from bench.errors import InputError
 from bench.hemisphere import uniform
-from bench.training import fitting
+from bench.material import CHUNK, DecoderCost, Material
+from bench.training import Architecture, Decoder, fitting, optimiser
 
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 CODECS = sorted(PROJECT["entry-points"]["neubtf_bench.codecs"])
@@ -95,6 +100,7 @@ def test_a_codec_fits_and_answers_on_a_gpu_as_on_the_cpu(
     uv = torch.from_numpy(rng.uniform(-1, 2, (64, 2)).astype(np.float32))
     wo, wi = (torch.from_numpy(uniform(rng, 64, 89)) for _ in range(2))
     queries = uv, wo, wi, torch.linspace(0, 0.5, 64)
+    within = [q.to(gpu) for q in (uv - uv.floor(), *queries[1:])]
     for dtype in (torch.float32, torch.float16, torch.bfloat16):
         theirs = loading.load(path, "cpu", network).material.to(dtype=dtype)
         ours = loading.load(path, gpu, network).material.to(dtype=dtype)
@@ -102,5 +108,65 @@ def test_a_codec_fits_and_answers_on_a_gpu_as_on_the_cpu(
         answers = ours.query(*(q.to(gpu) for q in queries))
         assert answers.device == gpu
         torch.testing.assert_close(answers.cpu(), theirs.query(*queries))
+        with counted() as traffic, torch.no_grad():  # a CUDA graph can capture it
+            ours.evaluate(*within)
+        assert traffic.waits.total() == traffic.copied == 0, traffic.waits
         directions = btf.wo[0].tolist(), btf.wi[0].tolist()
         torch.testing.assert_close(ours.slice(*directions), theirs.slice(*directions))
+
+
+# The most kernels of a step in the first half of a fit and of one after it, bytes up a step, and kernels of a query.
+# A step has no wait; a chunk of a query has one, of its checks. A GPU is slow where these numbers are high, not where
+# its kernels are.
+MOST = {
+    "neubtf-direct": (121, 132, 256, 130),
+    "neumip": (380, 402, 256, 180),
+    "relief": (433, 677, 256, 350),  # with a height, whose refinement begins at half of the steps
+    "triple-plane": (114, 136, 256, 189),
+    "pca": (0, 0, 0, 259),
+}
+
+
+@pytest.mark.parametrize("name", MOST)
+def test_kernels_waits_and_bytes_do_not_grow(
+    name: str, gpu: torch.device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    totals, step = list[tuple[int, ...]](), optimiser.Optimisers.step
+
+    def noted(self: optimiser.Optimisers, rates: list[float]) -> None:
+        step(self, rates)
+        totals.append((traffic.kernels.total(), traffic.waits.total(), traffic.copied))
+
+    monkeypatch.setattr(optimiser.Optimisers, "step", noted)
+    kind, btf = load_codec(name), material_for(name)
+    codec = kind(**{key: value for key, value in {"steps": 8, "batch": 32}.items() if key in settings_dict(kind())})
+    with counted() as traffic:
+        parts = codec.encode(btf, Fit(device=gpu))
+    steps = [[now - before for now, before in zip(*pair, strict=True)] for pair in pairwise(totals)] or [[0, 0, 0]]
+    material = loading.load(container.save(tmp_path / "a.nbtf", codec, parts).path, gpu).material
+    uv, up = torch.rand(64, 2).to(gpu), torch.tensor([0.6, 0.0, 0.8]).repeat(64, 1).to(gpu)
+    footprint = torch.full((64,), 0.3 / max(btf.shape)).to(gpu)
+    with counted() as query:
+        material.query(uv, up, up, footprint)
+    found = steps[0][0], steps[-1][0], max(steps[0][2], steps[-1][2]), query.kernels.total()
+    assert all(ours <= most for ours, most in zip(found, MOST[name], strict=True)), found
+    assert [steps[0][1], steps[-1][1], query.waits.total(), query.copied] == [0, 0, 1, 0]
+
+
+def test_a_time_on_a_gpu_names_it_and_is_of_many_queries(gpu: torch.device) -> None:
+    assert timing.conditions(1, "cpu")["batch"] == timing.BATCH
+    assert "gpu" not in timing.conditions(1, "cpu")
+    found = timing.conditions(1, str(gpu))
+    assert found["batch"] == 1 << 20
+    assert re.search("driver .*, CUDA ", found["gpu"])
+
+
+def test_a_chunk_is_longer_on_a_gpu(gpu: torch.device) -> None:
+    flat = Material((2, 2), DecoderCost())
+    assert [flat.to(device).chunk for device in (gpu, gpu, "cpu")] == [1 << 20, 1 << 20, CHUNK]
+
+
+def test_a_network_that_no_gpu_has_room_for_is_refused(gpu: torch.device) -> None:
+    triton = pytest.importorskip("bench.timing.fused.with_triton", exc_type=ImportError)
+    with pytest.raises(InputError, match="no room for 512 channels"):
+        triton.TritonNetwork(Decoder(Architecture(20, (512, 512))).to(gpu))
