@@ -1,5 +1,6 @@
 """The jobs of a run as rows of tables, by material, with the reasons why a row cannot be compared with the others."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -20,7 +21,7 @@ from bench.records import (
     stats_of,
 )
 
-NEW_RUN = "timed in an earlier run than the other rows"
+NEW_RUN = "timed in another start than the other rows"
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,11 @@ class Row:
     def measured(self) -> bool:
         """Whether there are numbers that may be compared."""
         return self.job["status"] == "ok" and not self.obstacle
+
+    @property
+    def timed_apart(self) -> bool:
+        """Whether it was timed in another start than the other rows, so that its time is shown with a star."""
+        return self.timing_obstacle == NEW_RUN
 
     @property
     def gate(self) -> str:
@@ -174,7 +180,10 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
     scored = [job for job in jobs if job["status"] == "ok"]
     newest = {job.get("seed"): job for job in sorted(scored, key=lambda job: str(job["run"]))}  # pairs differ by seed
     timings = {job["job"]: run.timing(job) for job in scored}
-    latest: Record = max((t for t in timings.values() if t), key=lambda timing: str(timing["run"]), default={})
+    timed = [(str(timing["run"]), timing) for timing in timings.values() if timing]
+    counts = Counter(start for start, _ in timed)
+    # Of the start that timed most rows, of several the last: one codec timed again leaves the others' times as they are
+    _, common = max(timed, key=lambda each: (counts[each[0]], each[0]), default=("", {}))
     seeds = {job.get("seed") for job in jobs}
     fused = fused_times(run)
     for job in jobs:
@@ -183,7 +192,7 @@ def _rows(run: Run, jobs: list[Record]) -> Iterator[Row]:
         timing = timings.get(job["job"])
         newest_key = newest.get(job.get("seed"), {}).get("score_key", {})
         obstacle = _difference(job["score_key"], newest_key) if job["status"] == "ok" else ""
-        timing_obstacle = _timing_obstacle(timing, latest) if timing else ""
+        timing_obstacle = _timing_obstacle(timing, common) if timing else ""
         yield Row(job, label, name, timing, fused.get(job["job"]), obstacle, timing_obstacle)
 
 
@@ -206,8 +215,8 @@ def _difference(key: Record, newest: Record) -> str:
     return ", ".join(reasons)
 
 
-def _timing_obstacle(timing: Record, latest: Record) -> str:
-    differ = [name for name in CONDITIONS if timing.get(name) != latest.get(name)]
+def _timing_obstacle(timing: Record, common: Record) -> str:
+    differ = [name for name in CONDITIONS if timing.get(name) != common.get(name)]
     if differ:
         return "timed under other conditions: " + ", ".join(f"{name} {timing.get(name)}" for name in differ)
-    return "" if timing["run"] == latest["run"] else NEW_RUN
+    return "" if timing["run"] == common["run"] else NEW_RUN

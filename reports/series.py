@@ -79,8 +79,8 @@ def _bytes(row: Row) -> list[float]:
 
 
 def _time(row: Row) -> list[float] | None:
-    """The ns of a sample and the ends of their interval; None if it was not timed under the common conditions."""
-    timed = row.timing and not row.timing_obstacle
+    """The ns of a sample and the ends of their interval; None if it was not timed under common conditions."""
+    timed = row.timing and (row.timed_apart or not row.timing_obstacle)
     return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]] if row.timing and timed else None
 
 
