@@ -166,11 +166,11 @@ def _print_margins(base: Run) -> None:
     found = compare(base, _shifted(base))
     print(
         f"{'smallest loss seen':<60}"
-        + "".join(f"{name:>12}" for name in ("PSNR", "slice", "grazing", "footprints", "FLIP"))
+        + "".join(f"{name:>12}" for name in ("PSNR", "train", "grazing", "footprints", "FLIP"))
     )
     for row in (*found.rows, *found.means):
         margins = {change.quantity.name: change.margin or 0.0 for change in row.deciding}
-        numbers = [f"{margins.get(name, 0):>12.2f}" for name in ("PSNR", "slice", "grazing", "footprints")]
+        numbers = [f"{margins.get(name, 0):>12.2f}" for name in ("PSNR", "train", "grazing", "footprints")]
         print(f"{row.name:<60}" + "".join(numbers) + f"{margins.get('FLIP', 0):>12.4f}")
 
 

@@ -28,7 +28,7 @@ class Column:
 
     `value` finds the number and `write` formats it. If it is a tuple, `pool` combines those of several seeds into one.
     `native` fills the cell of the measured data's own file, from any record of the material. A `sparse` column is left
-    out if no row has a number for it.
+    out if no row has a number for it. A `starred` number has a star, and is never the best.
     """
 
     name: str
@@ -38,10 +38,18 @@ class Column:
     native: Callable[[Record], str] | None = None
     sparse: bool = False
     pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise
+    starred: Callable[[Row], bool] = lambda row: False  # whether its number was measured apart from those of other rows
     deviation: bool = True  # whether to show the deviation over seeds beside their mean
 
     def cell(self, seeds: Sequence[Row]) -> str:
         """The text of one codec's cell: the number if its seeds agree, else mean ± std over them."""
+        return f"{self._text(seeds)}{self.star(seeds)}"
+
+    def star(self, seeds: Sequence[Row]) -> str:
+        """A star if a number of these seeds is starred."""
+        return "*" if any(self.starred(row) and self.value(row) is not None for row in seeds) else ""
+
+    def _text(self, seeds: Sequence[Row]) -> str:
         values = [self.value(row) for row in seeds]
         texts = [self._written(value) for value in values]
         if len(set(texts)) < 2:
@@ -69,7 +77,7 @@ class Column:
 
     def score(self, seeds: Sequence[Row]) -> float | None:
         """How good the cell is, more is better; None if it is not a number, or if no end of the scale is better."""
-        if not self.sign or not seeds:
+        if not self.sign or not seeds or self.star(seeds):
             return None
         if all(self.value(row) == EXACT for row in seeds):
             return float("inf")

@@ -8,7 +8,7 @@ from bench.metrics import PERIODIC, label_of
 from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown_columns
 from reports.column_type import Column, Value, hull
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, mean, plus_minus, pooled, significant, spread
-from reports.rows import NEW_RUN, MaterialRows, Row, described
+from reports.rows import MaterialRows, Row, described
 
 
 def _digits(unit: str) -> int:
@@ -83,18 +83,16 @@ def _other_bytes(row: Row) -> int:
 
 
 def _timed(name: str, unit: str, field: str, write: Callable[..., str] = significant) -> Column:
-    """A number of the timing; starred if it was timed in an earlier run than the other rows."""
+    """A number of the timing; starred if it was timed in another start than the other rows."""
 
     def value(row: Row) -> Value:
         if row.timing is None:
             return None
         measured = row.timing[field]
         number: Value = tuple(measured) if isinstance(measured, list) else measured
-        if row.timing_obstacle == NEW_RUN:
-            return f"{write(number)}*"
-        return NOT_COMPARABLE if row.timing_obstacle else number
+        return number if row.timed_apart or not row.timing_obstacle else NOT_COMPARABLE
 
-    return Column(name, unit, value, write, pool=hull)
+    return Column(name, unit, value, write, pool=hull, starred=lambda row: row.timed_apart)
 
 
 def _whole(value: float) -> str:

@@ -23,10 +23,10 @@ _MARKS = {
     Verdict.NEW: "🆕 new",
 }
 _LEGEND = (
-    "Change ± margin, of held-out pairs. PSNR is that of the pooled squared error; slice: mean of slices; grazing: of "
-    "those seen or lit beyond 60°; footprints: of 2, 4 and 8 texels. A change within its margin counts as the same. "
-    "The margin is a small tolerance if seeds agree; else chance exceeds it once in 1,000 times (slice by slice) or "
-    "4,000 times (other numbers). So it is the smallest loss that these seeds can reveal."
+    "Change ± margin, of held-out pairs. PSNR is the mean over slices; train: that of training pairs; grazing: of "
+    "slices seen or lit beyond 60°; footprints: of 2, 4 and 8 texels. A change within its margin counts as the same. "
+    "The margin is a small tolerance if seeds agree; else chance exceeds it once in 1,000 times (PSNR) or 4,000 times "
+    "(other numbers). So it is the smallest loss that these seeds can reveal."
 )
 _MANY = 3  # rows that the run never had: so many are one line
 _UNLIKE = (

@@ -36,11 +36,14 @@ def left_out_notes(run: Run) -> Iterator[str]:
     """Notes on codecs and materials whose numbers, or times, cannot be compared with the newest, and why."""
     numbers: dict[str, list[tuple[str, str]]] = {}
     times: dict[str, list[tuple[str, str]]] = {}
+    apart: dict[str, list[tuple[str, str]]] = {}
     for material in materials(run):
         for row in material.rows:
             if why := row.obstacle or row.timing_obstacle:
-                (numbers if row.obstacle else times).setdefault(why, []).append((material.name, row.label))
-    for start, reasons in (("Left out, as not comparable with the newest job", numbers), ("Times left out", times)):
+                kind = numbers if row.obstacle else apart if row.timed_apart else times
+                kind.setdefault(why, []).append((material.name, row.label))
+    left_out = ("Left out, as not comparable with the newest job", numbers), ("Times left out", times)
+    for start, reasons in (*left_out, ("Times with a star", apart)):
         if reasons:
             yield f"{start}: {'; '.join(f'{_grouped(cells)} ({why})' for why, cells in reasons.items())}."
 

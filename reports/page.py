@@ -27,6 +27,7 @@ from reports.page_records import PageRecords
 from reports.ranking import ranked
 from reports.rows import MaterialRows, Row, materials
 from reports.shaders.tables import WIDTH
+from reports.styles import is_own
 from reports.table import Table
 from reports.viewer.page import as_json, fragment, hash_source
 
@@ -148,7 +149,9 @@ class Page:
         )
 
     def _strip(self, number: int) -> str:
-        """The truth of a material and what the three best codecs of the run make of it, each with PSNR and bytes."""
+        """The truth of a material and what the run's three best codecs make of it, each with PSNR and bytes, and
+        the best of the reader's own.
+        """
         material = self.materials[number]
         shown = {row.label: row for row in material.shown}
         known = {codec["label"] for codec in self.slices[number]["codecs"]}
@@ -158,7 +161,8 @@ class Page:
         if not best:
             return ""
         pictures = [("", f"{material.name}, truth")]
-        for row in list(best.values())[:3]:
+        rows = list(best.values())
+        for row in [*rows[:3], *[row for row in rows[3:] if is_own(row.label)][:1]]:
             psnr = EXACT if row.psnr is None else f"{fixed(row.psnr, 1)} dB"
             pictures.append((row.label, f"{row.label}: {psnr}, {integer(row.job['bytes']['total'])} bytes"))
         figures = "".join(

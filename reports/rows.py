@@ -1,5 +1,6 @@
 """The jobs of a run as rows of tables, by material, with the reasons why a row cannot be compared with the others."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -20,7 +21,7 @@ from bench.records import (
     stats_of,
 )
 
-NEW_RUN = "timed in an earlier run than the other rows"
+NEW_RUN = "timed in another start than the other rows"
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,11 @@ class Row:
     def measured(self) -> bool:
         """Whether there are numbers that may be compared."""
         return self.job["status"] == "ok" and not self.obstacle
+
+    @property
+    def timed_apart(self) -> bool:
+        """Whether it was timed in another start than the other rows, so that its time is shown with a star."""
+        return self.timing_obstacle == NEW_RUN
 
     @property
     def gate(self) -> str:
@@ -173,14 +179,17 @@ def materials(run: Run) -> list[MaterialRows]:
 
 def _rows(run: Run, jobs: list[Record], unlike: dict[str, str]) -> Iterator[Row]:
     timings = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}
-    latest: Record = max((t for t in timings.values() if t), key=lambda timing: str(timing["run"]), default={})
+    timed = [(str(timing["run"]), timing) for timing in timings.values() if timing]
+    counts = Counter(start for start, _ in timed)
+    # Of the start that timed most rows, of several the last: one codec timed again leaves the others' times as they are
+    _, common = max(timed, key=lambda each: (counts[each[0]], each[0]), default=("", {}))
     seeds = {job.get("seed") for job in jobs}
     fused = fused_times(run)
     for job in jobs:
         label = shown_label(job)
         name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
         timing = timings.get(job["job"])
-        timing_obstacle = _timing_obstacle(timing, latest) if timing else ""
+        timing_obstacle = _timing_obstacle(timing, common) if timing else ""
         yield Row(job, label, name, timing, fused.get(job["job"]), unlike.get(job["job"], ""), timing_obstacle)
 
 
@@ -192,8 +201,8 @@ def fused_times(run: Run) -> dict[str, Record]:
     return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
 
 
-def _timing_obstacle(timing: Record, latest: Record) -> str:
-    differ = [name for name in CONDITIONS if timing.get(name) != latest.get(name)]
+def _timing_obstacle(timing: Record, common: Record) -> str:
+    differ = [name for name in CONDITIONS if timing.get(name) != common.get(name)]
     if differ:
         return "timed under other conditions: " + ", ".join(f"{name} {timing.get(name)}" for name in differ)
-    return "" if timing["run"] == latest["run"] else NEW_RUN
+    return "" if timing["run"] == common["run"] else NEW_RUN

@@ -12,7 +12,7 @@ from bench.errors import InputError
 from bench.records import Run
 from reports.fits import FitCurve, curves_by_material
 from reports.rows import CodecRows, MaterialRows, Row, materials
-from reports.styles import Styles
+from reports.styles import Styles, is_own
 
 Plot = dict[str, Any]
 Series = list[dict[str, Any]]
@@ -48,7 +48,8 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
     def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series) -> Plot:
         missing = [codec.label for codec in material.codecs if codec.label not in {each["label"] for each in series}]
         names = {"material": material.name, "kind": kind, "title": title}
-        return names | {"x": x, "y": {"label": y}, "series": series, "missing": missing}
+        above = sorted(series, key=lambda each: is_own(each["label"]))  # drawn last, so above
+        return names | {"x": x, "y": {"label": y}, "series": above, "missing": missing}
 
     quality = f"{QUALITY} ({material.deciding})"
     x = {"label": "bytes of the file", "log": True, "unit": "B", "less": True}
@@ -79,8 +80,8 @@ def _bytes(row: Row) -> list[float]:
 
 
 def _time(row: Row) -> list[float] | None:
-    """The ns of a sample and the ends of their interval; None if it was not timed under the common conditions."""
-    timed = row.timing and not row.timing_obstacle
+    """The ns of a sample and the ends of their interval; None if it was not timed under common conditions."""
+    timed = row.timing and (row.timed_apart or not row.timing_obstacle)
     return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]] if row.timing and timed else None
 
 

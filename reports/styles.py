@@ -6,13 +6,15 @@ from bench.records import Run, shown_label
 
 # A colour of its own for each codec of the package: any two differ by at least 20 in CIELAB, and each has a contrast of
 # 3 or more on white and on the page's dark paper. Markers tell apart what a reader without one kind of cone, or a grey
-# print, confuses: no two of 231 codecs share both.
+# print, confuses.
 COLOURS = (
     *("#006CA8", "#E47818", "#18A884", "#C0186C", "#9084FC", "#906C00", "#846054", "#009CB4", "#909084", "#B4849C"),
     *("#FC6060", "#007800", "#9000FC", "#849C00", "#FC30F0", "#6C6090", "#486C60", "#CC0000", "#0054FC", "#A830A8"),
-    "#A85430",
+    "#B454FC",
 )
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h")
+# Colours of codecs from outside, alike apart from those. No two of 42 such codecs share both colour and marker.
+OWN = ("#FC24B4", "#607830", "#CC7854")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 LINES = ("-", "--", ":", "-.")
 KNOWN = (
     *("pca", "neubtf", "neubtf-direct", "neumip", "relief", "rainer2019", "vq", "rainer2020", "mean-colour", "table"),
@@ -22,27 +24,37 @@ KNOWN = (
 
 
 class Styles:
-    """The styles of a run's codecs. A codec at several settings has one colour and marker, and a line for each."""
+    """The styles of a run's codecs. A codec at several settings has one colour and marker, and a line for each.
+
+    A codec from outside the package is drawn above the others.
+    """
 
     def __init__(self, run: Run):
         labels = dict.fromkeys(map(shown_label, run.jobs))
-        codecs = dict.fromkeys([*KNOWN, *(_codec(label) for label in labels)])
-        self.places = {codec: place for place, codec in enumerate(codecs)}
-        self.variants = {codec: [label for label in labels if _codec(label) == codec] for codec in codecs}
+        self.own = list(dict.fromkeys(_codec(label) for label in labels if is_own(label)))
+        self.variants = {c: [label for label in labels if _codec(label) == c] for c in (*KNOWN, *self.own)}
 
     def of_codec(self, label: str) -> dict[str, Any]:
         """How `plot` draws a label, or a ladder of rates; markers are hollow at every second setting."""
         codec = _codec(label)
-        place, variants = self.places.get(codec, len(self.places)), self.variants.get(codec, [])
+        variants = self.variants.get(codec, [])
         variant = variants.index(label) if label in variants else 0
-        colour = COLOURS[place % len(COLOURS)]
+        known, colours = (self.own, OWN) if is_own(label) else (KNOWN, COLOURS)
+        place = known.index(codec) if codec in known else len(known)
+        colour = colours[place % len(colours)]
         hollow = variant % 2
         return {
             "color": colour,
+            "zorder": 3 if is_own(label) else 2,
             "marker": MARKERS[place % len(MARKERS)],
             "markerfacecolor": "white" if hollow else colour,
             "linestyle": LINES[variant % len(LINES)],
         }
+
+
+def is_own(label: str) -> bool:
+    """Whether a codec is not one of the package: the reader's own, most likely."""
+    return _codec(label) not in KNOWN
 
 
 def _codec(label: str) -> str:

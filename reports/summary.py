@@ -35,7 +35,12 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
     for each in ranking:
         codecs = [codec for material in measured for codec in material.codecs if codec.label == each.label]
         means = [_mean(column, codecs) for column in chosen]
-        written = [NONE if mean is None else column.write(mean) for column, mean in zip(chosen, means, strict=True)]
+        stars = [column.star([row for codec in codecs for row in codec.measured]) for column in chosen]
+        written = [
+            NONE if mean is None else column.write(mean) + star
+            for column, mean, star in zip(chosen, means, stars, strict=True)
+        ]
+        means = [None if star else mean for mean, star in zip(means, stars, strict=True)]  # they are not ranked
         rows.append([*_standing(each, len(measured)), *written])
         scores.append([None, None, *_scores(each, chosen, means)])
     notes = list(_NOTES)

@@ -11,8 +11,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from bench.compare.quantities import MAIN, deciding
 from bench.compare.slices import decibels, packed
-from bench.compare.verdicts import FEW_SEEDS
+from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
 from bench.errors import InputError
 from bench.records import FLIP, PSNR, REFERENCE, Record, Run, by_row, gate, kept, metric_of, metrics_of, stats_of
 
@@ -60,6 +61,26 @@ def pairs_by_seed(run: Run) -> list[str]:
     return ["/".join(row) for row, jobs in rows.items() if len({job["score_key"]["btf"] for job in jobs}) > 1]
 
 
+def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
+    """By row and quantity, the smallest losses of PSNR that `count` new seeds show, of held-out and training pairs.
+
+    A row whose seeds have pairs of their own is left out: its margin depends on the new run.
+    """
+    own = set(pairs_by_seed(run))
+    found = {}
+    for row, jobs in by_row(run.jobs).items():
+        draws = not all(agree(each, jobs, jobs, jobs) for each in deciding(jobs[0]) if each.metric)
+        chosen = [each for each in deciding(jobs[0]) if each.name in (MAIN, "train")]
+        if "/".join(row) not in own:
+            found["/".join(row)] = {each.name: smallest_loss(each, jobs, count, draws) for each in chosen}
+    return found
+
+
+def seeds_of(run: Run) -> int:
+    """The number of seeds that a run of the suite will have; that of the run itself if its suite is unknown."""
+    return len(_judged(run)) or len({job["seed"] for job in run.jobs})
+
+
 def _start(run: Run) -> Iterator[Record]:
     if run.starts:
         line = kept(run.starts[-1], REFERENCE)
@@ -105,7 +126,7 @@ def _reduced(job: Record, folder: Path, whole: bool) -> Record:
     line = kept(job, REFERENCE)
     decides, names = gate(job["scores"]), list(metrics_of(job))
     psnr = [metric_of(names, PSNR)]
-    groups = {decides: names, "train": psnr} if whole else {decides: [*psnr, metric_of(names, FLIP)]}
+    groups = {decides: names if whole else [*psnr, metric_of(names, FLIP)], "train": psnr}
     groups |= {f"{decides}, {band}": psnr for band in ("grazing view", "grazing light")}
     line["scores"] = {
         name: _shorter(metrics_of(job, name), groups[name], whole or name == decides)

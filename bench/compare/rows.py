@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from bench.compare.quantities import SLICE, deciding, undeciding
+from bench.compare.quantities import MAIN, deciding, undeciding
 from bench.compare.timings import Advice
 from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, one_file, other_settings, unlike
 from bench.records import Record
@@ -103,7 +103,7 @@ def compared(
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
         return ComparedRow(*name, verdict or Verdict.UNLIKE, why or "neither record has a score")
-    changes = [replace(c, interval=between(ours, theirs)) if c.quantity.name == SLICE else c for c in changes]
+    changes = [replace(c, interval=between(ours, theirs)) if c.quantity.name == MAIN else c for c in changes]
     others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
     return ComparedRow(
         *name,

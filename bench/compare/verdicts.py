@@ -59,7 +59,7 @@ class Change:
     spread: float | None = None  # standard deviation over the seeds that measure scatter; None if there is only one
     why: str = ""
     chance: "Chance | None" = None  # scatter of the difference, if seeds differ
-    interval: "Interval | None" = None  # for the mean over slices: the interval of the difference, over pairs and seeds
+    interval: "Interval | None" = None  # for PSNR: of the difference, over pairs and seeds
 
     @property
     def difference(self) -> float | None:
@@ -196,6 +196,14 @@ def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
     if len(known) < 2:
         return unit * tolerance.one_seed
     return unit * tolerance.certain if chance is None else max(unit * tolerance.drawn, chance.margin(tolerance, unit))
+
+
+def smallest_loss(quantity: Quantity, jobs: Sequence[Record], count: int, draws: bool) -> float:
+    """The margin of `count` new seeds that scatter as these jobs do; see `judge` for `draws`."""
+    assert quantity.tolerance is not None, "a deciding quantity has a tolerance"
+    values = [quantity.value(job) for job in jobs]
+    chance = scatter(values, values[:count], len(values)) if draws else None
+    return margin(quantity.tolerance, values, chance)
 
 
 def quantile(freedom: float, probability: float) -> float:

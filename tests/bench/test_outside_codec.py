@@ -95,6 +95,16 @@ def test_new_files_of_ci_are_a_suite_and_a_workflow(tmp_path, capsys):
     assert "neubtf-bench run tracking.toml --fresh" in flow
     assert "neubtf-bench compare reference.jsonl run" in flow
     assert "${{ !cancelled() }}" in flow
+    steps = re.findall(r"run: (?:>-\n)?((?:.|\n {10})*)", flow)
+    (installs,) = (step.split()[2:] for step in steps if step.startswith("pip install"))
+    sources = installs[: next(i for i, word in enumerate(installs) if word.startswith("--"))]
+    assert sources == ["./neubtf-bench", "."]  # a path or a Git URL each: no index has the suite
+    assert all(re.match(r"\.|git\+https://", source) for source in sources)
+    assert "submodules: true" in flow  # or the clone of the suite would be an empty folder
+    commands = [" ".join(step.split()).split()[1:] for step in steps if step.split()[0] == "neubtf-bench"]
+    assert [words[0] for words in commands] == ["run", "compare"]
+    for words in commands:
+        cli.parser(words[:1]).parse_args(words)
     check = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.github-workflows"]
     done = subprocess.run([*check, tmp_path / ".github/workflows/quality.yml"], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

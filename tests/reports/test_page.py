@@ -51,6 +51,17 @@ def test_scripts_run_by_their_hash_alone(made):
     assert not re.search(r"\son\w+=|\sstyle=", page.partition("<script>")[0])
 
 
+def test_an_own_codec_joins_the_first_row_of_pictures_and_is_drawn_above_the_others(made):
+    made.job("mine", psnr=20.0).timing("mine")
+    for i, label in enumerate(("pca", "vq", "hsh", "table")):
+        made.job(label, psnr=30.0 + i).timing(label)
+    page = page_of(made)
+    (strip,) = re.findall(r'<div class="strip" data-strip.*?</div>', page)
+    assert re.findall(r'data-codec="(.*?)"', strip) == ["", "table", "hsh", "vq", "mine"]
+    plots = {plot["kind"]: plot["series"] for plot in data_of(page)["plots"]}
+    assert plots["rate"][-1]["label"] == plots["speed"][-1]["label"] == "mine"
+
+
 def test_gaps_are_explained(made):
     page = page_of(made.job("table", psnr=100.0, history=[]).unfinished("failed", "ValueError: why"))
     for words in (

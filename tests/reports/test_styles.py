@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench.records import load_run
-from reports.styles import COLOURS, KNOWN, MARKERS, Styles
+from reports.styles import COLOURS, KNOWN, MARKERS, OWN, Styles
 
 
 def look(styles, name):
@@ -24,7 +24,8 @@ def test_a_codec_looks_the_same_in_every_run_and_material(made):
     one, two = styles.of_codec("pca components=8"), styles.of_codec("pca components=16")
     assert (one["color"], one["marker"]) == (two["color"], two["marker"])
     assert (one["linestyle"], one["markerfacecolor"]) != (two["linestyle"], two["markerfacecolor"])
-    assert look(styles, "mine") not in {look(styles, name) for name in KNOWN}
+    assert styles.of_codec("mine")["color"] not in {styles.of_codec(name)["color"] for name in KNOWN}
+    assert styles.of_codec("mine")["zorder"] > styles.of_codec("pca")["zorder"]
     assert styles.of_codec("pca") == styles.of_codec("pca components=8")  # a ladder of rates styles as its codec does
 
 
@@ -49,7 +50,7 @@ def linear(colour):
 def test_every_codec_has_a_colour_of_its_own():
     """CIELAB of CIE 15 under D65, where 2 is what an eye notices side by side."""
     white, to_xyz = [0.9505, 1, 1.089], [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-    x, y, z = np.cbrt([to_xyz @ linear(colour) / white for colour in COLOURS]).T
+    x, y, z = np.cbrt([to_xyz @ linear(colour) / white for colour in (*COLOURS, *OWN)]).T
     places = zip(116 * y - 16, 500 * (x - y), 200 * (y - z), strict=True)
     assert len(COLOURS) == len(KNOWN)
     assert min(math.dist(*two) for two in itertools.combinations(places, 2)) > 20
@@ -60,7 +61,7 @@ def test_every_colour_is_seen_on_light_and_on_dark_paper(paper):
     """The contrast that WCAG 2.1 asks of graphics."""
     css = (files("reports") / "web/report.css").read_text()
     assert f"--paper: {paper};" in css.replace("#fff;", "#ffffff;")
-    for colour in COLOURS:
+    for colour in (*COLOURS, *OWN):
         light, dark = sorted(([0.2126, 0.7152, 0.0722] @ linear(each) + 0.05 for each in (colour, paper)), reverse=True)
         assert light / dark >= 3, colour
 

@@ -2,6 +2,7 @@ import json
 
 from bench.records import load_run
 from reports import table_text
+from reports.series import plots_of
 from reports.summary import summary_table
 
 
@@ -100,10 +101,18 @@ def test_published_records_whose_exposure_is_rounded_stand_beside_a_new_run(made
     assert not any("left out" in note for note in table.notes)
 
 
-def test_a_summary_says_whose_times_it_leaves_out(made):
-    made.job("pca", run="0").timing("pca", run="0").job("mine").timing("mine")
-    table = summary_table(load_run(made.folder))
-    assert table.notes[-1] == "Times left out: pca on satin (timed in an earlier run than the other rows)."
+def test_one_codec_timed_again_leaves_the_times_of_the_others_and_has_a_star(made):
+    for name in ("pca", "vq", "mine"):
+        made.job(name).timing(name, run="0")
+    made.timing("mine", run="1")
+    run = load_run(made.folder)
+    table = summary_table(run)
+    times = {row[0]: row[[name for name, _ in table.headers].index("time")] for row in table.rows}
+    assert {name for name, time in times.items() if time.endswith("*")} == {"mine"}
+    assert "—" not in times.values()
+    assert table.notes[-1] == "Times with a star: mine on satin (timed in another start than the other rows)."
+    (speed,) = (plot for plot in plots_of(run) if plot["kind"] == "speed")
+    assert len(speed["series"]) == 3
 
 
 def test_a_summary_says_what_it_leaves_out_and_why(made):

@@ -25,7 +25,8 @@ _FILES = {
 }
 _NEXT = {
     "codec": "pip install ./{name}-codec\nneubtf-bench check {name}",
-    "ci": "neubtf-bench run tracking.toml --fresh --out runs/tracking\n"
+    "ci": "git submodule add URL-OF-THE-SUITE neubtf-bench\n"
+    "neubtf-bench run tracking.toml --fresh --out runs/tracking\n"
     "neubtf-bench reference update runs/tracking --out reference.jsonl",
 }
 

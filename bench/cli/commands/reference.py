@@ -27,7 +27,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from bench.atomic import write
     from bench.compare import check_whole, compare
-    from bench.compare.reference import committed, few_seeds, pairs_by_seed, reference
+    from bench.compare.reference import committed, few_seeds, pairs_by_seed, reference, seeds_of, smallest_losses
     from bench.errors import InputError, writable
     from bench.records import load_run
     from bench.runs.suite import builtin_suites
@@ -52,6 +52,11 @@ def run(options: argparse.Namespace) -> int:
     print(terminal(compare(before or after, after)))
     print(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
     drawn = pairs_by_seed(after)
+    if losses := smallest_losses(after, seeds_of(measured)):
+        print("losses below these cannot be told from chance on these materials:")
+        width = max(map(len, losses))
+        for name, each in losses.items():
+            print(f"  {name:<{width}}  " + ", ".join(f"{word} {value:.2f} dB" for word, value in each.items()))
     if few := [name for name in few_seeds(after) if name not in drawn]:
         print(f"too few seeds to tell a spread; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
     if drawn:

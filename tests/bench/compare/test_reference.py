@@ -1,6 +1,9 @@
 import json
+import math
+import statistics
 
 import pytest
+from scipy import stats
 
 from bench import cli
 from bench.compare import compare
@@ -30,7 +33,7 @@ def test_a_reference_stands_for_its_run(run, tmp_path):
     assert comparison.exit_code == 0
     changes = [change for row in comparison.rows for change in (*row.deciding, *row.shown)]
     assert max(abs(change.difference) for change in changes) < 1e-4  # seven digits are kept
-    assert {"PSNR", "FLIP", "bytes", "parameters", "train PSNR", "ssim", "2 texels"} <= {
+    assert {"PSNR", "FLIP", "bytes", "parameters", "train", "PSNR pooled", "ssim", "2 texels"} <= {
         c.quantity.name for c in changes
     }
     assert comparison.rows[0].timing.base == pytest.approx(2.5)
@@ -75,6 +78,22 @@ def test_further_seeds_are_kept_while_the_others_give_the_same(make, tmp_path):
 
 def test_rows_that_scatter_over_few_seeds_are_named(run):
     assert few_seeds(run) == ["satin/vq"]
+
+
+def test_update_prints_what_losses_it_can_tell_from_chance(make, tmp_path, capsys):
+    def train(job, material):
+        numbers = {"mean": 40.0 + 0.005 * job["seed"] * (material == "satin"), "pooled": 40.0, "exact": 0, "slices": 4}
+        scores = job["scores"] | {"train": {"metrics": {"psnr_display": numbers}}}
+        return job | {"scores": scores, "footprints": {}}
+
+    psnrs = {"satin": [30.0, 31.0, 29.0, 30.5, 28.5, 30.2], "knit": [25.0] * 6}
+    jobs = [train(job, each) for each, values in psnrs.items() for job in make.seeds(values, material=each)]
+    run = make.run("six", *jobs, text="seeds = [0, 1, 2]")
+    assert cli.main(["reference", "update", str(run.folder), "--out", str(tmp_path / "a.jsonl")]) == 0
+    out = capsys.readouterr().out
+    limit = stats.t.isf(0.001, 5) * statistics.stdev(psnrs["satin"]) * math.sqrt(1 / 6 + 1 / 3)
+    said = "losses below these cannot be told from chance on these materials:\n"
+    assert f"{said}  satin/vq  PSNR {limit:.2f} dB, train 0.10 dB\n  knit/vq   PSNR 0.02 dB, train 0.02 dB\n" in out
 
 
 def test_update_warns_of_seeds_with_test_pairs_of_their_own(make, tmp_path, capsys):
