@@ -9,7 +9,6 @@ from bench.program import llvm
 from bench.program.recording import program_of
 
 dr = pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
-pytestmark = pytest.mark.short
 CODECS = {
     "mean-colour": {},
     "table": {},

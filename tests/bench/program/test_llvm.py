@@ -9,7 +9,6 @@ import pytest
 from bench.errors import InputError
 from bench.program import llvm
 
-pytestmark = pytest.mark.short
 REACHED = "print('LLVM 15.0.6'); print('kernels', flush=True)\n"
 
 

@@ -71,7 +71,6 @@ def test_a_shader_does_it(name: str) -> None:
     np.testing.assert_allclose(np.maximum(ours, 0), truth(material, given), rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.short
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_kernel_does_it(name: str) -> None:
     pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")

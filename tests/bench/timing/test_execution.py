@@ -75,12 +75,10 @@ def fused():
         pytest.skip(str(error))
 
 
-@pytest.mark.short
 def test_fused_answers_the_same():
     assert_same(fused(), 1e-5)
 
 
-@pytest.mark.short
 def test_fused_is_the_network_alone_where_the_rest_cannot_be_recorded(monkeypatch):
     class Branching(Textured):
         def evaluate(self, uv, wo, wi, footprint):
@@ -127,7 +125,6 @@ def test_what_cannot_be_computed_is_refused_with_the_remedy(old_llvm, monkeypatc
         prepared(table, Variant("fused"))
 
 
-@pytest.mark.short
 @pytest.mark.skipif(sys.platform != "linux", reason="counts the page faults of Linux")
 @pytest.mark.parametrize("execution", ["eager", "fused"])
 def test_a_query_maps_no_memory_but_for_its_answers(execution):

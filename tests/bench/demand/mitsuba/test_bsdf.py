@@ -15,7 +15,7 @@ from bench.demand.mitsuba.lobes import NAME, Lobe
 from bench.errors import InputError
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
-pytestmark = [pytest.mark.short, pytest.mark.usefixtures("plugin")]
+pytestmark = pytest.mark.usefixtures("plugin")
 
 
 @pytest.fixture(scope="module")

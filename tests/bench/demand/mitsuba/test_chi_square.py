@@ -77,7 +77,7 @@ def busiest(lobes):
     return (col + 0.5) / share.shape[1], 1 - (row + 0.5) / share.shape[0]
 
 
-@pytest.mark.parametrize("codec", [pytest.param(n, marks=pytest.mark.short if n == "pca" else ()) for n in CODECS])
+@pytest.mark.parametrize("codec", [pytest.param(n, marks=() if n == "pca" else pytest.mark.long) for n in CODECS])
 def test_chi_square(codec, tmp_path, record_property, request):
     subject = subject_of(load_codec(codec), tmp_path)
     short = {"steps": 10} if subject.fits else {}
@@ -127,7 +127,6 @@ def test_a_weight_is_the_answer_over_the_density(codec, tmp_path):
     assert answer.std() > 0.01
 
 
-@pytest.mark.short
 def test_the_chi_square_finds_a_density_that_is_slightly_off(tmp_path):
     def made(name, roughness):
         (tmp_path / name).mkdir()

@@ -8,7 +8,7 @@ import bench
 from bench.errors import InputError
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
-pytestmark = [pytest.mark.short, pytest.mark.usefixtures("plugin")]
+pytestmark = pytest.mark.usefixtures("plugin")
 NARROW = torch.tensor([[[3.0, -2.0, -2.0, 0.0, 0.0]]])
 SIDE = 6
 

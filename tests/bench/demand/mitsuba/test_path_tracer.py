@@ -14,7 +14,6 @@ from bench.data.readers import open_btf
 from bench.data.spec import Preparation
 from bench.errors import InputError
 
-pytestmark = pytest.mark.short
 with_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None,
     reason='Mitsuba 3 is optional and not installed: pip install "neubtf-bench[mitsuba]"',

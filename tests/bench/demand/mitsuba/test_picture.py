@@ -111,7 +111,7 @@ def apart(ours, theirs):
     return float(np.sqrt(np.square(ours - theirs).mean()) / theirs.mean())
 
 
-@pytest.mark.parametrize("codec", [pytest.param(n, marks=pytest.mark.short if n == "pca" else ()) for n in CODECS])
+@pytest.mark.parametrize("codec", [pytest.param(n, marks=() if n == "pca" else pytest.mark.long) for n in CODECS])
 def test_a_ball_is_the_one_that_the_suite_renders(codec, btf, tmp_path):
     file = tmp_path / "a.nbtf"
     bench.encode(btf, codec, file, **CODECS[codec])
@@ -122,7 +122,6 @@ def test_a_ball_is_the_one_that_the_suite_renders(codec, btf, tmp_path):
     assert abs(ours.mean() / theirs.mean() - 1) < 0.01
 
 
-@pytest.mark.short
 def test_a_ball_of_mitsuba_wears_the_mirrored_material(btf, tmp_path):
     """Its v runs down and its u starts behind: texture and relief lie mirrored, and are lit as what they show."""
     file = tmp_path / "a.nbtf"
@@ -138,7 +137,6 @@ def test_a_ball_of_mitsuba_wears_the_mirrored_material(btf, tmp_path):
     assert apart(rendered(lambda demand: mirrored(demand, np.float32([1, 1, 1]))), theirs) > 3 * NOISE
 
 
-@pytest.mark.short
 def test_a_footprint_is_that_of_a_pixel(btf, tmp_path):
     """On a slanted wall, against the rays through the neighbouring pixels."""
     file = tmp_path / "a.nbtf"

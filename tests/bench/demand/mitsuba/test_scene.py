@@ -12,7 +12,6 @@ from bench.errors import InputError
 from bench.metrics import get
 from bench.program import llvm
 
-short = pytest.mark.short
 with_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None,
     reason='Mitsuba 3 is optional and not installed: pip install "neubtf-bench[mitsuba]"',
@@ -71,7 +70,6 @@ def demand_of(path, bsdf="cloth"):
     return collect(MitsubaScene(path, bsdf), 10**6)
 
 
-@short
 @with_mitsuba
 def test_a_plane_a_camera_and_a_light_ask_the_same_as_in_toml(tmp_path):
     demand = demand_of(written(tmp_path, CAMERA, CLOTH, PLANE, LAMP))
@@ -82,7 +80,6 @@ def test_a_plane_a_camera_and_a_light_ask_the_same_as_in_toml(tmp_path):
         np.testing.assert_allclose(getattr(demand, name), getattr(expected, name), atol=2e-6)
 
 
-@short
 @with_mitsuba
 @pytest.mark.parametrize("extra", ["", BLOCKER])
 def test_the_sum_over_the_demand_is_the_frame_of_the_direct_integrator(tmp_path, extra):
@@ -137,6 +134,7 @@ def sky(folder):
 
 
 @with_mitsuba
+@pytest.mark.long
 @pytest.mark.parametrize("light", [SKY, PICTURE, PANEL, GLOBE], ids=["constant", "envmap", "panel", "globe"])
 @pytest.mark.parametrize("shape", [PLANE, BALL, TUBE], ids=["plane", "ball", "tube"])
 def test_light_from_all_sides_and_curved_shapes(shape, light, tmp_path, monkeypatch):
@@ -168,7 +166,6 @@ def inside(seen):
     return np.logical_and.reduce(moved)
 
 
-@short
 @with_mitsuba
 def test_each_sensor_is_a_frame(tmp_path):
     higher = CAMERA.replace("0.3,-1.5,0.9", "0.3,-1.5,1.9")
@@ -178,7 +175,6 @@ def test_each_sensor_is_a_frame(tmp_path):
     assert demand.wo[later, 2].mean() > demand.wo[~later, 2].mean() + 0.1
 
 
-@short
 @with_mitsuba
 def test_what_will_not_do_says_why(tmp_path):
     away = CAMERA.replace('target="0,0,0"', 'target="0.3,-3,0.9"')
@@ -193,7 +189,6 @@ def test_what_will_not_do_says_why(tmp_path):
             demand_of(written(tmp_path, *parts), bsdf)
 
 
-@short
 @with_mitsuba
 def test_a_mesh_without_texture_coordinates_is_refused(tmp_path):
     import mitsuba as mi
@@ -209,7 +204,6 @@ def test_a_mesh_without_texture_coordinates_is_refused(tmp_path):
         _chosen(mi.load_file(str(path)), path, "cloth")
 
 
-@short
 @with_mitsuba
 def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch):
     import drjit as dr
@@ -225,7 +219,6 @@ def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch)
     assert "DRJIT_LIBLLVM_PATH" in message
 
 
-@short
 def test_the_command_says_what_it_lacks(tmp_path, capsys, monkeypatch):
     path, out = written(tmp_path), str(tmp_path / "a.npz")
     assert cli.main(["demand", str(path), "-o", out]) == 2

@@ -19,7 +19,6 @@ from bench.timing.fused.layers import layers_of, sine_of_turns
 from bench.timing.fused.lean import Lean
 from bench.training.decoder import Architecture, Decoder
 
-pytestmark = pytest.mark.short
 ARCHITECTURES = {
     "NeuBTF": Architecture(18, (32, 32, 32), activation="sine", omega=2.0, norm=True, residual=True),
     "no norm": Architecture(7, (16, 16), activation="sine", omega=30.0, residual=True),

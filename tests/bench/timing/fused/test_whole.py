@@ -14,7 +14,6 @@ from bench.timing.execution import TOLERANCES, Variant, prepared
 from bench.training.decoder import Architecture, Decoder
 
 pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
-pytestmark = pytest.mark.short
 CODECS = {
     "relief": {"steps": 5, "width": 8},
     "relief without a height": {"steps": 5, "width": 8, "relief": False},
