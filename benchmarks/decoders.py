@@ -34,7 +34,6 @@ from bench.timing import interval95
 from bench.timing.clock import calibrated, elapsed
 from bench.timing.execution import DTYPES, FUSED_CHUNK, LONG_CHUNK, needs_compiler
 from bench.timing.fused.lean import Lean, compiled
-from bench.timing.machine import Watch, unrest
 from bench.training import Architecture, Decoder
 
 NEUBTF = Architecture(18, (32, 32, 32), activation="sine", omega=2.0, norm=True, residual=True)
@@ -97,8 +96,7 @@ def measure(calls: dict[str, Call], samples: int, rounds: int) -> None:
     with torch.no_grad():
         for call in calls.values():
             calibrated(call, CPU)  # compiles and warms up
-        with Watch() as watch:
-            turns = np.array([[elapsed(call, 1, CPU) for call in calls.values()] for _ in range(rounds)]) / samples
+        turns = np.array([[elapsed(call, 1, CPU) for call in calls.values()] for _ in range(rounds)]) / samples
     times = dict(zip(calls, turns.T, strict=True))
     print(f"| execution | ns a sample | × one batch (95 %) | target |\n|{' --- |' * 4}")
     for name, ns in times.items():
@@ -108,9 +106,7 @@ def measure(calls: dict[str, Call], samples: int, rounds: int) -> None:
         target = f"≤ {wanted:.2f}: {'met' if median <= wanted else 'missed'}" if wanted else ""
         print(f"| {name} | {np.median(ns):.3g} | {median:.3f} ({low:.3f} to {high:.3f}) | {target} |")
     again = float(np.median(times[AGAIN]) / np.median(times["eager"]))
-    reason = unrest(watch.state() | {"floor_again": again})
     print(f"The default, timed twice, differs by {100 * abs(again - 1):.1f} %.")
-    print(f"The machine was not quiet: {reason}." if reason else "The machine was quiet.")
 
 
 def compile_for(target: str) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from statistics import fmean
 
-from bench.compare.budgets import BITS, BYTES, FIT, QUIET, Budget, Budgets, apart, budgets, mean_over, shown
+from bench.compare.budgets import BITS, BYTES, FIT, Budget, Budgets, apart, budgets, mean_over, shown
 from bench.compare.paired import AGAINST, FEWEST, Interval
 from bench.compare.ranks import Ranks, ranks
 from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run
@@ -206,7 +206,7 @@ def _chosen(result: Budgets, material: str) -> Iterator[tuple[str, Rung, list[Bu
 def _rung_row(result: Budgets, line: str, rung: Rung, at: list[Budget]) -> list[str]:
     numbers = [integer(max(job["bytes"]["total"] for job in rung.of)), _number(rung.score, 2)]
     numbers += [_number(shown(rung, family), 2 if family == PSNR else 3) for family in (PSNR, SSIM, FLIP)]
-    times = [result.times[kind].by_job.get(rung.of[0]["job"]) for kind in result.times]
+    times = [result.times[kind].get(rung.of[0]["job"]) for kind in result.times]
     return [line, rung.name, _span(at), *numbers, *map(significant, times)]
 
 
@@ -275,12 +275,9 @@ def _answer(question: str, ranked: list[tuple[float, str]], unit: str, digits: i
 
 def _common(run: Run, result: Budgets) -> Iterator[str]:
     """Notes on times, and on excluded records."""
-    for kind, times in result.times.items():
-        left = f"; {times.unquiet} times with unrest are left out" if times.unquiet else ""
-        yield f"Times, {kind}, {_unit(kind)}: {_machine(run, times.run)}{left}."
-    if not result.times:
-        quiet = f"{100 * QUIET:.0f} % of its times without unrest"
-        yield f"There are no budgets of time: no run here was timed on a quiet machine ({quiet})."
+    if result.times:
+        on = dict.fromkeys(_machine(run, str(time.get("run", ""))) for time in run.timings)
+        yield f"Times: upper ends of 95 % intervals, × floor; {'; '.join(filter(None, on))}."
     if result.without:
         yield f"Left out, because they have no score of validation pairs: {_by_suite(run, result.without)}."
     if result.unlike:
@@ -290,7 +287,7 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
 def _machine(run: Run, name: str) -> str:
     start: Record = next((each for each in reversed(run.starts) if not name or each.get("run") == name), {})
     machine = start.get("machine", {})
-    parts = [start.get("run"), machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
+    parts = [machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
     return ", ".join(str(part) for part in parts if part)
 
 

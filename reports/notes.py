@@ -81,9 +81,8 @@ def _timing(material: MaterialRows) -> Iterator[str]:
         yield (
             f"Time a sample: median of a batch of {state.get('batch'):,}, {state.get('dtype')}, "
             f"{state.get('threads')} CPU thread(s), {state.get('device')}, {state.get('execution')}, {fetch}; "
-            "floor: one bilinear fetch of a colour, timed in turns with the codecs."
+            "floor: one bilinear fetch of a colour, timed before and after each codec in every turn."
         )
-    yield from unrest_notes(timed)
     yield from one_texel_notes(timed)
     if any(row.fused for row in material.measured):
         yield "Fused: the whole query as one kernel, by `neubtf-bench trade`, in multiples of the floor timed with it."
@@ -115,21 +114,6 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
     for label, by in found.items():
         held = "; ".join(f"{words[holds]} {', '.join(by[holds])}" for holds in (True, False) if holds in by)
         yield f"{label}: its file stores {held}; rays are marched through a height, which takes time."
-
-
-def unrest_notes(rows: Iterable[Row]) -> Iterator[str]:
-    """Says how far from quiet the machine was while some rows were timed; nothing if it was quiet for all."""
-    times = [time for row in rows for time in (row.timing, row.fused) if time]
-    restless = [time for time in times if time.get("unrest")]
-    if not restless:
-        return
-    reasons = {time["unrest"] for time in restless}
-    again = max(abs(time.get("floor_again", 1.0) - 1) for time in restless)
-    others = max(time.get("others_cores") or 0.0 for time in restless)
-    most = f"the floor, timed twice, differed by up to {100 * again:.0f} %"
-    most += f", other processes used up to {others:.1f} cores" if others >= 0.05 else ""
-    when = "while this was timed" if len(restless) == len(times) else f"for {len(restless)} of {len(times)} times"
-    yield f"The machine was not quiet {when}: {reasons.pop() if len(reasons) == 1 else most}."
 
 
 def _programs(material: MaterialRows) -> Iterator[str]:

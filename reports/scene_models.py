@@ -14,9 +14,7 @@ def scene_models_text(rows: Sequence[Record]) -> str:
     headers += [("scene PSNR", "dB ↑"), ("scene FLIP", "↓"), ("outside PSNR", "dB ↑")]
     cells = [_cells(row) for row in rows]
     note = "Scene: in the frames. Outside: at pairs that the scene does not use. —: no error, or no such pair."
-    restless = {row["unrest"] for row in rows if row["unrest"]}
-    notes = [note, *(f"The machine was not quiet while this was timed: {reason}." for reason in restless)]
-    return plain([Table("scene", "the model of the scene beside the full one", headers, cells, notes)])
+    return plain([Table("scene", "the model of the scene beside the full one", headers, cells, [note])])
 
 
 def _cells(row: Record) -> list[str]:

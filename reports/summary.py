@@ -9,7 +9,7 @@ from reports import columns
 from reports.best_cells import best_cells
 from reports.column_type import Column
 from reports.missing import left_out_notes, missing_note
-from reports.notes import height_notes, one_texel_notes, unrest_notes
+from reports.notes import height_notes, one_texel_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import CodecRows, materials
 from reports.table import Table
@@ -50,7 +50,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
         notes += [_paired(against)] if against.over else []
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
-    notes += [*unrest_notes(timed), *one_texel_notes(timed), *height_notes(measured)]
+    notes += [*one_texel_notes(timed), *height_notes(measured)]
     notes += [*left_out_notes(run), *filter(None, [missing_note(run)])]
     names = ", ".join(material.name for material in measured)
     title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {names}"

@@ -64,8 +64,6 @@ def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) 
     notes = [*answers, _conditions(rows)]
     notes += [f"{_name(row)}: {row['error']}." for row in rows if "error" in row]
     notes += _noise_notes(rows) if noisy else []
-    unrest = dict.fromkeys(row["unrest"] for row in rows if row.get("unrest"))
-    notes += [f"The machine was not quiet: {reason}." for reason in unrest]
     return Table("trade", f"{material}: gains and losses of each setting", headers, cells, notes, material=material)
 
 
@@ -139,11 +137,8 @@ def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
         "Eager, float32. decoder: its networks alone; evaluate: with the texture's fetch; query: with all checks. "
         "slice: all texels of one pair; random: random places, and directions up to 75°."
     )
-    unrest = sorted({record["unrest"] for record in records if record.get("unrest")})
-    notes = [note, *(["The machine was not quiet: " + "; ".join(unrest[:3]) + "."] if unrest else [])]
-    return Table(
-        "trade", f"{material}: time by part, batch, order and threads", headers, rows, notes, material=material
-    )
+    title = f"{material}: time by part, batch, order and threads"
+    return Table("trade", title, headers, rows, [note], material=material)
 
 
 def _ceilings(ceilings: Sequence[dict[str, Any]], left_out: Sequence[str]) -> Table:

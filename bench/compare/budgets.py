@@ -5,8 +5,7 @@ A *line* is a codec, or a codec as published (`recipe=paper`); its rungs are all
 """
 
 import json
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from statistics import fmean
@@ -18,17 +17,17 @@ from bench.records import Record, Run, kind_of, stats_of
 from bench.records.choosing import Limits, Rung, chosen, has_validation, over_seeds, validated, validation_of
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
-TIMES = (4, 8, 16, 32)  # time of a query, × floor
-SECONDS = (1, 10, 100, 1000)  # of a fit
+TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
+SECONDS = (10, 100, 1000)  # of a processor, of a fit
 BYTES, EAGER, FUSED, FIT = "bytes", "eager", "fused", "fit"
-QUIET = 0.9  # a run's machine was quiet if at least this share of its times had no unrest
 PUBLISHED = ", as published"
 
+Times = dict[str, float]  # by job: what a query takes at most, × floor, or processor seconds of a fit
 Ladders = dict[tuple[str, str], list[Rung]]  # by material and line; a rung holds its jobs, one a seed
 
 
 class Budget(NamedTuple):
-    """A limit: of bits a texel (`bytes`), of a query's time, × floor (`eager`, `fused`), or of seconds of a `fit`."""
+    """A limit: bits a texel (`bytes`), a query's time, × floor (`eager`, `fused`), or processor seconds of a `fit`."""
 
     kind: str
     most: float
@@ -39,21 +38,12 @@ class Budget(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Times:
-    """The times of a run on a quiet machine, by job: multiples of the floor, or seconds of fits."""
-
-    run: str
-    by_job: dict[str, float]
-    unquiet: int = 0  # the number of times that are left out
-
-
-@dataclass(frozen=True)
 class Budgets:
     """The chosen rungs of a run by budget, line and material; `without` and `unlike` are excluded jobs."""
 
     materials: list[str]
     picks: dict[Budget, dict[str, dict[str, Rung]]]
-    times: dict[str, Times] = field(default_factory=dict)  # by kind, measured on a quiet machine
+    times: dict[str, Times] = field(default_factory=dict)  # by kind
     without: list[Record] = field(default_factory=list)  # jobs without a score of validation pairs
     unlike: list[Record] = field(default_factory=list)  # jobs not comparable with the newest of their material
 
@@ -81,13 +71,12 @@ def budgets(run: Run, fused: Mapping[str, Record]) -> Budgets:
     unlike = obstacles(judged)
     alike = [job for job in judged if job["job"] not in unlike]
     names = {job["job"] for job in alike}
-    taken = {EAGER: [t for t in run.timings if t["job"] in names], FUSED: [fused[n] for n in fused if n in names]}
-    times = {kind: quiet for kind, each in taken.items() if (quiet := _quiet(each))}
-    if EAGER in times and (fits := _fits(times[EAGER].run, alike)):
-        times[FIT] = Times(times[EAGER].run, fits)
+    fits = {job["job"]: float(job["fit_seconds"]) for job in alike if job.get("fit_seconds")}
+    every_time = {EAGER: _upper(run.timings, names), FUSED: _upper(fused.values(), names), FIT: fits}
+    times = {kind: each for kind, each in every_time.items() if each}
     limits = dict.fromkeys(times, TIMES) | {FIT: SECONDS}
     every = [Budget(BYTES, bits) for bits in BITS] + [Budget(kind, most) for kind in times for most in limits[kind]]
-    ladders = {kind: _ladders(alike, times.get(kind)) for kind in dict.fromkeys(each.kind for each in every)}
+    ladders = {kind: _ladders(alike, times.get(kind, {})) for kind in dict.fromkeys(each.kind for each in every)}
     return Budgets(
         list(dict.fromkeys(job["material"] for job in alike)),
         {budget: _picked(ladders[budget.kind], budget) for budget in every},
@@ -135,39 +124,16 @@ def apart(run: Run, lines: Mapping[str, Mapping[str, Rung]]) -> dict[str, Interv
     return against_jobs(run.folder, AGAINST, jobs).over
 
 
-def _quiet(times: Sequence[Record]) -> Times | None:
-    """The times of the latest run on a quiet machine, without those that had unrest; None if there is no such run."""
-    by_run: dict[str, list[Record]] = {}
-    for time in times:
-        if "ratio_to_floor" in time:
-            by_run.setdefault(str(time.get("run", "")), []).append(time)
-    for run, every in sorted(by_run.items(), reverse=True):
-        quiet = {time["job"]: float(time["ratio_to_floor"]) for time in every if not time.get("unrest")}
-        if len(quiet) >= QUIET * len(every):
-            return Times(run, quiet, len(every) - len(quiet))
-    return None
+def _upper(times: Iterable[Record], names: set[str]) -> dict[str, float]:
+    """The upper end of each interval of a time, in multiples of the floor, by job."""
+    return {t["job"]: float(t["ratio_interval95"][1]) for t in times if t["job"] in names and "ratio_interval95" in t}
 
 
-def _fits(run: str, jobs: Sequence[Record]) -> dict[str, float]:
-    """The seconds of the fits of a run whose machine was quiet, by job; those of files that it found done are older."""
-    begun = _digits(run)
-    return {
-        job["job"]: float(job["fit_seconds"])
-        for job in jobs
-        if job["run"] == run and job.get("fit_seconds") and _digits((job.get("fitted") or {}).get("at")) >= begun
-    }
-
-
-def _digits(moment: str | None) -> str:
-    """A moment as 14 digits, to the second."""
-    return re.sub(r"\D", "", moment or "")[:14]
-
-
-def _ladders(jobs: Sequence[Record], times: Times | None) -> Ladders:
+def _ladders(jobs: Sequence[Record], times: Times) -> Ladders:
     by_rung: dict[tuple[str, str, str], list[Rung]] = {}
     for job in jobs:
         name, (height, width) = (job["material"], line_of(job), _settings(job)), job["shape"]
-        size, time = 8 * job["bytes"]["total"] / (height * width), times and times.by_job.get(job["job"])
+        size, time = 8 * job["bytes"]["total"] / (height * width), times.get(job["job"])
         rung = validated(validation_of(job), name=rung_of(job), size=size, time=time, of=job)
         if rung:
             by_rung.setdefault(name, []).append(rung)

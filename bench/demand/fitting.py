@@ -249,7 +249,6 @@ def rows(result: SearchResult, scorer: FrameScorer, threads: int) -> list[dict[s
             "model": name,
             "bytes": model.header.file_bytes,
             "ns": timed[name]["ns_per_sample"],
-            "unrest": timed[name]["unrest"],
             "steps": model.steps,
             "seconds": model.seconds,
             "psnr": model.psnr,

@@ -208,7 +208,7 @@ def load_trade(folder: Path) -> Record | None:
     if fault := fields.fault_of_trade(trade):
         raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
     run = load_run(folder)
-    return trade | {"choices": [of_both_floors(row) for row in trade["choices"] if _is_current(row, run)]}
+    return trade | {"choices": [row for row in trade["choices"] if _is_current(row, run)]}
 
 
 def _is_current(choice: Record, run: Run) -> bool:
@@ -262,20 +262,7 @@ def _record_of(line: Line) -> Record:
         return {}
     if fault := fields.fault(record):
         raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")
-    return of_both_floors(record) if kind == "timing" else record
-
-
-def of_both_floors(timing: Record) -> Record:
-    """A timing with ratios to the mean of the floor before and after; earlier versions used only the one before."""
-    if "floors" in timing or "floor_again" not in timing or "ratio_to_floor" not in timing:
-        return timing
-    more = (1 + timing["floor_again"]) / 2
-    corrected = timing | {"ratio_to_floor": timing["ratio_to_floor"] / more, "floors": 2}
-    if "floor_ns" in timing:
-        corrected["floor_ns"] = timing["floor_ns"] * more
-    if "ratio_interval95" in timing:
-        corrected["ratio_interval95"] = [bound / more for bound in timing["ratio_interval95"]]
-    return corrected
+    return record
 
 
 def _parsed(text: bytes) -> Record:

@@ -227,10 +227,9 @@ class Timing(TypedDict, total=False):
     iqr_ns: Annotated[Number, RESULTS]
     ratio_to_floor: Annotated[Positive, RESULTS]
     ratio_interval95: Annotated[Pair, RESULTS]
+    ratio_least: Annotated[Positive, RESULTS]
     ratio_at_one_texel: Annotated[Positive, RESULTS]
     floor_ns: Annotated[Positive, RESULTS]
-    floor_again: Annotated[Positive, RESULTS]
-    floors: Annotated[Count, RESULTS]
     samples_ns: Annotated[Any, APART]
     floor_ratios: Annotated[Any, APART]
     batch: Annotated[Count, PUBLISHED]
@@ -240,9 +239,6 @@ class Timing(TypedDict, total=False):
     execution: Annotated[Text, PUBLISHED]
     queries: Annotated[Text, PUBLISHED]
     texture_fetch: Annotated[bool, PUBLISHED]
-    unrest: Annotated[Text, RESULTS]
-    load_average: Annotated[Any, RESULTS]
-    others_cores: Annotated[Any, RESULTS]
 
 
 class Stress(TypedDict, total=False):
@@ -327,7 +323,6 @@ class Choice(TypedDict, total=False):
     job: Text
     codec: Text
     error: Text
-    unrest: Text
     sha256: Text
     noise: Noise
     noise_error: Text
@@ -343,8 +338,8 @@ class Choice(TypedDict, total=False):
     ns_per_sample: Positive
     ratio_to_floor: Positive
     ratio_interval95: Pair
+    ratio_least: Positive
     floor_ns: Positive
-    floor_again: Positive
     of_limit: Number
     fastest: bool
     smallest: bool
@@ -362,7 +357,6 @@ class Profile(TypedDict, total=False):
     footprint: Required[NotNegative]
     threads: Required[Count]
     ns_per_sample: Required[Positive]
-    unrest: Text
 
 
 class Ceiling(TypedDict):

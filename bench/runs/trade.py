@@ -48,7 +48,6 @@ from bench.runs.workbench import Workbench, workbench
 from bench.threads import torch_threads
 from bench.timing import native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
-from bench.timing.machine import unrest
 from bench.timing.profile import profile
 from bench.timing.queries import Queries
 from bench.timing.roofline import limit_ns, roofline
@@ -121,7 +120,7 @@ def measure(
             result["choices"] += [row | _noise(run, row, show) for row in choices] if noise else choices
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             records = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, batches)
-            result["profiles"] += [{"material": spec.name, "unrest": unrest(record)} | record for record in records]
+            result["profiles"] += [{"material": spec.name} | record for record in records]
         result["choices"] += [_failed(job, device) for job in recorded_jobs if job and job["status"] != "ok"]
     result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
     return result

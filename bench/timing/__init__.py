@@ -1,8 +1,9 @@
 """Measures the time per sample of decoded materials, as a renderer would see it.
 
-Materials take turns (A B C A B C …), so if the machine slows down, it slows down all of them. The floor, one bilinear
-fetch of a colour, is timed first and last in each turn, and each material is divided by the mean of both. If the two
-differ, or other processes use the processor, the figures say that the machine was not quiet.
+Materials take short turns in random order, each between two turns of the floor, one bilinear fetch of a colour, and
+each is divided by the mean of these two: what slows the machine down for longer than some milliseconds slows both. On
+one thread the clock is the processor's own, which leaves out what other processes take. The figure is the median of
+these ratios, with its 95 % interval, which is wide where the machine was not quiet.
 
 These ratios compare codecs within a run. Neither nanoseconds nor ratios carry over to another processor: the floor
 waits for memory and a network multiplies, and these speeds change by different factors. `rainer2019` took 15 times the
@@ -10,7 +11,7 @@ floor on one processor and 23 to 28 times on another.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -22,30 +23,24 @@ from bench.codec import Progress, followed, silent
 from bench.devices import described, is_gpu
 from bench.material import DecoderCost, Material, sample_texture
 from bench.threads import torch_threads
-from bench.timing.clock import calibrated
-from bench.timing.machine import Watch, unrest
+from bench.timing.clock import calibrated, clock_of
 from bench.timing.queries import Queries
 
-SAMPLES = 30
+TURNS = 60
 BATCH = 16_384
 GPU_BATCH = 1 << 20  # with fewer a GPU's time counts its launches
 FLOOR = "floor"
-FLOORS = 2  # the first and the last of a turn; ratios are to their mean
 
 
 @dataclass(frozen=True)
 class Timing:
-    """One contestant: raw samples in ns per query, their ratios to the floor turn by turn, and the machine's state."""
+    """One contestant: raw samples in ns per query, and their ratios to the floor timed beside them, turn by turn."""
 
-    samples: np.ndarray  # (SAMPLES,)
-    ratios: np.ndarray  # (SAMPLES,)
-    machine: dict[str, Any] = field(default_factory=dict)
+    samples: np.ndarray  # (TURNS,)
+    ratios: np.ndarray  # (TURNS,)
 
     def summary(self) -> dict[str, Any]:
-        """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor.
-
-        `unrest` says in words why the machine was not quiet; it is "" if it was.
-        """
+        """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor."""
         quarter, three_quarters = np.percentile(self.samples, [25, 75])
         return {
             "ns_per_sample": float(np.median(self.samples)),
@@ -53,10 +48,8 @@ class Timing:
             "interval95_ns": interval95(self.samples),
             "ratio_to_floor": float(np.median(self.ratios)),
             "ratio_interval95": interval95(self.ratios),
+            "ratio_least": float(self.ratios.min()),
             "floor_ns": float(np.median(self.samples / self.ratios)),
-            "floors": FLOORS,
-            **self.machine,
-            "unrest": unrest(self.machine),
         }
 
 
@@ -117,15 +110,19 @@ def in_turns(
     device: torch.device,
     show: Progress = silent,
 ) -> dict[str, Timing]:
-    """Time calls that each answer `batch` samples in turns with the floor over a texture of `size`."""
+    """Time calls that each answer `batch` samples, each between two floors of `size`, in random order."""
     floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
+    order, clock = np.random.default_rng(0), clock_of(threads)
+    samples, beside = np.empty((TURNS, len(calls))), np.empty((TURNS, len(calls)))
     with torch_threads(threads):
-        everyone: list[Callable[[], Any]] = [floor, *calls.values(), floor]
-        timed = [calibrated(call, device) for call in followed(show, everyone, "warming up decoders", len(everyone))]
-        with Watch() as watch:
-            rounds = followed(show, range(SAMPLES), "timing decoders", SAMPLES)
-            turns = np.array([[call() for call in timed] for _ in rounds]) / batch
-    again = float(np.median(turns[:, -1]) / np.median(turns[:, 0]))
-    machine = watch.state() | {"floor_again": again}
-    turns[:, 0] = (turns[:, 0] + turns[:, -1]) / 2
-    return {name: Timing(turns[:, i], turns[:, i] / turns[:, 0], machine) for i, name in enumerate([FLOOR, *calls])}
+        everyone: list[Callable[[], Any]] = [floor, *calls.values()]
+        floored, *timed = [
+            calibrated(call, device, clock) for call in followed(show, everyone, "warming up", len(everyone))
+        ]
+        for turn in followed(show, range(TURNS), "timing decoders", TURNS):
+            before = floored()
+            for i in order.permutation(len(timed)):
+                samples[turn, i], after = timed[i](), floored()
+                beside[turn, i], before = (before + after) / 2, after
+    found = {name: Timing(samples[:, i] / batch, samples[:, i] / beside[:, i]) for i, name in enumerate(calls)}
+    return {FLOOR: Timing(beside.mean(1) / batch, np.ones(TURNS))} | found

@@ -33,7 +33,7 @@ def job(label, size, validation, test=20.0, material="satin", seed=0, **more):
 
 def timing(job, ratio, **more):
     known = {"kind": "timing", "job": job, "run": "1", "ns_per_sample": 1.0, "interval95_ns": [1.0, 1.0]}
-    return known | {"ratio_to_floor": ratio, "floors": 2} | more
+    return known | {"ratio_to_floor": ratio, "ratio_interval95": [ratio, ratio]} | more
 
 
 def run_of(folder, *records):
@@ -128,37 +128,24 @@ def test_other_test_scores_change_no_choice(tmp_path):
     assert first == second
 
 
-def test_budgets_of_time_are_of_one_run_on_a_quiet_machine(tmp_path):
-    jobs = [job(f"a x={i}", 10, 30.0 + i) for i in range(10)]
-    times = [timing(each["job"], 3.0 + i) for i, each in enumerate(jobs)]
+def test_a_rung_fits_a_time_if_the_upper_end_of_its_interval_does(tmp_path):
+    jobs = [job(f"a x={i}", 10, 30.0 + i) for i in range(3)]
+    times = [timing(each["job"], 3.0 + i, ratio_interval95=[2.0, 3.9 + 0.2 * i]) for i, each in enumerate(jobs)]
     run = run_of(tmp_path / "run", *jobs, *times)
-    assert picks(run, Budget(EAGER, 4)) == {"a": "x=1"}
-    assert picks(run, Budget(EAGER, 32)) == {"a": "x=9"}
-    times[9]["unrest"] = "others used 2 cores"
-    run = run_of(tmp_path / "once", *jobs, *times)  # one in ten: left out
-    assert picks(run, Budget(EAGER, 32)) == {"a": "x=8"}
-    assert budgets(run, {}).times[EAGER].unquiet == 1
-    times[8]["unrest"] = "others used 2 cores"
-    run = run_of(tmp_path / "twice", *jobs, *times)
-    assert not budgets(run, {}).times
-    assert Budget(EAGER, 32) not in budgets(run, {}).picks
+    assert picks(run, Budget(EAGER, 4)) == {"a": "x=0"}
+    assert picks(run, Budget(EAGER, 8)) == {"a": "x=2"}
+    assert budgets(run, {}).times[EAGER]["satin/a x=1/0"] == 4.1
 
 
-def test_budgets_of_fits_are_of_those_that_the_quiet_run_made(tmp_path):
-    at, later, earlier = "20260102T030405.6", "2026-01-02T03:04:05Z", "2026-01-02T03:04:04Z"
-    made = {"run": at, "fit_seconds": 9.0, "fitted": {"at": later}}
-    jobs = [job("a x=1", 10, 30.0, **made), job("a x=2", 10, 40.0, **made | {"fitted": {"at": earlier}})]
-    jobs += [job("a x=3", 10, 50.0, **made | {"fit_seconds": 11.0}), job("a x=4", 10, 60.0, **made | {"run": "2026"})]
-    times = [timing(each["job"], 3.0, run=at) for each in jobs]
-    run = run_of(tmp_path / "run", *jobs, *times)
-    assert [picks(run, Budget(FIT, seconds)) for seconds in (1, 10, 100)] == [{}, {"a": "x=1"}, {"a": "x=3"}]
-    unquiet = run_of(tmp_path / "unquiet", *jobs, *(time | {"unrest": "others"} for time in times))
-    assert FIT not in budgets(unquiet, {}).times
+def test_budgets_of_fits_are_of_processor_seconds(tmp_path):
+    jobs = [job("a x=1", 10, 30.0, fit_seconds=9.0), job("a x=2", 10, 50.0, fit_seconds=11.0), job("a x=3", 10, 60.0)]
+    run = run_of(tmp_path / "run", *jobs)
+    assert [picks(run, Budget(FIT, seconds)) for seconds in (10, 100)] == [{"a": "x=1"}, {"a": "x=2"}]
 
 
 def test_fused_times_have_budgets_of_their_own(tmp_path):
     run = run_of(tmp_path / "run", job("a", 10, 30.0), timing("satin/a/0", 9.0))
-    fused = {"satin/a/0": {"job": "satin/a/0", "ratio_to_floor": 3.0}}
+    fused = {"satin/a/0": {"job": "satin/a/0", "ratio_interval95": [2.5, 3.0]}}
     assert picks(run, Budget(FUSED, 4), fused=fused.items()) == {"a": "default"}
     assert picks(run, Budget(EAGER, 8), fused=fused.items()) == {}
 
