@@ -40,7 +40,6 @@ def kind_of(hint: Any) -> Kind:
 
 KINDS = {"run": Start, "job": Job, "timing": Timing, "stress": Stress}
 FIELDS: dict[str, Kind] = {name: kind_of(described) for name, described in KINDS.items()}
-FIELDS["rate"] = Fields({})  # older runs have it, and nothing reads it: rates are compared when a table is made
 _TRADE = kind_of(Trade)
 _OTHERS: dict[type, Kind] = {described: kind_of(described) for described in (Facts, FileScene)}
 

@@ -112,7 +112,7 @@ class Records(Sequence[Record]):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run's folder: the latest record of each job, timing and rate; jobs in the order of their suite."""
+    """A run's folder: the latest record of each job and timing; jobs in the order of their suite."""
 
     folder: Path
     starts: list[Record] = field(default_factory=list)
@@ -246,8 +246,6 @@ def _add_record(run: Run, record: Record) -> bool:
             run.jobs.put(name, record)
         case {"kind": "timing", "job": name}:
             run.timings.put(name, record)
-        case {"kind": "rate"}:
-            pass
         case {"kind": "stress", "subject": subject, "extreme": extreme}:
             run.stress.put((subject, extreme), record)
         case _:

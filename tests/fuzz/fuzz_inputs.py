@@ -278,14 +278,6 @@ def records_of_a_run() -> list[dict[str, Any]]:
         found = [json.loads(line) for line in (Path(folder) / "records.jsonl").read_text().splitlines()]
         kept = Path(folder)
         files = {path.relative_to(kept): path.read_bytes() for path in kept.rglob("*") if path.is_file()}
-    rate = {"kind": "rate", "material": "satin", "curve": "vq", "anchor": "pca", "metric": "psnr_display"}
-    rate |= {
-        "points": [[100.0, 20.0], [200.0, 25.0]],
-        "bd_rate_percent": -10.5,
-        "bd_psnr_db": 0.5,
-        "run": found[0]["run"],
-    }
-    rate |= {"quality_db": [20.0, 25.0], "quality_overlap": 0.9, "bytes": [100.0, 200.0], "bytes_overlap": 0.8}
     stress = {"kind": "stress", "subject": "pca", "extreme": "dark", "verdict": "pass", "figure": "", "detail": "why"}
     stress |= {"group": "data", "order": 1, "seconds": 0.5, "used": 0.25, "version": 2, "holds": "finite"}
     failed = {
@@ -299,7 +291,7 @@ def records_of_a_run() -> list[dict[str, Any]]:
     }
     failed |= {"status": "failed", "error": "ValueError: no", "run": found[0]["run"], "split": "test"}
     FILES.update(files)
-    return [*found, rate, stress, failed]
+    return [*found, stress, failed]
 
 
 FILES: dict[Path, bytes] = {}
