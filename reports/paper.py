@@ -31,6 +31,11 @@ _PROTOCOL = (
     "materials where one stands “for” the paper's."
 )
 
+_LPIPS = (
+    "LPIPS, which the paper also prints, is not computed here, by design: its weights would be a download. SSIM and "
+    "FLIP depend on the resolution."
+)
+
 
 def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | None:
     """Three rows for each codec and material of the paper's table, or nearest to it; None where the run has neither.
@@ -50,7 +55,7 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     headers = [("material", ""), ("codec", ""), ("pairs", "")]
     for _, name, unit, _ in _METRICS:
         headers += [(name, f"{unit} ours"), (name, f"{unit} paper")]
-    notes = [_SLICES, _PROTOCOL]
+    notes = [_SLICES, _PROTOCOL, _LPIPS]
     notes += [f"{NONE_YET}: {material}: {where}." for material, where in missing.items()]
     if missing:
         notes.append("`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get.")
