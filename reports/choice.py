@@ -67,7 +67,7 @@ class Choice:
         inside |= {old for old in self.names if old == table.material}
         rows = [[*map(self._said, row[: table.words]), *row[table.words :]] for row in table.rows]
         headers = [
-            (self.names.get(_named(header), ""), "")
+            (self.names[_named(header)], "".join(header[1].partition("± ")[1:]))
             if _named(header) in self.names
             else (self.names.get(header[0], header[0]), header[1])
             for header in table.headers
@@ -91,7 +91,8 @@ def _called(job: Record) -> tuple[str, ...]:
 
 
 def _named(header: tuple[str, str]) -> str:
-    return " ".join(header).strip()
+    """A header on one line, without what its deviation is over."""
+    return " ".join(header).partition("±")[0].strip()
 
 
 def _matches(wanted: str, header: tuple[str, str]) -> bool:

@@ -40,6 +40,7 @@ class Column:
     pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise
     starred: Callable[[Row], bool] = lambda row: False  # whether its number was measured apart from those of other rows
     deviation: bool = True  # whether to show the deviation over seeds beside their mean
+    over: str = "seeds"  # what the deviation of a cell is over, which its header says
 
     def cell(self, seeds: Sequence[Row]) -> str:
         """The text of one codec's cell: the number if its seeds agree, else mean ± std over them."""

@@ -60,7 +60,7 @@ def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
     def value(row: Row) -> Value:
         return spread(row.stats(row.gate, family))
 
-    return Column(name, scale, value, partial(plus_minus, digits=_digits(unit)))
+    return Column(name, scale, value, partial(plus_minus, digits=_digits(unit)), over="slices")
 
 
 def _bytes(part: str) -> Callable[[Row], Value]:
@@ -170,7 +170,9 @@ def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
 
 def quality(material: MaterialRows) -> list[Column]:
     """PSNR of training and of held-out pairs, and every other metric."""
-    return [_TRAIN, PER_SLICE, _WORST, _POOLED, *_others(material)]
+    several = len(material.seeds) > 1  # a row has one kind of deviation: that over seeds, if there are several
+    deciding, make = (HELDOUT, _mean) if several else (PER_SLICE, _spread)
+    return [_TRAIN, deciding, _WORST, _POOLED, *_others(material, make)]
 
 
 def main(material: MaterialRows) -> list[Column]:

@@ -3,9 +3,25 @@
 from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
-from bench.records import PSNR, Record, Run, gate
+from bench.metrics import label_of
+from bench.records import PSNR, Record, Run, gate, shown_columns
 from reports.numbers import significant
 from reports.rows import MaterialRows, Row
+from reports.table import Note, Part
+
+_BYTES = ("decoder", "texture", "other", "total", "shared", "resident", "bits per")
+_TIMES = ("time", "95 % interval", "fused")
+_COST = {*_BYTES, *_TIMES, "tex.", *(name for name, _, _ in shown_columns().values())}
+
+
+def about_quality(text: str) -> Part:
+    """A note about the columns that show quality."""
+    return text, lambda name: name not in _COST
+
+
+def about_times(text: str) -> Note:
+    """A note about the columns of times."""
+    return Note((text, _TIMES.__contains__))
 
 
 def main_notes(material: MaterialRows) -> list[str]:
@@ -22,8 +38,8 @@ def quality_notes(material: MaterialRows) -> list[str]:
 
 def cost_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the columns of size and time."""
-    bytes_note = "Bytes are those of the whole file; “other” includes the header."
-    times = [*_timing(material), *height_notes([material]), *_programs(material)]
+    bytes_note = Note(("Bytes are those of the whole file; “other” includes the header.", _BYTES.__contains__))
+    times = map(about_times, [*_timing(material), *height_notes([material]), *_programs(material)])
     notes = [bytes_note, *_shared(material), *times, *_not_comparable(material)]
     return notes if material.first else []
 
@@ -36,7 +52,10 @@ def _shared(material: MaterialRows) -> Iterator[str]:
             by_bytes.setdefault(row.job["bytes"]["shared"], {})[row.label] = None
     for size, labels in by_bytes.items():
         names = ", ".join(labels)
-        yield f"{names}: the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
+        text = (
+            f"{names}: the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
+        )
+        yield Note((text, _BYTES.__contains__))
 
 
 def common_notes(material: MaterialRows) -> list[str]:
@@ -53,24 +72,29 @@ def run_notes(run: Run) -> list[str]:
     return notes
 
 
-def _definition(job: Record) -> str:
+def _definition(job: Record) -> Note:
     held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
     pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
-    return (
-        f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, mean ± std over slices. "
-        "Worst tenth: the mean of that many slices. Pooled: of the squared error of all slices together."
+    train = "“train”: training pairs"
+    return Note(
+        about_quality(f"Quality is measured at {pairs} ({train}), decoded from the file, as a mean over slices."),
+        ("Worst tenth: the mean of that many slices.", "worst tenth".__eq__),
+        ("Pooled: of the squared error of all slices together.", "PSNR pooled".__eq__),
     )
 
 
 def _metrics(material: MaterialRows) -> Iterator[str]:
     """Full names of the metrics of the columns, with unit, direction, space and version."""
     if material.metrics:
-        yield "Metrics: " + "; ".join(_metric(name, each) for name, each in material.metrics.items()) + "."
+        parts = (_metric(name, each) for name, each in material.metrics.items())
+        yield Note(*parts, around=("Metrics: ", "; ", "."))
 
 
-def _metric(name: str, described: Record) -> str:
+def _metric(name: str, described: Record) -> Part:
     words = [word for word in (described["unit"], described.get("space")) if word and word != "1"]
-    return ", ".join([f"{name} version {described['version']}", *words, f"{described['direction']} is better"])
+    text = ", ".join([f"{name} version {described['version']}", *words, f"{described['direction']} is better"])
+    derived = {"PSNR train", "train", "worst tenth", "PSNR pooled"} if name == PSNR else set()
+    return text, {label_of(name), *derived}.__contains__
 
 
 def _timing(material: MaterialRows) -> Iterator[str]:
@@ -132,7 +156,7 @@ def _exact(material: MaterialRows) -> Iterator[str]:
         stats = row.stats(row.gate, PSNR)
         if stats and stats.get("exact"):
             counted = f"{stats['exact']:,} of {stats['slices']:,} slices"
-            yield f"{row.name}: {counted} have no error in display space; they count as 100 dB."
+            yield Note(about_quality(f"{row.name}: {counted} have no error in display space; they count as 100 dB."))
 
 
 def _not_comparable(material: MaterialRows) -> Iterator[str]:

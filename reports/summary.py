@@ -9,10 +9,10 @@ from reports import columns
 from reports.best_cells import best_cells
 from reports.column_type import Column
 from reports.missing import left_out_notes, missing_note
-from reports.notes import height_notes, one_texel_notes
+from reports.notes import about_quality, about_times, height_notes, one_texel_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import CodecRows, materials
-from reports.table import Table
+from reports.table import Note, Table
 
 if TYPE_CHECKING:
     from bench.compare.paired import Against
@@ -43,25 +43,27 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         means = [None if star else mean for mean, star in zip(means, stars, strict=True)]  # they are not ranked
         rows.append([*_standing(each, len(measured)), *written])
         scores.append([None, None, *_scores(each, chosen, means)])
-    notes = list(_NOTES)
+    notes: list[str] = [_NOTES]
     if intervals:
         against = against_one(run)
         headers.append(("against", against.first))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
-        notes += [_paired(against)] if against.over else []
+        notes += [Note((_paired(against), "against".__eq__))] if against.over else []
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
-    notes += [*one_texel_notes(timed), *height_notes(measured)]
+    notes += map(about_times, [*one_texel_notes(timed), *height_notes(measured)])
     notes += [*left_out_notes(run), *filter(None, [missing_note(run)])]
     names = ", ".join(material.name for material in measured)
     title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {names}"
     return Table("summary", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
-_NOTES = [
-    "Means over seeds, then over materials. Mean rank and “won” (materials on which no codec is better) are by PSNR. "
-    "Every metric is a mean over the slices of the deciding pairs. Only codecs that were measured on every "
-    "material are ranked."
-]
+_RANKS = ("mean rank", "won")
+_NOTES = Note(
+    ("Means over seeds, then over materials.", lambda name: True),
+    ("Mean rank and “won” (materials on which no codec is better) are by PSNR.", _RANKS.__contains__),
+    about_quality("Every metric is a mean over the slices of the deciding pairs."),
+    ("Only codecs that were measured on every material are ranked.", _RANKS.__contains__),
+)
 
 
 def _paired(against: "Against") -> str:

@@ -82,29 +82,32 @@ def unfinished_table(run: Run) -> Table | None:
 
 
 def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Column], notes: list[str]) -> Table | None:
-    """A row a codec, mean ± std over its seeds; the best of each column bold, the second underlined."""
+    """A row a codec, the mean over its seeds; the best of each column bold, the second underlined."""
     if not material.measured or not chosen:
         return None
     title = f"{material.name}" + (f": {about}" if about else "") + f" ({material.split})"
     codecs = material.codecs
     chosen = [c for c in chosen if not c.sparse or any(c.cell(codec.measured) != NONE for codec in codecs)]
-    headers = [("codec", ""), *((column.name, column.unit) for column in chosen)]
     rows = [[codec.label, *_cells(codec, chosen)] for codec in codecs]
+    headers = [("codec", ""), *(_header(column, [row[i] for row in rows]) for i, column in enumerate(chosen, 1))]
     scores = [[None, *(column.score(codec.measured) for column in chosen)] for codec in codecs]
     rows += _native_row(material, chosen)
     notes = [*notes, *_seeds(material)]
     return Table(kind, title, headers, rows, notes, material=material.name, marks=best_cells(rows, scores))
 
 
+def _header(column: Column, cells: Iterable[str]) -> tuple[str, str]:
+    """The name and the unit, which says what the deviation is over, if a cell shows one."""
+    unit = f"{column.unit} ± {column.over}" if any(" ± " in cell for cell in cells) else column.unit
+    return column.name, unit.strip()
+
+
 def _seeds(material: MaterialRows) -> Iterator[str]:
-    """Notes on the meaning of ± for several seeds, and on codecs that lack some."""
+    """Notes on several seeds, and on codecs that lack some."""
     seeds = material.seeds
     if len(seeds) < 2:
         return
-    yield (
-        f"Seeds {', '.join(map(str, seeds))}: a number is their mean ± std if they differ; mean and std over slices "
-        "are means over seeds."
-    )
+    yield f"Seeds {', '.join(map(str, seeds))}: a number is their mean; “± seeds”: the deviation over them."
     short: dict[int, list[str]] = {}
     for codec in material.codecs:
         if 0 < len(codec.measured) < len(seeds):

@@ -28,7 +28,7 @@ SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for par
 @pytest.fixture(autouse=True)
 def places(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.TURNS", 3)
     monkeypatch.chdir(tmp_path)
     write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
 

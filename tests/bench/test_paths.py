@@ -25,7 +25,7 @@ def blocks(text, language=""):
 @pytest.fixture(autouse=True)
 def small(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.TURNS", 3)
     monkeypatch.chdir(tmp_path)
 
 

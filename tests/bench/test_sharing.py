@@ -24,7 +24,7 @@ def test_a_codec_of_one_s_own_stands_beside_the_published_records(tmp_path, monk
     site = install(tmp_path / "site", "mine", {"mine": "mine:Mine"}, {"mine": CODEC})
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.TURNS", 3)
     outside_codecs._tried.cache_clear()
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(tmp_path)

@@ -3,6 +3,7 @@ import pytest
 from bench.errors import InputError
 from bench.records import append, load_run
 from reports import table_text
+from reports.best_cells import best_cells
 from reports.tables import all_tables
 
 
@@ -11,8 +12,9 @@ def tables(made, kind):
 
 
 def cells(table, row=0):
-    """Cells by header; where two headers read alike, the unit tells them apart."""
-    return dict(zip((f"{name} {unit}".strip() for name, unit in table.headers), table.rows[row], strict=True))
+    """Cells by header; where two headers read alike, the unit tells them apart. It leaves out “± …”."""
+    names = (f"{name} {unit}".partition("±")[0].strip() for name, unit in table.headers)
+    return dict(zip(names, table.rows[row], strict=True))
 
 
 def test_the_main_table_shows_the_numbers_of_the_record(made):
@@ -154,13 +156,32 @@ def test_seeds_are_one_row_mean_and_deviation_where_they_differ(made):
     rows = {row[0]: cells(table, i) for i, row in enumerate(table.rows)}
     assert [row[0] for row in table.rows] == ["vq", "table", "pca", "half"]
     assert rows["vq"]["PSNR pooled dB ↑"] == "30.50 ± 0.71"
-    assert rows["vq"]["PSNR dB ↑"] == "30.50 ± 1.50"  # over slices, mean of the seeds
+    assert rows["vq"]["PSNR dB ↑"] == "30.50 ± 0.71"  # over seeds, as the pooled one
     assert rows["vq"]["total bytes ↓"] == rows["pca"]["total bytes ↓"] == "36,110"
     assert rows["table"]["PSNR pooled dB ↑"] == "exact"
     assert rows["pca"]["PSNR pooled dB ↑"] == "30.00"
     assert rows["pca"]["time ns ↓"] == "123"
     assert rows["half"]["PSNR pooled dB ↑"] == "28.00"
-    assert any(note.startswith("Seeds 0, 1: a number is their mean ± std") for note in table.notes)
+    assert any(note.startswith("Seeds 0, 1: a number is their mean; “± seeds”") for note in table.notes)
+
+
+def test_a_row_has_one_kind_of_deviation_which_its_header_says(made):
+    made.job("vq", psnr=30.0).job("table", psnr=100.0)
+    units = lambda kind: dict(tables(made, kind)[0].headers)  # noqa: E731
+    assert (units("main")["PSNR"], units("main")["PSNR pooled"]) == ("dB ↑ ± slices", "dB ↑")
+    assert r"\ensuremath{\pm} slices" in table_text(made.folder, "latex", "main")
+    made.job("vq", seed=1, psnr=31.0).job("table", seed=1, psnr=100.0)
+    assert (units("main")["PSNR"], units("main")["PSNR pooled"]) == ("dB ↑ ± seeds", "dB ↑ ± seeds")
+    assert "± slices" not in " ".join(units("main").values())
+    assert "± seeds" not in " ".join(units("slices").values())
+    assert units("slices")["PSNR"] == "dB ↑ ± slices"
+    assert r"\ensuremath{\pm} seeds" in table_text(made.folder, "latex", "main")
+
+
+def test_ties_are_marked_alike_and_no_zero_is_second():
+    rows = [["3", "30.5 ± 0.1"], ["0", "30.5 ± 0.7"], ["0", "29.0"]]
+    scores = [[3.0, 30.51], [0.0, 30.49], [0.0, 29.0]]
+    assert best_cells(rows, scores) == {(0, 0): "bold", (0, 1): "bold", (1, 1): "bold", (2, 1): "underlined"}
 
 
 def test_pairs_that_are_drawn_anew_for_each_seed_are_no_obstacle_but_older_ones_of_a_seed_are(made):

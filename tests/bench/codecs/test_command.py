@@ -58,7 +58,7 @@ def suite(place, encode=ENCODE, decode=DECODE):
 
 @pytest.fixture(autouse=True)
 def brief(monkeypatch):
-    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.TURNS", 3)
     monkeypatch.delenv("NEUBTF_PERMIT", raising=False)
 
 

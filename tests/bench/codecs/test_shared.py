@@ -190,7 +190,7 @@ SUITE = Suite("test", "", materials=(MaterialSpec("tiny"),), codecs=(CodecSpec("
 def tiny(monkeypatch):
     """The material of the suite."""
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 4, 4))
-    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.TURNS", 3)
 
 
 def job(folder) -> Record:

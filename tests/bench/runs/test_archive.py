@@ -35,7 +35,7 @@ def packed(tmp_path_factory):
     """The folder of a small run, with its archive beside it."""
     place = tmp_path_factory.mktemp("archive")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.timing.SAMPLES", 3)
+        patch.setattr("bench.timing.TURNS", 3)
         (place / "small.toml").write_text(SUITE)
         assert cli.main(["run", str(place / "small.toml"), "--out", str(place / "run")]) == 0
     assert cli.main(["submit", str(place / "run"), "-o", str(place / "mine.zip")]) == 0

@@ -94,7 +94,7 @@ latents = 6
 
 
 def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.TURNS", 3)
     (tmp_path / "own.toml").write_text(OWN)
     own = ["--suite", str(tmp_path / "own.toml"), "--out", str(tmp_path / "r")]
     words = ["choose", "satin", "--max-bytes", "1M", *own]

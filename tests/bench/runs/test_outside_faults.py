@@ -97,7 +97,7 @@ def hostile(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(install(tmp_path / "site", "hostile", CODECS, MODULES)))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(runner, "MOST_LOSSES", 1)
-    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.TURNS", 3)
     outside_codecs._tried.cache_clear()
     write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
     monkeypatch.chdir(tmp_path)

@@ -39,7 +39,7 @@ SUITE = Suite(
 def tiny(monkeypatch):
     """Every material of these suites is the tiny one, larger than SSIM's window."""
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
-    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.TURNS", 3)
 
 
 def outcomes(folder, suite=SUITE, **options):

@@ -55,7 +55,7 @@ def measured(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.runs.workbench.open_material", opened)
         patch.setattr("bench.timing.execution.drjit", without_drjit)
-        patch.setattr(timing, "SAMPLES", 3)
+        patch.setattr(timing, "TURNS", 3)
         patch.setattr("bench.timing.clock.SPAN_NS", 10_000)
         patch.setattr(trade, "BATCH", 256)
         patch.setattr(trade, "BATCHES", (1,))
@@ -109,7 +109,7 @@ def quick(measured, monkeypatch):
     monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
     monkeypatch.setattr(trade, "profile", lambda *_: [])
     monkeypatch.setattr(trade, "BATCH", 256)
-    monkeypatch.setattr(timing, "SAMPLES", 3)
+    monkeypatch.setattr(timing, "TURNS", 3)
     monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
 
 

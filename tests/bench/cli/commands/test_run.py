@@ -19,7 +19,7 @@ WORDS = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--cod
 @pytest.fixture(autouse=True)
 def small(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.SAMPLES", 3)
+    monkeypatch.setattr("bench.timing.TURNS", 3)
 
 
 def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch, capsys):
