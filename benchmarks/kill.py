@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # Worker processes import this file, too.
 training.KEEP_EVERY, training.SAVE_SECONDS = 20, 0.0  # so that short fits are killed with a state to go on from
-timing.SAMPLES = 3  # what is timed does not matter here
+timing.TURNS = 3  # what is timed does not matter here
 
 SUITE = """
 threads = 1

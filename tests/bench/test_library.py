@@ -191,7 +191,7 @@ def test_a_material_and_a_folder_of_slices_score_as_the_file_they_come_from(fold
     assert bench.score(bench.open("slices"), btf)["scores"] == from_slices["scores"]
     for metric, stats in from_file["scores"]["heldout"]["metrics"].items():
         assert from_slices["scores"]["heldout"]["metrics"][metric]["mean"] == pytest.approx(stats["mean"], rel=1e-6)
-    psnr = from_slices["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"]
+    psnr = from_slices["scores"]["heldout"]["metrics"]["psnr_display"]["mean"]
     capsys.readouterr()
     assert cli.main(["score", "slices", str(folder)]) == 0
     shown = capsys.readouterr().out
@@ -216,8 +216,8 @@ def test_the_command_prints_the_table_of_a_run_and_writes_json(folder, capsys):
     assert re.search(r"^pca components=3  +\d", shown, re.M), "and no setting that is a default"
     assert f"{Path('a.nbtf').stat().st_size:,}" in shown
     found = json.loads(Path("a.json").read_text())
-    pooled = found["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"]
-    assert f"{pooled:.2f}" in shown
+    mean = found["scores"]["heldout"]["metrics"]["psnr_display"]["mean"]
+    assert f"{mean:.2f}" in shown
     assert container.read_header("a.nbtf").sha256 == found["score_key"]["sha256"]
     assert cli.main(["score", "a.nbtf", str(folder), "--set", "components=4"]) == 2
     assert "only data.KEY" in capsys.readouterr().err

@@ -139,6 +139,7 @@ STEPS = """        draw, basis = fit.generator(), terms(torch.from_numpy(btf.wi)
 """
 
 
+@pytest.mark.long
 def test_half_of_the_steps_of_a_new_codec_are_caught_by_what_new_ci_writes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["new", "codec", "mine"]) == 0
