@@ -275,7 +275,7 @@ def _answer(question: str, ranked: list[tuple[float, str]], unit: str, digits: i
 
 def _common(run: Run, result: Budgets) -> Iterator[str]:
     """Notes on times, and on excluded records."""
-    if result.times:
+    if result.times.keys() - {FIT}:
         on = dict.fromkeys(_machine(run, str(time.get("run", ""))) for time in run.timings)
         yield f"Times: upper ends of 95 % intervals, × floor; {'; '.join(filter(None, on))}."
     if result.without:
