@@ -219,6 +219,8 @@ def fitted_unlike(base: Record, new: Record) -> str:
     reasons = []
     if mine["version"] != theirs["version"]:
         reasons.append(f"codec version {theirs['version']} instead of {mine['version']}")
+    if mine.get("store") != theirs.get("store"):
+        reasons.append(f"store of textures of version {theirs.get('store')} instead of {mine.get('store')}")
     if mine["training"] != theirs["training"]:
         reasons.append("other training data (their fingerprint differs)")
     return ", ".join(reasons)

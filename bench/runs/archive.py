@@ -205,6 +205,7 @@ def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progre
     measured |= {"score_key": score_key(bench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
     measured["verified"] = True
     fit = {"codec": header.codec, "version": header.version, "settings": header.settings}
+    fit |= {"store": job["fit_key"]["store"]} if "store" in job["fit_key"] else {}  # no file says it
     fit |= {"training": bench.training.fingerprint} | ({"shared": header.network} if header.network else {})
     record = kept(job, NAMES) | {"split": split, "fit_key": fit} | measured
     record["file"] = f"files/{job_folder.put(f'files/{file.name}', file.read_bytes()).name}"
