@@ -46,7 +46,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
     notes: list[str] = [_NOTES]
     if intervals:
         against = against_one(run)
-        headers.append(("against", against.first))
+        headers.append(("against", against.first.partition(" ")[0]))
         rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
         notes += [Note((_paired(against), "against".__eq__))] if against.over else []
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
