@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.components import PROBED_TEXELS, clustered, pack_index, probed, reduced, unpack_index
+from baselines.clusters import clustered, pack_index, reduced, unpack_index
+from baselines.components import PROBED_TEXELS, probed
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout

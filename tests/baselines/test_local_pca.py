@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from baselines.clusters import unpack_index
 from baselines.local_pca import LocalPCA, local_components
 from baselines.pca import PCA
 from bench import hemisphere
@@ -63,8 +64,6 @@ def test_a_texel_is_decoded_by_its_own_cluster(tmp_path: Path) -> None:
     codec = LocalPCA(clusters=3, components=2, bits=32)
     parts = codec.encode(btf, Fit())
     material = stored(codec, btf, tmp_path)
-    from baselines.components import unpack_index
-
     label = unpack_index(parts.texture["clusters"], 144, int(parts.other["count"])).reshape(12, 12)
     table = parts.decoder["components"].numpy().reshape(25, 3, -1, 3)[7]
     known = np.concatenate([np.ones((12, 12, 1)), parts.texture["coefficients"].numpy()], 2)

@@ -1,0 +1,75 @@
+"""Clusters of texels, found by k-means among the principal components of their log ABRDFs, and their index."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.btf import BTF
+from bench.codec import Fit
+from bench.training import blocks, compress, expand, truncated_svd
+
+Array = np.ndarray
+BLOCK_BYTES = 64 << 20  # slices read together
+PASSES = 4  # passes over the data for the principal components
+CLUSTERING_BATCH = 4_096
+MOST_CODES = 65_536
+
+
+def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, Tensor, Array]:
+    """The texels in the space of the first principal components of their log ABRDFs, at true distances.
+
+    Returns the mean (3 · pairs,), the directions (3 · pairs, k) of that space, and the texels (H · W, k) in it.
+    """
+
+    def read(label: str) -> Iterator[Tensor]:
+        return blocks(btf, fit, label, gain, BLOCK_BYTES)
+
+    shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
+    factors = truncated_svd(read, shape, components, PASSES, fit.generator(), fit.device, fit.row_weights)
+    weighted = (
+        factors.basis if fit.row_weights is None else factors.basis * fit.row_weights.to(fit.device).sqrt()[:, None]
+    )
+    lengths = torch.linalg.vector_norm(weighted, dim=0)
+    points: Array = (factors.coefficients.T * lengths).cpu().numpy()
+    return factors.mean.cpu(), (factors.basis / lengths).cpu(), points
+
+
+def clustered(points: Array, codes: int, seed: int) -> Array:
+    """The cluster (n,) of each point (n, k); clusters are numbered without gaps.
+
+    With at most as many points as codes, each has its own cluster; points that are equal as halves share one.
+    """
+    from sklearn.cluster import MiniBatchKMeans
+
+    if codes == 1 or points.shape[1] == 0:
+        return np.zeros(len(points), np.int64)
+    step = 2.0**-12 * np.abs(points).max(initial=0) or 1.0
+    distinct, label = np.unique(np.round(points / step), axis=0, return_inverse=True)
+    if len(distinct) <= codes:
+        return label.reshape(-1)
+    means = MiniBatchKMeans(codes, batch_size=CLUSTERING_BATCH, n_init=3, random_state=seed % 2**32)
+    return np.unique(means.fit_predict(points), return_inverse=True)[1]
+
+
+def pack_index(label: Array, codes: int) -> Tensor:
+    """Labels (n,) below `codes` as bytes: the low eight bits of each, and the high ones if there are more."""
+    bits = _bits(codes)
+    return compress(torch.from_numpy(label)[:, None] >> 8 * torch.arange(len(bits)) & 255, bits)
+
+
+def _bits(codes: int) -> list[int]:
+    bits = max(1, (codes - 1).bit_length())
+    return [bits] if bits <= 8 else [8, bits - 8]
+
+
+def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
+    """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` if bytes are missing."""
+    if count < 1 or codes > MOST_CODES:
+        raise ValueError(f"an index of {count} texels and {codes} codes")
+    planes = expand(packed, (count, len(_bits(codes)))).long()
+    label = (planes << 8 * torch.arange(planes.shape[1])).sum(1)
+    if label.amax() >= codes:
+        raise ValueError(f"it has an index beyond the codebook of {codes}")
+    return label
