@@ -113,16 +113,17 @@ def in_turns(
     """Time calls that each answer `batch` samples, each between two floors of `size`, in random order."""
     floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
     order, clock = np.random.default_rng(0), clock_of(threads)
-    samples, beside = np.empty((TURNS, len(calls))), np.empty((TURNS, len(calls)))
+    samples, floors = np.empty((TURNS, len(calls))), np.empty((TURNS, len(calls) + 1))
+    ratios = np.empty_like(samples)
     with torch_threads(threads):
         everyone: list[Callable[[], Any]] = [floor, *calls.values()]
         floored, *timed = [
             calibrated(call, device, clock) for call in followed(show, everyone, "warming up", len(everyone))
         ]
         for turn in followed(show, range(TURNS), "timing decoders", TURNS):
-            before = floored()
-            for i in order.permutation(len(timed)):
-                samples[turn, i], after = timed[i](), floored()
-                beside[turn, i], before = (before + after) / 2, after
-    found = {name: Timing(samples[:, i] / batch, samples[:, i] / beside[:, i]) for i, name in enumerate(calls)}
-    return {FLOOR: Timing(beside.mean(1) / batch, np.ones(TURNS))} | found
+            floors[turn, 0] = floored()
+            for at, i in enumerate(order.permutation(len(timed))):
+                samples[turn, i], floors[turn, at + 1] = timed[i](), floored()
+                ratios[turn, i] = samples[turn, i] / floors[turn, at : at + 2].mean()
+    found = {name: Timing(samples[:, i] / batch, ratios[:, i]) for i, name in enumerate(calls)}
+    return {FLOOR: Timing(floors.mean(1) / batch, np.ones(TURNS))} | found

@@ -155,3 +155,7 @@ def test_the_roofline_bounds_a_sample_by_arithmetic_or_by_reads():
     measured = roofline(torch.device("cpu"), 1)
     assert 0.1 < measured["flops_per_ns"] < 1e5
     assert 0.1 < measured["bytes_per_ns"] < 1e4
+
+
+def test_the_floor_is_timed_alone_where_nobody_has_a_part():
+    assert list(in_turns({}, 1, (4, 4), 1, torch.device("cpu"))) == [FLOOR]

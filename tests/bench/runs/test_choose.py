@@ -10,12 +10,12 @@ from bench.runs.choose import parse_bytes, usable
 
 
 def row(name, psnr, size, ns, **more):
-    stats = {"pooled": psnr, "mean": psnr, "largest": 0.01, "slices": 9}
+    stats = {"pooled": psnr, "mean": psnr, "slices": 9}
     choice = {"label": name, "psnr": 0.0, "validation": stats, "bytes": size, "ns_per_sample": ns, "material": "m"}
     return choice | {"execution": "eager", "precision": "float32"} | more
 
 
-ROWS = [row("exact", None, 9000, 300.0), row("good", 36.0, 500, 100.0), row("fast", 33.0, 800, 20.0)]
+ROWS = [row("exact", 100.0, 9000, 300.0), row("good", 36.0, 500, 100.0), row("fast", 33.0, 800, 20.0)]
 RUNGS = usable(ROWS, "m")
 
 

@@ -16,7 +16,6 @@ from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
 from bench.material import DecoderCost
 from bench.records import append, load_run, load_trade
-from bench.records.choosing import scores
 from bench.runs import choose, trade
 from bench.runs.runner import Options, Outcome, run
 from bench.runs.suite import CodecSpec, Suite
@@ -366,7 +365,7 @@ def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_p
         trade.write(options.folder, trade.merged(one, result | {"choices": rows, "profiles": []}))
 
     monkeypatch.setattr("bench.runs.trade.run_and_measure", measure)
-    best = max(scores(choose.usable(result["choices"], "tiny")))
+    best = max(rung.score for rung in choose.usable(result["choices"], "tiny"))
     assert choosing(monkeypatch, tmp_path, min_psnr=1.0) == 0  # what is there meets it
     assert measured_materials == []
     assert choosing(monkeypatch, tmp_path, min_psnr=best - 0.01) == 0
