@@ -147,6 +147,7 @@ def test_it_comes_near_the_data(recipe: str) -> None:
     assert fit.history[-1]["psnr"] > 25
 
 
+@pytest.mark.long
 def test_the_offset_finds_what_moves_with_the_view() -> None:
     found = []
     for reduction in (0, 4):

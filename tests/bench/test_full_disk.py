@@ -37,6 +37,7 @@ def left(folder):
     return [path for path in folder.rglob("*") if ".partial" in path.name or path.name.endswith(".part")]
 
 
+@pytest.mark.long
 def test_each_command_says_one_line_and_leaves_nothing(tmp_path):
 
     assert cli.main(["encode", "btf", "--codec", "mean-colour", "-o", "a.nbtf"]) == 0

@@ -16,9 +16,9 @@ INPUTS = ["suites", "scenes", "demands", "records", "trades", "facts"]
 
 @pytest.mark.parametrize("name", [*CODECS, *READERS, *INPUTS])
 def test_bad_files_are_refused_or_read_and_nothing_else_is_raised(name, tmp_path):
-    found, _, first = fuzzing.attacked(TARGETS[name], range(12 if name in ("records", "trades") else 60), 7, tmp_path)
+    found, _, first = fuzzing.attacked(TARGETS[name], range(12 if name in ("records", "trades") else 20), 7, tmp_path)
     assert set(found) <= {fuzzing.READ, fuzzing.REFUSED}, first
-    assert found[fuzzing.REFUSED] > 3
+    assert found[fuzzing.REFUSED] > 1
 
 
 def test_every_reader_and_every_kind_of_file_is_attacked():

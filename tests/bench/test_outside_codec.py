@@ -47,6 +47,7 @@ def test_the_package_is_listed_with_its_description(installed):
     assert re.search(r"^  ptm +Polynomial texture map: a quadratic of the light a texel", listed, re.M)
 
 
+@pytest.mark.long
 def test_the_package_passes_the_conformance_test(installed):
     done = neubtf_bench(installed, "check", "ptm")
     assert done.returncode == 0, done.stdout

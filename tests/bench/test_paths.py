@@ -29,6 +29,7 @@ def small(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.long
 def test_a_student_comes_from_arrays_and_a_codec_to_a_table_of_latex(tmp_path, monkeypatch, capsys):
     exec(blocks(STUDENT, "python")[0], {})
     assert "<BTF mine: 8 × 8 texels, 33 pairs>" in capsys.readouterr().out

@@ -13,6 +13,7 @@ from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.check import CodecUnderTest, batches, counted, others, slices, tiny_btf, wraps
 
 COARSE = {32: 0.002, 16: 0.002, 8: 0.02}  # bits of a number, and how far the answers may be off
+SHORT = ("neubtf-direct", "pca", "relief")  # of the short tier
 BRIEF = {"steps": 3, "texels": 4, "pairs": 4, "batch": 64, "kept": 8, "components": 4}
 
 
@@ -43,7 +44,8 @@ def trained(codec, weights, folder):
 
 
 @pytest.mark.parametrize(
-    ("name", "precisions"), list(ladder()), ids=lambda value: value if isinstance(value, str) else ""
+    ("name", "precisions"),
+    [pytest.param(*each, id=each[0], marks=() if each[0] in SHORT else pytest.mark.long) for each in ladder()],
 )
 def test_every_precision_keeps_the_promises_and_answers_nearly_as_the_finest(name, precisions, tmp_path):
     answers = []

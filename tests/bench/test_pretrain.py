@@ -57,15 +57,3 @@ def test_pretrain_encode_info_and_decode(measured, tmp_path, capsys):
 def test_what_cannot_be_pretrained_is_explained(words, message, capsys):
     assert cli.main(words) == 2
     assert message in capsys.readouterr().err
-
-
-def test_the_table_of_parameters_needs_no_run_and_differs_nowhere_from_the_paper(capsys):
-    assert cli.main(["table", "parameters", "--format", "csv"]) == 0
-    header, *rows = capsys.readouterr().out.strip().splitlines()
-    assert header.startswith("method,codec,param. ours,param. paper,param. diff.")
-    methods = {"Biplane", "NeuBTF", "NeuMIP", "Rainer 2019", "Rainer 2020", "Triple plane", "Zeltner 2024 (code)"}
-    methods |= {"Hierarchical", "NeuralBTF"}
-    assert {row.split(",")[0] for row in rows} == methods
-    assert {row.split(",")[-1] for row in rows} == {"0"}
-    assert [row for row in rows if "3332,3332,0" in row]
-    assert [row for row in rows if "38269,38269,0,38,38,0" in row]

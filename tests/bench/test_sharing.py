@@ -4,6 +4,8 @@ import re
 import shlex
 from pathlib import Path
 
+import pytest
+
 from bench import cli
 from bench.codecs import outside_codecs
 from tests.bench.outside import install
@@ -17,6 +19,7 @@ class Mine(MeanColour):
 """
 
 
+@pytest.mark.long
 def test_a_codec_of_one_s_own_stands_beside_the_published_records(tmp_path, monkeypatch, capsys):
     page = (ROOT / "docs" / "sharing.md").read_text(encoding="utf-8")
     block = next(block for block in re.findall(r"^```\n(.*?)^```$", page, re.M | re.S) if "table summary" in block)

@@ -21,7 +21,7 @@ from bench.threads import torch_threads
 
 # Fits of the catalogue are short: those of these settings that a codec has are lowered to these values. `check` fits
 # with the settings that it is given.
-SHORT = {"steps": 200, "batch": 1024, "texels": 16}
+SHORT = {"steps": 200, "batch": 256, "texels": 16}
 
 
 @dataclass(frozen=True)

@@ -96,14 +96,21 @@ def test_a_changed_program_is_not_answered_from_earlier_files(tmp_path):
     ("programs", "why"),
     [
         ({"encode": "import sys; sys.exit('no licence')"}, "ended with code 1: no licence"),
-        ({"encode": "pass"}, "wrote no file into {files}"),
-        ({"encode": "import os, sys; os.mkdir(sys.argv[2] + '/inner')"}, "inner in {files} is not a regular file"),
-        ({"decode": "raise SystemExit('no licence')"}, "ended without an answer: no licence"),
+        pytest.param({"encode": "pass"}, "wrote no file into {files}", marks=pytest.mark.long),
+        pytest.param(
+            {"encode": "import os, sys; os.mkdir(sys.argv[2] + '/inner')"},
+            "inner in {files} is not a regular file",
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            {"decode": "raise SystemExit('no licence')"}, "ended without an answer: no licence", marks=pytest.mark.long
+        ),
         ({"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns, :2]")}, "instead of"),
         ({"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns] / 0.0")}, "finite"),
-        (
+        pytest.param(
             {"decode": DECODE.replace("np.save(answers", "open(answers, 'w').write('text'), (lambda *_: 0)(answers")},
             "read",
+            marks=pytest.mark.long,
         ),
     ],
 )

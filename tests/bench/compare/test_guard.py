@@ -217,6 +217,7 @@ def test_a_fault_that_was_planted_in_the_fits_of_one_codec_is_caught(tmp_path, f
     assert compare(base, written(tmp_path / "new.jsonl", jobs(rows))).exit_code == 1
 
 
+@pytest.mark.long
 def test_a_shift_by_a_quarter_of_a_texel_is_caught(tmp_path, monkeypatch):
     """In the decoder of a codec that does not draw, from encoding to verdict."""
     data = Preparation(size=16, views=6, lights=6, heldout=8, split="validation")

@@ -40,8 +40,10 @@ OURS = [
     ),
 ]
 
+SLOW = ("hierarchical", "neuralbtf")  # their steps take longest
 
-@pytest.mark.parametrize("name", OURS)
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.long if name in SLOW else ()) for name in OURS])
 def test_our_codecs_keep_every_promise(name, monkeypatch):
     # The extremes are tried on every codec by the stress test, where they have a table of their own.
     learned = name not in ("mean-colour", "table", "pca")

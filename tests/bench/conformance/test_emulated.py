@@ -21,6 +21,7 @@ from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import CHUNK, DecoderCost, Material
 from bench.training import Architecture, Decoder, fitting, optimiser
+from tests.tiers import short_for
 
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 CODECS = sorted(PROJECT["entry-points"]["neubtf_bench.codecs"])
@@ -72,7 +73,7 @@ def material_for(name: str) -> BTF:
     return load("cable-knit", 16, views=9, lights=5, heldout=0) if name == "relief" else tiny_btf()
 
 
-@pytest.mark.parametrize("name", CODECS)
+@pytest.mark.parametrize("name", short_for(CODECS, "bcf", "neubtf-direct", "pca", "rainer2020", "relief"))
 def test_a_codec_fits_and_answers_on_a_gpu_as_on_the_cpu(
     name: str, gpu: torch.device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -127,7 +128,7 @@ MOST = {
 }
 
 
-@pytest.mark.parametrize("name", MOST)
+@pytest.mark.parametrize("name", short_for(MOST, "neubtf-direct", "pca"))
 def test_kernels_waits_and_bytes_do_not_grow(
     name: str, gpu: torch.device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

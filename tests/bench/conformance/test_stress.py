@@ -21,11 +21,12 @@ from bench.material import Material
 from bench.records import load_run
 from bench.training.fitting import DivergedError
 from bench.training.quantise import unpack
+from tests.tiers import short_for
 
 CASES = {case.name: case for case in stress.CASES}
 
 
-@pytest.mark.parametrize("name", ["mean-colour", "pca", "neubtf-direct"])
+@pytest.mark.parametrize("name", short_for(["mean-colour", "pca", "neubtf-direct"], "mean-colour"))
 def test_our_codecs_survive_the_cheap_part(name, tmp_path):
     subject = subject_of(load_codec(name), tmp_path)
     verdicts = {case.name: stress.judge(case, subject) for case in stress.CASES if case.cheap}

@@ -118,6 +118,7 @@ def test_a_codec_that_ends_its_process_in_the_fit_is_a_failed_job_and_the_others
         assert why in jobs[name]["error"]
 
 
+@pytest.mark.long
 def test_a_codec_that_ends_its_process_when_it_is_imported_or_made_is_a_failed_job():
     codecs = ("import-exit", "import-end", "import-error", "settings", "mean-colour")
     chosen = [word for codec in codecs for word in ("--codec", codec)]
@@ -160,6 +161,7 @@ def test_a_job_that_takes_too_long_has_failed_and_the_next_has_a_worker():
     assert cli.main(["run", "--max-seconds", "0", "--material", "btf", "--codec", "mean-colour", "--out", "x"]) == 2
 
 
+@pytest.mark.long
 def test_a_codec_of_another_distribution_runs_on_a_cluster_as_documented(tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "site"), *sys.path]))
@@ -217,6 +219,7 @@ def test_settings_of_the_process_are_put_back_whatever_ends_the_block(tmp_path):
     assert random.getstate() == drawn[2]
 
 
+@pytest.mark.long
 def test_one_that_ends_the_process_that_times_it_costs_the_others_no_timing(tmp_path, monkeypatch, caplog):
     jobs = ran("leaves", "mean-colour")
     assert {timing["job"] for timing in load_run("run").timings} == {job["job"] for job in jobs.values()}
@@ -243,7 +246,9 @@ sys.exit(main(["run", "quick", *words]))
 """
 
 
-@pytest.mark.parametrize(("how", "code", "done"), [("os.abort()", -6, 1), ("sys.exit(0)", 3, 2)])
+@pytest.mark.parametrize(
+    ("how", "code", "done"), [("os.abort()", -6, 1), pytest.param("sys.exit(0)", 3, 2, marks=pytest.mark.long)]
+)
 def test_a_codec_of_this_suite_that_ends_its_process_is_no_success_and_the_same_command_goes_on(how, code, done):
     """They run in the process of the suite: a crash ends it, and what is finished is kept."""
     command = [sys.executable, "-c", OURS.format(how=how, armed=True)]

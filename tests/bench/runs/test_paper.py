@@ -11,7 +11,7 @@ from bench.btf import BTF, ArraySource
 from bench.hemisphere import ubo2014
 
 FILE = "UBO2014/fabric01_resampled_W400xH400_L151xV151.btf"
-FEW = ["data.pairs=64", "neubtf.steps=4", "neubtf.batch=64", "neumip.steps=4", "neumip.batch=64", "rainer2019.steps=4"]
+FEW = ["data.pairs=64", "neubtf.steps=4", "neubtf.batch=64"]
 
 
 def fabric(path: Path) -> BTF:
@@ -35,8 +35,9 @@ def test_its_tables_are_made_of_a_file_that_is_there_and_say_what_is_not(
     monkeypatch.setenv("NEUBTF_DATA", str(tmp_path))
     assert len(fabric(tmp_path / FILE)) == 151 * 151
     out = tmp_path / "run"
-    words = ["run", "paper", "--out", str(out), "--codec", "neubtf", "--codec", "neumip", "--codec", "rainer2019"]
-    code = cli.main([*words, "--codec", "pca", *(word for change in FEW for word in ("--set", change))])
+    monkeypatch.setattr("bench.timing.TURNS", 3)
+    words = ["run", "paper", "--out", str(out), "--codec", "neubtf", "--codec", "pca"]
+    code = cli.main([*words, *(word for change in FEW for word in ("--set", change))])
     assert code == 0, capsys.readouterr()
     capsys.readouterr()
     assert cli.main(["table", "paper", str(out), "--format", "markdown"]) == 0
@@ -50,5 +51,3 @@ def test_its_tables_are_made_of_a_file_that_is_there_and_say_what_is_not(
     assert ours[1::2] == ["26.58 ± 1.820", "0.710 ± 0.108", "0.391 ± 0.047"]
     assert {material for material, _ in cells_of} >= {"fabric01", "fabric03", "ceramic", "embroidery"}
     assert all(cells[0] == "none yet" for (material, _), cells in cells_of.items() if material == "ceramic")
-    assert cli.main(["table", "parameters", str(out)]) == 0
-    assert capsys.readouterr().out.count("3,011") >= 2

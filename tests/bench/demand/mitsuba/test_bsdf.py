@@ -13,6 +13,7 @@ from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
 from bench.demand.mitsuba.lobes import NAME, Lobe
 from bench.errors import InputError
+from tests.tiers import short_for
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
 pytestmark = pytest.mark.usefixtures("plugin")
@@ -116,7 +117,7 @@ def sampled(file):
     return path
 
 
-@pytest.mark.parametrize("kind", ["file", "sampled"])
+@pytest.mark.parametrize("kind", short_for(["file", "sampled"], "file"))
 def test_directions_are_drawn_as_the_density_says(kind, request):
     name = request.getfixturevalue(kind)
     sample, pdf = mi.chi2.BSDFAdapter("neubtf", f'<string name="filename" value="{name}"/>')

@@ -15,6 +15,7 @@ from bench.conformance.stress.case import subject_of
 from bench.data import materials
 from bench.demand.mitsuba.lobes import NAME, Lobe, fitted, noise
 from bench.hemisphere import uniform
+from tests.tiers import short_for
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
 dr = pytest.importorskip("drjit")
@@ -77,12 +78,12 @@ def busiest(lobes):
     return (col + 0.5) / share.shape[1], 1 - (row + 0.5) / share.shape[0]
 
 
-@pytest.mark.parametrize("codec", [pytest.param(n, marks=() if n == "pca" else pytest.mark.long) for n in CODECS])
+@pytest.mark.parametrize("codec", short_for(CODECS, "mean-colour"))
 def test_chi_square(codec, tmp_path, record_property, request):
     subject = subject_of(load_codec(codec), tmp_path)
     short = {"steps": 10} if subject.fits else {}
     names = sorted(materials.names())
-    if request.config.getoption("-m") == "short":
+    if request.config.getoption("-m") == "not long":
         names = ["leather"]
     for name in names:
         decoded = subject.encode(opened(name), **short).material
@@ -93,22 +94,22 @@ def test_chi_square(codec, tmp_path, record_property, request):
         record_property(f"largest albedo of {name}", noise(decoded, lobes.float(), lights=256).largest_albedo)
 
 
-@pytest.mark.parametrize(
-    "codec",
-    [
-        "mean-colour",
-        "hsh",
-        "neumip",
-        "neuralbtf",
-        "neubtf-direct",
-        "relief",
-        "bcf",
-        "rainer2019",
-        "zeltner2024",
-        "ntc",
-        "triple-plane",
-    ],
-)
+FITTED = [
+    "mean-colour",
+    "hsh",
+    "neumip",
+    "neuralbtf",
+    "neubtf-direct",
+    "relief",
+    "bcf",
+    "rainer2019",
+    "zeltner2024",
+    "ntc",
+    "triple-plane",
+]
+
+
+@pytest.mark.parametrize("codec", short_for(FITTED, "neubtf-direct", "relief"))
 def test_a_weight_is_the_answer_over_the_density(codec, tmp_path):
     subject, count = subject_of(load_codec(codec), tmp_path), 2000
     decoded = subject.encode(opened("satin"), **({"steps": 10} if subject.fits else {})).material

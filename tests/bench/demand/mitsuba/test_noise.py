@@ -27,6 +27,7 @@ def measured(file, lobes, samples, **more):
     return noise.reached(file, lobes, picture=picture, **more)
 
 
+@pytest.mark.long
 def test_as_many_samples_reach_the_noise_that_is_stated(file, monkeypatch):
     """A picture of the stated number of samples a pixel has that noise."""
     from bench.demand.mitsuba import noise
@@ -41,6 +42,7 @@ def test_as_many_samples_reach_the_noise_that_is_stated(file, monkeypatch):
     assert spread == pytest.approx(0.2, rel=0.15)  # of 24 pictures of 36 pixels, some of which are far noisier
 
 
+@pytest.mark.long
 def test_each_way_to_draw_is_measured_for_itself(file):
     cosine, lobes, again = measured(file, [None, NARROW, None], 16)
     assert cosine.samples == again.samples
