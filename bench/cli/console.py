@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bench.btf import BTF
     from bench.data.portrait import Look
     from bench.material import Material
-    from bench.runs.runner import Outcome
+    from bench.runs.job import Outcome
 
 
 class _TimeLeft(ProgressColumn):

@@ -10,6 +10,7 @@ import shlex
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from bench import atomic, records
@@ -24,8 +25,7 @@ from bench.errors import InputError
 from bench.records import FILE, NAMES, Record, Run, kept
 from bench.runs import claims
 from bench.runs.evaluation import evaluate, score_key
-from bench.runs.job import machine, stamp
-from bench.runs.job_folder import JobFolder
+from bench.runs.job import keep, machine, stamp
 from bench.runs.provenance import provenance
 from bench.runs.suite import CodecSpec
 from bench.runs.task import Task
@@ -200,15 +200,15 @@ def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progre
         return Verdict(job["job"], DIFFERS, f"the file is of codec {header.codec}")
     if names := list(claims.misnamed(job, header)):
         return Verdict(job["job"], DIFFERS, "; ".join(names))
-    job_folder = JobFolder(out, of_run=True)
-    measured = evaluate(bench, loaded, 1, job_folder.keep, show)
+    measured = evaluate(bench, loaded, 1, partial(keep, out), show)
     measured |= {"score_key": score_key(bench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
     measured["verified"] = True
     fit = {"codec": header.codec, "version": header.version, "settings": header.settings}
     fit |= {"store": job["fit_key"]["store"]} if "store" in job["fit_key"] else {}  # no file says it
     fit |= {"training": bench.training.fingerprint} | ({"shared": header.network} if header.network else {})
     record = kept(job, NAMES) | {"split": split, "fit_key": fit} | measured
-    record["file"] = f"files/{job_folder.put(f'files/{file.name}', file.read_bytes()).name}"
+    record["file"] = f"files/{file.name}"
+    atomic.write(out / record["file"], file.read_bytes())
     reasons = list(claims.differences(job, record))
     records.append(out, record)
     more = f" and {len(reasons) - SHOWN} more" if len(reasons) > SHOWN else ""

@@ -11,7 +11,7 @@ import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, InvalidStateError, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -36,7 +36,7 @@ class Workers:
     executor: Executor
     at_once: int
     here: bool = False  # jobs run in the calling thread, and can show their progress
-    seats: Callable[[], int] | None = None  # how many jobs run side by side now; None: `at_once`
+    everywhere: Callable[..., dict[str, Any]] | None = None  # calls a function on all workers; its answers by worker
 
 
 @contextmanager
@@ -85,17 +85,10 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
     try:
         _require_package(client)
         # Enough for a cluster that scales with the number of waiting jobs.
-        yield Workers(executor, 1000, seats=partial(_threads_of, client))
+        yield Workers(executor, 1000, everywhere=partial(client.run, on_error="ignore"))
     finally:
         executor.shutdown(wait=False)
         client.close()
-
-
-def _threads_of(client: Any) -> int:
-    """Threads of all present workers; 1 if there are none, or the scheduler does not answer."""
-    with suppress(OSError):
-        return max(1, sum(client.nthreads().values()))
-    return 1
 
 
 def _require_package(client: Any) -> None:
@@ -134,6 +127,7 @@ class Processes(Executor):
     def __init__(self, count: int, threads: int, gpus: Sequence[dict[str, str]] = (), limit: float | None = None):
         self.threads, self.gpus, self.limit = threads, gpus, limit
         self.pools: dict[int, tuple[ProcessPoolExecutor, Connection]] = {}
+        self.watchers = ThreadPoolExecutor(count)
         self.free: queue.SimpleQueue[int] = queue.SimpleQueue()
         for seat in range(count):
             self.free.put(seat)
@@ -148,40 +142,24 @@ class Processes(Executor):
         pool = self.pools[seat][0]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
         with handling(signal.SIGINT, signal.SIG_IGN):
-            process = pool.submit(os.getpid) if self.limit else None
-            inner = pool.submit(fn, *args, **kwargs)
-        outer: Future[T] = Future()
-        outer.set_running_or_notify_cancel()
-        timer = self._timer(process, outer) if process else None
-        inner.add_done_callback(lambda ended: self._leave(seat, ended, outer, timer))
-        return outer
+            process = pool.submit(os.getpid)
+            job = pool.submit(fn, *args, **kwargs)
+        return self.watchers.submit(self._watch, seat, process, job)
 
-    def _timer(self, process: Future[int], outer: Future[Any]) -> threading.Timer:
-        """A timer that ends the worker process when the job exceeds its time limit."""
-
-        def end() -> None:
-            with suppress(InvalidStateError):
-                outer.set_exception(OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)"))
-                with suppress(BrokenExecutor, OSError):
-                    os.kill(process.result(), signal.SIGKILL)
-
-        timer = threading.Timer(self.limit or 0, end)
-        timer.daemon = True
-        process.add_done_callback(lambda _: timer.start())  # the time to start the process does not count
-        return timer
-
-    def _leave(self, seat: int, ended: Future[Any], outer: Future[Any], timer: threading.Timer | None) -> None:
-        if timer:
-            timer.cancel()
-        error = CancelledError() if ended.cancelled() else ended.exception()
-        if error is not None and not ended.cancelled():
-            self._end(seat, wait=False)  # it may have died
-        with suppress(InvalidStateError):  # the timer has already set an error
-            if error is None:
-                outer.set_result(ended.result())
-            else:
-                outer.set_exception(error)
-        self.free.put(seat)
+    def _watch(self, seat: int, process: Future[int], job: Future[T]) -> T:
+        """The result of a job; ends its process if the job failed, because the process may have died, or is late."""
+        try:
+            number = process.result()  # the time to start the process does not count
+            if wait([job], self.limit).not_done:
+                with suppress(ProcessLookupError):
+                    os.kill(number, signal.SIGKILL)
+                raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)")
+            return job.result()
+        except BaseException:
+            self._end(seat, wait=False)
+            raise
+        finally:
+            self.free.put(seat)
 
     def _end(self, seat: int, wait: bool) -> None:
         if entry := self.pools.pop(seat, None):
@@ -193,6 +171,7 @@ class Processes(Executor):
         """End every worker, even one that runs a job."""
         for seat in list(self.pools):
             self._end(seat, wait)
+        self.watchers.shutdown(wait)
 
 
 def _prepare(threads: int, gpu: dict[str, str], leash: Connection) -> None:

@@ -8,7 +8,6 @@ decodes and scores. A job is not scored again if a record has its score key. Fil
 contain no time and no place, so the same job may run twice, even at the same time.
 """
 
-import dataclasses
 import errno
 import hashlib
 import json
@@ -16,12 +15,13 @@ import logging
 import platform
 import re
 import traceback
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from bench import atomic
@@ -34,10 +34,10 @@ from bench.devices import is_gpu
 from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.records import Record, fields
 from bench.records.schema import Facts
+from bench.runs import lock
 from bench.runs.drawing import sparse_truth
-from bench.runs.evaluation import drawing, evaluate, score_key
+from bench.runs.evaluation import Keep, drawing, evaluate, score_key
 from bench.runs.identity import identity
-from bench.runs.job_folder import JobFolder
 from bench.runs.process_state import restored_process_state
 from bench.runs.provenance import processor, revision
 from bench.runs.task import Task
@@ -52,23 +52,12 @@ FACTS = ".fit.json"  # beside a codec file
 
 
 @dataclass(frozen=True)
-class Result:
-    """The answer of a job that made a new record."""
+class Outcome:
+    """A job's record, and what was reused from earlier runs: "" (nothing), "file" or "record"."""
 
     record: Record
-    cached: str = ""  # what existed already: "" (nothing) or "file"
-    files: dict[str, bytes] = field(default_factory=dict)  # for the run's folder, if the worker cannot write there
-
-
-class Stands:
-    """The answer of a job whose earlier record still holds."""
-
-
-class WantsFiles:
-    """The answer of a job that needs the files of the earlier record's fit: submit it again with them."""
-
-
-Answer = Result | Stands | WantsFiles
+    cached: str = ""
+    progress: str = ""  # the progress of the run after it, in words
 
 
 def seed_of(*parts: object) -> int:
@@ -76,31 +65,29 @@ def seed_of(*parts: object) -> int:
     return int.from_bytes(hashlib.sha256("\n".join(map(str, parts)).encode()).digest()[:8], "big") >> 1
 
 
-def work(task: Task, show: Progress = silent) -> Answer:
+def work(task: Task, show: Progress = silent) -> Outcome:
     """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`."""
+    if not lock.reaches(task.folder, task.run):
+        raise lock.unseen(task.folder, f"on {platform.node()}")
     try:
         with workbench(task, show) as bench, restored_process_state():
             return Job(task, bench, lambda label, done, total: show(f"{task.name}: {label}", done, total)).run()
     except MissingDataError as error:
-        return Result(task.base | {"status": "unavailable", "error": str(error)})
+        return Outcome(task.base | {"status": "unavailable", "error": str(error)})
     except OSError as error:  # while opening the material: the cache has no room, which is not the job's fault
         _raise_where_no_job_can_help(error)
         raise
 
 
-def failed(task: Task, error: str, more: Record | None = None) -> Result:
-    """The result of a job that failed."""
-    return Result(task.base | {"status": "failed", "error": error} | (more or {}))
+def failed(task: Task, error: str, more: Record | None = None) -> Outcome:
+    """The outcome of a job that failed."""
+    return Outcome(task.base | {"status": "failed", "error": error} | (more or {}))
 
 
 def attributed(task: Task, error: str) -> str:
     """An error, prefixed with codec and distribution if the codec comes from another distribution."""
     name = task.codec.codec
     return f"{called(codec_entries()[name])}: {error}" if from_outside(name) else error
-
-
-class _WantedError(Exception):
-    """This worker needs the files of the earlier record's fit and does not have them."""
 
 
 @dataclass
@@ -124,10 +111,9 @@ class Job:
         """The network that the codec shares over materials; its file lies beside the codec files that name it."""
         if self.codec.network is None:
             return None
-        if self.task.network is None:
+        if not self.task.network:
             raise shared.missing(self.codec.name)
-        name, content = self.task.network
-        return shared.find(self.codec.name, self.folder.put(f"files/{name}", content))
+        return shared.find(self.codec.name, self.task.folder / self.task.network)
 
     @cached_property
     def fit_key(self) -> dict[str, Any]:
@@ -155,29 +141,25 @@ class Job:
         digest = hashlib.sha256(json.dumps(self.fit_key, sort_keys=True).encode()).hexdigest()
         return f"files/{re.sub('[^A-Za-z0-9.=_-]+', '-', self.task.name)}-{digest[:12]}{container.SUFFIX}"
 
-    @cached_property
-    def folder(self) -> JobFolder:
-        return JobFolder.reachable(self.task.folder, self.task.run, self.task.fresh)
-
     @property
     def checkpoint(self) -> Path:
-        return (self.folder.path / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
+        return (self.task.folder / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
 
-    def run(self) -> Answer:
-        """Encode, decode, score and record, or find that this is done. `MissingDataError` if data are missing."""
+    @property
+    def keep(self) -> Keep:
+        return partial(keep, self.task.folder)
+
+    def run(self) -> Outcome:
+        """Encode, decode and score, or find that this is done. `MissingDataError` if data are missing."""
         try:
-            result = self._result(self.task.earlier or {})
-        except _WantedError:
-            return WantsFiles()
+            return self._outcome(self.task.earlier or {})
         except (MissingDataError, KeyboardInterrupt):
             raise
         except BaseException as error:  # errors, even `sys.exit`, are recorded and shown, and decide the exit code
             _raise_where_no_job_can_help(error)
-            result = self._failed(error)
-        files = self.folder.parcel()
-        return dataclasses.replace(result, files=files) if result else Stands()
+            return self._failed(error)
 
-    def _failed(self, error: BaseException) -> Result:
+    def _failed(self, error: BaseException) -> Outcome:
         more = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
         try:
             self.checkpoint.unlink(missing_ok=True)  # before the next try, the code that wrote it may be fixed
@@ -189,32 +171,31 @@ class Job:
         )
         return failed(self.task, text, more)
 
-    def _result(self, earlier: Record) -> Result | None:
-        """The result of the job, without its files; None if the earlier record holds."""
+    def _outcome(self, earlier: Record) -> Outcome:
         if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
-            return None
+            return Outcome(earlier, "record")
         header, fit = self._file()
         key = score_key(self.bench, header)
         if earlier.get("score_key") == key:
-            return None
+            return Outcome(earlier, "record")
         record = self.task.base | {"fit_key": self.fit_key, "machine": machine()} | fit
         record |= {"status": "ok", "score_key": key, "file": self.file, "scored": stamp()} | self._scored(header)
-        return Result(record, "file" if fit["fit_cached"] else "")
+        return Outcome(record, "file" if fit["fit_cached"] else "")
 
     def _scored(self, header: container.Header) -> Record:
         file = loading.load(header.path, self.task.device, self.network)
-        scores = evaluate(self.bench, file, self.task.threads, self.folder.keep, self.show)
+        scores = evaluate(self.bench, file, self.task.threads, self.keep, self.show)
         if self.task.repetition:  # only the first seed has pictures
             return scores
         if is_gpu(self.task.device):
             file = loading.load(header.path, "cpu", self.network)
         self._keep_truth()
-        return scores | drawing(file, self.folder.keep)
+        return scores | drawing(file, self.keep)
 
     def _keep_truth(self) -> None:
         """Store the truth that a page draws live, once for each material."""
         name = f"drawings/truth-{self.bench.btf.fingerprint[:16]}.npz"
-        if (self.folder.path / name).exists():
+        if (self.task.folder / name).exists():
             return
         try:
             program = sparse_truth(self.bench.btf)
@@ -222,20 +203,17 @@ class Job:
             log.warning("%s: its truth is not drawn: %s", self.bench.btf.name, error)
             return
         if program:
-            self.folder.keep(name, program.arrays())
+            self.keep(name, program.arrays())
 
     def _file(self) -> tuple[container.Header, Record]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""
-        path = self.folder.path / self.file
-        if not self.task.fresh:
-            self._fetch(path)
-            if path.exists() and (stored := self._stored(path)):
-                return stored
+        path = self.task.folder / self.file
+        if not self.task.fresh and path.exists() and (stored := self._stored(path)):
+            return stored
         facts, parts = self._encode()
         header = container.save(path, self.codec, parts)
-        self.folder.written.append(self.file)
         facts |= {"fit_key": self.fit_key, "sha256": header.sha256, "fitted": stamp()}
-        self.folder.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # a file without its facts is never reused
+        self.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # a file without its facts is never reused
         self.checkpoint.unlink(missing_ok=True)
         return header, _facts_of_record(facts) | {"fit_cached": False}
 
@@ -255,16 +233,6 @@ class Job:
         log.warning("%s is fitted again: %s is not the file that was fitted for it", self.task.name, path)
         return None
 
-    def _fetch(self, path: Path) -> None:
-        """Store the sent files of the earlier record here, if it has this fit key and the run's folder is remote."""
-        same = self.task.earlier and self.task.earlier.get("fit_key") == self.fit_key
-        if self.folder.of_run or path.exists() or not same:
-            return
-        if not self.task.sent:
-            raise _WantedError
-        for name, content in self.task.sent.items():
-            self.folder.put(name, content)
-
     def _encode(self) -> tuple[Record, Parts]:
         """Fit the codec; returns the facts of the fit (processor seconds and curve) and the encoded parts."""
         device, threads = torch.device(self.task.device), self.task.threads
@@ -282,6 +250,17 @@ class Job:
 def _facts_of_record(facts: Record) -> Record:
     """The facts of a fit that the record holds. They are not in the file, so that its bytes do not change."""
     return {name: facts[name] for name in ("fit_seconds", "history", "fitted") if name in facts}
+
+
+def keep(folder: Path, name: str, content: dict[str, Any]) -> str:
+    """Store content that is too large for a record in a run's folder, as .npz or .json; returns the name."""
+    with atomic.replacing(folder / name) as partial_file:
+        if name.endswith(".json"):
+            partial_file.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+        else:
+            with open(partial_file, "wb") as file:
+                np.savez_compressed(file, **content)
+    return name
 
 
 def stamp() -> Record:

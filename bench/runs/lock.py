@@ -51,8 +51,16 @@ def locked(folder: Path, run: str) -> Iterator[None]:
 
 
 def reaches(folder: Path, run: str) -> bool:
-    """Whether this process can write in the locked folder of a run; on another machine it may be unable to."""
+    """Whether this process sees the locked folder of a run and may write there. Workers of a cluster may not."""
     return _holder(folder / FILE).get("run") == run and os.access(folder, os.W_OK)
+
+
+def unseen(folder: Path, worker: str) -> InputError:
+    """The error of a worker that `reaches` refuses."""
+    return InputError(
+        f"{folder}: not seen by the worker {worker}, or not writable there: put --out on a file system that every "
+        "worker sees"
+    )
 
 
 def _is_ours(folder: Path, run: str) -> bool:

@@ -1,6 +1,6 @@
 """One cell of a suite as a worker gets it: plain data."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from bench.data.spec import MaterialSpec, Preparation
@@ -27,9 +27,8 @@ class Task:
     device: str = "cpu"
     scorers: int | None = None  # threads that score; None: one a core
     fresh: bool = False
-    earlier: Record | None = None  # status and keys of the job's latest record
-    sent: dict[str, bytes] = field(default_factory=dict)  # the files of that record's fit, if the worker asked for them
-    network: tuple[str, bytes] | None = None  # the file that the codec shares over materials, and its name in files/
+    earlier: Record | None = None  # the job's latest record, if it may still hold
+    network: str = ""  # the file, in the run's folder, of the network that the codec shares over materials
     losses: int = 0  # workers that died while they ran this job
 
     @property

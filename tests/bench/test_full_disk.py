@@ -13,6 +13,7 @@ from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
 from bench.errors import InputError
 from bench.runs import job
+from bench.runs.lock import locked
 
 # Files of more than 300 bytes are refused to a process with this limit, as on a full disk.
 LIMITED = """
@@ -83,7 +84,7 @@ def test_a_cache_that_may_not_be_written_is_no_failure_of_a_job(tmp_path, monkey
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(tmp_path / "cache" / "scratch" / "a.npy"))
 
     monkeypatch.setattr(job, "workbench", denied)
-    with pytest.raises(InputError, match=r"a.npy: cannot be written"):
+    with locked(tmp_path, "run"), pytest.raises(InputError, match=r"a.npy: cannot be written"):
         job.work(task_of(tmp_path))
 
 

@@ -463,7 +463,7 @@ def job() -> Any:
 
 def attack_facts(sample: Path, scratch: Path, rng: random.Random) -> Reading:
     made = job()
-    origin = made.folder.path / made.file
+    origin = made.task.folder / made.file
     facts = json.loads(origin.with_suffix(".fit.json").read_text())
     facts["history"] = [{"step": 1, "seconds": 0.5, "psnr": 20.0}]
     path = scratch / origin.name

@@ -135,7 +135,7 @@ def _measure(
     with Console() as console:
         several = f"{len(missing)} of {len(suite.codecs)} settings of {suite.name}"
         console.say(f"{suite.materials[0].name}: {several} are not in {folder}: fitted, scored and timed first")
-        say = lambda estimate: console.say(f"{estimate}; scoring and timing come on top")  # noqa: E731
         device, seats = usable_device(options.device), workers(options.jobs, suite.threads, options.device)
-        run_and_measure(suite, Options(folder, device, show=console.show, say=say, workers=seats), console.ended)
+        run_options = Options(folder, device, show=console.show, say=console.say, workers=seats)
+        run_and_measure(suite, run_options, console.ended)
     return _measured(folder, suite, device)

@@ -219,16 +219,6 @@ def test_a_record_has_two_sizes_and_its_run_decodes_without_the_place_of_network
 
 
 @pytest.mark.usefixtures("tiny")
-def test_a_worker_that_cannot_reach_the_run_s_folder_is_told_the_network(tmp_path, monkeypatch):
-    network = make()
-    monkeypatch.setattr("bench.runs.lock.reaches", lambda folder, run: False)
-    record = job(tmp_path / "run")
-    assert record["fit_key"]["shared"] == network.sha256
-    network.path.unlink()
-    loading.load(tmp_path / "run" / record["file"])
-
-
-@pytest.mark.usefixtures("tiny")
 def test_another_network_is_another_file(tmp_path):
     make()
     first = job(tmp_path / "run")

@@ -271,12 +271,6 @@ def through(executor, at_once=1):
     return {"workers": lambda: nullcontext(Workers(executor, at_once))}
 
 
-def contents(folder):
-    """Bytes of every file of a run by name, without what says how long a fit took, and without records."""
-    files = (path for path in folder.glob("*/*") if not path.name.endswith(".fit.json"))
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
-
-
 def test_a_job_that_lost_its_worker_is_started_again_and_the_third_time_fails_alone(tmp_path, caplog):
     once = Elsewhere(lambda task: task.codec.codec == "pca" and not task.losses)
     assert [o.record["status"] for o in outcomes(tmp_path / "once", **through(once))] == ["ok", "ok"]
@@ -313,22 +307,32 @@ def test_jobs_stand_in_the_order_of_the_suite_in_whatever_order_they_end(tmp_pat
     assert len(lines) == 5
 
 
-def test_a_worker_out_of_reach_of_the_folder_sends_its_files_and_is_sent_them(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    outcomes(tmp_path / "near")
-    monkeypatch.setattr("bench.runs.lock.reaches", lambda folder, run: False)
-    far = tmp_path / "far"
-    outcomes(far, **through(Elsewhere()))
-    assert contents(far) == contents(tmp_path / "near")
-    assert len(list(far.glob("files/*.fit.json"))) == 2
-    elsewhere = Elsewhere()
-    assert [o.cached for o in outcomes(far, **through(elsewhere))] == ["record", "record"]
-    assert [len(task.sent) for task in elsewhere.calls] == [0, 2, 0, 2]
-    monkeypatch.setattr("bench.runs.evaluation.get_metric", lambda name: replace(get(name), version=99))
-    again = outcomes(far, **through(Elsewhere()))
-    assert [o.cached for o in again] == ["file", "file"]
-    assert all(o.record["fit_seconds"] > 0 for o in again)
-    assert [path for path in (tmp_path / "cache").rglob("*") if path.is_file()] == []
+def test_workers_that_do_not_see_the_folder_are_refused_before_any_job(tmp_path):
+    def everywhere(function, *arguments):
+        return {"tcp://near:1": function(*arguments), "tcp://far:1": False}
+
+    executor = Elsewhere()
+    workers = Workers(executor, 1000, everywhere=everywhere)
+    with pytest.raises(InputError, match=r"run: not seen by the worker tcp://far:1, .*put --out on a file system"):
+        outcomes(tmp_path / "run", workers=lambda: nullcontext(workers))
+    assert executor.calls == []
+    assert not list((tmp_path / "run").iterdir())
+
+
+def test_a_worker_that_joins_later_and_does_not_see_the_folder_stops_the_run_and_what_is_done_is_kept(tmp_path):
+    class Late(Elsewhere):
+        """The second job runs on a worker that sees another folder of that name."""
+
+        def submit(self, fn, /, *args, **kwargs):
+            if not self.calls:
+                return super().submit(fn, *args)
+            (tmp_path / "elsewhere").mkdir()
+            return super().submit(fn, replace(args[0], folder=tmp_path / "elsewhere"))
+
+    with pytest.raises(InputError, match=r"elsewhere: not seen by the worker on .*put --out on a file system"):
+        outcomes(tmp_path / "run", **through(Late()))
+    assert not list((tmp_path / "elsewhere").iterdir())
+    assert [o.cached for o in outcomes(tmp_path / "run")] == ["record", ""]
 
 
 def test_a_full_disk_stops_the_run_and_is_no_failure_of_a_job(tmp_path, monkeypatch):

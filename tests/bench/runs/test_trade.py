@@ -17,7 +17,8 @@ from bench.errors import InputError
 from bench.material import DecoderCost
 from bench.records import append, load_run, load_trade
 from bench.runs import choose, trade
-from bench.runs.runner import Options, Outcome, run
+from bench.runs.job import Outcome
+from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
 from bench.timing import native
 from bench.timing.execution import Variant
@@ -385,10 +386,10 @@ def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(mea
     ((suite, options),) = asked
     assert [spec.label for spec in suite.codecs] == ["neubtf-direct steps=7"]
     assert options.workers() == (3, 1, "cpu", None)
-    options.say("1 job: 1 left, about half a minute of fits")
+    options.say("1 job: 1 left")
     said = capsys.readouterr().out
     assert "1 of 1 settings of test are not in" in said
-    assert "about half a minute of fits; scoring and timing come on top" in said
+    assert "1 job: 1 left" in said
 
 
 def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured, tmp_path, monkeypatch):
