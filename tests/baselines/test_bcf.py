@@ -8,21 +8,15 @@ from PIL import Image
 from baselines import bc1
 from baselines.bcf import BCF, BCFObjective, decoded, lines, members
 from bench import hemisphere
-from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
 from bench.material import parameters
 from bench.training import Samples, gain_of
+from tests.baselines.made import cropped
 
 
 def codec(**settings: Any) -> BCF:
     return BCF(**{"steps": 10, "batch": 256} | settings)
-
-
-def cropped(height: int, width: int) -> BTF:
-    btf = tiny_btf(8)
-    return BTF("cropped", btf.wo, btf.wi, ArraySource(np.stack(list(btf))[:, :height, :width]), periodic=True)
 
 
 def test_network_and_blocks_have_the_stated_sizes() -> None:
@@ -149,23 +143,3 @@ def test_the_first_ends_and_shares_lie_on_the_blocks_principal_axis() -> None:
     found = ends[0, :, None] + shares[..., None] * (ends[1] - ends[0])[:, None]
     torch.testing.assert_close(found[0, :, 0] - torch.tensor([1.0, 2.0, 3.0]), along[:, None] * axis)
     assert sorted([float(shares.min()), float(shares.max())]) == pytest.approx([0, 1], abs=1e-5)
-
-
-def test_it_comes_near_the_data() -> None:
-    fit = Fit()
-    codec(steps=300, batch=512).encode(tiny_btf(), fit)
-    assert fit.history[-1]["psnr"] > 25
-
-
-@pytest.mark.parametrize("setting", ["textures", "batch", "width"])
-def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match="from 1"):
-        codec(**{setting: 0})
-
-
-def test_blocks_that_are_not_those_of_the_texture_are_refused() -> None:
-    ours = codec(steps=2)
-    parts = ours.encode(tiny_btf(), Fit())
-    parts.texture["blocks"] = parts.texture["blocks"][:-8]
-    with pytest.raises(InputError, match="8 × 8 texels"):
-        ours.decode(parts, torch.device("cpu"))

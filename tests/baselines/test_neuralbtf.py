@@ -4,23 +4,18 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.neuralbtf import Networks, NeuralBTF, NeuralBTFObjective, names
+from baselines.neuralbtf import Networks, NeuralBTF, NeuralBTFObjective
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
 from bench.material import layers, parameters
 from bench.training import Samples, gain_of, load_texture
+from tests.baselines.made import bilinear, cropped
 
 
 def codec(**settings: Any) -> NeuralBTF:
     return NeuralBTF(**{"steps": 10, "batch": 256, "width": 32} | settings)
-
-
-def cropped(height: int, width: int) -> BTF:
-    btf = tiny_btf(8)
-    return BTF("cropped", btf.wo, btf.wi, ArraySource(np.stack(list(btf))[:, :height, :width]), periodic=True)
 
 
 def test_layers_and_textures_are_those_of_the_authors_code() -> None:
@@ -39,17 +34,6 @@ def test_layers_and_textures_are_those_of_the_authors_code() -> None:
 def test_ours_sees_half_the_numbers_of_directions() -> None:
     networks = Networks(NeuralBTF().settings)
     assert sum(p.numel() for p in networks.parameters()) == 556_038 - 9 * 512
-
-
-def bilinear(texture: np.ndarray, u: float, v: float) -> np.ndarray:
-    """A periodic texture (H, W, C) between its four texels around (u, v), v upwards."""
-    height, width = texture.shape[:2]
-    y, x = (1 - v) * height - 0.5, u * width - 0.5
-    top, left = int(np.floor(y)), int(np.floor(x))
-    b, a = y - top, x - left
-    corners = [[texture[(top + i) % height, (left + j) % width] for j in (0, 1)] for i in (0, 1)]
-    upper, lower = ((1 - a) * near + a * far for near, far in corners)
-    return (1 - b) * upper + b * lower
 
 
 def basis(x: float, y: float, z: float) -> list[float]:
@@ -140,13 +124,6 @@ def shifted_by_the_view() -> BTF:
     return BTF("shifted", wo, wi, ArraySource(((1 - part) * one + part * next_one).astype(np.float32)), periodic=True)
 
 
-@pytest.mark.parametrize("recipe", ["ours", "paper"])
-def test_it_comes_near_the_data(recipe: str) -> None:
-    fit = Fit()
-    codec(steps=300, batch=512, recipe=recipe, width=64).encode(tiny_btf(), fit)
-    assert fit.history[-1]["psnr"] > 25
-
-
 def test_the_offset_finds_what_moves_with_the_view() -> None:
     found = []
     for reduction in (0, 4):
@@ -154,27 +131,3 @@ def test_the_offset_finds_what_moves_with_the_view() -> None:
         codec(steps=400, batch=512, width=64, reduction=reduction).encode(shifted_by_the_view(), fit)
         found.append(fit.history[-1]["psnr"])
     assert found[1] > found[0] + 5
-
-
-@pytest.mark.parametrize("size", [(1, 1), (3, 8), (5, 7)])
-def test_pictures_of_any_size_are_encoded(size: tuple[int, int]) -> None:
-    ours = codec(steps=5)
-    material = ours.decode(ours.encode(cropped(*size), Fit()), torch.device("cpu"))
-    found = material.slice([0, 0, 1], [0, 0, 1])
-    assert found.shape == (*size, 3)
-    assert found.isfinite().all()
-
-
-@pytest.mark.parametrize("setting", ["levels", "channels", "layers", "width", "batch"])
-def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match=r"a whole number (≥|from) 1"):
-        codec(**{setting: 0})
-
-
-@pytest.mark.parametrize("name", names(NeuralBTF().settings))
-def test_textures_that_are_not_of_one_picture_are_refused(name: str) -> None:
-    ours = codec(steps=2, bits=32)
-    parts = ours.encode(tiny_btf(), Fit())
-    parts.texture[name] = parts.texture[name][:1]
-    with pytest.raises(InputError, match="is not of"):
-        ours.decode(parts, torch.device("cpu"))

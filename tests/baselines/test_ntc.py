@@ -6,21 +6,15 @@ import torch
 
 from baselines.ntc import NTC, NTCObjective, codes_of, encoded_places, values_of
 from bench import hemisphere
-from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
 from bench.material import parameters
 from bench.training import Samples, gain_of
+from tests.baselines.made import cropped, decoded
 
 
 def codec(**settings: Any) -> NTC:
     return NTC(**{"steps": 10, "batch": 256} | settings)
-
-
-def cropped(height: int, width: int) -> BTF:
-    btf = tiny_btf(8)
-    return BTF("cropped", btf.wo, btf.wi, ArraySource(np.stack(list(btf))[:, :height, :width]), periodic=True)
 
 
 # 4 · 12 + 20 features and 12 numbers of the place are the published inputs but one, the level of detail. Beside them
@@ -115,7 +109,7 @@ def test_a_decoded_file_answers_as_the_equations(bits: int) -> None:
 
 def test_one_texel_is_drawn_by_its_bilinear_weight() -> None:
     ours = codec(steps=30)
-    material = ours.decode(ours.encode(tiny_btf(), Fit()), torch.device("cpu"))
+    material = decoded(ours, tiny_btf())
     one = material.at_one_texel()
     assert one is not None
     # Places around a quarter of a texel right of and below the centre of texel (2, 6), 1e-4 of a texel apart at most.
@@ -148,33 +142,3 @@ def test_in_the_end_the_fit_sees_what_the_file_gives_back(rounding: str) -> None
         apart = (early[0] - early[1]).abs()
         assert 0.5 * step < apart.max() <= step
     assert all(((grid - fitting.free[0]).abs() <= 0.5 * step + 1e-6).all() for grid in early)
-
-
-@pytest.mark.parametrize("recipe", ["ours", "paper"])
-def test_it_comes_near_the_data(recipe: str) -> None:
-    fit = Fit()
-    codec(steps=300, batch=512, recipe=recipe, reduction=2).encode(tiny_btf(), fit)
-    assert fit.history[-1]["psnr"] > 25
-
-
-@pytest.mark.parametrize("size", [(1, 1), (3, 8), (5, 7)])
-def test_pictures_of_any_size_are_encoded(size: tuple[int, int]) -> None:
-    ours = codec(steps=5, reduction=2)
-    material = ours.decode(ours.encode(cropped(*size), Fit()), torch.device("cpu"))
-    found = material.slice([0, 0, 1], [0, 0, 1])
-    assert found.shape == (*size, 3)
-    assert found.isfinite().all()
-
-
-@pytest.mark.parametrize("setting", ["reduction", "fine", "coarse", "bits", "width"])
-def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match=r"a whole number (≥|from) 1"):
-        codec(**{setting: 0})
-
-
-def test_grids_that_are_not_those_of_the_texture_are_refused() -> None:
-    ours = codec(steps=2)
-    parts = ours.encode(tiny_btf(), Fit())
-    parts.texture["coarse"] = parts.texture["coarse"][:-1]
-    with pytest.raises(InputError, match="coarse grid"):
-        ours.decode(parts, torch.device("cpu"))

@@ -9,7 +9,6 @@ from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
 from bench.material import parameters
 from bench.training import Samples, gain_of, load_texture
 
@@ -172,24 +171,3 @@ def test_frames_come_nearer_to_lobes_that_turn() -> None:
         codec(steps=300, batch=512, frames=frames).encode(turned_lobes(), fit)
         errors.append(-fit.history[-1]["psnr"])
     assert errors[1] < errors[0] - 0.5
-
-
-@pytest.mark.parametrize("recipe", ["ours", "paper"])
-def test_it_comes_near_the_data(recipe: str) -> None:
-    fit = Fit()
-    codec(steps=300, batch=512, recipe=recipe, width=32, rate=1e-2, latent_rate=1e-2).encode(tiny_btf(), fit)
-    assert fit.history[-1]["psnr"] > 25
-
-
-@pytest.mark.parametrize("setting", ["latents", "width", "layers", "batch"])
-def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match=r"a whole number (≥|from) 1"):
-        codec(**{setting: 0})
-
-
-def test_a_texture_that_does_not_fit_the_network_is_refused() -> None:
-    ours = codec(steps=2, bits=32)
-    parts = ours.encode(tiny_btf(), Fit())
-    parts.texture["latents"] = parts.texture["latents"][..., :7]
-    with pytest.raises(ValueError, match="7 channels"):
-        ours.decode(parts, torch.device("cpu"))
