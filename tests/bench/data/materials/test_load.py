@@ -1,8 +1,6 @@
 """Loading a built-in material: what the BTF holds, and that it is rendered once and never half."""
 
 import json
-import subprocess
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -190,15 +188,3 @@ def test_an_unknown_name_is_answered_with_the_nearest():
 def test_counts_and_sets_that_do_not_exist_are_refused(bad):
     with pytest.raises(InputError):
         materials.load("satin", **SMALL | bad)
-
-
-def test_listing_imports_nothing_heavy():
-    heavy = ("torch", "skimage", "scipy", "numpy")
-    code = f"import sys, bench.data.materials as m; m.describe(); print([x for x in {heavy} if x in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
-
-
-def test_rendering_imports_no_torch(cache):
-    loading = "from bench.data.materials import load; load('satin', 4, views=1, lights=1, heldout=0)"
-    code = f"import sys; {loading}; print('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
