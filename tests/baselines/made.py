@@ -8,7 +8,7 @@ import torch
 
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
-from bench.codec import Codec, Fit
+from bench.codec import Codec, Fit, Parts
 from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
 from bench.material import Material
@@ -41,6 +41,12 @@ def noise(height: int, width: int) -> BTF:
 
 def decoded(codec: Codec, btf: BTF, fit: Fit | None = None) -> Any:
     return codec.decode(codec.encode(btf, fit or Fit()), CPU)
+
+
+def coded(codec: Codec, btf: BTF | None = None, fit: Fit | None = None) -> tuple[Parts, Any]:
+    """What a file holds of a BTF, by default the small one, and what it decodes to."""
+    parts = codec.encode(btf or tiny_btf(), fit or Fit())
+    return parts, codec.decode(parts, CPU)
 
 
 def stored(codec: Codec, btf: BTF, folder: Path) -> Material:
@@ -94,3 +100,28 @@ def bilinear(texture: np.ndarray, u: float, v: float) -> np.ndarray:
     upper, lower = ((1 - a) * near + a * far for near, far in corners)
     mixed: np.ndarray = (1 - b) * upper + b * lower
     return mixed
+
+
+def split(vector: Any, *shapes: tuple[int, ...]) -> list[np.ndarray]:
+    """Consecutive arrays of these shapes; they take the whole vector."""
+    parts = np.split(np.asarray(vector, np.float64), np.cumsum([np.prod(shape) for shape in shapes]))
+    assert len(parts.pop()) == 0
+    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+
+
+def dense(*sizes: tuple[int, int]) -> list[tuple[int, ...]]:
+    """The shapes of layers with their biases, of so many outputs and inputs each."""
+    return [shape for rows, cols in sizes for shape in ((rows, cols), (rows,))]
+
+
+def normed_sines(x: np.ndarray, weights: Any, *sizes: tuple[int, int]) -> np.ndarray:
+    """Layers of which all but the last give the sine of twice a layer norm; from the second on the input is added."""
+    inner = len(sizes) - 1
+    arrays = split(weights, *dense(*sizes), *((rows,) for rows, _ in sizes[:-1] for _ in "go"))
+    layers, norms = arrays[: 2 * len(sizes)], arrays[2 * len(sizes) :]
+    for depth in range(inner):
+        y = layers[2 * depth] @ x + layers[2 * depth + 1]
+        y = np.sin(2 * ((y - y.mean()) / np.sqrt(y.var() + 1e-5) * norms[2 * depth] + norms[2 * depth + 1]))
+        x = y + x if depth else y
+    last: np.ndarray = layers[-2] @ x + layers[-1]
+    return last

@@ -13,7 +13,7 @@ from bench.codecs import container, loading, shared
 from bench.conformance.check import others, tiny_btf
 from bench.material import parameters
 from bench.training import gain_of
-from tests.baselines.made import fetch, oracle_difference
+from tests.baselines.made import coded, dense, fetch, oracle_difference, split
 
 
 def codec(**settings: Any) -> Biplane:
@@ -49,18 +49,15 @@ def leaky(x: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["rusinkiewicz", "nearest"])
 def test_a_decoded_file_answers_as_the_equations(trained: TrainedNetwork, kind: str) -> None:
-    ours = codec(steps=40, bits=32, difference=kind)
-    parts = ours.encode(tiny_btf(), Fit(network=trained))
-    material, gain = ours.decode(parts, torch.device("cpu")), float(parts.other["gain"])
+    parts, material = coded(codec(steps=40, bits=32, difference=kind), tiny_btf(), Fit(network=trained))
+    gain = float(parts.other["gain"])
     wo, wi = (hemisphere.from_degrees(*at).astype(float) for at in ((50.0, 20.0), (35.0, 140.0)))
     found = material.slice(wo.tolist(), wi.tolist())
     h, d = oracle_difference(wo, wi, kind)
     half = fetch(parts.decoder["half"].double().numpy(), h[0], h[1])
-    take = iter(trained.parts.decoder["weights"].double().tolist())
-    shapes = ((256, 14), (128, 256), (256, 128), (128, 256), (256, 128), (3, 256))
-    layers = []
-    for a, b in shapes:
-        layers.append((np.array([next(take) for _ in range(a * b)]).reshape(a, b), [next(take) for _ in range(a)]))
+    shapes = dense((256, 14), (128, 256), (256, 128), (128, 256), (256, 128), (3, 256))
+    flat = split(trained.parts.decoder["weights"], *shapes)
+    layers = list(zip(flat[::2], flat[1::2], strict=True))
     told = 0
     for row, col in np.ndindex(8, 8):
         texel = parts.texture["texels"][row, col].double().numpy()

@@ -14,7 +14,7 @@ from bench.conformance.check import tiny_btf
 from bench.material import layers, parameters
 from bench.training import Samples
 from bench.training import fitting as training
-from tests.baselines.made import bilinear
+from tests.baselines.made import bilinear, coded
 
 SMALL = {"steps": 10, "batch": 256}
 EXACT = {"bits": 32, "weights": "float32"}
@@ -28,9 +28,7 @@ def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def fitted(btf: BTF | None = None, **settings: Any) -> tuple[HierarchicalMaterial, Parts]:
-    codec = Hierarchical(**SMALL | settings)
-    parts = codec.encode(btf or tiny_btf(), Fit())
-    material = codec.decode(parts, torch.device("cpu"))
+    parts, material = coded(Hierarchical(**SMALL | settings), btf or tiny_btf())
     assert isinstance(material, HierarchicalMaterial)
     return material, parts
 

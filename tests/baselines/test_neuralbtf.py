@@ -11,7 +11,7 @@ from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
 from bench.material import layers, parameters
 from bench.training import Samples, gain_of, load_texture
-from tests.baselines.made import bilinear, cropped
+from tests.baselines.made import bilinear, coded, cropped, dense, split
 
 
 def codec(**settings: Any) -> NeuralBTF:
@@ -19,9 +19,7 @@ def codec(**settings: Any) -> NeuralBTF:
 
 
 def test_layers_and_textures_are_those_of_the_authors_code() -> None:
-    ours = codec(recipe="paper", steps=1, batch=8, width=512, bits=32)
-    parts = ours.encode(tiny_btf(32), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(recipe="paper", steps=1, batch=8, width=512, bits=32), tiny_btf(32))
     # 3 · 8 latents and 2 · 9 harmonics → 512 → 512 → 512 → 3, 8 latents and the view → 512 → 2, and the gate.
     counts = [22_016, 262_656, 262_656, 1_539, 6_144, 1_026, 1]
     assert sorted(count for _, _, count in layers(material)) == sorted(counts)
@@ -45,17 +43,9 @@ def basis(x: float, y: float, z: float) -> list[float]:
 
 def answer(parts: Parts, recipe: str, uv: np.ndarray, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
     """Radiance (3,) of one query of a file with networks of width 32, from its floats."""
-    take = iter(parts.decoder["weights"].double().tolist())
-
-    def matrix(outputs: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
-        rows = [[next(take) for _ in range(inputs)] for _ in range(outputs)]
-        return np.array(rows), np.array([next(take) for _ in range(outputs)])
-
-    gate = next(take)  # a module's own parameters come before those of the modules in it
     count = 24 + (18 if recipe == "paper" else 9)
-    network = [matrix(32, count), matrix(32, 32), matrix(32, 32), matrix(3, 32)]
-    (w1, b1), (w2, b2) = matrix(32, 11), matrix(2, 32)
-    assert next(take, None) is None
+    shapes = dense((32, count), (32, 32), (32, 32), (3, 32), (32, 11), (2, 32))
+    (gate,), *network, w1, b1, w2, b2 = split(parts.decoder["weights"], (1,), *shapes)  # a module's own come first
     assert gate != 0
     textures = {name: parts.texture[name].double().numpy() for name in ("level0", "level1", "level2", "offset")}
     features = np.concatenate([bilinear(textures["offset"], *uv), wo])
@@ -63,8 +53,8 @@ def answer(parts: Parts, recipe: str, uv: np.ndarray, wo: np.ndarray, wi: np.nda
     x = np.concatenate([bilinear(textures[f"level{level}"], u, v) for level in range(3)])
     h = (wo + wi) / np.linalg.norm(wo + wi)
     x = np.concatenate([x, *([basis(*(2 * w - 1)) for w in (wi, wo)] if recipe == "paper" else [wo, wi, h])])
-    for depth, (weight, bias) in enumerate(network):
-        x = weight @ x + bias
+    for depth in range(4):
+        x = network[2 * depth] @ x + network[2 * depth + 1]
         x = x.clip(0) if depth < 3 else x
     gain = float(parts.other["gain"])
     return (8 * x if recipe == "paper" else np.expm1(x)).clip(0) / gain
@@ -72,9 +62,7 @@ def answer(parts: Parts, recipe: str, uv: np.ndarray, wo: np.ndarray, wi: np.nda
 
 @pytest.mark.parametrize("recipe", ["ours", "paper"])
 def test_a_decoded_file_answers_as_the_equations(recipe: str) -> None:
-    ours = codec(steps=60, recipe=recipe, bits=32, weights="float32")
-    parts = ours.encode(cropped(7, 5), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(steps=60, recipe=recipe, bits=32, weights="float32"), cropped(7, 5))
     rng = np.random.default_rng(0)
     uv = rng.uniform(0, 1, (20, 2)).astype(np.float32)
     wo, wi = (hemisphere.uniform(rng, 20, 80.0).astype(np.float32) for _ in range(2))

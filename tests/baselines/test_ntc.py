@@ -10,7 +10,7 @@ from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
 from bench.material import parameters
 from bench.training import Samples, gain_of
-from tests.baselines.made import cropped, decoded
+from tests.baselines.made import coded, cropped, decoded, normed_sines
 
 
 def codec(**settings: Any) -> NTC:
@@ -22,9 +22,7 @@ def codec(**settings: Any) -> NTC:
 # directions and 2 · 64 of each of two layer norms.
 @pytest.mark.parametrize(("recipe", "count", "size"), [("paper", 9_795, (24, 10)), ("ours", 8_835, (192, 160))])
 def test_network_and_grids_have_the_stated_sizes(recipe: str, count: int, size: tuple[int, int]) -> None:
-    ours = codec(steps=2, recipe=recipe)
-    parts = ours.encode(tiny_btf(), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(steps=2, recipe=recipe))
     assert parts.decoder["weights"].shape == (count,)
     assert parameters(material) == material.cost.parameters == count
     # 8 × 8 texels: 2 × 2 points and one of 12 and 20 features, or 8 × 8 and 4 × 4 of 6 and 20, in half a byte each.
@@ -74,26 +72,13 @@ def texel(parts: Parts, row: int, col: int, wo: np.ndarray, wi: np.ndarray, bits
     )
     h = (wo + wi) / np.linalg.norm(wo + wi)
     values = np.concatenate([*near, wide, encoded_places((8, 8))[8 * row + col], wo, wi, h])
-    take = iter(parts.decoder["weights"].double().tolist())
-    layers = []
-    for a, b in ((64, 89), (64, 64), (3, 64)):
-        layers.append((np.array([[next(take) for _ in range(b)] for _ in range(a)]), [next(take) for _ in range(a)]))
-    norms = [([next(take) for _ in range(64)], [next(take) for _ in range(64)]) for _ in range(2)]
-    for depth, (weight, bias) in enumerate(layers):
-        out = weight @ values + bias
-        if depth < 2:
-            gain, offset = norms[depth]
-            out = np.sin(2 * ((out - out.mean()) / np.sqrt(out.var() + 1e-5) * gain + offset))
-            out = out + values if depth else out
-        values = out
+    values = normed_sines(values, parts.decoder["weights"], (64, 89), (64, 64), (3, 64))
     return np.expm1(values).clip(0) / float(parts.other["gain"])
 
 
 @pytest.mark.parametrize("bits", [4, 3])
 def test_a_decoded_file_answers_as_the_equations(bits: int) -> None:
-    ours = codec(steps=30, weights="float32", bits=bits, reduction=2, fine=12)
-    parts = ours.encode(tiny_btf(), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(steps=30, weights="float32", bits=bits, reduction=2, fine=12))
     wo, wi = hemisphere.from_degrees(50.0, 20.0), hemisphere.from_degrees(35.0, 140.0)
     found = material.slice(wo.tolist(), wi.tolist())
     each = {(r, c): texel(parts, r, c, wo.astype(float), wi.astype(float), bits) for r in (2, 3) for c in (6, 7)}

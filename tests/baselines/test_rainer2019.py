@@ -11,6 +11,7 @@ from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.material import parameters
 from bench.training import Samples, load_texture
+from tests.baselines.made import coded
 
 
 def codec(**settings: Any) -> Rainer2019:
@@ -19,9 +20,7 @@ def codec(**settings: Any) -> Rainer2019:
 
 @pytest.mark.parametrize(("recipe", "count"), [("paper", 35_725), ("ours", 35_725 + 5 * 106)])  # five inputs more
 def test_the_decoder_is_the_published_one(recipe: str, count: int) -> None:
-    ours = codec(recipe=recipe)
-    parts = ours.encode(tiny_btf(), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(recipe=recipe))
     assert parts.decoder["weights"].shape == (count,)
     assert load_texture("latents", parts.texture).shape == (8, 8, 8 + 6)
     assert parameters(material) == material.cost.parameters == count

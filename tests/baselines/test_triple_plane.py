@@ -7,11 +7,10 @@ import torch
 from baselines.triple_plane import TriplePlane, half_and_difference
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
-from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.material import parameters
 from bench.training import load_texture
-from tests.baselines.made import decoded, fetch, oracle_difference
+from tests.baselines.made import coded, decoded, dense, fetch, oracle_difference, split
 
 
 def codec(**settings: Any) -> TriplePlane:
@@ -19,9 +18,7 @@ def codec(**settings: Any) -> TriplePlane:
 
 
 def test_the_decoder_and_the_planes_are_the_published_ones() -> None:
-    ours = codec(recipe="paper", steps=2)
-    parts = ours.encode(tiny_btf(), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(recipe="paper", steps=2))
     # 24 → 32 → 32 → 32 → 3 with biases; without, as the authors' kernel in eight bits has it, 2,912.
     assert parts.decoder["weights"].shape == (3_011,)
     assert parameters(material) == material.cost.parameters == 3_011
@@ -47,21 +44,18 @@ def test_a_half_vector_at_the_zenith_is_no_trouble(kind: Any) -> None:
 
 @pytest.mark.parametrize("kind", ["rusinkiewicz", "nearest"])
 def test_a_decoded_file_answers_as_the_equations(kind: str) -> None:
-    ours = codec(steps=30, difference=kind, bits=32, weights="float32")
-    parts = ours.encode(tiny_btf(), Fit())
-    material, gain = ours.decode(parts, torch.device("cpu")), float(parts.other["gain"])
+    parts, material = coded(codec(steps=30, difference=kind, bits=32, weights="float32"))
+    gain = float(parts.other["gain"])
     wo, wi = hemisphere.from_degrees(50.0, 20.0), hemisphere.from_degrees(35.0, 140.0)
     found = material.slice(wo.tolist(), wi.tolist())
     h, d = oracle_difference(wo.astype(float), wi.astype(float), kind)
     seen = [fetch(plane.double().numpy(), w[0], w[1]) for plane, w in zip(parts.decoder["planes"], (h, d), strict=True)]
-    flat = parts.decoder["weights"].double().numpy()
+    network = split(parts.decoder["weights"], *dense((32, 24), (32, 32), (32, 32), (3, 32)))
     for row, col in ((0, 0), (3, 5), (7, 2)):
-        x, start = np.concatenate([parts.texture["latents"][row, col].double().numpy(), *seen]), 0
-        for rows, cols in ((32, 24), (32, 32), (32, 32), (3, 32)):
-            weight, bias = flat[start : start + rows * cols].reshape(rows, cols), flat[start + rows * cols :][:rows]
-            start += rows * cols + rows
-            x = weight @ x + bias
-            x = x.clip(0) if rows == 32 else x
+        x = np.concatenate([parts.texture["latents"][row, col].double().numpy(), *seen])
+        for depth in range(4):
+            x = network[2 * depth] @ x + network[2 * depth + 1]
+            x = x.clip(0) if depth < 3 else x
         # Float32 sums of some tens of terms.
         np.testing.assert_allclose(found[row, col], np.expm1(x).clip(0) / gain, rtol=2e-4, atol=1e-5)
 
