@@ -114,6 +114,10 @@ def dense(*sizes: tuple[int, int]) -> list[tuple[int, ...]]:
     return [shape for rows, cols in sizes for shape in ((rows, cols), (rows,))]
 
 
+def leaky(x: np.ndarray) -> np.ndarray:
+    return np.where(x > 0, x, 0.01 * x)
+
+
 def normed_sines(x: np.ndarray, weights: Any, *sizes: tuple[int, int]) -> np.ndarray:
     """Layers of which all but the last give the sine of twice a layer norm; from the second on the input is added."""
     inner = len(sizes) - 1

@@ -1,4 +1,3 @@
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,11 +8,10 @@ from baselines.biplane import PAIRS, Biplane, BiplaneNetwork, BiplaneObjective, 
 from baselines.biplane_decoder import BiplaneDecoder
 from bench import hemisphere
 from bench.codec import Fit, TrainedNetwork
-from bench.codecs import container, loading, shared
+from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
-from bench.material import parameters
 from bench.training import gain_of
-from tests.baselines.made import coded, dense, fetch, oracle_difference, split
+from tests.baselines.made import coded, dense, fetch, leaky, oracle_difference, split
 
 
 def codec(**settings: Any) -> Biplane:
@@ -26,25 +24,6 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainedNetwork:
     path = tmp_path_factory.mktemp("shared") / "biplane.nbtf"
     ours = BiplaneNetwork(steps=60, batch=256)
     return shared.read(shared.make(ours, others(tiny_btf())[:2], Fit(), path).path)
-
-
-def test_the_decoder_is_the_published_one_and_lies_in_the_shared_file(trained: TrainedNetwork, tmp_path: Path) -> None:
-    ours = codec()
-    file = tmp_path / "file.nbtf"
-    header = container.save(file, ours, ours.encode(tiny_btf(), Fit(network=trained)))
-    (tmp_path / trained.path.name).write_bytes(trained.path.read_bytes())
-    material = loading.load(file)[1]
-    # 14 · 256 + 256, two blocks of 256 · 128 + 128 and 128 · 256 + 256, and 256 · 3 + 3.
-    assert parameters(material) == material.cost.parameters == 136_451
-    assert trained.parts.decoder["weights"].shape == (136_451,)
-    # Six features, a matrix of nine and an offset of three; the plane over half vectors is the material's own.
-    assert material.cost.texture_channels == 18
-    assert header.tensors["texture/texels.step"][1] == (18,)
-    assert header.tensors["decoder/half.step"][1] == (6,)
-
-
-def leaky(x: np.ndarray) -> np.ndarray:
-    return np.where(x > 0, x, 0.01 * x)
 
 
 @pytest.mark.parametrize("kind", ["rusinkiewicz", "nearest"])

@@ -6,7 +6,6 @@ import torch
 
 from baselines.rainer import Encoder
 from baselines.rainer2019 import Encoded, Rainer2019
-from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.material import parameters
@@ -34,17 +33,6 @@ def test_the_further_channels_are_mean_and_deviation_of_each_texel() -> None:
     # The fit holds the data as half floats: 5e-4 of each value.
     np.testing.assert_allclose(parts.texture["latents"][..., 8:11], logs.mean(0), rtol=1e-3)
     np.testing.assert_allclose(parts.texture["latents"][..., 11:], logs.std(0), rtol=2e-3)
-
-
-def test_latents_are_what_the_encoder_makes_of_an_abrdf() -> None:
-    """Texels that are alike share their latents: the encoder sees the ABRDF and nothing else."""
-    like = tiny_btf()
-    values = np.stack(list(like))
-    values[:, 4:] = values[:, :4]
-    btf = BTF("twice", like.wo, like.wi, ArraySource(values))
-    latents = codec(bits=32, start="encoder").encode(btf, Fit()).texture["latents"]
-    torch.testing.assert_close(latents[4:], latents[:4], rtol=1e-5, atol=1e-5)
-    assert (latents[0, 0] - latents[0, 3]).abs().max() > 1e-3
 
 
 @pytest.mark.parametrize("pairs", [1, 2, 81, 625, 1000])

@@ -9,10 +9,9 @@ import torch
 from baselines.rainer2020 import Pool, Rainer2020, Rainer2020Network, Rainer2020Objective, Resampler, canonical_pairs
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, TrainedNetwork
-from bench.codecs import container, loading, shared
+from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
 from bench.hemisphere import from_degrees
-from bench.material import parameters
 from bench.training import fitting as training
 from tests.baselines.made import decoded
 
@@ -27,19 +26,6 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainedNetwork:
     path = tmp_path_factory.mktemp("shared") / "rainer2020.nbtf"
     ours = Rainer2020Network(steps=300, texels=8, rate=1e-2)
     return shared.read(shared.make(ours, others(tiny_btf()), Fit(), path).path)
-
-
-def test_the_decoder_is_the_published_one_and_lies_in_the_shared_file(trained: TrainedNetwork, tmp_path: Path) -> None:
-    codec = Rainer2020()
-    file = tmp_path / "file.nbtf"
-    header = container.save(file, codec, codec.encode(tiny_btf(), Fit(network=trained)))
-    (tmp_path / trained.path.name).write_bytes(trained.path.read_bytes())
-    material = loading.load(file)[1]
-    assert parameters(material) == material.cost.parameters == 38_269
-    assert material.cost.texture_channels == 38
-    assert header.tensors["texture/latents.step"][1] == (32 + 6,)
-    assert header.part_bytes()["decoder"] == 0
-    assert trained.parts.decoder["weights"].shape == (38_269,)
 
 
 def test_a_material_it_has_not_seen_comes_near_its_data(trained: TrainedNetwork) -> None:
@@ -138,16 +124,6 @@ def test_the_training_is_watched_on_what_it_does_not_see() -> None:
     objective.latents = lambda texel: taken.append(texel) or torch.zeros(len(texel), 32)  # type: ignore[func-returns-value,method-assign]
     objective.loss(generator, 0)
     assert int(torch.cat(taken).max()) < 10
-
-
-def test_texels_that_are_alike_share_their_latents(trained: TrainedNetwork) -> None:
-    base = tiny_btf()
-    values = np.stack(list(base))
-    values[:, 4:] = values[:, :4]
-    btf = BTF("twice", base.wo, base.wi, ArraySource(values))
-    latents = Rainer2020(bits=32).encode(btf, Fit(network=trained)).texture["latents"]
-    torch.testing.assert_close(latents[4:], latents[:4], rtol=1e-5, atol=1e-5)
-    assert (latents[0, 0] - latents[0, 3]).abs().max() > 1e-3
 
 
 def test_a_killed_pretraining_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

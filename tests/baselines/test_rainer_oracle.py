@@ -14,14 +14,10 @@ from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
 from bench.material import texel_centres
 from bench.training import Samples, to_vector
-from tests.baselines.made import split
+from tests.baselines.made import leaky, split
 
 Array = np.ndarray
 FLOAT32 = {"bits": 32, "weights": "float32"}
-
-
-def leaky(x: Array) -> Array:
-    return np.where(x > 0, x, 0.01 * x)
 
 
 def encode(vector: Array, logs: Array, latents: int) -> Array:
