@@ -27,6 +27,13 @@ def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def brief(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache of its own, and timings of three turns."""
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("bench.timing.TURNS", 3)
+
+
+@pytest.fixture
 def gpu() -> Iterator[Any]:
     """An emulated GPU, of which `bench.conformance.emulated` counts the kernels."""
     from bench.conformance.emulated import NoEmulationError, emulated

@@ -8,27 +8,18 @@ from PIL import Image
 from baselines import bc1
 from baselines.bcf import BCF, BCFObjective, decoded, lines, members
 from bench import hemisphere
-from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
-from bench.conformance.check import tiny_btf
-from bench.errors import InputError
 from bench.material import parameters
 from bench.training import Samples, gain_of
+from tests.baselines.made import coded, cropped, normed_sines
 
 
 def codec(**settings: Any) -> BCF:
     return BCF(**{"steps": 10, "batch": 256} | settings)
 
 
-def cropped(height: int, width: int) -> BTF:
-    btf = tiny_btf(8)
-    return BTF("cropped", btf.wo, btf.wi, ArraySource(np.stack(list(btf))[:, :height, :width]), periodic=True)
-
-
 def test_network_and_blocks_have_the_stated_sizes() -> None:
-    ours = codec(steps=2)
-    parts = ours.encode(tiny_btf(), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(steps=2))
     # 33 → 32 → 32 → 32 → 3 with biases, and 2 · 32 of each of three layer norms.
     assert parts.decoder["weights"].shape == (3_491,)
     assert parameters(material) == material.cost.parameters == 3_491
@@ -114,25 +105,12 @@ def answer(parts: Parts, row: int, col: int, wo: np.ndarray, wi: np.ndarray) -> 
     low, span = (parts.texture[name].double().numpy() for name in ("low", "span"))
     h = (wo + wi) / np.linalg.norm(wo + wi)
     x = np.concatenate([low + span * np.array(latents) / 255, wo, wi, h])
-    take = iter(parts.decoder["weights"].double().tolist())
-    shapes = ((32, 33), (32, 32), (32, 32), (3, 32))
-    layers = [(np.array([[next(take) for _ in range(b)] for _ in range(a)]), [next(take) for _ in range(a)])
-              for a, b in shapes]  # fmt: skip
-    norms = [([next(take) for _ in range(32)], [next(take) for _ in range(32)]) for _ in range(3)]
-    for depth, (weight, bias) in enumerate(layers):
-        y = weight @ x + bias
-        if depth < 3:
-            gain, offset = norms[depth]
-            y = np.sin(2 * ((y - y.mean()) / np.sqrt(y.var() + 1e-5) * gain + offset))
-            y = y + x if depth else y
-        x = y
+    x = normed_sines(x, parts.decoder["weights"], (32, 33), (32, 32), (32, 32), (3, 32))
     return np.expm1(x).clip(0) / float(parts.other["gain"])
 
 
 def test_a_decoded_file_answers_as_the_equations() -> None:
-    ours = codec(steps=30, weights="float32")
-    parts = ours.encode(tiny_btf(), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(steps=30, weights="float32"))
     wo, wi = hemisphere.from_degrees(50.0, 20.0), hemisphere.from_degrees(35.0, 140.0)
     found = material.slice(wo.tolist(), wi.tolist())
     for row, col in ((0, 0), (3, 5), (7, 2)):
@@ -149,23 +127,3 @@ def test_the_first_ends_and_shares_lie_on_the_blocks_principal_axis() -> None:
     found = ends[0, :, None] + shares[..., None] * (ends[1] - ends[0])[:, None]
     torch.testing.assert_close(found[0, :, 0] - torch.tensor([1.0, 2.0, 3.0]), along[:, None] * axis)
     assert sorted([float(shares.min()), float(shares.max())]) == pytest.approx([0, 1], abs=1e-5)
-
-
-def test_it_comes_near_the_data() -> None:
-    fit = Fit()
-    codec(steps=300, batch=512).encode(tiny_btf(), fit)
-    assert fit.history[-1]["psnr"] > 25
-
-
-@pytest.mark.parametrize("setting", ["textures", "batch", "width"])
-def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match="from 1"):
-        codec(**{setting: 0})
-
-
-def test_blocks_that_are_not_those_of_the_texture_are_refused() -> None:
-    ours = codec(steps=2)
-    parts = ours.encode(tiny_btf(), Fit())
-    parts.texture["blocks"] = parts.texture["blocks"][:-8]
-    with pytest.raises(InputError, match="8 × 8 texels"):
-        ours.decode(parts, torch.device("cpu"))

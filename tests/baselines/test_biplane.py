@@ -1,4 +1,3 @@
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,13 +7,11 @@ import torch
 from baselines.biplane import PAIRS, Biplane, BiplaneNetwork, BiplaneObjective, Pool
 from baselines.biplane_decoder import BiplaneDecoder
 from bench import hemisphere
-from bench.btf import BTF, ArraySource
 from bench.codec import Fit, TrainedNetwork
-from bench.codecs import container, loading, shared
+from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
-from bench.errors import InputError
-from bench.material import parameters
 from bench.training import gain_of
+from tests.baselines.made import coded, dense, fetch, leaky, oracle_difference, split
 
 
 def codec(**settings: Any) -> Biplane:
@@ -29,60 +26,17 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainedNetwork:
     return shared.read(shared.make(ours, others(tiny_btf())[:2], Fit(), path).path)
 
 
-def test_the_decoder_is_the_published_one_and_lies_in_the_shared_file(trained: TrainedNetwork, tmp_path: Path) -> None:
-    ours = codec()
-    file = tmp_path / "file.nbtf"
-    header = container.save(file, ours, ours.encode(tiny_btf(), Fit(network=trained)))
-    (tmp_path / trained.path.name).write_bytes(trained.path.read_bytes())
-    material = loading.load(file)[1]
-    # 14 · 256 + 256, two blocks of 256 · 128 + 128 and 128 · 256 + 256, and 256 · 3 + 3.
-    assert parameters(material) == material.cost.parameters == 136_451
-    assert trained.parts.decoder["weights"].shape == (136_451,)
-    # Six features, a matrix of nine and an offset of three; the plane over half vectors is the material's own.
-    assert material.cost.texture_channels == 18
-    assert header.tensors["texture/texels.step"][1] == (18,)
-    assert header.tensors["decoder/half.step"][1] == (6,)
-
-
-def about(axis: int, angle: float) -> np.ndarray:
-    """The rotation matrix about a coordinate axis, right-handed."""
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    out = np.eye(3)
-    out[i, i], out[i, j], out[j, i], out[j, j] = c, -s, s, c
-    return out
-
-
-def fetch(plane: np.ndarray, x: float, y: float) -> np.ndarray:
-    """Bilinear between texels whose first and last centres are −1 and 1; y grows upwards, rows downwards."""
-    col, row = (x + 1) / 2 * (len(plane) - 1), (1 - y) / 2 * (len(plane) - 1)
-    i, j = int(row), int(col)
-    a, b = row - i, col - j
-    top = (1 - b) * plane[i, j] + b * plane[i, j + 1]
-    return (1 - a) * top + a * ((1 - b) * plane[i + 1, j] + b * plane[i + 1, j + 1])
-
-
-def leaky(x: np.ndarray) -> np.ndarray:
-    return np.where(x > 0, x, 0.01 * x)
-
-
 @pytest.mark.parametrize("kind", ["rusinkiewicz", "nearest"])
 def test_a_decoded_file_answers_as_the_equations(trained: TrainedNetwork, kind: str) -> None:
-    ours = codec(steps=40, bits=32, difference=kind)
-    parts = ours.encode(tiny_btf(), Fit(network=trained))
-    material, gain = ours.decode(parts, torch.device("cpu")), float(parts.other["gain"])
+    parts, material = coded(codec(steps=40, bits=32, difference=kind), tiny_btf(), Fit(network=trained))
+    gain = float(parts.other["gain"])
     wo, wi = (hemisphere.from_degrees(*at).astype(float) for at in ((50.0, 20.0), (35.0, 140.0)))
     found = material.slice(wo.tolist(), wi.tolist())
-    h = (wo + wi) / np.linalg.norm(wo + wi)
-    theta, phi = np.arccos(h[2]), np.arctan2(h[1], h[0])
-    turn = about(1, -theta) @ about(2, -phi)
-    d = (turn if kind == "rusinkiewicz" else about(2, phi) @ turn) @ wi
+    h, d = oracle_difference(wo, wi, kind)
     half = fetch(parts.decoder["half"].double().numpy(), h[0], h[1])
-    take = iter(trained.parts.decoder["weights"].double().tolist())
-    shapes = ((256, 14), (128, 256), (256, 128), (128, 256), (256, 128), (3, 256))
-    layers = []
-    for a, b in shapes:
-        layers.append((np.array([next(take) for _ in range(a * b)]).reshape(a, b), [next(take) for _ in range(a)]))
+    shapes = dense((256, 14), (128, 256), (256, 128), (128, 256), (256, 128), (3, 256))
+    flat = split(trained.parts.decoder["weights"], *shapes)
+    layers = list(zip(flat[::2], flat[1::2], strict=True))
     told = 0
     for row, col in np.ndindex(8, 8):
         texel = parts.texture["texels"][row, col].double().numpy()
@@ -102,17 +56,6 @@ def test_a_material_comes_near_its_data_while_the_decoder_stays(trained: Trained
     codec(steps=150).encode(tiny_btf(), fit)
     assert fit.history[-1]["psnr"] > 22
     assert torch.equal(trained.parts.decoder["weights"], before)
-
-
-@pytest.mark.parametrize("pairs", [1, 81])
-def test_texels_that_do_not_vary_are_stored_as_their_means(trained: TrainedNetwork, pairs: int) -> None:
-    like = tiny_btf()
-    values = np.broadcast_to(np.float32([0.1, 0.2, 0.3]), (pairs, 2, 2, 3)).copy()
-    btf = BTF("one colour", like.wo[:pairs], like.wi[:pairs], ArraySource(values))
-    ours = codec()
-    parts = ours.encode(btf, Fit(network=trained))
-    answer = ours.decode(parts, torch.device("cpu")).slice(btf.wo[0].tolist(), btf.wi[0].tolist())
-    assert (answer / torch.tensor([0.1, 0.2, 0.3]) - 1).abs().max() < 0.01
 
 
 def test_the_training_sees_each_material_at_its_own_pairs() -> None:
@@ -152,17 +95,3 @@ def test_the_decoder_learns_nothing_from_what_is_kept_for_the_curve() -> None:
     assert decoder.equal(same)
     assert trained.equal(again)
     assert not kept.equal(changed)
-
-
-@pytest.mark.parametrize("setting", ["batch", "kept"])
-def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match=r"a whole number (≥|from) 1"):
-        BiplaneNetwork(**{setting: 0})
-
-
-def test_planes_of_other_channels_are_refused(trained: TrainedNetwork) -> None:
-    ours = codec(steps=2, bits=32)
-    parts = ours.encode(tiny_btf(), Fit(network=trained))
-    parts.decoder["half"] = parts.decoder["half"][..., :5]
-    with pytest.raises(ValueError, match="planes of 5 and 18 channels"):
-        ours.decode(parts, torch.device("cpu"))

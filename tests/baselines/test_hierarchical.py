@@ -11,10 +11,10 @@ from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
 from bench.material import layers, parameters
 from bench.training import Samples
 from bench.training import fitting as training
+from tests.baselines.made import bilinear, coded
 
 SMALL = {"steps": 10, "batch": 256}
 EXACT = {"bits": 32, "weights": "float32"}
@@ -28,9 +28,7 @@ def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def fitted(btf: BTF | None = None, **settings: Any) -> tuple[HierarchicalMaterial, Parts]:
-    codec = Hierarchical(**SMALL | settings)
-    parts = codec.encode(btf or tiny_btf(), Fit())
-    material = codec.decode(parts, torch.device("cpu"))
+    parts, material = coded(Hierarchical(**SMALL | settings), btf or tiny_btf())
     assert isinstance(material, HierarchicalMaterial)
     return material, parts
 
@@ -120,18 +118,6 @@ class Oracle:
         return radiance
 
 
-def bilinear(texture: np.ndarray, u: float, v: float) -> np.ndarray:
-    height, width = texture.shape[:2]
-    row, col = (1 - v) * height - 0.5, u * width - 0.5
-    i, j = int(np.floor(row)), int(np.floor(col))
-    top, bottom = (
-        (1 - col + j) * texture[r % height, j % width] + (col - j) * texture[r % height, (j + 1) % width]
-        for r in (i, i + 1)
-    )
-    mixed: np.ndarray = (1 - row + i) * top + (row - i) * bottom
-    return mixed
-
-
 def convolved(x: np.ndarray, layer: tuple[np.ndarray, np.ndarray], side: int) -> np.ndarray:
     windows = np.lib.stride_tricks.sliding_window_view(x, (side, side), (1, 2))
     kernel = layer[0].reshape(-1, len(x), side, side)
@@ -204,12 +190,6 @@ def test_gradients_are_sobels() -> None:
         np.testing.assert_allclose(np.moveaxis(found[:, :, direction], 1, -1), expected, atol=1e-12)
 
 
-def test_it_comes_near_the_data() -> None:
-    fit = Fit()
-    Hierarchical(steps=200, batch=512).encode(tiny_btf(), fit)
-    assert fit.history[-1]["psnr"] > 25
-
-
 @pytest.mark.parametrize(("away", "seen"), [(2, True), (4, True), (5, False)])
 def test_neighbours_up_to_four_texels_away_are_seen(away: int, seen: bool) -> None:
     material, _ = fitted(tiny_btf(12, 3, 3), steps=30, **EXACT)
@@ -217,21 +197,6 @@ def test_neighbours_up_to_four_texels_away_are_seen(away: int, seen: bool) -> No
     before = material.query(middle, up, up)
     material.table[6 * 12 + 6 + away] += 100.0
     assert bool((material.query(middle, up, up) - before).abs().max() > 1e-6) == seen
-
-
-@pytest.mark.parametrize("loss", ["both", "l1", "root"])
-@pytest.mark.parametrize("shade", [0.0, 1.0])
-def test_losses_of_black_and_white_have_gradients(loss: Any, shade: float) -> None:
-    like, generator = tiny_btf(), torch.Generator().manual_seed(0)
-    btf = BTF("flat", like.wo, like.wi, ArraySource(np.full((81, 8, 8, 3), shade, np.float32)), periodic=True)
-    settings = Hierarchical.Settings(loss=loss, gradient=1.0, batch=64)
-    fitting = HierarchicalObjective([Samples(btf, 8.0, Fit())], settings, generator)
-    for level in (fitting.samples.mean(generator), torch.zeros(3), torch.ones(3)):
-        fitting.networks.start_at(level)
-        value = fitting.loss(generator, 0.5)
-        value.backward()
-        assert value.isfinite()
-        assert all(p.grad is None or p.grad.isfinite().all() for p in fitting.parameters())
 
 
 def test_the_term_on_gradients_begins_after_a_quarter() -> None:
@@ -245,21 +210,3 @@ def test_the_term_on_gradients_begins_after_a_quarter() -> None:
 
     assert loss(0.2, 1.0) == loss(0.2, 0.0)
     assert loss(0.3, 1.0) > loss(0.3, 0.0)
-
-
-@pytest.mark.parametrize("size", [(1, 1), (5, 3), (2, 16)])
-def test_any_size_is_fitted(size: tuple[int, int]) -> None:
-    like = tiny_btf()
-    values = np.random.default_rng(0).uniform(0, 1, (len(like), *size, 3)).astype(np.float32)
-    material, _ = fitted(BTF("noise", like.wo, like.wi, ArraySource(values)), recipe="paper", steps=2)
-    assert material.slice([0, 0, 1], [0, 0, 1]).shape == (*size, 3)
-
-
-def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any) -> None:
-    ends_alike_when_killed(Hierarchical(steps=30, batch=64, patch=4, gradient=0.1), tiny_btf())
-
-
-@pytest.mark.parametrize(("setting", "value"), [("patch", 0), ("places", 17), ("gradient", -1)])
-def test_settings_without_sense_are_refused(setting: str, value: int) -> None:
-    with pytest.raises(InputError, match=f"setting {setting} of codec hierarchical"):
-        Hierarchical(**{setting: value})

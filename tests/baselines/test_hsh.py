@@ -1,5 +1,3 @@
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
@@ -10,14 +8,8 @@ from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
-from bench.material import Material
 from bench.training import load_texture
-
-
-def decoded(btf: BTF, **settings: Any) -> Material:
-    codec = HSH(**settings)
-    return codec.decode(codec.encode(btf, Fit()), torch.device("cpu"))
+from tests.baselines.made import coded, decoded
 
 
 def oracle_harmonics(w: np.ndarray, bands: int) -> np.ndarray:
@@ -61,9 +53,8 @@ def test_the_harmonics_are_orthonormal_over_the_hemisphere() -> None:
 @pytest.mark.parametrize("cosine", [True, False])
 def test_a_decoded_file_answers_as_plain_least_squares(domain: str, cosine: bool) -> None:
     btf, (lights, views) = tiny_btf(), (3, 2)
-    codec = HSH(domain=domain, cosine=cosine, smoothness=0, lights=lights, views=views, bits=32)
-    parts = codec.encode(btf, Fit())
-    material, gain = codec.decode(parts, torch.device("cpu")), float(parts.other["gain"])
+    parts, material = coded(HSH(domain=domain, cosine=cosine, smoothness=0, lights=lights, views=views, bits=32), btf)
+    gain = float(parts.other["gain"])
 
     def design(wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
         light, view = oracle_harmonics(wi.astype(float), lights), oracle_harmonics(wo.astype(float), views)
@@ -87,29 +78,20 @@ def test_coefficients_are_bands_squared_a_colour_of_light_times_view() -> None:
 
 
 def test_one_view_has_the_nine_coefficients_a_colour_of_rti() -> None:
-    material = decoded(one_view())
+    material = decoded(HSH(), one_view())
     assert material.cost.texture_channels == 27
     assert material.modules() == []
 
 
 def test_few_lights_have_few_bands() -> None:
-    assert decoded(one_view(5), lights=4).cost.texture_channels == 3 * 4
-
-
-def test_a_diffuse_material_is_exact_between_the_samples() -> None:
-    like, albedo = tiny_btf(), np.random.default_rng(0).uniform(0.3, 0.9, (6, 6, 3))
-    values = (like.wi[:, None, None, 2:] * albedo / np.pi).astype(np.float32)
-    material = decoded(BTF("diffuse", like.wo, like.wi, ArraySource(values)))
-    wo, wi = hemisphere.from_degrees(33.0, 70.0), hemisphere.from_degrees(41.0, 200.0)
-    # The one harmonic that is not 0 is stored in eight bits: 1/255 of the range of albedos, of a log of about 2.
-    np.testing.assert_allclose(material.slice(wo, wi), wi[2] * albedo / np.pi, rtol=0.01)
+    assert decoded(HSH(lights=4), one_view(5)).cost.texture_channels == 3 * 4
 
 
 def test_more_bands_come_nearer_to_a_lobe() -> None:
     btf = one_view()
 
     def error(bands: int) -> float:
-        material = decoded(btf, lights=bands, smoothness=0)
+        material = decoded(HSH(lights=bands, smoothness=0), btf)
         return max(
             np.abs(material.slice([0, 0, 1], btf.wi[i].tolist()).numpy() - btf[i]).max() for i in range(len(btf))
         )
@@ -119,22 +101,8 @@ def test_more_bands_come_nearer_to_a_lobe() -> None:
 
 def test_as_many_harmonics_as_pairs_answer_the_pairs() -> None:
     btf = tiny_btf()
-    material = decoded(btf, lights=3, views=3, smoothness=0, bits=32)
+    material = decoded(HSH(lights=3, views=3, smoothness=0, bits=32), btf)
     assert material.cost.texture_channels == 3 * len(btf)
     for i in range(0, len(btf), 9):
         # The ridge of 1e-9, against the least eigenvalue of the normal equations, about 1e-5 of the pairs.
         np.testing.assert_allclose(material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()), btf[i], rtol=0.01, atol=1e-3)
-
-
-@pytest.mark.parametrize("settings", [{"lights": 0}, {"views": 7}, {"smoothness": -1}])
-def test_settings_without_sense_are_refused(settings: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="of codec hsh must be"):
-        HSH(**settings)
-
-
-def test_a_file_whose_bands_do_not_fit_is_refused() -> None:
-    codec = HSH()
-    parts = codec.encode(tiny_btf(), Fit())
-    parts.other["bands"][0] = 4
-    with pytest.raises(ValueError, match="108 coefficients a texel for"):
-        codec.decode(parts, torch.device("cpu"))

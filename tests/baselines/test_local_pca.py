@@ -4,24 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from baselines.clusters import unpack_index
 from baselines.local_pca import LocalPCA, local_components
 from baselines.pca import PCA
-from bench import hemisphere
-from bench.btf import BTF, ArraySource
+from bench.btf import BTF
 from bench.codec import Fit
-from bench.codecs import container, loading
-from bench.errors import InputError
-from bench.material import Material
-
-
-def btf_of(values: np.ndarray, views: int) -> BTF:
-    directions = hemisphere.ubo2003()
-    wo, wi = (directions[hemisphere.thin(directions, n)] for n in (views, len(values) // views))
-    pairs = np.repeat(wo, len(wi), 0), np.tile(wi, (len(wo), 1))
-    return BTF("made", *pairs, ArraySource(values.astype(np.float32)))
+from tests.baselines.made import btf_of, slices, stored
 
 
 def two_kinds(side: int = 12) -> BTF:
@@ -31,16 +20,6 @@ def two_kinds(side: int = 12) -> BTF:
     means, axes = rng.uniform(1.5, 2, (2, 25, 3)), 0.1 * rng.standard_normal((2, 25, 3, 2))
     log = means[kind] + np.einsum("hwpck,hwk->hwpc", axes[kind], share)
     return btf_of(np.expm1(log.clip(0)).transpose(2, 0, 1, 3), 5)
-
-
-def stored(codec: LocalPCA | PCA, btf: BTF, folder: Path) -> Material:
-    path = folder / "a.nbtf"
-    container.save(path, codec, codec.encode(btf, Fit()))
-    return loading.load(path)[1]
-
-
-def slices(material: Material, btf: BTF) -> np.ndarray:
-    return np.stack([material.slice(wo, wi).numpy() for wo, wi in zip(btf.wo, btf.wi, strict=True)])
 
 
 def test_clusters_with_components_of_their_own_are_found(tmp_path: Path) -> None:
@@ -83,31 +62,3 @@ def test_components_are_orthogonal_and_each_point_is_in_its_nearest_cluster() ->
     ]
     assert (np.argmin(errors, 0) == found.label).mean() > 0.95  # the last round may have stopped early
     assert np.abs(found.coefficients).max() == pytest.approx(1)
-
-
-@pytest.mark.parametrize(
-    "values",
-    [np.zeros((9, 4, 4, 3)), np.full((9, 4, 4, 3), 0.7), np.random.default_rng(0).random((9, 1, 1, 3))],
-    ids=["black", "constant", "one texel"],
-)
-def test_degenerate_data(tmp_path: Path, values: np.ndarray) -> None:
-    btf = btf_of(values, 3)
-    got = slices(stored(LocalPCA(bits=32), btf, tmp_path), btf)
-    np.testing.assert_allclose(got, np.stack(list(btf)), rtol=2e-4, atol=1e-6)
-
-
-def test_the_same_seed_gives_the_same_bytes_and_settings_out_of_range_are_refused() -> None:
-    codec, btf = LocalPCA(clusters=3, components=2), two_kinds()
-    first, second = (container.to_bytes(codec, codec.encode(btf, Fit(seed=1))) for _ in range(2))
-    assert first == second
-    for wrong in ({"clusters": 0}, {"components": 0}, {"bits": 9}):
-        with pytest.raises(InputError):
-            LocalPCA(**wrong)
-
-
-def test_a_file_whose_parts_do_not_agree_is_refused() -> None:
-    codec = LocalPCA(clusters=2, components=2)
-    parts = codec.encode(two_kinds(), Fit())
-    parts.other["count"] = torch.tensor([3])
-    with pytest.raises(ValueError, match="for 3 clusters and 2 coefficients"):
-        codec.decode(parts, torch.device("cpu"))

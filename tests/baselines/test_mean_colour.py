@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from baselines.mean_colour import MeanColour
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading
+from tests.baselines.made import decoded
 
 
 def made() -> BTF:
@@ -32,6 +32,6 @@ def test_every_slice_is_the_mean(tmp_path: Path, half: bool, tolerance: float) -
 
 def test_the_cost_is_one_bilinear_fetch() -> None:
     codec = MeanColour()
-    material = codec.decode(codec.encode(made(), Fit()), torch.device("cpu"))
+    material = decoded(codec, made())
     assert (material.cost.parameters, material.cost.texture_channels, material.cost.texture_floats) == (0, 3, 105)
     assert material.modules() == []

@@ -6,21 +6,15 @@ import torch
 
 from baselines.ntc import NTC, NTCObjective, codes_of, encoded_places, values_of
 from bench import hemisphere
-from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
 from bench.material import parameters
 from bench.training import Samples, gain_of
+from tests.baselines.made import coded, cropped, decoded, normed_sines
 
 
 def codec(**settings: Any) -> NTC:
     return NTC(**{"steps": 10, "batch": 256} | settings)
-
-
-def cropped(height: int, width: int) -> BTF:
-    btf = tiny_btf(8)
-    return BTF("cropped", btf.wo, btf.wi, ArraySource(np.stack(list(btf))[:, :height, :width]), periodic=True)
 
 
 # 4 · 12 + 20 features and 12 numbers of the place are the published inputs but one, the level of detail. Beside them
@@ -28,9 +22,7 @@ def cropped(height: int, width: int) -> BTF:
 # directions and 2 · 64 of each of two layer norms.
 @pytest.mark.parametrize(("recipe", "count", "size"), [("paper", 9_795, (24, 10)), ("ours", 8_835, (192, 160))])
 def test_network_and_grids_have_the_stated_sizes(recipe: str, count: int, size: tuple[int, int]) -> None:
-    ours = codec(steps=2, recipe=recipe)
-    parts = ours.encode(tiny_btf(), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(steps=2, recipe=recipe))
     assert parts.decoder["weights"].shape == (count,)
     assert parameters(material) == material.cost.parameters == count
     # 8 × 8 texels: 2 × 2 points and one of 12 and 20 features, or 8 × 8 and 4 × 4 of 6 and 20, in half a byte each.
@@ -80,26 +72,13 @@ def texel(parts: Parts, row: int, col: int, wo: np.ndarray, wi: np.ndarray, bits
     )
     h = (wo + wi) / np.linalg.norm(wo + wi)
     values = np.concatenate([*near, wide, encoded_places((8, 8))[8 * row + col], wo, wi, h])
-    take = iter(parts.decoder["weights"].double().tolist())
-    layers = []
-    for a, b in ((64, 89), (64, 64), (3, 64)):
-        layers.append((np.array([[next(take) for _ in range(b)] for _ in range(a)]), [next(take) for _ in range(a)]))
-    norms = [([next(take) for _ in range(64)], [next(take) for _ in range(64)]) for _ in range(2)]
-    for depth, (weight, bias) in enumerate(layers):
-        out = weight @ values + bias
-        if depth < 2:
-            gain, offset = norms[depth]
-            out = np.sin(2 * ((out - out.mean()) / np.sqrt(out.var() + 1e-5) * gain + offset))
-            out = out + values if depth else out
-        values = out
+    values = normed_sines(values, parts.decoder["weights"], (64, 89), (64, 64), (3, 64))
     return np.expm1(values).clip(0) / float(parts.other["gain"])
 
 
 @pytest.mark.parametrize("bits", [4, 3])
 def test_a_decoded_file_answers_as_the_equations(bits: int) -> None:
-    ours = codec(steps=30, weights="float32", bits=bits, reduction=2, fine=12)
-    parts = ours.encode(tiny_btf(), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(steps=30, weights="float32", bits=bits, reduction=2, fine=12))
     wo, wi = hemisphere.from_degrees(50.0, 20.0), hemisphere.from_degrees(35.0, 140.0)
     found = material.slice(wo.tolist(), wi.tolist())
     each = {(r, c): texel(parts, r, c, wo.astype(float), wi.astype(float), bits) for r in (2, 3) for c in (6, 7)}
@@ -115,7 +94,7 @@ def test_a_decoded_file_answers_as_the_equations(bits: int) -> None:
 
 def test_one_texel_is_drawn_by_its_bilinear_weight() -> None:
     ours = codec(steps=30)
-    material = ours.decode(ours.encode(tiny_btf(), Fit()), torch.device("cpu"))
+    material = decoded(ours, tiny_btf())
     one = material.at_one_texel()
     assert one is not None
     # Places around a quarter of a texel right of and below the centre of texel (2, 6), 1e-4 of a texel apart at most.
@@ -148,33 +127,3 @@ def test_in_the_end_the_fit_sees_what_the_file_gives_back(rounding: str) -> None
         apart = (early[0] - early[1]).abs()
         assert 0.5 * step < apart.max() <= step
     assert all(((grid - fitting.free[0]).abs() <= 0.5 * step + 1e-6).all() for grid in early)
-
-
-@pytest.mark.parametrize("recipe", ["ours", "paper"])
-def test_it_comes_near_the_data(recipe: str) -> None:
-    fit = Fit()
-    codec(steps=300, batch=512, recipe=recipe, reduction=2).encode(tiny_btf(), fit)
-    assert fit.history[-1]["psnr"] > 25
-
-
-@pytest.mark.parametrize("size", [(1, 1), (3, 8), (5, 7)])
-def test_pictures_of_any_size_are_encoded(size: tuple[int, int]) -> None:
-    ours = codec(steps=5, reduction=2)
-    material = ours.decode(ours.encode(cropped(*size), Fit()), torch.device("cpu"))
-    found = material.slice([0, 0, 1], [0, 0, 1])
-    assert found.shape == (*size, 3)
-    assert found.isfinite().all()
-
-
-@pytest.mark.parametrize("setting", ["reduction", "fine", "coarse", "bits", "width"])
-def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match=r"a whole number (≥|from) 1"):
-        codec(**{setting: 0})
-
-
-def test_grids_that_are_not_those_of_the_texture_are_refused() -> None:
-    ours = codec(steps=2)
-    parts = ours.encode(tiny_btf(), Fit())
-    parts.texture["coarse"] = parts.texture["coarse"][:-1]
-    with pytest.raises(InputError, match="coarse grid"):
-        ours.decode(parts, torch.device("cpu"))

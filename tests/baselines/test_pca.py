@@ -10,24 +10,14 @@ from sklearn import decomposition
 
 from baselines.pca import PCA
 from bench import hemisphere
-from bench.btf import BTF, ArraySource, Source
+from bench.btf import BTF, Source
 from bench.codec import Fit, Parts
-from bench.codecs import container, loading
-from bench.errors import InputError
-from bench.material import Material
+from bench.codecs import container
 from bench.metrics.display import exposure
 from bench.training.svd import truncated_svd
+from tests.baselines.made import CPU, btf_of, slices, stored, table
 
-CPU = torch.device("cpu")
 FLOAT32 = {"bits": 32}
-
-
-def btf_of(values: np.ndarray, views: int) -> BTF:
-    """Values (views · lights, H, W, 3) as a BTF over a product of thinned directions."""
-    lights = len(values) // views
-    directions = hemisphere.ubo2003()
-    wo, wi = (directions[hemisphere.thin(directions, n)] for n in (views, lights))
-    return BTF("made", np.repeat(wo, lights, 0), np.tile(wi, (views, 1)), ArraySource(values.astype(np.float32)))
 
 
 def made(pairs: int = 25, height: int = 8, width: int = 6, views: int = 5, seed: int = 0) -> BTF:
@@ -37,20 +27,6 @@ def made(pairs: int = 25, height: int = 8, width: int = 6, views: int = 5, seed:
     mixed = np.einsum("prc,rhw->phwc", rng.random((pairs, rank, 3)), rng.random((rank, height, width)) ** 3)
     noise = 0.05 * rng.random((pairs, height, width, 3))
     return btf_of((mixed + noise) * rng.uniform(0.01, 2, (pairs, 1, 1, 1)), views)
-
-
-def stored(codec: PCA, btf: BTF, folder: Path, fit: Fit | None = None) -> Material:
-    path = folder / "a.nbtf"
-    container.save(path, codec, codec.encode(btf, fit or Fit()))
-    return loading.load(path)[1]
-
-
-def slices(material: Material, btf: BTF) -> np.ndarray:
-    return np.stack([material.slice(wo, wi).numpy() for wo, wi in zip(btf.wo, btf.wi, strict=True)])
-
-
-def table(btf: BTF) -> np.ndarray:
-    return np.stack(list(btf))
 
 
 @pytest.fixture
@@ -110,49 +86,17 @@ def test_the_parts_are_of_the_stated_sizes() -> None:
     btf = made(100, 20, 20, views=10)
     for bits in (32, 16, 8, 4, 0):
         parts = PCA(components=6, bits=bits).encode(btf, Fit())
-        for numbers, stored in ((2400, parts.texture["coefficients"]), (2100, parts.decoder["basis"])):  # with the mean
+        for numbers, kept in ((2400, parts.texture["coefficients"]), (2100, parts.decoder["basis"])):  # with the mean
             if bits > 8:
-                assert stored.nbytes == numbers * bits // 8
+                assert kept.nbytes == numbers * bits // 8
             else:  # a byte says the way, six say the bits of each channel; coding only takes away
-                assert stored.nbytes <= numbers * (bits or 8) / 8 + 7
+                assert kept.nbytes <= numbers * (bits or 8) / 8 + 7
 
 
 def test_the_exposure_of_the_training_pairs_is_stored() -> None:
     btf = made()
     gain = PCA().encode(btf, Fit(seed=3)).other["gain"]
     assert float(gain) == pytest.approx(8 * exposure(btf, 3), rel=1e-6)
-
-
-def test_between_the_samples_a_diffuse_material_is_exact(tmp_path: Path) -> None:
-    """Radiance a/π · cos θ_i: interpolation is of radiance / cos θ_i, or to second order as good."""
-    albedo = np.random.default_rng(0).uniform(0.3, 0.9, (6, 6, 3))
-    btf = btf_of(np.zeros((100, 6, 6, 3)), 4)
-    btf = btf_of(btf.wi[:, None, None, 2:] * albedo / np.pi, 4)
-    wo, wi = hemisphere.from_degrees(33.0, 70.0), hemisphere.from_degrees(41.0, 200.0)
-    wanted = wi[2] * albedo / np.pi
-    exact = stored(PCA(components=3, domain="rgb", **FLOAT32), btf, tmp_path).slice(wo, wi).numpy()
-    np.testing.assert_allclose(exact, wanted, rtol=1e-5)
-    close = stored(PCA(components=8), btf, tmp_path).slice(wo, wi).numpy()
-    np.testing.assert_allclose(close, wanted, rtol=0.01)
-
-
-@pytest.mark.parametrize("domain", ["log", "rgb"])
-@pytest.mark.parametrize(
-    "values",
-    [
-        np.zeros((9, 4, 4, 3)),
-        np.full((9, 4, 4, 3), 0.7),
-        np.random.default_rng(0).random((9, 1, 1, 3)),
-        np.random.default_rng(0).random((1, 5, 4, 3)),
-        np.random.default_rng(0).random((9, 1, 1, 3)) * np.random.default_rng(1).random((1, 5, 4, 1)),
-        np.random.default_rng(0).random((9, 3, 3, 3)) * 1e6,
-    ],
-    ids=["black", "constant", "one texel", "one pair", "rank one", "bright"],
-)
-def test_degenerate_data(tmp_path: Path, values: np.ndarray, domain: str) -> None:
-    btf = btf_of(values, 1 if len(values) == 1 else 3)
-    got = slices(stored(PCA(components=16, domain=domain, **FLOAT32), btf, tmp_path), btf)
-    np.testing.assert_allclose(got, table(btf), rtol=2e-4, atol=1e-5 * max(1e-6, table(btf).max()))
 
 
 @pytest.mark.parametrize(("values", "rank"), [(np.full((9, 4, 4, 3), 0.7), 0), (np.arange(4.0), 1)])
@@ -241,19 +185,6 @@ def test_progress_names_the_passes() -> None:
     ]
 
 
-@pytest.mark.parametrize("domain", ["log", "rgb"])
-def test_one_batch_equals_many(tmp_path: Path, domain: str) -> None:
-    material = stored(PCA(components=8, domain=domain), made(), tmp_path)
-    rng = np.random.default_rng(0)
-    uv = torch.as_tensor(rng.uniform(-3, 3, (300, 2)), dtype=torch.float32)
-    wo, wi = (torch.as_tensor(hemisphere.uniform(rng, 300, 89.0)) for _ in range(2))
-    whole = material.query(uv, wo, wi)
-    apart = torch.cat([material.query(uv[i : i + 7], wo[i : i + 7], wi[i : i + 7]) for i in range(0, 300, 7)])
-    torch.testing.assert_close(whole, apart, rtol=1e-5, atol=1e-6)
-    assert whole.isfinite().all()
-    assert (whole >= 0).all()
-
-
 def test_the_cost_counts_what_is_held(tmp_path: Path) -> None:
     material = stored(PCA(components=8), made(), tmp_path)
     assert material.cost.texture_channels == 8
@@ -262,12 +193,6 @@ def test_the_cost_counts_what_is_held(tmp_path: Path) -> None:
     assert material.modules() == []
     # Nine pairs of (8 + 1) · 3 numbers and four texels of 8, in float32.
     assert material.cost.bytes_per_sample == 4 * (9 * 27 + 4 * 8)
-
-
-def test_settings_out_of_range_are_refused() -> None:
-    for wrong in ({"components": 0}, {"passes": 1}, {"domain": "yuv"}):
-        with pytest.raises(InputError):
-            PCA(**wrong)
 
 
 def test_directions_take_few_bytes() -> None:

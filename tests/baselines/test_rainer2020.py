@@ -9,12 +9,11 @@ import torch
 from baselines.rainer2020 import Pool, Rainer2020, Rainer2020Network, Rainer2020Objective, Resampler, canonical_pairs
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, TrainedNetwork
-from bench.codecs import container, loading, shared
+from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
-from bench.errors import InputError
 from bench.hemisphere import from_degrees
-from bench.material import parameters
 from bench.training import fitting as training
+from tests.baselines.made import decoded
 
 
 def network(**settings: Any) -> Rainer2020Network:
@@ -29,24 +28,11 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainedNetwork:
     return shared.read(shared.make(ours, others(tiny_btf()), Fit(), path).path)
 
 
-def test_the_decoder_is_the_published_one_and_lies_in_the_shared_file(trained: TrainedNetwork, tmp_path: Path) -> None:
-    codec = Rainer2020()
-    file = tmp_path / "file.nbtf"
-    header = container.save(file, codec, codec.encode(tiny_btf(), Fit(network=trained)))
-    (tmp_path / trained.path.name).write_bytes(trained.path.read_bytes())
-    material = loading.load(file)[1]
-    assert parameters(material) == material.cost.parameters == 38_269
-    assert material.cost.texture_channels == 38
-    assert header.tensors["texture/latents.step"][1] == (32 + 6,)
-    assert header.part_bytes()["decoder"] == 0
-    assert trained.parts.decoder["weights"].shape == (38_269,)
-
-
 def test_a_material_it_has_not_seen_comes_near_its_data(trained: TrainedNetwork) -> None:
     """Nearer than the mean colour of each texel comes, at the pairs it was given and at others."""
     seen, all_pairs = tiny_btf(), tiny_btf(views=20, lights=20)
     codec = Rainer2020()
-    material = codec.decode(codec.encode(seen, Fit(network=trained)), torch.device("cpu"))
+    material = decoded(codec, seen, Fit(network=trained))
     mean = sum(seen) / len(seen)
     for btf in (seen, all_pairs):
         errors = [
@@ -88,16 +74,6 @@ def test_a_surface_at_other_directions_has_nearly_the_same_latents(trained: Trai
         latents.append(texture[..., :32])  # the others follow the exposure, which follows the directions
     spread = latents[0].std()
     assert (latents[0] - latents[1]).abs().max() < (0.01 if product else 0.2) * spread
-
-
-@pytest.mark.parametrize("pairs", [1, 81])
-def test_what_does_not_vary_over_its_pairs_is_its_mean(trained: TrainedNetwork, pairs: int) -> None:
-    base = tiny_btf()
-    btf = like(base, base.wo[:pairs], base.wi[:pairs], lambda wo, wi: np.full((len(wo), 3), [0.1, 0.2, 0.3]))
-    codec = Rainer2020()
-    material = codec.decode(codec.encode(btf, Fit(network=trained)), torch.device("cpu"))
-    answer = material.slice(btf.wo[0].tolist(), btf.wi[0].tolist())
-    assert (answer / torch.tensor([0.1, 0.2, 0.3]) - 1).abs().max() < 0.01
 
 
 def test_what_it_would_tell_worse_than_the_mean_is_stored_as_the_mean(trained: TrainedNetwork) -> None:
@@ -150,16 +126,6 @@ def test_the_training_is_watched_on_what_it_does_not_see() -> None:
     assert int(torch.cat(taken).max()) < 10
 
 
-def test_texels_that_are_alike_share_their_latents(trained: TrainedNetwork) -> None:
-    base = tiny_btf()
-    values = np.stack(list(base))
-    values[:, 4:] = values[:, :4]
-    btf = BTF("twice", base.wo, base.wi, ArraySource(values))
-    latents = Rainer2020(bits=32).encode(btf, Fit(network=trained)).texture["latents"]
-    torch.testing.assert_close(latents[4:], latents[:4], rtol=1e-5, atol=1e-5)
-    assert (latents[0, 0] - latents[0, 3]).abs().max() > 1e-3
-
-
 def test_a_killed_pretraining_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
     monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
@@ -179,9 +145,3 @@ def test_a_killed_pretraining_gives_the_same_file(tmp_path: Path, monkeypatch: p
     assert min(asked) == 10  # the state on disk when it was killed
     assert resumed.sha256 == shared.make(ours, btfs, Fit(), tmp_path / "alone.nbtf").sha256
     assert not list(tmp_path.glob("*.state"))
-
-
-@pytest.mark.parametrize("setting", ["texels", "pairs", "kept", "latents"])
-def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match=r"a whole number (≥ 1|from 1 to)"):
-        network(**{setting: 0})

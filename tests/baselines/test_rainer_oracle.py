@@ -14,20 +14,10 @@ from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
 from bench.material import texel_centres
 from bench.training import Samples, to_vector
+from tests.baselines.made import leaky, split
 
 Array = np.ndarray
 FLOAT32 = {"bits": 32, "weights": "float32"}
-
-
-def leaky(x: Array) -> Array:
-    return np.where(x > 0, x, 0.01 * x)
-
-
-def cut(vector: Array, *shapes: tuple[int, ...]) -> list[Array]:
-    """Consecutive arrays of these shapes; they take the whole vector."""
-    parts = np.split(vector.astype(np.float64), np.cumsum([np.prod(shape) for shape in shapes]))
-    assert len(parts.pop()) == 0
-    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
 def encode(vector: Array, logs: Array, latents: int) -> Array:
@@ -38,7 +28,7 @@ def encode(vector: Array, logs: Array, latents: int) -> Array:
     for _ in sizes:
         cells = -(-cells // 4)
     shapes = [shape for size in sizes for shape in (size, size[:1])]
-    *convolutions, matrix, offset = cut(vector, *shapes, (latents, 64 * cells), (latents,))
+    *convolutions, matrix, offset = split(vector, *shapes, (latents, 64 * cells), (latents,))
     for weight, bias in zip(convolutions[::2], convolutions[1::2], strict=True):
         out, _, kernel = weight.shape
         padded = np.pad(x, ((0, 0), (kernel // 2, kernel // 2)))
@@ -54,7 +44,7 @@ def decode(vector: Array, channels: Array, wo: Array, wi: Array) -> Array:
     x = np.concatenate([latents, wi[:2] / (1 + wi[2]), wo[:2] / (1 + wo[2])])
     sizes = [len(x), 106, 106, 106, 106, 3]
     shapes = [shape for a, b in pairwise(sizes) for shape in ((b, a), (b,))]
-    *hidden, matrix, offset = cut(vector, *shapes)
+    *hidden, matrix, offset = split(vector, *shapes)
     for weight, bias in zip(hidden[::2], hidden[1::2], strict=True):
         x = leaky(weight @ x + bias)
     return np.expm1(mean + deviation * (matrix @ x + offset))

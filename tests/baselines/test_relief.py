@@ -17,16 +17,16 @@ from bench.conformance.check import tiny_btf
 from bench.conformance.counting import held_floats
 from bench.data.materials import load, recipe
 from bench.data.materials.maps import resize
-from bench.errors import InputError
 from bench.material import parameters
 from bench.training import fitting as training
 from bench.training import gain_of
+from tests.baselines.made import decoded
 from tests.baselines.surfaces import bumps
 
 
 def fitted(btf: BTF, **settings: Any) -> ReliefMaterial:
     codec = Relief(**{"steps": 20, "batch": 256} | settings)
-    material = codec.decode(codec.encode(btf, Fit()), torch.device("cpu"))
+    material = decoded(codec, btf)
     assert isinstance(material, ReliefMaterial)
     return material
 
@@ -179,30 +179,6 @@ def test_a_file_answers_as_the_fit_did() -> None:
     torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-5)
 
 
-def test_a_larger_footprint_is_fitted() -> None:
-    like = tiny_btf()
-    checks = np.indices((8, 8)).sum(0) % 2 * like.wi[:, 2, None, None]
-    btf = BTF("checks", like.wo, like.wi, ArraySource(np.repeat(checks[..., None], 3, -1).astype(np.float32)))
-    material = fitted(btf, steps=300)
-    fine, coarse = (material.slice([0, 0, 1], [0, 0, 1], (n, n)) for n in (8, 4))
-    assert (fine.amax() - fine.amin()) > 0.8
-    # Black or white would be 0.5 away, a fit of a few seconds is not exact.
-    assert (coarse - 0.5).abs().max() < 0.25
-
-
-@pytest.mark.parametrize("size", [(1, 1), (5, 3), (2, 16)])
-def test_any_size_is_fitted(size: tuple[int, int]) -> None:
-    like = tiny_btf()
-    values = np.random.default_rng(0).uniform(0, 1, (len(like), *size, 3)).astype(np.float32)
-    material = fitted(BTF("noise", like.wo, like.wi, ArraySource(values)))
-    assert material.slice([0, 0, 1], [0, 0, 1]).shape == (*size, 3)
-
-
-def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any) -> None:
-    codec, (btf, _) = Relief(steps=30, batch=64, bits=4), bumps()
-    ends_alike_when_killed(codec, btf)
-
-
 def test_a_refined_height_that_diverges_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
     poisoned, found = list[float](), ReliefObjective.loss
@@ -242,9 +218,3 @@ def test_a_fit_that_is_set_back_before_the_height_moved_marches_the_found_height
     before, again = marched[20]
     assert not torch.equal(marched[31][0], before)
     assert torch.equal(again, before)
-
-
-def test_settings_without_sense_are_refused() -> None:
-    for wrong in ({"bits": -1}, {"bits": 9}, {"latents": 0}, {"width": 0}):
-        with pytest.raises(InputError, match="codec relief must be"):
-            Relief(**wrong)

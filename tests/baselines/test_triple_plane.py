@@ -7,11 +7,10 @@ import torch
 from baselines.triple_plane import TriplePlane, half_and_difference
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
-from bench.codec import Fit
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
 from bench.material import parameters
 from bench.training import load_texture
+from tests.baselines.made import coded, decoded, dense, fetch, oracle_difference, split
 
 
 def codec(**settings: Any) -> TriplePlane:
@@ -19,35 +18,12 @@ def codec(**settings: Any) -> TriplePlane:
 
 
 def test_the_decoder_and_the_planes_are_the_published_ones() -> None:
-    ours = codec(recipe="paper", steps=2)
-    parts = ours.encode(tiny_btf(), Fit())
-    material = ours.decode(parts, torch.device("cpu"))
+    parts, material = coded(codec(recipe="paper", steps=2))
     # 24 → 32 → 32 → 32 → 3 with biases; without, as the authors' kernel in eight bits has it, 2,912.
     assert parts.decoder["weights"].shape == (3_011,)
     assert parameters(material) == material.cost.parameters == 3_011
     assert load_texture("planes", parts.decoder).shape == (2, 50, 50, 8)
     assert load_texture("latents", parts.texture).shape == (8, 8, 8)
-
-
-def angles(w: np.ndarray) -> tuple[float, float]:
-    return float(np.arccos(np.clip(w[2], -1, 1))), float(np.arctan2(w[1], w[0]))
-
-
-def about(axis: int, angle: float) -> np.ndarray:
-    """The rotation matrix about a coordinate axis, right-handed."""
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    out = np.eye(3)
-    out[i, i], out[i, j], out[j, i], out[j, j] = c, -s, s, c
-    return out
-
-
-def oracle_difference(wo: np.ndarray, wi: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation matrices instead of closed forms: the shortest turn goes about z × h."""
-    h = (wo + wi) / np.linalg.norm(wo + wi)
-    theta, phi = angles(h)
-    turn = about(1, -theta) @ about(2, -phi)
-    return h, (turn if kind == "rusinkiewicz" else about(2, phi) @ turn) @ wi
 
 
 @pytest.mark.parametrize("kind", ["rusinkiewicz", "nearest"])
@@ -66,33 +42,20 @@ def test_a_half_vector_at_the_zenith_is_no_trouble(kind: Any) -> None:
     torch.testing.assert_close(torch.cat([h, d]), zenith.expand(2, 3))
 
 
-def fetch(plane: np.ndarray, x: float, y: float) -> np.ndarray:
-    """Bilinear between texels whose first and last centres are −1 and 1; y grows upwards, rows downwards."""
-    side = len(plane)
-    col, row = (x + 1) / 2 * (side - 1), (1 - y) / 2 * (side - 1)
-    i, j = min(int(row), side - 2), min(int(col), side - 2)
-    a, b = row - i, col - j
-    top = (1 - b) * plane[i, j] + b * plane[i, j + 1]
-    return (1 - a) * top + a * ((1 - b) * plane[i + 1, j] + b * plane[i + 1, j + 1])
-
-
 @pytest.mark.parametrize("kind", ["rusinkiewicz", "nearest"])
 def test_a_decoded_file_answers_as_the_equations(kind: str) -> None:
-    ours = codec(steps=30, difference=kind, bits=32, weights="float32")
-    parts = ours.encode(tiny_btf(), Fit())
-    material, gain = ours.decode(parts, torch.device("cpu")), float(parts.other["gain"])
+    parts, material = coded(codec(steps=30, difference=kind, bits=32, weights="float32"))
+    gain = float(parts.other["gain"])
     wo, wi = hemisphere.from_degrees(50.0, 20.0), hemisphere.from_degrees(35.0, 140.0)
     found = material.slice(wo.tolist(), wi.tolist())
     h, d = oracle_difference(wo.astype(float), wi.astype(float), kind)
     seen = [fetch(plane.double().numpy(), w[0], w[1]) for plane, w in zip(parts.decoder["planes"], (h, d), strict=True)]
-    flat = parts.decoder["weights"].double().numpy()
+    network = split(parts.decoder["weights"], *dense((32, 24), (32, 32), (32, 32), (3, 32)))
     for row, col in ((0, 0), (3, 5), (7, 2)):
-        x, start = np.concatenate([parts.texture["latents"][row, col].double().numpy(), *seen]), 0
-        for rows, cols in ((32, 24), (32, 32), (32, 32), (3, 32)):
-            weight, bias = flat[start : start + rows * cols].reshape(rows, cols), flat[start + rows * cols :][:rows]
-            start += rows * cols + rows
-            x = weight @ x + bias
-            x = x.clip(0) if rows == 32 else x
+        x = np.concatenate([parts.texture["latents"][row, col].double().numpy(), *seen])
+        for depth in range(4):
+            x = network[2 * depth] @ x + network[2 * depth + 1]
+            x = x.clip(0) if depth < 3 else x
         # Float32 sums of some tens of terms.
         np.testing.assert_allclose(found[row, col], np.expm1(x).clip(0) / gain, rtol=2e-4, atol=1e-5)
 
@@ -113,34 +76,13 @@ def test_between_the_pairs_a_blurred_plane_answers_better() -> None:
     errors = []
     for blur in (0.0, 2.0):
         ours = codec(steps=300, batch=512, blur=blur, resolution=20, start="random")
-        material = ours.decode(ours.encode(btf, Fit()), torch.device("cpu"))
+        material = decoded(ours, btf)
         answers = np.stack([material.slice(o.tolist(), i.tolist()).numpy() for o, i in zip(wo, wi, strict=True)])
         errors.append(np.abs(answers - lobe(wo, wi)[:, None, None, None] * albedo).mean())
     assert errors[1] < 0.7 * errors[0]
 
 
-@pytest.mark.parametrize("recipe", ["ours", "paper"])
-def test_it_comes_near_the_data(recipe: str) -> None:
-    fit = Fit()
-    codec(steps=300, batch=512, recipe=recipe).encode(tiny_btf(), fit)
-    assert fit.history[-1]["psnr"] > 25
-
-
-@pytest.mark.parametrize("setting", ["channels", "resolution", "batch"])
-def test_settings_without_sense_are_refused(setting: str) -> None:
-    with pytest.raises(InputError, match="≥ 1"):
-        codec(**{setting: 0})
-
-
 @pytest.mark.parametrize("resolution", [1, 2])
 def test_the_smallest_planes_work(resolution: int) -> None:
     ours = codec(resolution=resolution, channels=1)
-    assert ours.decode(ours.encode(tiny_btf(), Fit()), torch.device("cpu")).slice([0, 0, 1], [0, 0, 1]).isfinite().all()
-
-
-def test_planes_that_do_not_fit_the_network_are_refused() -> None:
-    ours = codec(steps=2, bits=32)
-    parts = ours.encode(tiny_btf(), Fit())
-    parts.decoder["planes"] = parts.decoder["planes"][..., :7]
-    with pytest.raises(ValueError, match="planes of 8 channels"):
-        ours.decode(parts, torch.device("cpu"))
+    assert decoded(ours, tiny_btf()).slice([0, 0, 1], [0, 0, 1]).isfinite().all()

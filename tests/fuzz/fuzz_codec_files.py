@@ -12,6 +12,7 @@ import json
 import random
 import struct
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,15 +28,8 @@ from bench.conformance.stress.case import short
 
 VALUES = (-1, 0, 1, 255, 256, 10**9, 2**62, -(2**63), 10**30, 1.5, 1e308, True, None, "", "x", "é" * 99, [], {}, [[]])
 TYPES = tuple(container.ITEM_BYTES)
-SCENE: dict[str, Any] = {
-    "name": "a",
-    "demand": "1" * 64,
-    "size": [5, 5],
-    "window": [0, 0, 5, 5],
-    "factor": 1,
-    "pairs": 9,
-}
-SCENE |= {"finest": 0.1, "uniform": 0.1, "views": "f" * 64, "lights": "f" * 64}
+SCENE: dict[str, Any] = {"name": "a", "demand": "1" * 64, "size": [5, 5], "window": [0, 0, 5, 5], "factor": 1}
+SCENE |= {"pairs": 9, "finest": 0.1, "uniform": 0.1, "views": "f" * 64, "lights": "f" * 64}
 
 
 def small(name: str, folder: Path) -> None:
@@ -63,6 +57,13 @@ def parted(content: bytes) -> tuple[dict, dict, bytearray]:
     length = struct.unpack("<Q", content[:8])[0]
     header = json.loads(content[8 : 8 + length])
     return header, json.loads(header.pop("__metadata__")[container.KEY]), bytearray(content[8 + length :])
+
+
+def resealed(path: Path, change: Callable[[dict, dict], object]) -> None:
+    """Changes the metadata and the header of a codec file, and computes its hash again."""
+    header, says, body = parted(path.read_bytes())
+    change(says, header)
+    path.write_bytes(sealed(header, says, bytes(body)))
 
 
 def mutated(content: bytes, rng: random.Random) -> bytes:

@@ -115,17 +115,8 @@ def _run(target: Target, script: str, count: int, seed: int) -> bool:
     while start < count:
         stop = min(count, start + CHUNK)
         with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-            command = [
-                sys.executable,
-                script,
-                "--work",
-                target.name,
-                str(start),
-                str(stop),
-                folder,
-                "--seed",
-                str(seed),
-            ]
+            work = ["--work", target.name, str(start), str(stop), folder]
+            command = [sys.executable, script, *work, "--seed", str(seed)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:  # a crash: what came before it counts, and the next process goes on behind it
                 last = Path(folder, "LAST")

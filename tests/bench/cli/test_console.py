@@ -73,9 +73,8 @@ def test_without_a_terminal_a_long_silence_is_broken(clock, monkeypatch, capsys)
         assert capsys.readouterr().err == ""
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_run_tells_codec_and_material_the_psnr_so_far_and_that_it_times(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.TURNS", 3)
     monkeypatch.chdir(tmp_path)
     write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
     suite = with_changes(load_suite("quick"), ["btf"], ["neubtf-direct"], {"neubtf-direct.steps": "4"}, None)

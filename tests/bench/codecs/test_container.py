@@ -1,7 +1,7 @@
-import json
 import random
 import struct
 
+import fuzz_codec_files
 import pytest
 import torch
 
@@ -32,13 +32,8 @@ def test_an_encoder_is_a_part_of_its_own(encoded, tmp_path):
     assert "encoder" not in header.part_bytes()
     parts = Parts(texture={"t": torch.ones(5)}, encoder={"weights": torch.arange(7.0)})
     header = container.save(tmp_path / "file", load_codec("pca")(), parts)
-    assert header.part_bytes() == {
-        "decoder": 0,
-        "texture": 20,
-        "other": 0,
-        "encoder": 28,
-        "header": header.file_bytes - 48,
-    }
+    sizes = {"decoder": 0, "texture": 20, "other": 0, "encoder": 28, "header": header.file_bytes - 48}
+    assert header.part_bytes() == sizes
     assert container.read_parts(header.path)[1].encoder["weights"].equal(torch.arange(7.0))
 
 
@@ -50,12 +45,6 @@ def test_a_file_may_say_what_it_was_made_from(encoded, tmp_path):
     again = container.save(tmp_path / "made", load_codec("pca")(**codec.settings), parts, sources)
     assert again.provenance == container.read_header(again.path).provenance == sources
     assert f"provenance: file = {header.sha256}" in file_lines(again)
-
-
-def test_the_same_parts_give_the_same_bytes(encoded):
-    _, data = encoded
-    codec = load_codec("pca")(components=4)
-    assert container.to_bytes(codec, codec.encode(tiny_btf(), Fit())) == data
 
 
 def test_every_dtype_and_shape_comes_back():
@@ -108,21 +97,6 @@ def mutate(data: bytes, rng: random.Random) -> bytes:
     return bytes(out) if bytes(out) != data else mutate(data, rng)
 
 
-def rewritten(data: bytes, change) -> bytes:
-    """The file with its own metadata changed and its hash made right again: altered by someone who knows the format."""
-    import hashlib
-
-    length = struct.unpack("<Q", data[:8])[0]
-    header = json.loads(data[8 : 8 + length])
-    metadata = json.loads(header["__metadata__"]["neubtf"])
-    change(metadata, header)
-    metadata["sha256"] = "0" * 64
-    header["__metadata__"]["neubtf"] = json.dumps(metadata)
-    text = json.dumps(header).encode()
-    out = struct.pack("<Q", len(text)) + text + data[8 + length :]
-    return out.replace(b"0" * 64, hashlib.sha256(out).hexdigest().encode(), 1)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -137,7 +111,8 @@ def rewritten(data: bytes, change) -> bytes:
 def test_a_file_that_is_whole_but_foreign_is_explained(encoded, tmp_path, change, message):
     _, data = encoded
     path = tmp_path / "foreign.nbtf"
-    path.write_bytes(rewritten(data, change))
+    path.write_bytes(data)
+    fuzz_codec_files.resealed(path, change)
     with pytest.raises(InputError) as error:
         loading.load(path)
     assert message in str(error.value)

@@ -1,12 +1,12 @@
 """Codec files whose hash is sound and whose content is not: refused by name, or they answer with numbers."""
 
-import json
 import random
 import struct
 
 import fuzz_codec_files
 import pytest
 import torch
+from fuzz_codec_files import resealed
 
 from bench.codec import Fit, Parts
 from bench.codecs import container, loading
@@ -15,14 +15,9 @@ from bench.conformance.check import tiny_btf
 from bench.errors import ContainerError
 
 
-def resealed(path, change):
-    """The file with its metadata and header changed, its hash computed again."""
-    content = path.read_bytes()
-    length = struct.unpack("<Q", content[:8])[0]
-    header = json.loads(content[8 : 8 + length])
-    metadata = json.loads(header.pop("__metadata__")[container.KEY])
-    change(metadata, header)
-    path.write_bytes(fuzz_codec_files.sealed(header, metadata, content[8 + length :]))
+def mean_colour_file(folder):
+    parts = Parts(texture={"mean": torch.ones(2, 2, 3)})
+    return container.save(folder / "a.nbtf", load_codec("mean-colour")(), parts).path
 
 
 @pytest.mark.parametrize(
@@ -41,56 +36,53 @@ def resealed(path, change):
     ],
 )
 def test_a_field_of_the_wrong_type_is_named(field, value, tmp_path):
-    path = container.save(
-        tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
-    )
-    resealed(path.path, lambda metadata, header: metadata.update({field: value}))
+    path = mean_colour_file(tmp_path)
+    resealed(path, lambda metadata, header: metadata.update({field: value}))
     with pytest.raises(ContainerError, match=rf"a\.nbtf.*{field}"):
-        loading.load(path.path)
+        loading.load(path)
 
 
-def saved(tmp_path, name, **settings):
+HUGE = torch.tensor([2**30, 2**30], dtype=torch.int32)
+
+
+def two_stages(parts):
+    """Of one code each, so that an index takes no bytes."""
+    parts.other["size"] = torch.tensor([4096, 4096], dtype=torch.int32)
+    parts.other["codes"] = torch.tensor([1, 1], dtype=torch.int32)
+    parts.texture["index1"] = parts.texture["index0"].clone()
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "change", "message"),
+    [
+        (
+            "vq",
+            {"codes": 5},
+            lambda p: p.texture.update(index0=p.texture["index0"][:-1]),
+            "a texture of this file",
+        ),
+        ("vq", {"codes": 1}, lambda p: p.other.update(size=HUGE), "an index of"),
+        ("vq", {"codes": 1}, two_stages, r"an index of \d+ bytes for 4096 × 4096 texels and 2 stages"),
+        ("neumip", {"steps": 1, "batch": 16}, lambda p: p.other.update(size=HUGE), "not what codec neumip wrote"),
+        ("pca", {"components": 2}, lambda p: p.other.update(pairs=p.other["pairs"][:-1]), "its pairs are not those"),
+    ],
+)
+def test_parts_that_do_not_agree_are_refused_before_memory_is_taken(name, settings, change, message, tmp_path):
     codec = load_codec(name)(**settings)
-    return codec, codec.encode(tiny_btf(5, 3, 3), Fit(seed=1))
-
-
-def refused(tmp_path, codec, parts):
-    with pytest.raises(ContainerError) as raised:
+    parts = codec.encode(tiny_btf(5, 3, 3), Fit(seed=1))
+    change(parts)
+    with pytest.raises(ContainerError, match=message):
         loading.load(container.save(tmp_path / "a.nbtf", codec, parts).path)
-    return str(raised.value)
-
-
-def test_missing_bits_of_an_index_are_noticed(tmp_path):
-    codec, parts = saved(tmp_path, "vq", codes=5)
-    parts.texture["index0"] = parts.texture["index0"][:-1]
-    assert "a texture of this file holds" in refused(tmp_path, codec, parts)
-
-
-def test_sizes_that_no_byte_holds_are_refused_before_memory_is_taken(tmp_path):
-    codec, parts = saved(tmp_path, "vq", codes=1)
-    parts.other["size"] = torch.tensor([2**30, 2**30], dtype=torch.int32)
-    assert "an index of" in refused(tmp_path, codec, parts)
-    codec, parts = saved(tmp_path, "neumip", steps=1, batch=16)
-    parts.other["size"] = torch.tensor([2**30, 2**30], dtype=torch.int32)
-    assert "not what codec neumip wrote" in refused(tmp_path, codec, parts)
-
-
-def test_a_table_of_other_pairs_is_refused(tmp_path):
-    codec, parts = saved(tmp_path, "pca", components=2)
-    parts.other["pairs"] = parts.other["pairs"][:-1]
-    assert "its pairs are not those of its table" in refused(tmp_path, codec, parts)
 
 
 def test_numbers_that_are_not_finite_are_refused(tmp_path):
-    path = container.save(
-        tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
-    )
-    content = path.path.read_bytes()
+    path = mean_colour_file(tmp_path)
+    content = path.read_bytes()
     length = struct.unpack("<Q", content[:8])[0]
-    path.path.write_bytes(content[: 8 + length] + torch.full((12,), torch.nan).numpy().tobytes())
-    resealed(path.path, lambda metadata, header: None)
+    path.write_bytes(content[: 8 + length] + torch.full((12,), torch.nan).numpy().tobytes())
+    resealed(path, lambda metadata, header: None)
     with pytest.raises(ContainerError, match="texture/mean holds numbers that are not finite"):
-        loading.load(path.path)
+        loading.load(path)
 
 
 def test_random_mutations_are_the_same_in_every_run(tmp_path):

@@ -47,6 +47,10 @@ class Maker:
         """One job a number, of seeds 0, 1, 2 …"""
         return [self.job(label, seed=seed, psnr=psnr, **changes) for seed, psnr in enumerate(psnrs)]
 
+    def three(self, label="pca", **changes):
+        """Jobs of three seeds that do not differ."""
+        return [self.job(label, seed=seed, **changes) for seed in range(3)]
+
     def unfinished(self, status, label="pca", material="satin", seed=0, error="RuntimeError: no luck"):
         record = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": "1", "material": material}
         return record | {"label": label, "seed": seed, "status": status, "error": error}

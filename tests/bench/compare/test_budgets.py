@@ -1,7 +1,5 @@
 """The rung of each budget: chosen by validation pairs alone, on records made by hand."""
 
-import json
-
 import pytest
 
 from bench.compare.budgets import BYTES, EAGER, FIT, FUSED, Budget, budgets, line_of, rung_of, shown
@@ -171,11 +169,3 @@ def test_runs_without_validation_stand_in_nobodys_place(tmp_path):
 @pytest.mark.parametrize("limits", [Limits(size=1), Limits(time=1)])
 def test_nothing_fits_nothing_is_chosen(limits):
     assert chosen([rung("a", 2, 30.0)], limits) is None
-
-
-def test_choosing_imports_nothing_heavy():
-    import subprocess
-    import sys
-
-    code = "import sys, json, bench.records.choosing; print(json.dumps([m in sys.modules for m in ('torch', 'numpy')]))"
-    assert json.loads(subprocess.run([sys.executable, "-c", code], capture_output=True).stdout) == [False, False]

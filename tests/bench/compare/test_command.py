@@ -33,8 +33,8 @@ def test_rows_are_chosen_by_material_and_codec(runs, capsys):
 
 def test_what_is_not_comparable_fails_unless_it_is_allowed(make, capsys):
     base = make.run("old", *(make.job(label, seed=seed) for label in ("pca", "vq") for seed in range(3)))
-    jobs = [make.job("pca", seed=seed) for seed in range(3)]
-    newer = make.run("newer", *jobs, *(make.job("vq", seed=seed, version=2, psnr=25.0) for seed in range(3)))
+    jobs = make.three("pca")
+    newer = make.run("newer", *jobs, *make.three("vq", version=2, psnr=25.0))
     words = ["compare", str(base.folder), str(newer.folder)]
     assert cli.main(words) == 1
     assert "fails like a regression" in capsys.readouterr().out

@@ -22,8 +22,8 @@ def judged(make):
     """The verdict on one quantity of a codec of three seeds that do not differ, changed in the new run."""
 
     def judge(name, **changes):
-        base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
-        new = make.run("new", *(make.job(seed=seed, **changes) for seed in range(3)))
+        base = make.run("base", *make.three())
+        new = make.run("new", *make.three(**changes))
         comparison = compare(base, new)
         return change(comparison, name).verdict, comparison.exit_code
 
@@ -88,17 +88,12 @@ def test_seeds_that_give_the_same_again_have_not_changed_whatever_the_others_gav
 
 
 def test_seeds_of_different_pairs_are_compared_seed_by_seed(make):
-    base = make.run(
-        "base", *(job | {"score_key": job["score_key"] | {"btf": str(i)}} for i, job in enumerate(make.seeds(SPREAD)))
-    )
     moved = [psnr - 0.02 for psnr in SPREAD[:3]]
-    new = make.run(
-        "new", *(job | {"score_key": job["score_key"] | {"btf": str(i)}} for i, job in enumerate(make.seeds(moved)))
-    )
+    base, new = (make.run(name, *of_own_pairs(make, psnrs)) for name, psnrs in (("base", SPREAD), ("new", moved)))
     psnr = change(compare(base, new), "PSNR")
     assert psnr.difference == pytest.approx(-0.02)
     assert psnr.base == pytest.approx(statistics.fmean(SPREAD[:3]))
-    other = make.run("other", *(job | {"score_key": job["score_key"] | {"btf": "9"}} for job in make.seeds(moved)))
+    other = make.run("other", *make.seeds(moved, btf="9"))
     assert compare(base, other).rows[0].verdict == "not comparable"
 
 
@@ -209,8 +204,8 @@ def test_sizes_that_differ_by_seed_are_of_compressed_payloads_and_have_one_per_c
     ],
 )
 def test_another_codec_version_or_other_data_cannot_be_compared(make, changes, reason):
-    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
-    new = make.run("new", *(make.job(seed=seed, psnr=10.0, **changes) for seed in range(3)))
+    base = make.run("base", *make.three())
+    new = make.run("new", *make.three(psnr=10.0, **changes))
     comparison = compare(base, new)
     assert (comparison.rows[0].verdict, comparison.exit_code) == ("not comparable", 4)
     assert reason in comparison.rows[0].why
@@ -222,8 +217,8 @@ def test_an_exposure_that_differs_in_its_last_digits_is_the_same(make):
 
 
 def test_another_metric_version_spares_the_other_numbers(make):
-    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
-    new = make.run("new", *(make.job(seed=seed, flip=0.9, versions={FLIP: 2}) for seed in range(3)))
+    base = make.run("base", *make.three())
+    new = make.run("new", *make.three(flip=0.9, versions={FLIP: 2}))
     comparison = compare(base, new)
     assert change(comparison, "FLIP").verdict == "not comparable"
     assert "version 2 instead of 1" in change(comparison, "FLIP").why
@@ -240,7 +235,7 @@ def test_a_metric_that_is_not_measured_any_more_is_not_comparable(make):
 
 
 def test_what_is_allowed_to_be_gone_does_not_hide_what_got_worse(make):
-    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
+    base = make.run("base", *make.three())
     new = make.run("new", *(make.job(seed=seed, psnr=20.0) for seed in range(2)))
     assert compare(base, new).rows[0].verdict == "GONE"
     assert compare(base, new, allow=["*"]).exit_code == 1
@@ -305,18 +300,18 @@ def test_a_small_loss_everywhere_shows_in_the_mean_over_codecs_though_no_row_can
 
 
 def test_a_row_is_found_again_under_another_spelling(make):
-    base = make.run("base", *(make.job("vq components=16", seed=seed) for seed in range(3)))
-    new = make.run("new", *(make.job("vq", seed=seed) for seed in range(3)))
+    base = make.run("base", *make.three("vq components=16"))
+    new = make.run("new", *make.three("vq"))
     assert [(row.label, row.verdict) for row in compare(base, new).rows] == [("vq", "same")]
-    other = make.run("other", *(make.job("vq", seed=seed, settings={"components": 4}) for seed in range(3)))
+    other = make.run("other", *make.three("vq", settings={"components": 4}))
     assert [row.verdict for row in compare(base, other).rows] == ["GONE", "new"]
 
 
 def test_jobs_that_vanished_are_regressions(make):
     base = make.run("base", *(make.job(label, seed=seed) for label in ("pca", "vq") for seed in range(3)))
-    row = make.run("row", *(make.job("pca", seed=seed) for seed in range(3)))
+    row = make.run("row", *make.three("pca"))
     seed = make.run("seed", *list(base.jobs)[:-1])
-    away = make.run("away", *(make.job(seed=s) for s in range(3)), make.unfinished("unavailable", "vq"))
+    away = make.run("away", *make.three(), make.unfinished("unavailable", "vq"))
     for new, why in ((row, "no such job in the run"), (seed, "seed 2 has no result"), (away, "not available: Runtime")):
         comparison = compare(base, new)
         assert [row.verdict for row in comparison.rows] == ["same", "GONE"]
@@ -325,7 +320,7 @@ def test_jobs_that_vanished_are_regressions(make):
 
 
 def test_a_run_of_one_seed_by_choice_has_lost_nothing(make):
-    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
+    base = make.run("base", *make.three())
     assert compare(base, make.run("new", make.job(seed=1), seeds=[1])).exit_code == 0
 
 

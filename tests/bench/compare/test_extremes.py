@@ -11,17 +11,8 @@ from bench.records import append
 def stress(folder, **verdicts):
     folder.mkdir()
     for extreme, verdict in verdicts.items():
-        record = {
-            "kind": "stress",
-            "subject": "pca",
-            "extreme": extreme,
-            "verdict": verdict,
-            "group": "queries",
-            "order": 0,
-            "figure": "",
-            "detail": "",
-        }
-        append(folder, record)
+        record = {"kind": "stress", "subject": "pca", "extreme": extreme, "verdict": verdict, "group": "queries"}
+        append(folder, record | {"order": 0, "figure": "", "detail": ""})
     return str(folder)
 
 

@@ -25,13 +25,13 @@ def base(make):
 @pytest.fixture
 def mixed(make, base):
     """Every verdict there is, in two materials, with names that each format must escape."""
-    jobs = [make.job("mean-colour", seed=seed) for seed in range(3)]
-    jobs += [make.job("pca", seed=seed, psnr=29.5, size=65_920, ssim=0.89) for seed in range(3)]
+    jobs = make.three("mean-colour")
+    jobs += make.three("pca", psnr=29.5, size=65_920, ssim=0.89)
     jobs += [make.job("vq", seed=seed, psnr=31.0 + 0.1 * seed) for seed in range(3)]
     jobs += [
         make.unfinished("failed", "fails", seed=seed, error="E: \x1b[31mred\x00\nsecond, line: 5 %") for seed in (0, 1)
     ]
-    jobs += [make.job("other", seed=seed, version=2) for seed in range(3)]
+    jobs += make.three("other", version=2)
     jobs += [make.job(AWKWARD, "a/material", seed, parameters=10**9) for seed in range(3)]
     jobs += [make.job("brand-new", "a/material", seed) for seed in range(3)]
     new = make.run("new", *jobs, make.timing("mean-colour", ns=100), make.timing("pca", ns=600))
@@ -59,8 +59,8 @@ def test_a_run_of_a_part_is_told_how_to_compare_what_is_there(make):
 
 
 def test_a_gain_beside_a_loss_is_no_finding_against_the_row(make):
-    base = make.run("base", *(make.job(seed=seed) for seed in range(3)))
-    comparison = compare(base, make.run("new", *(make.job(seed=seed, psnr=29.0, flip=0.05) for seed in range(3))))
+    base = make.run("base", *make.three())
+    comparison = compare(base, make.run("new", *make.three(psnr=29.0, flip=0.05)))
     (row,) = comparison.rows
     assert row.verdict == "WORSE"
     text = terminal(comparison)

@@ -218,12 +218,11 @@ def test_a_fault_that_was_planted_in_the_fits_of_one_codec_is_caught(tmp_path, f
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("brief")
 def test_a_shift_by_a_quarter_of_a_texel_is_caught(tmp_path, monkeypatch):
     """In the decoder of a codec that does not draw, from encoding to verdict."""
     data = Preparation(size=16, views=6, lights=6, heldout=8, split="validation")
     suite = Suite("shift", "", seeds=(0, 1), data=data, materials=(MaterialSpec("satin"),), codecs=(CodecSpec("pca"),))
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.TURNS", 3)
     list(run(suite, Options(tmp_path / "base")))
     answer = PCAMaterial.evaluate
     monkeypatch.setattr(PCAMaterial, "evaluate", lambda self, uv, *rest: answer(self, uv + 0.25 / self.size[1], *rest))

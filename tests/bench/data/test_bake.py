@@ -352,10 +352,8 @@ def test_scanned_materials_bake_upright(tmp_path, name):
         folder = make_scan(tmp_path / name, name)
     elif "NEUBTF_DATA" not in os.environ:
         pytest.skip("NEUBTF_DATA names no folder of real materials")
-    else:
-        folder = Path(os.environ["NEUBTF_DATA"]) / "svbrdf" / name
-        if not folder.is_dir():
-            pytest.skip(f"{folder} is not there")
+    elif not (folder := Path(os.environ["NEUBTF_DATA"]) / "svbrdf" / name).is_dir():
+        pytest.skip(f"{folder} is not there")
     surface = read_surface(recognise(folder), 16)
     assert surface.shape == ((8, 16) if name in ("bricks", "ambientcg") else (16, 16))
     assert not any("DX" in text or "dark is high" in text for text in surface.notes.values())

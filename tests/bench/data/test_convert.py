@@ -44,12 +44,9 @@ def test_a_window_is_cut_and_wraps_no_longer(btf):
     assert changed(btf, crop=(0, 0, 12, 12)).periodic
 
 
-def test_the_window_is_in_texels_of_the_source_and_is_averaged_in_linear_light(btf):
+def test_the_window_is_in_texels_of_the_source_and_is_averaged_and_thinning_keeps_a_product(btf):
     small = changed(btf, crop=(0, 4, 8, 8), downsample=4)
     np.testing.assert_allclose(small[3], box_filter(btf[3][:8, 4:], 4), rtol=1e-6)
-
-
-def test_thinning_keeps_a_product(btf):
     assert changed(btf, thin=9).layout.grid.shape == (3, 3)
 
 
@@ -114,11 +111,9 @@ def test_convert_from_the_command_line(tmp_path, btf, capsys):
     assert "30 slices of 4 × 4" in capsys.readouterr().out
     assert open_btf(tmp_path / "b").shape == (4, 4)
     assert cli.main(words) == 2
-    with pytest.raises(SystemExit):
-        cli.main([*words[:4], "--crop", "1,2"])
 
 
-@pytest.mark.parametrize("window", ["1,2,3", "1,2,3,4,5", "a,b,c,d", ""])
+@pytest.mark.parametrize("window", ["1,2", "1,2,3,4,5", "a,b,c,d", ""])
 def test_a_window_that_is_none_says_how_to_write_one(window, tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         cli.main(["convert", "satin", f"--crop={window}", "-o", str(tmp_path / "a.npz")])

@@ -11,27 +11,12 @@ from bench.demand.overview import summarise
 from bench.demand.scene import named_scene, parse_scene, shipped
 from bench.demand.text_scene import TextScene
 from bench.errors import InputError
+from tests.bench.demand.scenes import SUN, camera, demand_of, light, surface
 
-ABOVE = """
-[camera]
-width = 40
-height = 20
-fov_deg = 40
-position = [0, 0, 2]
-target = [0, 0, 0]
-up = [0, 1, 0]
-[surface]
-size = [4, 4]
-repeat = [2, 2]
-"""
-SUN = '[[lights]]\nkind = "directional"\ntoward = [0.6, 0, 0.8]\nirradiance = [1, 2, 3]\n'
-LAMP = '[[lights]]\nkind = "point"\nposition = [1, 0, 3]\nintensity = [9, 9, 9]\n'
-SKY = '[[lights]]\nkind = "environment"\nradiance = [1, 1, 1]\nsamples = 4\n'
-BALL = ABOVE[: ABOVE.index("[surface]")] + '[surface]\nshape = "sphere"\nradius = 0.5\nrepeat = [4, 2]\n'
-
-
-def demand_of(text, limit=10**6):
-    return collect(TextScene(parse_scene("test", text)), limit)
+ABOVE = camera(40, 20, 40, [0, 0, 2], up=[0, 1, 0]) + surface(size=[4, 4], repeat=[2, 2])
+LAMP = light("point", position=[1, 0, 3], intensity=[9, 9, 9])
+SKY = light("environment", radiance=[1, 1, 1], samples=4)
+BALL = ABOVE[: ABOVE.index("[surface]")] + surface(shape="sphere", radius=0.5, repeat=[4, 2])
 
 
 def test_a_plane_seen_from_above_has_the_picture_s_own_frame():
@@ -62,9 +47,7 @@ def test_a_texture_keeps_its_shape_on_the_surface_and_a_footprint_is_in_its_long
 
 @pytest.mark.parametrize("text", [ABOVE, BALL])
 def test_frames_follow_the_surface_and_a_footprint_is_the_step_to_the_next_pixel(text):
-    tilted = text.replace("position = [0, 0, 2]", "position = [0.3, -1.5, 0.9]").replace(
-        "up = [0, 1, 0]", "up = [0, 0, 1]"
-    )
+    tilted = text.replace("[0, 0, 2]", "[0.3, -1.5, 0.9]").replace("up = [0, 1, 0]", "up = [0, 0, 1]")
     fine = tilted.replace("width = 40", "width = 1200").replace("height = 20", "height = 600")
     col, row = np.meshgrid(np.arange(1200) + 0.5, np.arange(600) + 0.5)
     points = TextScene(parse_scene("test", fine + SUN)).cast(0, col.ravel(), row.ravel())
@@ -161,6 +144,7 @@ def about(**changes):
         ({"about": about(frames=None)}, "frames must be a list of 3 values"),
         ({"about": about(frames=[1, 20, -40])}, "frames must be a whole number ≥ 1, not -40"),
         ({"about": about(frames=[10**6] * 3)}, "are more than 16,777,216"),
+        ({"about": about(format=99)}, "format 99 is newer"),
         ({"about": about(format=1)}, r"format 1 is older than this version reads \(2\): make one"),
         ({"about": about(frames=[1, 2, 2])}, "pixel holds values out of range"),
         ({"pixel": None}, "no array 'pixel'"),
@@ -192,9 +176,7 @@ def test_a_demand_without_queries_and_one_that_inflates_to_gigabytes_are_refused
     with zipfile.ZipFile(tmp_path / "c.npz", "w", zipfile.ZIP_DEFLATED) as bomb, bomb.open("place.npy", "w") as file:
         for _ in range(65):
             file.write(bytes(1 << 20))
-    with pytest.raises(
-        InputError, match=r"c\.npz: not a demand: it claims 68,157,440 bytes, but the limit is 67,108,864"
-    ):
+    with pytest.raises(InputError, match=r"c\.npz: not a demand: it claims 68,157,440 bytes"):
         demands.load(tmp_path / "c.npz")
 
 
@@ -222,25 +204,13 @@ def test_a_huge_picture_asks_for_frames_that_fit_in_memory(monkeypatch):
     assert demand.frames == (1, 128, 128)
 
 
-def test_a_newer_demand_is_refused(tmp_path):
-    demand_of(ABOVE + SUN).save(tmp_path / "a.npz")
-    arrays = dict(np.load(tmp_path / "a.npz"))
-    content = json.loads(arrays["about"].tobytes()) | {"format": 99}
-    np.savez(tmp_path / "a.npz", **arrays | {"about": np.frombuffer(json.dumps(content).encode(), np.uint8)})
-    with pytest.raises(InputError, match="format 99 is newer"):
-        demands.load(tmp_path / "a.npz")
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         (ABOVE, "lights is missing"),
         (SUN, "camera is missing"),
         (ABOVE.replace("fov_deg", "fov") + SUN, "no key 'fov'; did you mean 'fov_deg'"),
-        (
-            ABOVE.replace("40\nheight", "-1\nheight") + SUN,
-            "camera: width must be a whole number from 1 to 65,536, not -1",
-        ),
+        (ABOVE.replace("40\nheight", "-1\nheight") + SUN, "camera: width must be a whole number .*, not -1"),
         (ABOVE.replace("position = [0, 0, 2]", "position = [0, 2]") + SUN, "position must be a list of 3 values"),
         (ABOVE.replace("up = [0, 1, 0]", "up = [0, 0, 1]") + SUN, "must not be parallel"),
         (ABOVE.replace("target = [0, 0, 0]", "") + SUN, "target"),
@@ -254,26 +224,17 @@ def test_a_newer_demand_is_refused(tmp_path):
         (ABOVE.replace("width = 40", 'width = "40"') + SUN, "camera: width must be a whole number .*, not '40'"),
         (ABOVE.replace("fov_deg = 40", "fov_deg = nan") + SUN, "camera: fov_deg must be a finite number .*, not nan"),
         (ABOVE.replace("[0, 0, 2]", "[0, 0, 1e400]") + SUN, "camera: position must be a finite number .*, not inf"),
-        (
-            ABOVE.replace("[0, 0, 2]", "[0, 0, 1e300]") + SUN,
-            r"camera: position must be a finite number .*, not 1e\+300",
-        ),
+        (ABOVE.replace("[0, 0, 2]", "[0, 0, 1e300]") + SUN, r"camera: position .*, not 1e\+300"),
         (ABOVE.replace("[0, 0, 2]", "[0, 0, true]") + SUN, "camera: position must be a finite number .*, not True"),
         (ABOVE.replace("up = [0, 1, 0]", "path = 3") + SUN, "path has no frame: it must be a list"),
         (ABOVE.replace("up = [0, 1, 0]", "path = [3]") + SUN, "camera must be a table, not 3"),
         (ABOVE.replace("repeat = [2, 2]", "repeat = [2, 0]") + SUN, "surface: repeat must be a finite number"),
-        (
-            ABOVE.replace("[surface]", "[surface]\nshape = ['sphere']") + SUN,
-            "shape must be 'plane' or 'sphere' or 'drape', not",
-        ),
+        (ABOVE.replace("[surface]", "[surface]\nshape = ['sphere']") + SUN, "shape must be 'plane' or 'sphere'"),
         (ABOVE + SUN.replace("[1, 2, 3]", "[1, 2, -3]"), "lights: irradiance must be a finite number from 0"),
         (ABOVE + SUN.replace("[0.6, 0, 0.8]", "[0, 0, 0]"), "lights: toward must not be 0"),
         (ABOVE + SKY.replace("[1, 1, 1]", "[0, 0, 0]"), "not all may be 0"),
         (ABOVE + SKY.replace("radiance = [1, 1, 1]", "lamps = [3]"), "lights: lamps must be a table, not 3"),
-        (
-            ABOVE + SKY.replace("samples = 4", "samples = 1_000_000_000"),
-            "lights: samples must be a whole number from 1",
-        ),
+        (ABOVE + SKY.replace("samples = 4", "samples = 1_000_000_000"), "lights: samples must be a whole number"),
         (ABOVE + SKY.replace("samples = 4", "samples = 100_000") * 2, "1 frames of 200,000 samples of lights"),
         ("lights = 3\n" + ABOVE, "lights must be a list of values, each a table, not 3"),
         (f"a = {'[' * 5000}{']' * 5000}", "nested too deeply"),

@@ -19,39 +19,25 @@ from bench.codecs import container, loading
 from bench.codecs.scene_material import SceneMaterial
 from bench.codecs.window import Window, from_hex
 from bench.conformance.check import tiny_btf
-from bench.demand.collect import collect
 from bench.demand.demand import Demand
 from bench.demand.fitting import Goal, Search, density_of, encode, sized, steps_of
 from bench.demand.frame_scorer import FrameScorer
 from bench.demand.needed_part import NeededPart, needed_pairs
-from bench.demand.scene import parse_scene
-from bench.demand.text_scene import TextScene
 from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import texel_centres
 from bench.training.fitting import Samples
 from neubtf.codec import NeuBTF
 from neubtf.direct import NeuBTFDirect
+from tests.baselines.made import decoded
+from tests.bench.demand.scenes import camera, demand_of, light, surface
 
-NEAR = """
-[camera]
-width = 40
-height = 30
-fov_deg = 12
-position = [0, -0.8, 1.4]
-target = [0, 0, 0]
-[surface]
-size = [1, 1]
-[[lights]]
-kind = "directional"
-toward = [0.5, 0, 0.9]
-irradiance = [3, 3, 3]
-"""
+NEAR = (
+    camera(40, 30, 12, [0, -0.8, 1.4])
+    + surface(size=[1, 1])
+    + light("directional", toward=[0.5, 0, 0.9], irradiance=[3, 3, 3])
+)
 FAR = NEAR.replace("size = [1, 1]", "size = [2, 2]\nrepeat = [8, 8]").replace("fov_deg = 12", "fov_deg = 60")
-
-
-def demand(text):
-    return collect(TextScene(parse_scene("test", text)), 10**6)
 
 
 def random_demand(count=4000, footprint=0.0):
@@ -68,7 +54,7 @@ def loaded(codec, parts, folder):
 
 
 def test_a_near_scene_needs_a_window_of_the_texture_and_few_pairs():
-    part = NeededPart.for_demand(tiny_btf(64, 9, 9), demand(NEAR))
+    part = NeededPart.for_demand(tiny_btf(64, 9, 9), demand_of(NEAR))
     assert part.window.factor == 1
     assert part.window.height < 40
     assert part.window.width < 40
@@ -77,7 +63,7 @@ def test_a_near_scene_needs_a_window_of_the_texture_and_few_pairs():
 
 
 def test_a_far_scene_needs_nothing_fine():
-    queries = demand(FAR)
+    queries = demand_of(FAR)
     part = NeededPart.for_demand(tiny_btf(64, 9, 9), queries)
     assert part.window.full
     assert part.window.factor == int(np.percentile(queries.footprint, 1) * 64) > 2
@@ -110,7 +96,7 @@ def test_a_window_maps_its_texels_onto_its_own_around_the_border_too(start):
 
 def test_a_texture_that_is_not_square_has_windows_and_samples_of_square_texels():
     """A scene sees as much of it along u as along v, in texels, and a footprint covers as many of them."""
-    btf, queries = tiny_btf(64, 4, 4).crop(0, 0, 32, 64), demand(NEAR)
+    btf, queries = tiny_btf(64, 4, 4).crop(0, 0, 32, 64), demand_of(NEAR)
     whole, window = (NeededPart.for_demand(each, queries).window for each in (tiny_btf(64, 4, 4), btf))
     assert window.size == (32, 64)
     assert abs(window.height - whole.height) <= 1 or window.height == 32
@@ -130,8 +116,8 @@ def test_beyond_a_window_the_nearest_texel_of_it_answers():
 
 
 def test_queries_between_needed_directions_are_answered_as_the_whole_table_answers_them(tmp_path):
-    btf, queries = tiny_btf(16, 25, 25), demand(NEAR)
-    full = Table().decode(Table().encode(btf, Fit()), torch.device("cpu"))
+    btf, queries = tiny_btf(16, 25, 25), demand_of(NEAR)
+    full = decoded(Table(), btf)
     part = loaded(Table(), encode(Table(), btf, Fit(), queries), tmp_path)
     columns = [torch.from_numpy(x) for x in (queries.uv(btf.shape), queries.wo, queries.wi, queries.footprint)]
     difference = (full.query(*columns) - part.query(*columns)).abs().amax(1).numpy()
@@ -153,7 +139,7 @@ def test_one_direction_of_light_keeps_a_triangle_around_it():
 
 
 def test_samples_follow_the_demand_and_a_share_is_uniform():
-    btf, queries = tiny_btf(32, 9, 9), demand(NEAR)
+    btf, queries = tiny_btf(32, 9, 9), demand_of(NEAR)
     window = Window.whole(btf.shape)
     density = density_of(queries, btf.layout, window, 0.25)
     samples = Samples(btf, 2.0, Fit(density=density))
@@ -172,10 +158,10 @@ def test_samples_follow_the_demand_and_a_share_is_uniform():
 
 
 def test_samples_between_pairs_are_what_the_table_interpolates():
-    btf, queries = tiny_btf(16, 9, 9), demand(NEAR)
+    btf, queries = tiny_btf(16, 9, 9), demand_of(NEAR)
     samples = Samples(btf, 1.0, Fit(density=density_of(queries, btf.layout, Window.whole(btf.shape), 0.0)))
     batch = samples.draw(500, torch.Generator().manual_seed(0))
-    full = Table().decode(Table().encode(btf, Fit()), torch.device("cpu"))
+    full = decoded(Table(), btf)
     wo, wi = samples.wo[batch.pair], samples.wi[batch.pair]
     np.testing.assert_allclose(
         batch.target.expm1(), full.query(samples.centres(batch.texel), wo, wi), rtol=3e-3, atol=1e-3
@@ -191,13 +177,13 @@ def test_pairs_that_weigh_more_are_met_better():
     density = SimpleNamespace(weights=weights)
     errors = []
     for fit in (Fit(), Fit(density=density)):
-        material = codec.decode(codec.encode(btf, fit), torch.device("cpu"))
+        material = decoded(codec, btf, fit)
         errors.append(np.abs(material.slice(btf.wo[40].tolist(), btf.wi[40].tolist()).numpy() - btf[40]).mean())
     assert errors[1] < errors[0] / 3
 
 
 def test_queries_far_outside_are_counted_and_reported_once(tmp_path, caplog):
-    btf, queries = tiny_btf(32, 9, 9), demand(NEAR)
+    btf, queries = tiny_btf(32, 9, 9), demand_of(NEAR)
     material = loaded(PCA(components=2), encode(PCA(components=2), btf, Fit(), queries), tmp_path)
     assert isinstance(material, SceneMaterial)
     inside = [torch.from_numpy(x) for x in (queries.uv(btf.shape), queries.wo, queries.wi, queries.footprint)]
@@ -214,7 +200,7 @@ def test_queries_far_outside_are_counted_and_reported_once(tmp_path, caplog):
 
 
 def test_a_file_says_what_it_was_fitted_to_and_a_wrong_window_is_an_error(tmp_path):
-    btf, queries = tiny_btf(32, 9, 9), replace(demand(NEAR), fingerprint="ab" * 32)
+    btf, queries = tiny_btf(32, 9, 9), replace(demand_of(NEAR), fingerprint="ab" * 32)
     parts = encode(PCA(components=2), btf, Fit(), queries, 0.2)
     header = container.save(tmp_path / "a.nbtf", PCA(components=2), parts)
     assert header.scene["demand"] == "ab" * 32
@@ -248,7 +234,7 @@ def search(tmp_path, queries, codec):
 
 
 def test_a_search_finds_the_smallest_that_does_as_well_as_the_full_model(tmp_path):
-    result = search(tmp_path, demand(NEAR), PCA(components=8)).run()
+    result = search(tmp_path, demand_of(NEAR), PCA(components=8)).run()
     assert result.met
     assert result.scene is not None
     assert result.scene.psnr >= result.full.psnr - 0.2
@@ -266,7 +252,7 @@ def test_a_scene_that_needs_everything_gets_the_full_model(tmp_path):
 
 
 def test_a_target_is_met_or_the_best_is_given(tmp_path):
-    looking = search(tmp_path, demand(NEAR), PCA(components=8))
+    looking = search(tmp_path, demand_of(NEAR), PCA(components=8))
     low = looking.run(Goal(psnr=15.0))
     assert low.met
     assert low.chosen.header.settings["components"] == 1
@@ -278,20 +264,10 @@ def test_a_target_is_met_or_the_best_is_given(tmp_path):
 
 def test_encode_writes_the_scene_model_and_its_table(tmp_path, capsys):
     np.savez(tmp_path / "no.npz", a=1)
-    demand(NEAR).save(tmp_path / "near.npz")
-    words = [
-        "encode",
-        "satin",
-        "--codec",
-        "pca",
-        "--set",
-        "components=8",
-        "--set",
-        "domain=rgb",
-        "--set",
-        "data.size=32",
-    ]
-    words += ["--set", "data.views=9", "--set", "data.lights=9", "-o", str(tmp_path / "out.nbtf")]
+    demand_of(NEAR).save(tmp_path / "near.npz")
+    words = ["encode", "satin", "--codec", "pca", "-o", str(tmp_path / "out.nbtf")]
+    for setting in ("components=8", "domain=rgb", "data.size=32", "data.views=9", "data.lights=9"):
+        words += ["--set", setting]
     assert cli.main([*words, "--demand", str(tmp_path / "near.npz")]) == 0
     out = capsys.readouterr().out
     assert "outside" in out
@@ -324,13 +300,13 @@ def test_levels_that_a_scene_never_touches_are_left_out_of_a_pyramid(tmp_path):
 
 def test_the_latents_of_a_scene_model_can_be_drawn(tmp_path, capsys):
     codec = NeuBTFDirect(steps=2, batch=64, latents=2, width=4)
-    container.save(tmp_path / "a.nbtf", codec, encode(codec, tiny_btf(32, 6, 6), Fit(), demand(NEAR)))
+    container.save(tmp_path / "a.nbtf", codec, encode(codec, tiny_btf(32, 6, 6), Fit(), demand_of(NEAR)))
     assert cli.main(["latents", str(tmp_path / "a.nbtf"), "-o", str(tmp_path / "a.png")]) == 0
     assert "2 channels of" in capsys.readouterr().out
 
 
 def test_every_codec_is_fitted_to_a_scene_without_a_change(tmp_path):
-    queries = demand(NEAR)
+    queries = demand_of(NEAR)
     codecs = [MeanColour(), VQ(codes=4), Rainer2019(steps=2, texels=4, pairs=4), NeuBTF(steps=2, batch=64)]
     for codec in codecs:
         material = loaded(codec, encode(codec, tiny_btf(32, 6, 6), Fit(), queries), tmp_path)

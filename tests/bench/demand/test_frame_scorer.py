@@ -1,44 +1,27 @@
 import numpy as np
 import pytest
-import torch
 
 from baselines.mean_colour import MeanColour
 from baselines.table import Table
-from bench.codec import Fit
 from bench.conformance.check import tiny_btf
-from bench.demand.collect import collect
 from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer, table_of
 from bench.demand.pair_weights import pair_shares
-from bench.demand.scene import parse_scene
-from bench.demand.text_scene import TextScene
 from bench.demand.truth import truth
 from bench.hemisphere import uniform
 from bench.metrics.display import to_display
 from bench.metrics.scoring import Scorer, summarise, weighted
+from tests.baselines.made import decoded
+from tests.bench.demand.scenes import camera, demand_of, light, surface
 
-SCENE = """
-[camera]
-width = 32
-height = 24
-fov_deg = 40
-position = [0, -1, 2]
-target = [0, 0, 0]
-[surface]
-size = [1.2, 1.2]
-repeat = [2, 2]
-[[lights]]
-kind = "point"
-position = [0.5, 0, 2]
-intensity = [4, 4, 4]
-"""
+SCENE = (
+    camera(32, 24, 40, [0, -1, 2])
+    + surface(size=[1.2, 1.2], repeat=[2, 2])
+    + light("point", position=[0.5, 0, 2], intensity=[4, 4, 4])
+)
 
 
-def demand(text=SCENE, limit=10**6):
-    return collect(TextScene(parse_scene("test", text)), limit)
-
-
-def decoded(codec, btf):
-    return codec.decode(codec.encode(btf, Fit()), torch.device("cpu"))
+def demand(text=SCENE):
+    return demand_of(text)
 
 
 def test_the_reference_at_a_pair_and_a_texel_is_the_btf_itself():

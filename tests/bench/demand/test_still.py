@@ -20,12 +20,11 @@ from bench.demand.text_scene import TextScene
 from bench.errors import InputError
 from bench.material import DecoderCost, Material
 from bench.metrics.display import to_display
+from tests.bench.demand.scenes import SUN, camera, surface
 
-CAMERA = "[camera]\nwidth = 40\nheight = 40\nfov_deg = 40\nposition = [0, 0, 2]\ntarget = [0, 0, 0]\nup = [0, 1, 0]\n"
-SUN = '[[lights]]\nkind = "directional"\ntoward = [0.6, 0, 0.8]\nirradiance = [1, 2, 3]\n'
-PLANE = CAMERA + "[surface]\nsize = [4, 4]\n" + SUN
-BALL = CAMERA + '[surface]\nshape = "sphere"\nradius = 0.5\nup = [0, 1, 0]\n' + SUN
-
+CAMERA = camera(40, 40, 40, [0, 0, 2], up=[0, 1, 0])
+PLANE = CAMERA + surface(size=[4, 4]) + SUN
+BALL = CAMERA + surface(shape="sphere", radius=0.5, up=[0, 1, 0]) + SUN
 MITSUBA = ["--scene", "room.xml", "--bsdf", "cloth"]
 
 

@@ -11,16 +11,8 @@ from bench.metrics.display import decode_srgb
 from bench.metrics.flip import LDR, PPD
 
 PPDS = (20.0, PPD, 120.0)
-FLAT = {
-    name: np.zeros((6, 7, 3)) + rgb
-    for name, rgb in {
-        "black": (0, 0, 0),
-        "white": (1, 1, 1),
-        "red": (1, 0, 0),
-        "green": (0, 1, 0),
-        "blue": (0, 0, 1),
-    }.items()
-}
+COLOURS = {"black": (0, 0, 0), "white": (1, 1, 1), "red": (1, 0, 0), "green": (0, 1, 0), "blue": (0, 0, 1)}
+FLAT = {name: np.zeros((6, 7, 3)) + rgb for name, rgb in COLOURS.items()}
 # Float32 inside the oracle: the 0.7 power lifts its rounding where a difference is small, and on flat pictures the
 # rounding of filters that should give 0 passes through a square root.
 TEXTURED, FLAT_PICTURE = 2e-5, 2e-4
@@ -39,15 +31,9 @@ def flip_map(reference, test, ppd=PPD, periodic=False):
 
 
 def oracle(reference, test, ppd=PPD):
-    theirs, _, _ = flip_evaluator.evaluate(
-        np.ascontiguousarray(reference, np.float32),
-        np.ascontiguousarray(test, np.float32),
-        "LDR",
-        applyMagma=False,
-        computeMeanError=False,
-        parameters={"ppd": ppd},
-    )
-    return theirs[..., 0]
+    pictures = (np.ascontiguousarray(picture, np.float32) for picture in (reference, test))
+    options = {"applyMagma": False, "computeMeanError": False, "parameters": {"ppd": ppd}}
+    return flip_evaluator.evaluate(*pictures, "LDR", **options)[0][..., 0]
 
 
 def textured(seed, height, width):

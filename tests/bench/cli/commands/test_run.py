@@ -16,10 +16,7 @@ SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for par
 WORDS = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--codec", "table", *SMALL]
 
 
-@pytest.fixture(autouse=True)
-def small(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.TURNS", 3)
+pytestmark = pytest.mark.usefixtures("brief")
 
 
 def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch, capsys):

@@ -1,10 +1,13 @@
 import os
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bench.btf import BTF, ArraySource
+from bench.data.readers import open_btf
+from bench.errors import InputError
 from bench.hemisphere import from_degrees
 
 
@@ -22,6 +25,18 @@ def samples():
     import fuzz_readers
 
     return fuzz_readers
+
+
+@pytest.fixture
+def refused():
+    """Asserts that no BTF opens at a path, in one line that names the path and says what is wrong."""
+
+    def refuse(path, what, named=None):
+        with pytest.raises(InputError, match=what) as caught:
+            open_btf(path)
+        assert re.fullmatch(f".*{re.escape(str(named or path))}.*", str(caught.value))
+
+    return refuse
 
 
 @pytest.fixture

@@ -55,10 +55,9 @@ def test_files_of_numpy_are_read(tmp_path, save):
         ({"wo": np.array([{}, {}], object)}, "wo.npy.*type object is not read|wo.npy: .* bytes hold"),
     ],
 )
-def test_bad_arrays_are_named(tmp_path, changes, message):
+def test_bad_arrays_are_named(refused, tmp_path, changes, message):
     np.savez(tmp_path / "a.npz", **arrays(**changes))
-    with pytest.raises(InputError, match=message):
-        open_btf(tmp_path / "a.npz")
+    refused(tmp_path / "a.npz", message)
 
 
 def test_nan_is_named_when_read(tmp_path):
@@ -74,17 +73,6 @@ def test_nan_is_named_when_read(tmp_path):
         btf.gather([1], [2], [3])
 
 
-def test_a_header_that_claims_more_than_the_file_holds_does_not_allocate(tmp_path):
-    header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        header, {"descr": "<f4", "fortran_order": False, "shape": (1 << 20, 1 << 20, 1 << 20, 3)}
-    )
-    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
-        archive.writestr("radiance.npy", header.getvalue())
-    with pytest.raises(InputError, match=r"radiance\.npy: its \d+ bytes do not hold"):
-        open_btf(tmp_path / "a.npz")
-
-
 def entry(shape, descr="<f4", fill=b""):
     """The bytes of an array with a header of our making."""
     header = io.BytesIO()
@@ -95,11 +83,8 @@ def entry(shape, descr="<f4", fill=b""):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        (
-            "radiance",
-            entry((-2, -3, 4, 3), fill=b"\0" * 288),
-            r"radiance\.npy: its shape \(-2, -3, 4, 3\) is impossible",
-        ),
+        ("radiance", entry((-2, -3, 4, 3), fill=b"\0" * 288), r"radiance\.npy: its shape .* is impossible"),
+        ("radiance", entry((1 << 20, 1 << 20, 1 << 20, 3)), r"radiance\.npy: its \d+ bytes do not hold"),
         ("radiance", entry((2**50, 0, 4, 3)), r"radiance\.npy: its shape .* is impossible"),
         ("radiance", entry((2**40, 0, 4, 3)), "radiance is .* it must be"),
         ("wo", entry((2**47, 2**47, 0)), "wo is .* it must be"),
@@ -116,7 +101,7 @@ def entry(shape, descr="<f4", fill=b""):
         ("heldout", entry((2,), "<f8", b"\0" * 16), "must be a mask"),
     ],
 )
-def test_absurd_headers_are_refused_by_name(tmp_path, name, content, message):
+def test_absurd_headers_are_refused_by_name(refused, tmp_path, name, content, message):
     plain = arrays() | {"provenance": np.array("[1]")}
     np.savez(tmp_path / "good.npz", **plain)
     with zipfile.ZipFile(tmp_path / "good.npz") as good, zipfile.ZipFile(tmp_path / "a.npz", "w") as bad:
@@ -125,11 +110,10 @@ def test_absurd_headers_are_refused_by_name(tmp_path, name, content, message):
                 bad.writestr(old, good.read(old))
         if content is not None:
             bad.writestr(f"{name}.npy", content, zipfile.ZIP_DEFLATED)
-    with pytest.raises(InputError, match=message):
-        open_btf(tmp_path / "a.npz")
+    refused(tmp_path / "a.npz", message)
 
 
-def test_an_archive_that_inflates_beyond_all_proportion_is_refused_before_it_is_inflated(tmp_path):
+def test_an_archive_that_inflates_beyond_all_proportion_is_refused_before_it_is_inflated(refused, tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as bomb:
         for name in ("wo", "wi"):
             with bomb.open(f"{name}.npy", "w") as file:
@@ -139,8 +123,7 @@ def test_an_archive_that_inflates_beyond_all_proportion_is_refused_before_it_is_
             for _ in range(384):
                 file.write(bytes(1 << 20))
     assert (tmp_path / "a.npz").stat().st_size < 1 << 20
-    with pytest.raises(InputError, match=r"radiance\.npy: it claims 402653\d* bytes from \d+"):
-        open_btf(tmp_path / "a.npz")
+    refused(tmp_path / "a.npz", r"radiance\.npy: it claims 402653\d* bytes from \d+")
 
 
 def make_mean_abrdf(path):
@@ -166,17 +149,13 @@ def test_a_mean_abrdf_is_a_btf_of_one_texel(request, tmp_path, made):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"rgb_geomean": np.ones((2, 3, 3), np.float32)},
-            r"rgb_geomean is \(2, 3, 3\) float32: it must be \(V, V, 3\)",
-        ),
+        ({"rgb_geomean": np.ones((2, 3, 3), np.float32)}, r"rgb_geomean is \(2, 3, 3\) float32"),
         ({"theta_deg": np.array([0.0, 91.0])}, "direction 1: theta_deg = 91 degrees is outside"),
         ({"phi_deg": np.zeros(3)}, r"theta_deg and phi_deg must be \(2,\)"),
         ({"rgb_geomean": np.full((2, 2, 3), np.inf, np.float32)}, "rgb_geomean: 12 of 12 values are not finite"),
     ],
 )
-def test_bad_mean_abrdfs_are_named(tmp_path, changes, message):
+def test_bad_mean_abrdfs_are_named(refused, tmp_path, changes, message):
     good = {"rgb_geomean": np.ones((2, 2, 3), np.float32), "theta_deg": np.array([0.0, 9.0]), "phi_deg": np.zeros(2)}
     np.savez(tmp_path / "a.npz", **(good | changes))
-    with pytest.raises(InputError, match=message):
-        open_btf(tmp_path / "a.npz")
+    refused(tmp_path / "a.npz", message)

@@ -5,7 +5,6 @@ from scipy.ndimage import gaussian_filter
 
 from bench.data.readers import open_btf
 from bench.data.readers.pictures import srgb_table
-from bench.errors import InputError
 from bench.hemisphere import from_angles
 
 
@@ -43,16 +42,14 @@ def test_one_view_many_lights_as_photographed(tmp_path):
         (["1", "../../../etc/passwd 0 0 1"], "line 2: passwd is missing"),
     ],
 )
-def test_bad_lists_name_the_line(tmp_path, lines, message):
-    with pytest.raises(InputError, match=message):
-        open_btf(make(tmp_path, lines))
+def test_bad_lists_name_the_line(refused, tmp_path, lines, message):
+    refused(make(tmp_path, lines), message)
 
 
-def test_several_lists_ask_for_one(tmp_path):
+def test_several_lists_ask_for_one(refused, tmp_path):
     make(tmp_path, GOOD)
     (tmp_path / "other.lp").write_text("0\n")
-    with pytest.raises(InputError, match=r"several lists \(dirs\.lp, other\.lp\): give the path of one"):
-        open_btf(tmp_path)
+    refused(tmp_path, r"several lists \(dirs\.lp, other\.lp\): give the path of one")
 
 
 def make_bumps(folder, lights, shape):

@@ -158,16 +158,14 @@ BODY = SIZE + 12
         (BODY + 57, struct.pack("<I", 0x7FFFFFFF), "channel 0: S needs 4294967294 bytes"),
     ],
 )
-def test_damaged_headers_name_file_and_offset(tmp_path, offset, data, message):
+def test_damaged_headers_name_file_and_offset(refused, tmp_path, offset, data, message):
     path = tmp_path / "a.btf"
     write_ubo2014(path, VIEWS, LIGHTS, SHAPE, factors(np.random.default_rng(0)))
     changed(path, offset, data)
-    with pytest.raises(InputError, match=message) as caught:
-        open_btf(path)
-    assert str(path) in str(caught.value)
+    refused(path, message)
 
 
-def test_truncated_files_say_so(tmp_path):
+def test_truncated_files_say_so(refused, tmp_path):
     path = tmp_path / "a.btf"
     write_ubo2014(path, VIEWS, LIGHTS, SHAPE, factors(np.random.default_rng(0)))
     whole = path.read_bytes()
@@ -176,10 +174,7 @@ def test_truncated_files_say_so(tmp_path):
         with pytest.raises(InputError):
             open_btf(path)
     path.write_bytes(whole[:-1])
-    with pytest.raises(
-        InputError, match=r"offset \d+: channel 2: SV needs 120 bytes, but 119 are left: the file is truncated"
-    ):
-        open_btf(path)
+    refused(path, r"offset \d+: channel 2: SV needs 120 bytes, but 119 are left: the file is truncated")
 
 
 def test_values_that_overflow_are_named_when_read(tmp_path):

@@ -9,6 +9,7 @@ import pytest
 import bench
 from bench.demand import still
 from bench.demand.scene import parse_scene
+from tests.bench.demand import scenes
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
 pytestmark = pytest.mark.usefixtures("plugin")
@@ -24,24 +25,11 @@ SIDE, RAYS, SAMPLES = 48, 8, 64
 NOISE = 0.03  # of the mean: rays at random in a pixel against a grid of them
 PIXEL = 2 * math.tan(math.radians(21 / 2)) / SIDE  # the angle of a pixel
 EYE, LAMP = (0.4, -3.0, 0.9), (-1.3, -2.5, 1.7)
-BALL = f"""
-[camera]
-width = {SIDE}
-height = {SIDE}
-fov_deg = 21
-position = {list(EYE)}
-target = [0.0, 0.0, 0.0]
-[surface]
-shape = "sphere"
-radius = 0.5
-repeat = [3, 3]
-[[lights]]
-kind = "point"
-position = {list(LAMP)}
-intensity = [10.0, 9.0, 8.0]
-"""
-
-
+BALL = (
+    scenes.camera(SIDE, SIDE, 21, list(EYE))
+    + scenes.surface(shape="sphere", radius=0.5, repeat=[3, 3])
+    + scenes.light("point", position=list(LAMP), intensity=[10.0, 9.0, 8.0])
+)
 WALL = """
 <scene version="3.0.0">
   <integrator type="direct"/>

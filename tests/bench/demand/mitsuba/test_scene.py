@@ -6,11 +6,11 @@ import pytest
 from bench import cli
 from bench.data.readers.folder import write_exr
 from bench.demand.collect import collect
-from bench.demand.scene import parse_scene
-from bench.demand.text_scene import TextScene
 from bench.errors import InputError
 from bench.metrics import get
 from bench.program import llvm
+from tests.bench.demand.scenes import camera, light, surface
+from tests.bench.demand.scenes import demand_of as demanded
 
 with_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None,
@@ -39,20 +39,11 @@ BLOCKER = """
   <bsdf type="diffuse" id="board"/>
 </shape>
 """
-TEXT = """
-[camera]
-width = 40
-height = 20
-fov_deg = 40
-position = [0.3, -1.5, 0.9]
-target = [0, 0, 0]
-[surface]
-size = [4, 4]
-[[lights]]
-kind = "point"
-position = [1, 0, 3]
-intensity = [9, 8, 7]
-"""
+TEXT = (
+    camera(40, 20, 40, [0.3, -1.5, 0.9])
+    + surface(size=[4, 4])
+    + light("point", position=[1, 0, 3], intensity=[9, 8, 7])
+)
 
 
 def written(folder, *parts):
@@ -73,7 +64,7 @@ def demand_of(path, bsdf="cloth"):
 @with_mitsuba
 def test_a_plane_a_camera_and_a_light_ask_the_same_as_in_toml(tmp_path):
     demand = demand_of(written(tmp_path, CAMERA, CLOTH, PLANE, LAMP))
-    expected = collect(TextScene(parse_scene("scene", TEXT)), 10**6)
+    expected = demanded(TEXT)
     assert demand.frames == expected.frames
     for name in ("place", "footprint", "wo", "wi", "weight", "pixel"):
         # Mitsuba computes in float32.
