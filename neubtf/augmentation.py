@@ -14,8 +14,9 @@ from torch.nn import functional
 
 from neubtf.autoencoder import STRIDE
 
-# Texels around a crop that the autoencoder sees and no loss compares. With these, the root mean square difference of
-# latents from those of the whole picture is 1e-4 of their deviation; padded as if the crop were periodic, it was 0.15.
+# Texels around a crop that the autoencoder sees and no loss compares, in our recipe. With these, the root mean square
+# difference of latents from those of the whole picture is 1e-4 of their deviation; padded as if the crop were periodic,
+# it was 0.15.
 SURROUNDINGS = 16
 
 
@@ -27,22 +28,28 @@ class Window:
     source: tuple[int, int]  # rows, columns of the picture; beyond a border they continue at the opposite one
     size: tuple[int, int]
     around: tuple[int, int] = (0, 0)  # rows, columns on each side that are only surroundings
+    whole: tuple[bool, bool] = (True, True)  # whether rows, columns are all of the picture's, so that they repeat
 
     @classmethod
     def drawn(
-        cls, shape: tuple[int, int], largest: int, scale: float, periodic: bool, generator: torch.Generator
+        cls,
+        shape: tuple[int, int],
+        largest: int,
+        scale: float,
+        periodic: bool,
+        generator: torch.Generator,
+        around: int = SURROUNDINGS,
     ) -> "Window":
         """A random window in pictures of a shape (H, W), rescaled by `scale`.
 
         The window has at most `largest` texels a side, in multiples of the autoencoder's stride if it can, and
-        `SURROUNDINGS` more around them, because the autoencoder pads its input circularly, and a cut side does not
+        `around` more around them, because the autoencoder pads its input circularly, and a cut side does not
         repeat. A side that would need all its texels is taken whole. The inner texels reach over the border only if the
         picture is periodic; the surroundings always do, because the autoencoder sees the whole picture so.
         """
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
-        sides = [_Side.drawn(*each, largest, scale, periodic) for each in zip(shape, places, strict=True)]
-        corner, source, size, around = zip(*sides, strict=True)
-        return cls(corner, source, size, around)
+        sides = [_Side.drawn(*each, largest, scale, periodic, around) for each in zip(shape, places, strict=True)]
+        return cls(*zip(*sides, strict=True))
 
     def inner(self) -> Tensor:
         """The texels (n,) of the window without its surroundings, as row · width + column of its size, row by row."""
@@ -50,13 +57,12 @@ class Window:
         return torch.arange(height * width).view(height, width)[above : height - above, left : width - left].ravel()
 
     @property
-    def whole(self) -> tuple[bool, bool]:
-        """For rows and columns, whether the window holds all of the picture, so that it counts as periodic."""
-        return self.around[0] == 0, self.around[1] == 0
-
-    @property
     def inner_size(self) -> tuple[int, int]:
         return self.size[0] - 2 * self.around[0], self.size[1] - 2 * self.around[1]
+
+    def at_origin(self) -> "Window":
+        """The window without its place and its scale: equal for windows of one size."""
+        return dataclasses.replace(self, corner=(0, 0), source=self.size)
 
     def aligned(self) -> "Window":
         """The window with its corner moved to a corner of the autoencoder's cells."""
@@ -97,10 +103,11 @@ class _Side(NamedTuple):
     source: int
     size: int
     around: int
+    whole: bool
 
     @classmethod
-    def drawn(cls, side: int, place: float, largest: int, scale: float, periodic: bool) -> "_Side":
-        beyond = math.ceil(SURROUNDINGS / scale)
+    def drawn(cls, side: int, place: float, largest: int, scale: float, periodic: bool, around: int) -> "_Side":
+        beyond = math.ceil(around / scale)
         size = _fitting(min(round(side * scale), largest))
         source = min(round(size / scale), side)
         # At its own scale a side that is not a multiple of the stride is cut, because the autoencoder would pad it by
@@ -109,8 +116,8 @@ class _Side(NamedTuple):
             size, source = _fitting(round(side * scale)), side
         corner = int(place * (side if periodic else side - source + 1))
         if source == side:
-            return cls(corner, source, size, 0)
-        return cls((corner - beyond) % side, source + 2 * beyond, size + 2 * SURROUNDINGS, SURROUNDINGS)
+            return cls(corner, source, size, 0, True)
+        return cls((corner - beyond) % side, source + 2 * beyond, size + 2 * around, around, False)
 
 
 def draw_scale(smallest: float, keep: float, generator: torch.Generator) -> float:

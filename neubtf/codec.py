@@ -19,8 +19,9 @@ from bench.material import Material
 from bench.training import Samples, gain_of, round_after, train
 from neubtf.autoencoder import STRIDE, Autoencoder
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
+from neubtf.published import PAPER, Published
 from neubtf.renderer import load, store
-from neubtf.training import PAPER, Staged, StagedSettings, slice_of
+from neubtf.training import Staged, StagedSettings, slice_of
 
 TELLING = 0.1  # least contrast of the guidance, as a share of the best slice's
 TRIED = 64  # slices to search for the best
@@ -42,7 +43,7 @@ class NeuBTF(Codec):
     }
     """
 
-    name, version = "neubtf", 4
+    name, version = "neubtf", 5
     sizes = ("latents", "width")
     recipes: ClassVar = {"paper": PAPER}
 
@@ -57,17 +58,18 @@ class NeuBTF(Codec):
         guidance = as_guidance(picture)
         autoencoder = Autoencoder(settings.latents, generator, rectified=settings.recipe == "paper")
         encoder = Encoder.for_guidance(guidance, autoencoder)
-        staged = Staged(samples, settings, encoder, guidance, generator)
-        train(staged, fit, settings.steps)
+        objective = Published if settings.recipe == "paper" else Staged
+        fitting = objective(samples, settings, encoder, guidance, generator)
+        train(fitting, fit, settings.steps)
         stored = store_encoder(encoder, picture)
         texture = texture_of(stored, settings.latents, fit.device)
         batch = samples.draw(settings.batch, fit.generator())
 
         def answers(texture: Tensor) -> Tensor:
-            return staged.rendered(texture.flatten(0, 1), batch.texel, batch.pair)
+            return fitting.rendered(texture.flatten(0, 1), batch.texel, batch.pair)
 
         rounding = round_after(texture, settings.bits, answers, batch.target)
-        parts = store(staged.renderer, texture, rounding, gain, settings)
+        parts = store(fitting.renderer, texture, rounding, gain, settings)
         return dataclasses.replace(parts, encoder=stored if settings.keep_encoder else {})
 
     def decode(self, parts: Parts, device: torch.device) -> Material:

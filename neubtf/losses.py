@@ -40,13 +40,18 @@ class Style(nn.Module):
         self.register_buffer("bank", bank.reshape(SCALES, FILTERS, 3, KERNEL, KERNEL), persistent=False)
 
     def forward(self, ours: Tensor, theirs: Tensor, periodic: tuple[bool, bool] = (True, True)) -> Tensor:
-        """The distance of pictures that repeat, or not, in rows and in columns."""
-        distance = torch.zeros((), device=ours.device)
+        """The distance of pictures that repeat, or not, in rows and in columns.
+
+        A scale at which a side that does not repeat is shorter than the filters is left out.
+        """
+        distances = list[Tensor]()
         for scale, filters in enumerate(self.bank):
             if scale:
                 ours, theirs = (functional.avg_pool2d(x, 2, ceil_mode=True) for x in (ours, theirs))
-            distance = distance + functional.mse_loss(_gram(ours, filters, periodic), _gram(theirs, filters, periodic))
-        return distance / SCALES
+            sides = zip(ours.shape[2:], periodic, strict=True)
+            if all(wraps or side >= KERNEL for side, wraps in sides):
+                distances.append(functional.mse_loss(_gram(ours, filters, periodic), _gram(theirs, filters, periodic)))
+        return torch.stack(distances).mean() if distances else torch.zeros((), device=ours.device)
 
 
 def _gram(pictures: Tensor, filters: Tensor, periodic: tuple[bool, bool]) -> Tensor:
@@ -55,9 +60,8 @@ def _gram(pictures: Tensor, filters: Tensor, periodic: tuple[bool, bool]) -> Ten
     half = KERNEL // 2
     for dim, wraps in zip((2, 3), periodic, strict=True):
         size = pictures.shape[dim]
-        if not wraps and size >= KERNEL:
-            continue
-        pictures = pictures.index_select(dim, torch.arange(-half, size + half, device=pictures.device) % size)
+        if wraps:
+            pictures = pictures.index_select(dim, torch.arange(-half, size + half, device=pictures.device) % size)
     responses = functional.conv2d(pictures, filters).relu().flatten(2)
     return responses @ responses.mT / responses.shape[2]
 

@@ -1,13 +1,12 @@
-"""The training steps of NeuBTF, in three stages; the last stage is the paper's training.
+"""The training steps of NeuBTF, our recipe, in three stages; the paper's is `neubtf.published`.
 
 1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are ten times as fast as the others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
 3. *Guided*: the encoder learns from the renderer's answers for its texture; the first stage's texture is dropped. The
    renderer stays fixed, which gives better answers in unseen directions. Without a first stage both learn, end to end.
 
-A step of the last two shows the encoder a picture. The paper's is a random slice, disturbed, in a random window. Such
-steps alternate, at random, with steps that show the guidance of the file's own texture. `PAPER` names the settings of
-the paper's own training, which has only the last stage and only random slices.
+A step of the last two shows the encoder a picture: a random slice, disturbed, in a random window, or the guidance of
+the file's own texture.
 """
 
 import bisect
@@ -18,17 +17,15 @@ import torch
 from torch import Tensor, nn
 
 from bench.errors import InputError
-from bench.metrics.display import decode_srgb
 from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Decoder, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
-from neubtf.augmentation import Disturbance, Window, draw_scale
+from neubtf.augmentation import SURROUNDINGS, Disturbance, Window, draw_scale
 from neubtf.autoencoder import STRIDE
 from neubtf.encoder import Encoder, displayed
 from neubtf.losses import Style, focal_frequency, shown
 from neubtf.renderer import RendererSettings, render
 
 ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
-DARKEST = 1e-4  # least mean of a slice, in a display's range; darker slices are shown as if they had it
 DIM = 0.05  # least mean of a slice, in a display's range; darker slices are compared as if they had it
 
 
@@ -41,11 +38,10 @@ class StagedSettings(RendererSettings):
     taught: Share = 0.2  # share of the steps that teach the autoencoder this texture; the rest is guided
     explore: Share = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
     explore_weight: NotNegative = 0.2  # weight of the loss of such a step, relative to steps that see the guidance
-    pixels: Literal["samples", "slices"] = "samples"  # the pixel loss compares single samples, or whole slices
     batch: BatchSize = 4_096  # number of single samples in a step
-    slices: Annotated[int, Range(0, 1024)] = 1  # number of whole slices in a step
-    levelled: bool = True  # style and spectrum see each slice at its own brightness
+    slices: Annotated[int, Range(0, 1024)] = 1  # whole slices in a step; "paper": elements, each with an own input
     crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step uses of a larger picture
+    around: Annotated[int, Range(0, 64)] = SURROUNDINGS  # texels around a crop that only the autoencoder sees
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # least scale of an input, and so of later guidance
     keep_scale: Share = 0.5  # share of the inputs that keep their scale
     init: Literal["faint", "published"] = "faint"  # of the renderer: answers the mean, or as SIREN's, about the mean
@@ -68,33 +64,8 @@ class StagedSettings(RendererSettings):
     def __post_init__(self) -> None:
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
             raise InputError("neubtf needs direct + taught below 1, and direct above 0 if taught is above 0")
-        if self.pixels == "slices" and not self.slices:
-            raise InputError("neubtf with pixels=slices needs slices of at least 1")
-
-
-# The training as the paper describes it; docs/neubtf.md lists open details.
-PAPER = {
-    "bits": 8,
-    "directions": "xy",
-    "direct": 0.0,
-    "taught": 0.0,
-    "explore": 1.0,
-    "explore_weight": 1.0,
-    "pixels": "slices",
-    "loss": "l1",
-    "levelled": False,
-    "keep_scale": 0.0,
-    "init": "published",
-    "start": "encoder",
-    "optimiser": "adam",
-    # Left open, and chosen:
-    "steps": 30_000,
-    "slices": 16,
-    "crop": 16,
-    "smallest": 0.75,
-    "blur": 0.5,
-    "noise": 0.02,
-}
+        if self.recipe == "paper" and not self.slices:
+            raise InputError("neubtf with recipe=paper needs slices of at least 1")
 
 
 class Example(NamedTuple):
@@ -111,7 +82,7 @@ class Example(NamedTuple):
         return self.window.inner().to(self.picture.device, non_blocking=True)
 
 
-class Staged(Objective):
+class Guided(Objective):
     """An encoder and a renderer; `guidance` (1, 3, H, W) is that of the file's own texture."""
 
     def __init__(
@@ -121,22 +92,47 @@ class Staged(Objective):
         self.settings, self.encoder, self.style = settings, encoder, Style()
         self.renderer = Decoder(settings.architecture, generator)
         self.renderer.start_at(samples.mean(generator), settings.init == "faint")
-        with torch.no_grad():  # the encoder's output for the guidance is near textures that it can learn
-            texture = by_texel(encoder(guidance)).contiguous()
-        if settings.start == "components":
-            texture = first_latents(samples, settings.latents, "components", generator)
-        self.texture = nn.Parameter(texture)
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
         self.guidance: Tensor
         self.register_buffer("guidance", guidance, persistent=False)
-        self.brightness = float(decode_srgb(guidance.numpy()).mean())
-        self.ends = [round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)]
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
         renderer = groups_of([self.renderer], settings.rate, settings.optimiser, settings.hidden_rate)
         encoder = groups_of([self.encoder], settings.encoder_rate, settings.optimiser, settings.encoder_hidden_rate)
-        return [*encoder, *renderer, {"params": [self.texture], "lr": settings.rate}]
+        return [*encoder, *renderer]
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        return self.rendered(by_texel(self.encoder(self.guidance)), batch.texel, batch.pair)
+
+    def rendered(self, latents: Tensor, texel: Tensor, pair: Tensor) -> Tensor:
+        """Log radiance (n, 3) of some of the latents and pairs."""
+        wo, wi = self.samples.wo[pair], self.samples.wi[pair]
+        return render(self.renderer, latents.index_select(0, texel), wo, wi, self.settings.directions)
+
+    def radiance(self, window: Window, texels: Tensor, pairs: Tensor) -> Tensor:
+        """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); averages are of radiance."""
+        each = pairs.to(texels.device, non_blocking=True).repeat_interleave(len(texels))
+        values = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
+        return values if window.keeps_scale else window.rescaled(values.expm1()).log1p()
+
+
+class Staged(Guided):
+    """Our recipe: the texture, the encoder that learns it, and both guided."""
+
+    def __init__(
+        self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
+    ):
+        super().__init__(samples, settings, encoder, guidance, generator)
+        with torch.no_grad():  # the encoder's output for the guidance is near textures that it can learn
+            texture = by_texel(encoder(guidance)).contiguous()
+        if settings.start == "components":
+            texture = first_latents(samples, settings.latents, "components", generator)
+        self.texture = nn.Parameter(texture)
+        self.ends = [round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)]
+
+    def groups(self) -> list[dict[str, Any]]:
+        return [*super().groups(), {"params": [self.texture], "lr": self.settings.rate}]
 
     def stage(self, step: int) -> int:
         """The stage of a step, from 0 to 2."""
@@ -157,11 +153,6 @@ class Staged(Objective):
         losses = (self._direct, self._taught, self._guided)
         return losses[self.stage(round(progress * self.settings.steps))](generator)
 
-    def rendered(self, latents: Tensor, texel: Tensor, pair: Tensor) -> Tensor:
-        """Log radiance (n, 3) of some of the latents and pairs."""
-        wo, wi = self.samples.wo[pair], self.samples.wi[pair]
-        return render(self.renderer, latents.index_select(0, texel), wo, wi, self.settings.directions)
-
     def example(self, smallest: float, generator: torch.Generator) -> Example:
         """A random slice, disturbed, or the guidance; the guidance keeps its scale."""
         samples, settings = self.samples, self.settings
@@ -174,25 +165,8 @@ class Staged(Objective):
             return Example(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
         texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
         pair = int(torch.randint(samples.pairs, (), generator=generator))
-        picture = displayed(self.exposed(self.radiance(window, texels, torch.tensor([pair]))))
+        picture = displayed(self.radiance(window, texels, torch.tensor([pair])))
         return Example(window, texels, self.disturbance.disturbed(picture, generator), pair)
-
-    def exposed(self, level: Tensor) -> Tensor:
-        """Log radiance (1, 3, h, w) of a slice to be shown; by the paper's recipe, at the guidance's brightness.
-
-        So is the photograph that guides later, see `neubtf.guidance`. Most slices are darker, or clip: what their
-        texels are cannot be seen at one exposure.
-        """
-        if self.settings.recipe == "ours":
-            return level
-        mean = shown(level).mean().clamp_min(DARKEST)
-        return (level.expm1() * (self.brightness / mean)).log1p()
-
-    def radiance(self, window: Window, texels: Tensor, pairs: Tensor) -> Tensor:
-        """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); averages are of radiance."""
-        each = pairs.to(texels.device, non_blocking=True).repeat_interleave(len(texels))
-        values = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
-        return values if window.keeps_scale else window.rescaled(values.expm1()).log1p()
 
     def _direct(self, generator: torch.Generator) -> Tensor:
         batch = self.samples.draw(self.settings.batch, generator)
@@ -207,10 +181,9 @@ class Staged(Objective):
     def _guided(self, generator: torch.Generator) -> Tensor:
         example = self.example(self.settings.smallest, generator)
         latents = by_texel(self.encoder(example.picture))
-        settings, loss = self.settings, torch.zeros((), device=latents.device)
-        if settings.pixels == "samples":
-            loss = settings.pixel * self._samples(latents, example, generator)
-        if settings.slices and (settings.pixels == "slices" or settings.style or settings.frequency):
+        settings = self.settings
+        loss = settings.pixel * self._samples(latents, example, generator)
+        if settings.slices and (settings.style or settings.frequency):
             loss = loss + self._slices(latents, example, self._targets(example.pair, generator))
         return loss if example.pair is None else settings.explore_weight * loss
 
@@ -234,19 +207,16 @@ class Staged(Objective):
         return (shown + 1 + torch.randint(count - 1, (self.settings.slices,), generator=generator)) % count
 
     def _slices(self, latents: Tensor, example: Example, pairs: Tensor) -> Tensor:
-        """The loss of whole slices: style and spectrum, and that of pixels if it does not use single samples."""
+        """The loss of whole slices: style and spectrum."""
         settings, inner = self.settings, example.inner
         level = self.radiance(example.window, example.texels, pairs).flatten(2)[..., inner].movedim(1, -1).flatten(0, 1)
         pair = pairs.to(latents.device, non_blocking=True).repeat_interleave(len(inner))
         rendered = self.rendered(latents, inner.repeat(len(pairs)), pair)
-        loss = torch.zeros((), device=latents.device)
-        if settings.pixels == "slices":
-            loss = settings.pixel * distance(rendered, level, settings.loss)
         ours, truth = (shown(pictures(each, example.window.inner_size)) for each in (rendered, level))
-        if settings.levelled:
-            # Otherwise mirror directions would outweigh all others by orders of magnitude, and ruin the fit.
-            brightness = truth.mean((1, 2, 3), keepdim=True).clamp_min(DIM)
-            ours, truth = ours / brightness, truth / brightness
+        # At one exposure mirror directions would outweigh all others by orders of magnitude, and ruin the fit.
+        brightness = truth.mean((1, 2, 3), keepdim=True).clamp_min(DIM)
+        ours, truth = ours / brightness, truth / brightness
+        loss = torch.zeros((), device=latents.device)
         if settings.style:
             loss = loss + settings.style * self.style(ours, truth, example.window.whole)
         if settings.frequency:

@@ -21,7 +21,7 @@ from neubtf.autoencoder import FAINT, Autoencoder
 from neubtf.codec import NeuBTF, guiding_pair
 from neubtf.direct import NeuBTFDirect
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, read_encoder
-from neubtf.training import Staged
+from neubtf.published import Published
 
 FEW: dict[str, Any] = {"steps": 24, "batch": 256}
 
@@ -159,15 +159,38 @@ def test_every_weight_matters(settings: dict[str, Any]) -> None:
 def test_the_papers_recipe_is_what_it_states() -> None:
     settings = NeuBTF(recipe="paper").settings
     assert settings.architecture.parameters == 3011
-    assert (settings.direct, settings.taught) == (0, 0)  # end to end from the first step
-    assert (settings.explore, settings.explore_weight, settings.keep_scale) == (
-        1,
-        1,
-        0,
-    )  # random slices alone, rescaled
-    assert (settings.pixels, settings.loss, settings.levelled) == ("slices", "l1", False)
-    assert (settings.optimiser, settings.init, settings.start) == ("adam", "published", "encoder")
+    assert (settings.keep_scale, settings.loss, settings.optimiser, settings.init) == (0, "l1", "adam", "published")
     assert NeuBTF(recipe="paper", loss="both").settings.loss == "both"
+
+
+def published(guidance: torch.Tensor, **settings: Any) -> Published:
+    samples = Samples(tiny_btf(), 2.0, Fit())
+    encoder = Encoder.for_guidance(guidance, Autoencoder(14))
+    chosen = NeuBTF(recipe="paper", **settings).settings
+    return Published(samples, chosen, encoder, guidance, torch.Generator().manual_seed(0))
+
+
+def test_each_element_of_a_batch_has_its_own_view_window_scale_disturbance_and_target() -> None:
+    fitting, generator = published(torch.full((1, 3, 16, 16), 0.3), crop=4), torch.Generator().manual_seed(0)
+    elements = [fitting.element(generator) for _ in range(20)]
+    assert len({element.view for element in elements}) > 10
+    assert len({element.pair for element in elements}) > 10
+    assert len({(element.window.corner, element.window.source) for element in elements}) > 10
+    # Alike but for what only the input has: the same view, whole, at its own scale.
+    fitting = published(torch.full((1, 3, 16, 16), 0.3), keep_scale=1)
+    by_view: dict[int, list[torch.Tensor]] = {}
+    for element in [fitting.element(generator) for _ in range(300)]:
+        by_view.setdefault(element.view, []).append(element.picture.std((2, 3)))
+    alike = next(spreads for spreads in by_view.values() if len(spreads) > 2)
+    assert not alike[0].allclose(alike[1], atol=1e-2)  # turned in hue by another angle
+
+
+def test_a_batch_of_two_windows_is_the_mean_of_each() -> None:
+    fitting, generator = published(torch.full((1, 3, 16, 16), 0.3), smallest=0.5), torch.Generator().manual_seed(0)
+    elements = [fitting.element(generator) for _ in range(12)]
+    assert len({element.window.size for element in elements}) > 1
+    each = torch.stack([fitting.losses([element]) for element in elements]).mean(0)
+    torch.testing.assert_close(fitting.losses(elements)[0], each[0])
 
 
 def test_the_published_start_is_neither_faint_nor_the_mean() -> None:
@@ -198,7 +221,7 @@ def test_a_single_pair_is_fitted() -> None:
     ("settings", "message"),
     [
         ({"steps": 0}, "at least 1 step"),
-        ({"pixels": "slices", "slices": 0}, "slices of at least 1"),
+        ({"recipe": "paper", "slices": 0}, "slices of at least 1"),
         ({"batch": 0}, "batch of codec neubtf must be"),
         ({"slices": -1}, "slices of codec neubtf must be"),
         ({"crop": 3}, "crop of codec neubtf must be"),
@@ -245,17 +268,10 @@ def test_the_encoder_sees_its_own_guidance_with_mean_0_and_deviation_1() -> None
 
 
 def test_the_papers_recipe_shows_every_slice_at_the_guidances_brightness() -> None:
-    samples, guidance = Samples(tiny_btf(), 2.0, Fit()), torch.full((1, 3, 16, 16), 0.3)
-    means = {}
-    for recipe in ("ours", "paper"):
-        settings = NeuBTF(recipe=recipe, explore=1, hue=0, blur=0, noise=0, keep_scale=1).settings
-        encoder = Encoder.for_guidance(guidance, Autoencoder(14))
-        staged = Staged(samples, settings, encoder, guidance, torch.Generator().manual_seed(0))
-        generator = torch.Generator().manual_seed(0)
-        shown = [decode_srgb(staged.example(1.0, generator).picture.numpy()).mean() for _ in range(20)]
-        means[recipe] = np.array(shown)
-    np.testing.assert_allclose(means["paper"], np.broadcast_to(decode_srgb(np.full(1, 0.3)), 20), rtol=0.1)
-    assert means["ours"].max() > 2 * means["ours"].min()
+    fitting = published(torch.full((1, 3, 16, 16), 0.3), hue=0, blur=0, noise=0, keep_scale=1)
+    generator = torch.Generator().manual_seed(0)
+    means = [decode_srgb(fitting.element(generator).picture.numpy()).mean() for _ in range(20)]
+    np.testing.assert_allclose(means, np.broadcast_to(decode_srgb(np.full(1, 0.3)), 20), rtol=0.1)
 
 
 def test_the_papers_perceptron_is_rectified_and_files_without_the_word_are_as_they_were() -> None:
