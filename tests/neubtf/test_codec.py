@@ -187,7 +187,7 @@ def test_each_element_of_a_batch_has_its_own_view_window_scale_disturbance_and_t
 
 def test_a_batch_of_two_windows_is_the_mean_of_each() -> None:
     fitting, generator = published(torch.full((1, 3, 16, 16), 0.3), smallest=0.5), torch.Generator().manual_seed(0)
-    elements = [fitting.element(generator) for _ in range(12)]
+    elements = [fitting.element(generator) for _ in range(60)]
     assert len({element.window.size for element in elements}) > 1
     each = torch.stack([fitting.losses([element]) for element in elements]).mean(0)
     torch.testing.assert_close(fitting.losses(elements)[0], each[0])
