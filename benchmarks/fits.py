@@ -87,7 +87,7 @@ class Workbench:
         return self._scorers[split, seed]
 
     def measure(self, text: str, seed: int) -> dict[str, Any]:
-        """Bytes, processor seconds, and of each set of pairs PSNR, pooled and of every slice, in dB, and SSIM."""
+        """Bytes, processor seconds, and of each set of pairs PSNR of every slice and their mean, in dB, and SSIM."""
         codec, fitted = parse(text), dict[str, Material]()
         network = shared.find_for(codec)
         found: dict[str, Any] = {"material": self.name, "codec": text, "seed": seed, "version": codec.version}
@@ -112,7 +112,7 @@ class Workbench:
         raw = scorer.score(pairs, lambda i: material.slice(wo[i].tolist(), wi[i].tolist()).numpy()).raw
         errors = raw[METRIC]
         slices = [decibels(value) for value in errors]
-        return {"pooled": decibels(errors.mean()), "slices": slices, "ssim": float(raw[ssim_of(scorer.btf)].mean())}
+        return {"mean": statistics.mean(slices), "slices": slices, "ssim": float(raw[ssim_of(scorer.btf)].mean())}
 
 
 def ssim_of(btf: BTF) -> str:
@@ -163,7 +163,7 @@ def rows(cells: Cells, chosen: argparse.Namespace) -> Iterator[str]:
     heads = ["material", "codec", "seeds", *(f"{split}, dB" for split in SPLITS), "SSIM", "bytes", "over PCA, dB"]
     yield "| " + " | ".join([*heads, "CPU s"]) + " |\n|" + " --- |" * (len(heads) + 1)
     for name, text, found in chosen_cells(cells, chosen):
-        quality = [spread([cell[split]["pooled"] for cell in found if split in cell], 2) for split in SPLITS]
+        quality = [spread([cell[split]["mean"] for cell in found if split in cell], 2) for split in SPLITS]
         split = next(split for split in SPLITS if split in found[0])
         alike = spread([cell[split]["ssim"] for cell in found if "ssim" in cell[split]], 3)
         size, seconds = mean_bytes(found), spread([cell["seconds"] for cell in found], 0)
@@ -173,9 +173,9 @@ def rows(cells: Cells, chosen: argparse.Namespace) -> Iterator[str]:
 
 def over_pca(cells: Cells, name: str, found: list[dict[str, Any]], split: Split) -> str:
     """How far a codec lies above the best PCA of the log that has no more bytes."""
-    limit, ours = LEEWAY * mean_bytes(found), statistics.mean(cell[split]["pooled"] for cell in found)
+    limit, ours = LEEWAY * mean_bytes(found), statistics.mean(cell[split]["mean"] for cell in found)
     of_pca = [cell for (material, text, _), cell in cells.items() if material == name and text.startswith("pca:")]
-    theirs = [(cell[split]["pooled"], cell["codec"]) for cell in of_pca if split in cell and cell["bytes"] <= limit]
+    theirs = [(cell[split]["mean"], cell["codec"]) for cell in of_pca if split in cell and cell["bytes"] <= limit]
     return "{:+.2f} ({})".format(ours - max(theirs)[0], max(theirs)[1].removeprefix("pca:")) if theirs else ""
 
 
@@ -185,18 +185,17 @@ def mean_bytes(found: list[dict[str, Any]]) -> float:
 
 def beside(cells: Cells, chosen: argparse.Namespace) -> Iterator[str]:
     """How far one codec lies above each of the others: mean over seeds and slices of the paired difference."""
-    yield f"| material | {chosen.beside} over | seeds | pooled, dB | a slice, dB | 95 % interval |\n|" + " --- |" * 6
+    yield f"| material | {chosen.beside} over | seeds | a slice, dB | 95 % interval |\n|" + " --- |" * 5
     for name, text in itertools.product(chosen.material, chosen.codecs):
         keys = [((name, chosen.beside, seed), (name, text, seed)) for seed in chosen.seeds]
         both = [(cells[ours], cells[theirs]) for ours, theirs in keys if ours in cells and theirs in cells]
         if text == chosen.beside or not both:
             continue
-        pooled = spread([ours["test"]["pooled"] - theirs["test"]["pooled"] for ours, theirs in both], 2)
         apart = [np.subtract(ours["test"]["slices"], theirs["test"]["slices"]) for ours, theirs in both]
         seeds = [ours["seed"] for ours, _ in both]
         found = interval([Cell(name, seed, str(seed), each) for seed, each in zip(seeds, apart, strict=True)])
         assert found
-        yield f"| {name} | {text} | {len(both)} | {pooled} | {found.mean:+.2f} | {found.low:+.2f} … {found.high:+.2f} |"
+        yield f"| {name} | {text} | {len(both)} | {found.mean:+.2f} | {found.low:+.2f} … {found.high:+.2f} |"
 
 
 def ladders(cells: Cells, chosen: argparse.Namespace) -> Iterator[str]:
@@ -205,7 +204,7 @@ def ladders(cells: Cells, chosen: argparse.Namespace) -> Iterator[str]:
     curves = dict[tuple[str, str], list[tuple[float, float]]]()
     for name, text, found in chosen_cells(cells, chosen):
         split = next(split for split in SPLITS if split in found[0])
-        rung = mean_bytes(found), statistics.mean(cell[split]["pooled"] for cell in found)
+        rung = mean_bytes(found), statistics.mean(cell[split]["mean"] for cell in found)
         curves.setdefault((name, re.sub(rf"\b(?:{chosen.rate})=[^,]*,?", "", text).strip(":,")), []).append(rung)
     for (name, text), curve in curves.items():
         if len(curve) < FEWEST:

@@ -34,6 +34,8 @@ PAPER = {
     "smallest": 0.75,
     "blur": 0.5,
     "noise": 0.02,
+    "style": 0.3,
+    "frequency": 0.05,
 }
 
 
