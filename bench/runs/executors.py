@@ -11,7 +11,8 @@ import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -155,6 +156,8 @@ class Processes(Executor):
                     os.kill(number, signal.SIGKILL)
                 raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)")
             return job.result()
+        except CancelledError as error:  # the run ended before the process had started
+            raise BrokenProcessPool("the worker was ended") from error
         except BaseException:
             self._end(seat, wait=False)
             raise
