@@ -11,8 +11,9 @@ from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
 from bench.material import parameters, sample_texture
-from bench.training import Samples, load_vector
+from bench.training import Samples
 from bench.training import fitting as training
+from bench.training.decoder import load_vector
 
 CHANNELS = 7  # as the authors have it
 
