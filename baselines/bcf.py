@@ -19,20 +19,10 @@ from bench.codec import Codec, Fit, Parts
 from bench.errors import InputError
 from bench.material import Material
 from bench.settings import Layers, Width
-from bench.training import (
-    Architecture,
-    Batch,
-    Decoder,
-    DirectedObjective,
-    FitSettings,
-    Samples,
-    TextureMaterial,
-    WeightPrecision,
-    first_latents,
-    fitted,
-    load_network,
-)
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, TextureMaterial, first_latents, fitted
+from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions
+from bench.training.quantise import WeightPrecision
 
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # share of the steps after which latents are those of real blocks

@@ -29,15 +29,14 @@ from bench.training import (
     Rounding,
     Samples,
     TextureObjective,
-    WeightPrecision,
     distance,
     gain_of,
-    load_network,
     load_texture,
-    store_network,
     store_texture,
     train,
 )
+from bench.training.decoder import load_network, store_network
+from bench.training.quantise import WeightPrecision
 
 SIDE = 20  # texels of the plane over half vectors
 PAIRS = 400  # pairs of each training material

@@ -22,26 +22,23 @@ from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Natural, Positive, Width
 from bench.training import (
     RANDOM_SPREAD,
-    Architecture,
     Batch,
     Bits,
-    Decoder,
     Objective,
     Optimiser,
     Rounding,
     Samples,
     Start,
-    WeightPrecision,
     first_latents,
     gain_of,
     groups_of,
-    load_network,
     load_texture,
-    store_network,
     store_texture,
     train,
 )
+from bench.training.decoder import Architecture, Decoder, load_network, store_network
 from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.quantise import WeightPrecision
 
 WIDTHS = (25, 25, 25)  # of the offset network
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1

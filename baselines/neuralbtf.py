@@ -21,23 +21,21 @@ from bench.material import DecoderCost, Material, at_least_float32, sample_textu
 from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Layers, Natural, Positive, Width
 from bench.training import (
-    Architecture,
     Batch,
     Bits,
-    Decoder,
     FitSettings,
     Optimiser,
     Rounding,
     Samples,
     TextureObjective,
-    WeightPrecision,
     first_latents,
     fitted,
-    load_network,
     load_texture,
     store_texture,
 )
+from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, direction_inputs
+from bench.training.quantise import WeightPrecision
 
 Inputs = Literal["xyzh", "harmonics"]
 

@@ -19,22 +19,10 @@ from bench.codec import Codec, Fit, Parts
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, texel_centres, texel_corners, to_radiance
 from bench.settings import Count, Layers, Range, Width
-from bench.training import (
-    Architecture,
-    Batch,
-    Decoder,
-    DirectedObjective,
-    FitSettings,
-    Samples,
-    WeightPrecision,
-    distance,
-    first_latents,
-    fitted,
-    load_network,
-)
-from bench.training.decoder import Activation
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, distance, first_latents, fitted
+from bench.training.decoder import Activation, Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions, direction_inputs
-from bench.training.quantise import pack_bits, unpack_bits
+from bench.training.quantise import WeightPrecision, pack_bits, unpack_bits
 
 OCTAVES, TILE, PLACE = 3, 8, 12  # encoding of places: it repeats after 8 texels, and has 12 numbers
 OMEGA = 2.0  # frequency of the sine, if the activation is a sine

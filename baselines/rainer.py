@@ -16,8 +16,8 @@ from bench.codec import Fit
 from bench.directions import stereographic
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.settings import BatchSize, Natural, Positive
-from bench.training import Architecture, Batch, Decoder, Loss, Optimiser, Samples, TextureObjective, distance, groups_of
-from bench.training.decoder import LEAK
+from bench.training import Batch, Loss, Optimiser, Samples, TextureObjective, distance, groups_of
+from bench.training.decoder import LEAK, Architecture, Decoder
 from bench.training.inputs import direction_inputs
 
 WIDTH, LAYERS = 106, 4  # of the decoder, as published

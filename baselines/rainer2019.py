@@ -30,23 +30,21 @@ from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.settings import Natural, Positive, Width
 from bench.training import (
-    Architecture,
     Batch,
     Bits,
-    Decoder,
     Rounding,
     Samples,
-    WeightPrecision,
     distance,
     first_latents,
     gain_of,
-    load_network,
     load_texture,
     round_after,
     store_texture,
     train,
 )
+from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.quantise import WeightPrecision
 
 
 class Rainer2019(Codec):

@@ -34,22 +34,10 @@ from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.hemisphere import thin, ubo2003
 from bench.material import Material
 from bench.settings import Count, Natural, Width
-from bench.training import (
-    Batch,
-    Bits,
-    Decoder,
-    Optimiser,
-    Samples,
-    WeightPrecision,
-    gain_of,
-    load_network,
-    load_texture,
-    round_after,
-    store_network,
-    store_texture,
-    train,
-)
+from bench.training import Batch, Bits, Optimiser, Samples, gain_of, load_texture, round_after, store_texture, train
+from bench.training.decoder import Decoder, load_network, store_network
 from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.quantise import WeightPrecision
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
 CHECKED = 128  # pairs of a material at which the decoder's answers are checked during encoding

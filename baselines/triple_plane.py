@@ -18,23 +18,21 @@ from bench.material import DecoderCost, Material, sample_texture, saturated, tex
 from bench.settings import Count, Natural, NotNegative, Positive
 from bench.training import (
     RANDOM_SPREAD,
-    Architecture,
     Batch,
     Bits,
-    Decoder,
     Loss,
     Optimiser,
     Rounding,
     Samples,
     Start,
     TextureObjective,
-    WeightPrecision,
     first_latents,
     fitted,
-    load_network,
     load_texture,
     store_texture,
 )
+from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.quantise import WeightPrecision
 
 WIDTHS = (32, 32, 32)
 

@@ -20,8 +20,8 @@ from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.settings import Count, Natural
-from bench.training import Bits, Rounding, WeightPrecision, gain_of, load_texture, store_texture
-from bench.training.quantise import pack, unpack
+from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
+from bench.training.quantise import WeightPrecision, pack, unpack
 from bench.training.reading import blocks
 from bench.training.svd import Factors, truncated_svd
 

@@ -27,24 +27,21 @@ from bench.material import (
 )
 from bench.settings import Count, Natural
 from bench.training import (
-    Architecture,
     Batch,
     Bits,
-    Decoder,
     FitSettings,
     Rounding,
     Samples,
     TextureObjective,
-    WeightPrecision,
     distance,
     first_latents,
     fitted,
-    load_network,
     load_texture,
     store_texture,
 )
-from bench.training.decoder import Activation
+from bench.training.decoder import Activation, Architecture, Decoder, load_network
 from bench.training.frames import Frames
+from bench.training.quantise import WeightPrecision
 
 BRIGHTEST = 1e5  # gain · radiance that the sigmoid of the authors' code can answer
 PAPER = {"edition": "code", "halfway": False, "layers": 2, "width": 16, "activation": "smelu", "bits": 8}

@@ -12,19 +12,10 @@ from torch import Tensor
 
 from bench.codec import Parts
 from bench.settings import Layers, Positive, Width
-from bench.training import (
-    Architecture,
-    Bits,
-    Decoder,
-    Rounding,
-    TextureMaterial,
-    WeightPrecision,
-    load_network,
-    load_texture,
-    store_network,
-    store_texture,
-)
+from bench.training import Bits, Rounding, TextureMaterial, load_texture, store_texture
+from bench.training.decoder import Architecture, Decoder, load_network, store_network
 from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.quantise import WeightPrecision
 
 
 @dataclass(frozen=True)

@@ -22,20 +22,9 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.settings import BatchSize, Layers, Natural, Positive, Range, Width
-from bench.training import (
-    Loss,
-    Optimiser,
-    Samples,
-    Start,
-    WeightPrecision,
-    compress,
-    expand,
-    gain_of,
-    load_network,
-    load_texture,
-    store_network,
-    train,
-)
+from bench.training import Loss, Optimiser, Samples, Start, compress, expand, gain_of, load_texture, train
+from bench.training.decoder import load_network, store_network
+from bench.training.quantise import WeightPrecision
 
 
 class Relief(Codec):

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.training import Architecture, Decoder
+from bench.training.decoder import Architecture, Decoder
 from bench.training.frames import Frames
 
 FRAMES = 2

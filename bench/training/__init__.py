@@ -1,14 +1,13 @@
-"""The parts of learned codecs: networks, latents, fits, stored textures.
+"""The parts of learned codecs: latents, fits, stored textures.
 
-Codecs import from here; what few of them need, such as the inputs of two directions or a singular value decomposition,
-from the files that docs/adding-a-codec.md lists.
+Codecs import them from here; networks, numbers as halves and what few codecs need, from the files that
+docs/adding-a-codec.md lists.
 """
 
-from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training.decoder import Decoder
 from bench.training.fitting import Batch, Loss, Objective, Samples, distance, gain_of, train
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.optimiser import Optimiser, groups_of
-from bench.training.quantise import WeightPrecision
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
 from bench.training.texture_codes import compress, expand
 from bench.training.texture_fit import DirectedObjective, FitSettings, TextureObjective, fitted
@@ -16,7 +15,6 @@ from bench.training.texture_material import TextureMaterial
 
 __all__ = [
     "RANDOM_SPREAD",
-    "Architecture",
     "Batch",
     "Bits",
     "Decoder",
@@ -30,7 +28,6 @@ __all__ = [
     "Start",
     "TextureMaterial",
     "TextureObjective",
-    "WeightPrecision",
     "compress",
     "distance",
     "expand",
@@ -38,10 +35,8 @@ __all__ = [
     "fitted",
     "gain_of",
     "groups_of",
-    "load_network",
     "load_texture",
     "round_after",
-    "store_network",
     "store_texture",
     "train",
 ]
