@@ -12,11 +12,8 @@ from bench.conformance.check import tiny_btf
 from bench.material import parameters, sample_texture
 from bench.training import Samples
 from bench.training import fitting as training
-<<<<<<< HEAD
-from tests.baselines.made import decoded
-=======
 from bench.training.decoder import load_vector
->>>>>>> codecbase
+from tests.baselines.made import decoded
 
 CHANNELS = 7  # as the authors have it
 

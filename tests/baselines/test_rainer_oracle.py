@@ -13,13 +13,9 @@ from bench.codec import Fit
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
 from bench.material import texel_centres
-<<<<<<< HEAD
-from bench.training import Samples, to_vector
-from tests.baselines.made import leaky, split
-=======
 from bench.training import Samples
 from bench.training.decoder import to_vector
->>>>>>> codecbase
+from tests.baselines.made import leaky, split
 
 Array = np.ndarray
 FLOAT32 = {"bits": 32, "weights": "float32"}
