@@ -19,25 +19,10 @@ from bench.codec import Codec, Fit, Parts
 from bench.errors import InputError
 from bench.material import Material
 from bench.settings import Layers, Width
-from bench.training import (
-    COUNTS,
-    Architecture,
-    Batch,
-    Decoder,
-    DirectedObjective,
-    Directions,
-    FitSettings,
-    Samples,
-    TextureMaterial,
-    WeightPrecision,
-    first_latents,
-    gain_of,
-    load_vector,
-    pack,
-    to_vector,
-    train,
-    unpack,
-)
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, TextureMaterial, first_latents, fitted
+from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.inputs import COUNTS, Directions
+from bench.training.quantise import WeightPrecision
 
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # share of the steps after which latents are those of real blocks
@@ -76,19 +61,13 @@ class BCF(Codec):
             return Architecture(inputs, widths, activation="sine", omega=OMEGA, norm=True, residual=True)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain = gain_of(btf, fit)
-        fitting = BCFObjective(Samples(btf, gain, fit), self.settings, fit.generator())
-        train(fitting, fit, self.settings.steps, self.settings.patience)
+        fitting = fitted(BCFObjective, self.settings, btf, fit)
         blocks, low, span = fitting.blocks()
-        return Parts(
-            decoder=pack("weights", to_vector(fitting.network), self.settings.weights),
-            texture={"blocks": blocks.flatten(), "low": low, "span": span},
-            other={"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)},
-        )
+        texture = {"blocks": blocks.flatten(), "low": low, "span": span}
+        return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        network = Decoder(self.settings.architecture)
-        load_vector(unpack("weights", parts.decoder), network)
+        network = load_network(Decoder(self.settings.architecture), parts.decoder)
         size, textures = tuple(parts.other["size"].tolist()), self.settings.textures
         low, span = parts.texture["low"].float(), parts.texture["span"].float()
         if min(size) < 1 or parts.texture["blocks"].shape != (math.prod(across(size)) * textures * bc1.BYTES,):

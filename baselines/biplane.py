@@ -29,17 +29,14 @@ from bench.training import (
     Rounding,
     Samples,
     TextureObjective,
-    WeightPrecision,
     distance,
     gain_of,
     load_texture,
-    load_vector,
-    pack,
     store_texture,
-    to_vector,
     train,
-    unpack,
 )
+from bench.training.decoder import load_network, store_network
+from bench.training.quantise import WeightPrecision
 
 SIDE = 20  # texels of the plane over half vectors
 PAIRS = 400  # pairs of each training material
@@ -75,7 +72,7 @@ class BiplaneNetwork(SharedNetwork):
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         pool, decoder = Pool(btfs, self.settings.kept, fit), BiplaneDecoder(fit.generator())
         train(BiplaneObjective(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
-        return Parts(decoder=pack("weights", to_vector(decoder), self.settings.weights))
+        return Parts(decoder=store_network(decoder, self.settings.weights))
 
 
 class Biplane(Codec):
@@ -101,9 +98,7 @@ class Biplane(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         network, gain = fit.shared(self.name), gain_of(btf, fit)
-        decoder = BiplaneDecoder()
-        load_vector(unpack("weights", network.parts.decoder), decoder)
-        decoder.requires_grad_(False)
+        decoder = load_network(BiplaneDecoder(), network.parts.decoder).requires_grad_(False)
         fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
         train(fitting, fit, self.settings.steps)
         texture = torch.cat([fitting.texture, fitting.stored_colours()], 1).reshape(*btf.shape, -1)
@@ -119,8 +114,7 @@ class Biplane(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         if parts.network is None:
             raise ValueError("it names no shared network")
-        decoder = BiplaneDecoder()
-        load_vector(unpack("weights", parts.network.parts.decoder), decoder)
+        decoder = load_network(BiplaneDecoder(), parts.network.parts.decoder)
         texture, half = load_texture("texels", parts.texture), load_texture("half", parts.decoder)
         if texture.shape[2] != FEATURES + COLOURS or half.shape[2] != FEATURES:
             raise ValueError(f"planes of {half.shape[2]} and {texture.shape[2]} channels")

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.material import HALF_MAX
-from bench.training import LEAK
+from bench.training.decoder import LEAK
 
 FEATURES = 6  # of each plane
 MATRIX, COLOURS = 9, 12  # numbers of a texel's matrix, and of matrix and offset

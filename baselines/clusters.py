@@ -8,7 +8,9 @@ from torch import Tensor
 
 from bench.btf import BTF
 from bench.codec import Fit
-from bench.training import blocks, compress, expand, truncated_svd
+from bench.training import compress, expand
+from bench.training.reading import blocks
+from bench.training.svd import truncated_svd
 
 Array = np.ndarray
 BLOCK_BYTES = 64 << 20  # slices read together

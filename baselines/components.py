@@ -8,7 +8,8 @@ from bench.btf import BTF
 from bench.codec import Fit
 from bench.directions import PairInterpolator
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Rounding, blocks, round_after
+from bench.training import Rounding, round_after
+from bench.training.reading import blocks
 
 PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # samples that measure the error of rounding a number
 

@@ -18,18 +18,9 @@ from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Py
 from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Width
-from bench.training import (
-    COUNTS,
-    Batch,
-    Bits,
-    Directions,
-    Optimiser,
-    Samples,
-    Start,
-    WeightPrecision,
-    direction_inputs,
-    distance,
-)
+from bench.training import Batch, Bits, Optimiser, Samples, Start, distance
+from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.quantise import WeightPrecision
 
 CHANNELS = 25  # between the layers: 7, 12, 3 and 3 of the branches
 BRANCHES = (7, 12, 3, 3)  # of 1 × 1, 3 × 3 and 5 × 5, and of the maximum of 3 × 3

@@ -9,7 +9,7 @@ from torch import Tensor
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import DecoderCost, Material, sample_texture
-from bench.training import pack, unpack
+from bench.training.quantise import pack, unpack
 
 
 class MeanColour(Codec):

@@ -21,31 +21,24 @@ from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Natural, Positive, Width
 from bench.training import (
-    COUNTS,
     RANDOM_SPREAD,
-    Architecture,
     Batch,
     Bits,
-    Decoder,
-    Directions,
     Objective,
     Optimiser,
     Rounding,
     Samples,
     Start,
-    WeightPrecision,
-    direction_inputs,
     first_latents,
     gain_of,
     groups_of,
     load_texture,
-    load_vector,
-    pack,
     store_texture,
-    to_vector,
     train,
-    unpack,
 )
+from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.quantise import WeightPrecision
 
 WIDTHS = (25, 25, 25)  # of the offset network
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
@@ -130,12 +123,10 @@ class NeuMIP(Codec):
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         if count < level_count(btf.shape):
             other["levels"] = torch.tensor([count], dtype=torch.uint8)
-        weights = pack("weights", to_vector(objective.networks), self.settings.weights)
-        return Parts(decoder=weights, texture=texture, other=other)
+        return Parts(store_network(objective.networks, self.settings.weights), texture, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        networks = self.networks()
-        load_vector(unpack("weights", parts.decoder), networks)
+        networks = load_network(self.networks(), parts.decoder)
         height, width = parts.other["size"].tolist()
         levels = int(parts.other["levels"]) if "levels" in parts.other else None
         if min(height, width) < 1 or not 1 <= (levels or 1) <= level_count((height, width)):

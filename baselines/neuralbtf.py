@@ -21,28 +21,21 @@ from bench.material import DecoderCost, Material, at_least_float32, sample_textu
 from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Layers, Natural, Positive, Width
 from bench.training import (
-    COUNTS,
-    Architecture,
     Batch,
     Bits,
-    Decoder,
     FitSettings,
     Optimiser,
     Rounding,
     Samples,
     TextureObjective,
-    WeightPrecision,
-    direction_inputs,
     first_latents,
-    gain_of,
+    fitted,
     load_texture,
-    load_vector,
-    pack,
     store_texture,
-    to_vector,
-    train,
-    unpack,
 )
+from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.inputs import COUNTS, direction_inputs
+from bench.training.quantise import WeightPrecision
 
 Inputs = Literal["xyzh", "harmonics"]
 
@@ -95,20 +88,16 @@ class NeuralBTF(Codec):
             return Architecture(self.levels * self.channels + directions, (self.width,) * self.layers)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain = gain_of(btf, fit)
-        fitting = NeuralBTFObjective(Samples(btf, gain, fit), self.settings, fit.generator())
-        train(fitting, fit, self.settings.steps, self.settings.patience)
+        fitting = fitted(NeuralBTFObjective, self.settings, btf, fit)
         texture: dict[str, Tensor] = {}
         for name, values in fitting.free.items():
             rounding = fitting.roundings[name]
             assert isinstance(rounding, Rounding)
             texture |= store_texture(name, values.detach(), rounding)
-        weights = pack("weights", to_vector(fitting.network), self.settings.weights)
-        return Parts(decoder=weights, texture=texture, other={"gain": torch.tensor([gain])})
+        return fitting.parts(texture)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        networks = Networks(self.settings)
-        load_vector(unpack("weights", parts.decoder), networks)
+        networks = load_network(Networks(self.settings), parts.decoder)
         textures = {name: load_texture(name, parts.texture) for name in names(self.settings)}
         size = (textures["level0"].shape[0], textures["level0"].shape[1])
         for name, wanted in names(self.settings, size).items():

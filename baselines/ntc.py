@@ -19,29 +19,10 @@ from bench.codec import Codec, Fit, Parts
 from bench.errors import InputError
 from bench.material import DecoderCost, Material, texel_centres, texel_corners, to_radiance
 from bench.settings import Count, Layers, Range, Width
-from bench.training import (
-    COUNTS,
-    Activation,
-    Architecture,
-    Batch,
-    Decoder,
-    DirectedObjective,
-    Directions,
-    FitSettings,
-    Samples,
-    WeightPrecision,
-    direction_inputs,
-    distance,
-    first_latents,
-    gain_of,
-    load_vector,
-    pack,
-    pack_bits,
-    to_vector,
-    train,
-    unpack,
-    unpack_bits,
-)
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, distance, first_latents, fitted
+from bench.training.decoder import Activation, Architecture, Decoder, load_network
+from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.quantise import WeightPrecision, pack_bits, unpack_bits
 
 OCTAVES, TILE, PLACE = 3, 8, 12  # encoding of places: it repeats after 8 texels, and has 12 numbers
 OMEGA = 2.0  # frequency of the sine, if the activation is a sine
@@ -94,19 +75,14 @@ class NTC(Codec):
             return Architecture(inputs, widths, 3, self.activation, OMEGA, norm=sine, residual=sine)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain, bits = gain_of(btf, fit), self.settings.bits
-        fitting = NTCObjective(Samples(btf, gain, fit), self.settings, fit.generator())
-        train(fitting, fit, self.settings.steps, self.settings.patience)
-        return Parts(
-            decoder=pack("weights", to_vector(fitting.network), self.settings.weights),
-            texture={n: pack_bits(codes_of(g, bits).flatten(), bits) for n, g in zip(GRIDS, fitting.free, strict=True)},
-            other={"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)},
-        )
+        fitting, bits = fitted(NTCObjective, self.settings, btf, fit), self.settings.bits
+        grids = zip(GRIDS, fitting.free, strict=True)
+        texture = {name: pack_bits(codes_of(grid, bits).flatten(), bits) for name, grid in grids}
+        return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         settings, bits = self.settings, self.settings.bits
-        network = Decoder(settings.architecture)
-        load_vector(unpack("weights", parts.decoder), network)
+        network = load_network(Decoder(settings.architecture), parts.decoder)
         size, grids = tuple(parts.other["size"].tolist()), []
         for name, (rows, cols) in zip(GRIDS, sizes(size, settings.reduction), strict=True):
             packed, count = parts.texture[name], rows * cols * getattr(settings, name)

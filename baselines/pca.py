@@ -16,18 +16,10 @@ from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.metrics.display import exposure
 from bench.settings import Count, Range
-from bench.training import (
-    Bits,
-    Factors,
-    blocks,
-    load_texture,
-    pack,
-    round_after,
-    store_texture,
-    strongest,
-    truncated_svd,
-    unpack,
-)
+from bench.training import Bits, load_texture, round_after, store_texture
+from bench.training.quantise import pack, unpack
+from bench.training.reading import blocks
+from bench.training.svd import Factors, strongest, truncated_svd
 
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 LARGE = 4 << 30  # bytes of a matrix in float32; the components of a larger one are found in a part: see `_of_part`

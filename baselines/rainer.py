@@ -16,19 +16,9 @@ from bench.codec import Fit
 from bench.directions import stereographic
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.settings import BatchSize, Natural, Positive
-from bench.training import (
-    LEAK,
-    Architecture,
-    Batch,
-    Decoder,
-    Loss,
-    Objective,
-    Optimiser,
-    Samples,
-    direction_inputs,
-    distance,
-    groups_of,
-)
+from bench.training import Batch, Loss, Optimiser, Samples, TextureObjective, distance, groups_of
+from bench.training.decoder import LEAK, Architecture, Decoder
+from bench.training.inputs import direction_inputs
 
 WIDTH, LAYERS = 106, 4  # of the decoder, as published
 CONVOLUTIONS = ((16, 7), (32, 5), (64, 5))  # channels and kernel of the encoder's layers
@@ -110,15 +100,16 @@ class RainerSettings:
     loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
 
-class Fitted(Objective):
+class Fitted(TextureObjective):
     """A decoder and the source of its latents; each texel's statistics are taken from the data."""
 
+    network: Decoder
     statistics: Tensor  # (texels, 2, 3): mean and deviation of each texel's log ABRDF
     coordinates: Tensor  # (pairs, k): the decoder's inputs of each pair
 
     def __init__(self, samples: Samples, decoder: Decoder, settings: RainerSettings, fit: Fit):
-        super().__init__(samples)
-        self.decoder, self.settings = decoder, settings
+        super().__init__(samples, settings)
+        self.network = decoder
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
         stats = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
         self.register_buffer("statistics", torch.cat(stats), persistent=False)
@@ -129,12 +120,12 @@ class Fitted(Objective):
 
     def decode(self, latents: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of latents (n, D) at the texels and pairs of a batch."""
-        return radiance(self.decoder, latents, self.statistics[batch.texel].flatten(1), self.where(batch))
+        return radiance(self.network, latents, self.statistics[batch.texel].flatten(1), self.where(batch))
 
     def answers(self, texture: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of a texture (texels, D + 6) of latents and statistics, at the pairs of a batch."""
         latents, stats = texture.index_select(0, batch.texel).tensor_split([-STATISTICS], dim=1)
-        return radiance(self.decoder, latents, stats, self.where(batch))
+        return radiance(self.network, latents, stats, self.where(batch))
 
 
 class Autoencoder(Fitted):
@@ -146,7 +137,7 @@ class Autoencoder(Fitted):
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
-        return groups_of([self.encoder, self.decoder], settings.rate, settings.optimiser, settings.hidden_rate)
+        return groups_of([self.encoder, self.network], settings.rate, settings.optimiser, settings.hidden_rate)
 
     def latents(self, texel: Tensor) -> Tensor:
         """The latents (n, D) that the encoder makes of some texels' ABRDFs."""

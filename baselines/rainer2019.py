@@ -7,7 +7,7 @@ the activation, the loss, the optimiser, and the six further channels.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -30,27 +30,21 @@ from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.settings import Natural, Positive, Width
 from bench.training import (
-    ROUNDING_SAMPLES,
-    Architecture,
     Batch,
     Bits,
-    Decoder,
     Rounding,
     Samples,
-    WeightPrecision,
     distance,
     first_latents,
     gain_of,
-    groups_of,
     load_texture,
-    load_vector,
-    pack,
     round_after,
     store_texture,
-    to_vector,
     train,
-    unpack,
 )
+from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.quantise import WeightPrecision
 
 
 class Rainer2019(Codec):
@@ -93,20 +87,14 @@ class Rainer2019(Codec):
             return architecture(self.latents, self.activation, self.directions, self.width)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain = gain_of(btf, fit)
-        samples = Samples(btf, gain, fit)
+        samples = Samples(btf, gain_of(btf, fit), fit)
         fitting = (Encoded if self.settings.start == "encoder" else Free)(samples, self.settings, fit)
         train(fitting, fit, self.settings.steps, self.settings.patience)
         texture, rounding = fitting.stored(fit)
-        return Parts(
-            decoder=pack("weights", to_vector(fitting.decoder), self.settings.weights),
-            texture=store_texture("latents", texture.reshape(*btf.shape, -1), rounding),
-            other={"gain": torch.tensor([gain])},
-        )
+        return fitting.parts(store_texture("latents", texture.reshape(*btf.shape, -1), rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        decoder = Decoder(self.settings.architecture)
-        load_vector(unpack("weights", parts.decoder), decoder)
+        decoder = load_network(Decoder(self.settings.architecture), parts.decoder)
         texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
         return RainerMaterial(decoder, texture, gain, self.settings.directions).to(device)
 
@@ -142,11 +130,6 @@ class Free(Fitted):
         self.texture = nn.Parameter(first_latents(samples, settings.latents, "components", generator))
         self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
         self.rounding = Rounding(settings.latents + STATISTICS, settings.bits)
-
-    def groups(self) -> list[dict[str, Any]]:
-        settings = self.settings
-        decoder = groups_of([self.decoder], settings.rate, settings.optimiser, settings.hidden_rate)
-        return [*decoder, {"params": [self.texture], "lr": settings.latent_rate}]
 
     def whole(self) -> Tensor:
         """The texture (texels, D + 6) of latents and statistics."""

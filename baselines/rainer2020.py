@@ -34,24 +34,10 @@ from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.hemisphere import thin, ubo2003
 from bench.material import Material
 from bench.settings import Count, Natural, Width
-from bench.training import (
-    ROUNDING_SAMPLES,
-    Batch,
-    Bits,
-    Decoder,
-    Optimiser,
-    Samples,
-    WeightPrecision,
-    gain_of,
-    load_texture,
-    load_vector,
-    pack,
-    round_after,
-    store_texture,
-    to_vector,
-    train,
-    unpack,
-)
+from bench.training import Batch, Bits, Optimiser, Samples, gain_of, load_texture, round_after, store_texture, train
+from bench.training.decoder import Decoder, load_network, store_network
+from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.quantise import WeightPrecision
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
 CHECKED = 128  # pairs of a material at which the decoder's answers are checked during encoding
@@ -80,8 +66,8 @@ class Rainer2020Network(SharedNetwork):
         fitting = Rainer2020Objective(pool, self.settings, fit)
         train(fitting, fit, self.settings.steps)
         return Parts(
-            decoder=pack("weights", to_vector(fitting.decoder), self.settings.weights),
-            encoder=pack("weights", to_vector(fitting.encoder), self.settings.weights) | pack_layout(canonical),
+            decoder=store_network(fitting.network, self.settings.weights),
+            encoder=store_network(fitting.encoder, self.settings.weights) | pack_layout(canonical),
         )
 
 
@@ -145,17 +131,13 @@ def encoder_of(network: TrainedNetwork) -> tuple[Encoder, Layout]:
     """The encoder of a trained network, and the pairs that it sees."""
     settings = Rainer2020Network(**network.settings).settings
     canonical = unpack_layout(network.parts.encoder)
-    encoder = Encoder(len(canonical.view), settings.latents)
-    load_vector(unpack("weights", network.parts.encoder), encoder)
-    return encoder, canonical
+    return load_network(Encoder(len(canonical.view), settings.latents), network.parts.encoder), canonical
 
 
 def decoder_of(network: TrainedNetwork) -> Decoder:
     """The decoder of a trained network."""
     settings = Rainer2020Network(**network.settings).settings
-    decoder = Decoder(architecture(settings.latents, settings.activation))
-    load_vector(unpack("weights", network.parts.decoder), decoder)
-    return decoder
+    return load_network(Decoder(architecture(settings.latents, settings.activation)), network.parts.decoder)
 
 
 class Coder(torch.nn.Module):

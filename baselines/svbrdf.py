@@ -19,7 +19,7 @@ from bench.data.materials import brdf
 from bench.material import DecoderCost, Material
 from bench.metrics.display import decode_srgb, encode_srgb
 from bench.settings import BatchSize, Natural, Positive
-from bench.training import Batch, Loss, Objective, Samples, compress, expand, gain_of, train
+from bench.training import Batch, Loss, Objective, Samples, compress, expand, fitted
 
 CHANNELS = 8  # of a fetched texel: linear base colour, normal, roughness, metalness
 STORED = 7  # the normal's z follows from x and y
@@ -47,8 +47,7 @@ class SVBRDF(Codec):
         loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        fitting = MapsObjective(Samples(btf, gain_of(btf, fit), fit), self.settings, fit.generator())
-        train(fitting, fit, self.settings.steps, self.settings.patience)
+        fitting = fitted(MapsObjective, self.settings, btf, fit)
         codes = codes_of(fitting.maps(fitting.free.detach())).reshape(*btf.shape, STORED)
         other = {"scale": fitting.scale.detach().exp().cpu(), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         return Parts(texture={"maps": compress(codes, [8] * STORED)}, other=other)

@@ -9,7 +9,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, texel_corners
-from bench.training import half_scale
+from bench.training.quantise import half_scale
 
 
 class Table(Codec):

@@ -6,7 +6,7 @@ docs/recipes.md), which runs the network in eight bits; ours uses floats.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -18,28 +18,21 @@ from bench.material import DecoderCost, Material, sample_texture, saturated, tex
 from bench.settings import Count, Natural, NotNegative, Positive
 from bench.training import (
     RANDOM_SPREAD,
-    Architecture,
     Batch,
     Bits,
-    Decoder,
     Loss,
     Optimiser,
     Rounding,
     Samples,
     Start,
     TextureObjective,
-    WeightPrecision,
     first_latents,
-    gain_of,
-    groups_of,
+    fitted,
     load_texture,
-    load_vector,
-    pack,
     store_texture,
-    to_vector,
-    train,
-    unpack,
 )
+from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.quantise import WeightPrecision
 
 WIDTHS = (32, 32, 32)
 
@@ -98,17 +91,14 @@ class TriplePlane(Codec):
             return Architecture(3 * self.channels, WIDTHS)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain = gain_of(btf, fit)
-        fitting = TriplePlaneObjective(Samples(btf, gain, fit), self.settings, fit.generator())
-        train(fitting, fit, self.settings.steps, self.settings.patience)
-        decoder = pack("weights", to_vector(fitting.network), self.settings.weights)
-        decoder |= store_texture("planes", fitting.planes(), fitting.rounded_planes)
+        fitting = fitted(TriplePlaneObjective, self.settings, btf, fit)
         texture = store_texture("latents", fitting.texture.reshape(*btf.shape, -1), fitting.rounded_texture)
-        return Parts(decoder=decoder, texture=texture, other={"gain": torch.tensor([gain])})
+        parts = fitting.parts(texture)
+        parts.decoder.update(store_texture("planes", fitting.planes(), fitting.rounded_planes))
+        return parts
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        network = Decoder(self.settings.architecture)
-        load_vector(unpack("weights", parts.decoder), network)
+        network = load_network(Decoder(self.settings.architecture), parts.decoder)
         planes = list(load_texture("planes", parts.decoder))
         texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
         return TriplePlaneMaterial(network, texture, planes, gain, self.settings.difference).to(device)
@@ -116,6 +106,8 @@ class TriplePlane(Codec):
 
 class TriplePlaneObjective(TextureObjective):
     """The three planes and the network, all free."""
+
+    texture_rate = "plane_rate"
 
     def __init__(self, samples: Samples, settings: TriplePlane.Settings, generator: torch.Generator):
         super().__init__(samples, settings)
@@ -139,11 +131,6 @@ class TriplePlaneObjective(TextureObjective):
         index = torch.stack([texel + plane * side * side for plane, (texel, _) in enumerate(corners)], 1)
         self.register_buffer("texel", index, persistent=False)  # (N, 2, 4)
         self.register_buffer("weight", torch.stack([weight for _, weight in corners], 1), persistent=False)
-
-    def groups(self) -> list[dict[str, Any]]:
-        settings = self.settings
-        network = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
-        return [*network, {"params": [self.texture, self.free], "lr": settings.plane_rate}]
 
     def planes(self) -> Tensor:
         """The planes (2, side, side, C) over the half and the difference vector, blurred."""

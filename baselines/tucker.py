@@ -20,19 +20,10 @@ from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.settings import Count, Natural
-from bench.training import (
-    Bits,
-    Factors,
-    Rounding,
-    WeightPrecision,
-    blocks,
-    gain_of,
-    load_texture,
-    pack,
-    store_texture,
-    truncated_svd,
-    unpack,
-)
+from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
+from bench.training.quantise import WeightPrecision, pack, unpack
+from bench.training.reading import blocks
+from bench.training.svd import Factors, truncated_svd
 
 PASSES = 4  # passes over the data, one if they are small
 OVERSAMPLED = 2  # components of the texels that the alternation chooses from, as a multiple of those kept

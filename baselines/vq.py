@@ -20,14 +20,8 @@ from bench.codec import Codec, Fit, Parts
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
 from bench.settings import Count, Range
-from bench.training import (
-    Bits,
-    blocks,
-    gain_of,
-    load_texture,
-    round_after,
-    store_texture,
-)
+from bench.training import Bits, gain_of, load_texture, round_after, store_texture
+from bench.training.reading import blocks
 
 BLOCK_BYTES = 64 << 20  # slices read together
 MOST_LABELS = 1 << 24  # of all stages, if fewer are stored: the index of a one-entry codebook takes no bytes

@@ -27,28 +27,21 @@ from bench.material import (
 )
 from bench.settings import Count, Natural
 from bench.training import (
-    Activation,
-    Architecture,
     Batch,
     Bits,
-    Decoder,
     FitSettings,
-    Frames,
     Rounding,
     Samples,
     TextureObjective,
-    WeightPrecision,
     distance,
     first_latents,
-    gain_of,
+    fitted,
     load_texture,
-    load_vector,
-    pack,
     store_texture,
-    to_vector,
-    train,
-    unpack,
 )
+from bench.training.decoder import Activation, Architecture, Decoder, load_network
+from bench.training.frames import Frames
+from bench.training.quantise import WeightPrecision
 
 BRIGHTEST = 1e5  # gain · radiance that the sigmoid of the authors' code can answer
 PAPER = {"edition": "code", "halfway": False, "layers": 2, "width": 16, "activation": "smelu", "bits": 8}
@@ -91,18 +84,11 @@ class Zeltner2024(Codec):
         weights: WeightPrecision = "half"  # precision of the stored network
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain = gain_of(btf, fit)
-        fitting = Zeltner2024Objective(Samples(btf, gain, fit), self.settings, fit.generator())
-        train(fitting, fit, self.settings.steps, self.settings.patience)
-        return Parts(
-            decoder=pack("weights", to_vector(fitting.network), self.settings.weights),
-            texture=store_texture("latents", fitting.latents().reshape(*btf.shape, -1), fitting.rounding),
-            other={"gain": torch.tensor([gain])},
-        )
+        fitting = fitted(Zeltner2024Objective, self.settings, btf, fit)
+        return fitting.parts(store_texture("latents", fitting.latents().reshape(*btf.shape, -1), fitting.rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        network = FramedNetwork(self.settings)
-        load_vector(unpack("weights", parts.decoder), network)
+        network = load_network(FramedNetwork(self.settings), parts.decoder)
         texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
         return Zeltner2024Material(network, texture, gain).to(device)
 

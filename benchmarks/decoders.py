@@ -34,7 +34,7 @@ from bench.timing import interval95
 from bench.timing.clock import calibrated, elapsed
 from bench.timing.execution import DTYPES, FUSED_CHUNK, LONG_CHUNK, needs_compiler
 from bench.timing.fused.lean import Lean, compiled
-from bench.training import Architecture, Decoder
+from bench.training.decoder import Architecture, Decoder
 
 NEUBTF = Architecture(18, (32, 32, 32), activation="sine", omega=2.0, norm=True, residual=True)
 OPERATIONS = 18 * 32 + 2 * 32 * 32 + 32 * 3 + 10 * 96

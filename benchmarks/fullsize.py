@@ -24,7 +24,7 @@ from bench.btf import BTF
 from bench.data.materials import load
 from bench.hemisphere import to_degrees
 from bench.metrics.display import encode_srgb, exposure
-from bench.training import truncated_svd
+from bench.training.svd import truncated_svd
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "fuzz"))  # where tests have their writer of UBO2014
 

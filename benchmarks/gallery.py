@@ -1,4 +1,4 @@
-"""Makes the pictures of docs/gallery.md by `neubtf-bench render`: built-in materials, truth beside codecs, and scenes.
+"""Makes the pictures of docs by `neubtf-bench render`: built-in materials, truth beside codecs, and scenes.
 
     python benchmarks/gallery.py WORK docs/images [MATERIAL ...]
 

@@ -18,7 +18,7 @@ from baselines.pca import PCA
 from bench import hemisphere
 from bench.btf import BTF, ArraySource, Source
 from bench.codec import Fit
-from bench.training import truncated_svd
+from bench.training.svd import truncated_svd
 
 
 def grid(views: int, lights: int) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,17 @@ from torch import Tensor, nn
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
-from bench.training import Batch, DirectedObjective, FitSettings, Rounding, Samples, first_latents, gain_of, train
-from neubtf.renderer import RendererSettings, load, store
+from bench.training import (
+    Batch,
+    DirectedObjective,
+    FitSettings,
+    Rounding,
+    Samples,
+    first_latents,
+    fitted,
+    store_texture,
+)
+from neubtf.renderer import RendererSettings, load
 
 
 class NeuBTFDirect(Codec):
@@ -42,10 +51,8 @@ class NeuBTFDirect(Codec):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, random latents, only Adam
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain = gain_of(btf, fit)
-        direct = Direct(Samples(btf, gain, fit), self.settings, fit.generator())
-        train(direct, fit, self.settings.steps, self.settings.patience)
-        return store(direct.network, direct.texture.reshape(*btf.shape, -1), direct.rounding, gain, self.settings)
+        direct = fitted(Direct, self.settings, btf, fit)
+        return direct.parts(store_texture("latents", direct.texture.reshape(*btf.shape, -1), direct.rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         return load(parts, self.settings).to(device)

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from bench.codecs import container
 from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE, encode_srgb
-from bench.training import load_vector, to_vector
+from bench.training.decoder import load_vector, to_vector
 from neubtf.autoencoder import Autoencoder
 
 LEAST_SPREAD = 1 / 255  # least deviation, because that of a guidance image of one colour is 0

@@ -16,7 +16,7 @@ from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.errors import InputError
 from bench.metrics.display import LOG_SCALE
-from bench.training import store_alike
+from bench.training.stored_texture import store_alike
 from neubtf.autoencoder import HALO, STRIDE, Pooled, surrounded
 from neubtf.codec import NeuBTF
 from neubtf.encoder import Encoder, read_encoder

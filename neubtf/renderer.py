@@ -12,23 +12,10 @@ from torch import Tensor
 
 from bench.codec import Parts
 from bench.settings import Layers, Positive, Width
-from bench.training import (
-    COUNTS,
-    Architecture,
-    Bits,
-    Decoder,
-    Directions,
-    Rounding,
-    TextureMaterial,
-    WeightPrecision,
-    direction_inputs,
-    load_texture,
-    load_vector,
-    pack,
-    store_texture,
-    to_vector,
-    unpack,
-)
+from bench.training import Bits, Rounding, TextureMaterial, load_texture, store_texture
+from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.quantise import WeightPrecision
 
 
 @dataclass(frozen=True)
@@ -66,7 +53,7 @@ def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor, direction
 def store(renderer: Decoder, texture: Tensor, rounding: Rounding, gain: float, settings: RendererSettings) -> Parts:
     """A NeuBTF file: the weights as one vector, the neural texture (H, W, D), and the gain of its log radiance."""
     return Parts(
-        decoder=pack("weights", to_vector(renderer), settings.weights),
+        decoder=store_network(renderer, settings.weights),
         texture=store_texture("latents", texture, rounding),
         other={"gain": torch.tensor([gain])},
     )
@@ -74,8 +61,7 @@ def store(renderer: Decoder, texture: Tensor, rounding: Rounding, gain: float, s
 
 def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
     """The material of parts from `store`."""
-    renderer = Decoder(settings.architecture)
-    load_vector(unpack("weights", parts.decoder), renderer)
+    renderer = load_network(Decoder(settings.architecture), parts.decoder)
     texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
     return NeuBTFMaterial(renderer, texture, gain, settings.directions)
 

@@ -22,22 +22,9 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.settings import BatchSize, Layers, Natural, Positive, Range, Width
-from bench.training import (
-    Loss,
-    Optimiser,
-    Samples,
-    Start,
-    WeightPrecision,
-    compress,
-    expand,
-    expand_texture,
-    gain_of,
-    load_vector,
-    pack,
-    to_vector,
-    train,
-    unpack,
-)
+from bench.training import Loss, Optimiser, Samples, Start, compress, expand, gain_of, load_texture, train
+from bench.training.decoder import load_network, store_network
+from bench.training.quantise import WeightPrecision
 
 
 class Relief(Codec):
@@ -80,7 +67,7 @@ class Relief(Codec):
             bits = max(1, int(codes.max()).bit_length())
             texture |= {"height": compress(codes[..., None], [bits]), "height.range": extent}
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
-        return Parts(pack("weights", to_vector(fitting.network), self.settings.weights), texture, other=other)
+        return Parts(store_network(fitting.network, self.settings.weights), texture, other=other)
 
     def _height(self, btf: BTF, gain: float, fit: Fit) -> Tensor | None:
         """The height (H, W) that the slices show, or none."""
@@ -94,10 +81,9 @@ class Relief(Codec):
             codes = expand(parts.texture["height"], (height, width, 1))[..., 0]
             # Larger heights are from an altered file, but a search through them must still end.
             surface = Surface(restored(codes, parts.texture["height.range"]).nan_to_num(0).clamp(-HIGHEST, HIGHEST))
-        network = Network(self.settings, surface is not None)
-        load_vector(unpack("weights", parts.decoder), network)
-        texture = parts.texture
-        latents = expand_texture(texture["latents"], texture["low"], texture["step"], (height, width))
+        network = load_network(Network(self.settings, surface is not None), parts.decoder)
+        steps = {f"latents.{name}": parts.texture[name] for name in ("low", "step")}
+        latents = load_texture("latents", {**parts.texture, **steps, "latents.size": parts.other["size"]})
         gain = float(parts.other["gain"])
         return ReliefMaterial(network, (height, width), latents.flatten(0, 1), surface, gain).to(device)
 

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.training import Architecture, Decoder, Frames
+from bench.training.decoder import Architecture, Decoder
+from bench.training.frames import Frames
 
 FRAMES = 2
 DEEPEST = 3.0  # level of detail of footprints of 8 texels, which the network sees as 1

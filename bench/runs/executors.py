@@ -11,7 +11,8 @@ import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -150,11 +151,16 @@ class Processes(Executor):
         """The result of a job; ends its process if the job failed, because the process may have died, or is late."""
         try:
             number = process.result()  # the time to start the process does not count
-            if wait([job], self.limit).not_done:
+            try:
+                return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
+            except TimeoutError:
+                if job.done():
+                    raise
                 with suppress(ProcessLookupError):
                     os.kill(number, signal.SIGKILL)
-                raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)")
-            return job.result()
+                raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)") from None
+        except CancelledError as error:  # the run ended before the process had started
+            raise BrokenProcessPool("the worker was ended") from error
         except BaseException:
             self._end(seat, wait=False)
             raise

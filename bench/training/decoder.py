@@ -9,13 +9,14 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypeVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.material import sample_texture, saturated
+from bench.training.quantise import WeightPrecision, pack, unpack
 
 Activation = Literal["relu", "leaky-relu", "smelu", "sine"]
 
@@ -199,3 +200,17 @@ def load_vector(vector: Tensor, *networks: nn.Module) -> None:
     with torch.no_grad():
         for p, values in zip(parameters, vector.split([p.numel() for p in parameters]), strict=True):
             p.copy_(values.reshape(p.shape))
+
+
+Stored = TypeVar("Stored", bound=nn.Module)
+
+
+def store_network(network: nn.Module, precision: WeightPrecision) -> dict[str, Tensor]:
+    """All weights of a network as named tensors, `weights`, for one part of a file."""
+    return pack("weights", to_vector(network), precision)
+
+
+def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
+    """The network, with the weights that `store_network` stored. Raises `ValueError` if their count differs."""
+    load_vector(unpack("weights", tensors), network)
+    return network

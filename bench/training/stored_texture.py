@@ -200,14 +200,9 @@ def load_texture(name: str, tensors: dict[str, Tensor], sizes: Sizes = None) -> 
     """The texture (…, C), float32, that `store_texture` stored. `InputError` if the bytes hold no such texture."""
     if f"{name}.step" not in tensors:
         return unpack(name, tensors)
-    size = tensors[f"{name}.size"].tolist()
-    return expand_texture(tensors[name], tensors[f"{name}.low"], tensors[f"{name}.step"], size, sizes)
-
-
-def expand_texture(data: Tensor, low: Tensor, step: Tensor, size: Sequence[int], sizes: Sizes = None) -> Tensor:
-    """The values (*size, C), float32, of compressed codes, and the lowest value and step (C,) of each channel."""
+    low, step = tensors[f"{name}.low"], tensors[f"{name}.step"]
     if step.ndim != 1 or low.shape != step.shape:  # other shapes would be broadcast over all codes
         raise InputError(
             f"a texture of this file has steps {tuple(step.shape)} from {tuple(low.shape)}: encode it again"
         )
-    return expand(data, (*size, len(step)), sizes) * step + low
+    return expand(tensors[name], (*tensors[f"{name}.size"].tolist(), len(step)), sizes) * step + low

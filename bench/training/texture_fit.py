@@ -1,14 +1,17 @@
-"""Common parts of fits of a neural texture and a network by random samples: their settings and a step."""
+"""Common parts of fits of a neural texture and a network by random samples: their settings, a step, and the file."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import torch
 from torch import Tensor, nn
 
+from bench.btf import BTF
+from bench.codec import Fit, Parts
 from bench.settings import BatchSize, Natural, Positive
-from bench.training.decoder import Decoder
-from bench.training.fitting import Loss, Objective, Samples
+from bench.training.decoder import Decoder, store_network
+from bench.training.fitting import Loss, Objective, Samples, gain_of, train
 from bench.training.initial_latents import Start
 from bench.training.inputs import direction_inputs
 from bench.training.optimiser import Optimiser, groups_of
@@ -33,6 +36,7 @@ class TextureObjective(Objective):
     """A texture and a network, `network`, both fitted. All parameters outside the network belong to the texture."""
 
     network: nn.Module
+    texture_rate: ClassVar[str] = "latent_rate"  # the setting that is the texture's highest learning rate
 
     def __init__(self, samples: Samples, settings: Any):
         super().__init__(samples)
@@ -43,7 +47,22 @@ class TextureObjective(Objective):
         network = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
         ours = {id(p) for p in self.network.parameters()}
         texture = [p for p in self.parameters() if id(p) not in ours]
-        return [*network, {"params": texture, "lr": settings.latent_rate}]
+        return [*network, {"params": texture, "lr": getattr(settings, self.texture_rate)}]
+
+    def parts(self, texture: dict[str, Tensor], **other: Tensor) -> Parts:
+        """The tensors of a file: the network's weights, those of a texture, and the gain beside `other` ones."""
+        weights = store_network(self.network, self.settings.weights)
+        return Parts(decoder=weights, texture=texture, other={"gain": torch.tensor([self.samples.gain]), **other})
+
+
+Fitted = TypeVar("Fitted", bound=Objective)
+
+
+def fitted(objective: Callable[[Samples, Any, torch.Generator], Fitted], settings: Any, btf: BTF, fit: Fit) -> Fitted:
+    """The objective of a class, with a codec's settings, once it is fitted to all samples of a BTF."""
+    made = objective(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
+    train(made, fit, settings.steps, settings.patience)
+    return made
 
 
 class DirectedObjective(TextureObjective):

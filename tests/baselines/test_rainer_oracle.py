@@ -13,7 +13,8 @@ from bench.codec import Fit
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
 from bench.material import texel_centres
-from bench.training import Samples, to_vector
+from bench.training import Samples
+from bench.training.decoder import to_vector
 from tests.baselines.made import leaky, split
 
 Array = np.ndarray

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.training import Decoder
+from bench.training.decoder import Decoder
 from neubtf.renderer import NeuBTFMaterial, RendererSettings
 from neubtf.tileable import FRONTAL, Seam, seam_of
 

@@ -20,7 +20,8 @@ from bench.data.materials import load
 from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import CHUNK, DecoderCost, Material
-from bench.training import Architecture, Decoder, fitting, optimiser
+from bench.training import fitting, optimiser
+from bench.training.decoder import Architecture, Decoder
 from tests.tiers import short_for
 
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
