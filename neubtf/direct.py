@@ -43,12 +43,19 @@ class NeuBTFDirect(Codec):
     name, version = "neubtf-direct", 3
     sizes = ("latents", "width")
     recipes: ClassVar = {
-        "paper": {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "steps": 10_000}
+        "paper": {
+            "bits": 8,
+            "directions": "xy",
+            "start": "random",
+            "optimiser": "adam",
+            "loss": "l1",
+            "steps": 10_000,
+        }
     }
 
     @dataclass(frozen=True)
     class Settings(FitSettings, RendererSettings):
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, random latents, only Adam
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, start, loss and Adam, random latents
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         direct = fitted(Direct, self.settings, btf, fit)
@@ -62,7 +69,7 @@ class Direct(DirectedObjective):
     """The neural texture (H · W, D) and the renderer, both free."""
 
     def __init__(self, samples: Samples, settings: NeuBTFDirect.Settings, generator: torch.Generator):
-        super().__init__(samples, settings, generator)
+        super().__init__(samples, settings, generator, about=settings.recipe == "paper")  # SIREN's last layer
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
         self.rounding = Rounding(settings.latents, settings.bits)
 

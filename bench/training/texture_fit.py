@@ -69,15 +69,15 @@ class DirectedObjective(TextureObjective):
     """The same with a `Decoder` of `settings.architecture`, whose inputs are a texel's numbers and
     `settings.directions`.
 
-    The network starts at the mean of the data; its weights are the first numbers of the generator.
+    The network starts at the mean of the data, or `about` it; its weights are the first numbers of the generator.
     """
 
     directions: Tensor  # (pairs, directions)
 
-    def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
+    def __init__(self, samples: Samples, settings: Any, generator: torch.Generator, about: bool = False):
         super().__init__(samples, settings)
         self.network: Decoder = Decoder(settings.architecture, generator)
-        self.network.start_at(samples.mean(generator))
+        self.network.start_at(samples.mean(generator), everywhere=not about)
         seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
         self.register_buffer("directions", seen, persistent=False)
 
