@@ -70,7 +70,7 @@ class TriplePlane(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": its difference vector and loss, random planes, no blur, Adam
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its difference vector, loss, random planes, no blur, Adam
         steps: Natural = 2_500  # steps of the fit
         batch: Count = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
