@@ -65,8 +65,8 @@ def table_text(
     also a CSV, has one row a job with every number of its record for any kind, except for `trade`: one row a choice.
     Raises `InputError` if the folder holds no run, `ValueError` for an unknown format or kind.
     """
+    from bench.choosing import has_validation
     from bench.records import load_together
-    from bench.records.choosing import has_validation
     from reports import text, trade
     from reports.csv_tables import results_csv, table_csv
     from reports.latex import latex

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
+from bench.choosing import has_validation
 from bench.records import Record, Run
-from bench.records.choosing import has_validation
 from reports import KINDS, columns
 from reports.ablation import ablation_table
 from reports.best_cells import best_cells

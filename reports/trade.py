@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from bench.choosing.trades import named
 from bench.records import MOST_DB, load_trade
 from reports.csv_tables import as_csv
 from reports.numbers import EXACT, NONE, fixed, integer, significant
@@ -62,14 +63,14 @@ def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) 
     cells = [_choice(row) + (_noise(row) if noisy else []) for row in rows]
     headers = _CHOICES + (_NOISE if noisy else [])
     notes = [*answers, _conditions(rows)]
-    notes += [f"{_name(row)}: {row['error']}." for row in rows if "error" in row]
+    notes += [f"{named(row)}: {row['error']}." for row in rows if "error" in row]
     notes += _noise_notes(rows) if noisy else []
     return Table("trade", f"{material}: gains and losses of each setting", headers, cells, notes, material=material)
 
 
 def _choice(row: dict[str, Any]) -> list[str]:
     if "error" in row:
-        return [_name(row), *[NONE] * (len(_CHOICES) - 1)]
+        return [named(row), *[NONE] * (len(_CHOICES) - 1)]
     if "bytes" not in row:  # the floor
         quality = [NONE] * 4
         limit, fronts = NONE, ""
@@ -80,7 +81,7 @@ def _choice(row: dict[str, Any]) -> list[str]:
         limit = fixed(100 * row["of_limit"], 1)
         fronts = ", ".join(word for word, key in (("speed", "fastest"), ("rate", "smallest")) if row[key])
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
-    return [_name(row), *quality, *time, " to ".join(map(significant, row["ratio_interval95"])), limit, fronts or NONE]
+    return [named(row), *quality, *time, " to ".join(map(significant, row["ratio_interval95"])), limit, fronts or NONE]
 
 
 def _noise(row: dict[str, Any]) -> list[str]:
@@ -97,12 +98,7 @@ def _noise_notes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
             "error: the processor's seconds for these samples at 24 × 24 pixels. Pixels beside the surface count too; "
             "the error of the codec itself is not included."
         )
-    yield from (f"{_name(row)}: noise was not measured: {row['noise_error']}." for row in rows if "noise_error" in row)
-
-
-def _name(row: dict[str, Any]) -> str:
-    variant = f"{row['execution']} {row['precision']}" + (", emulated" if row.get("emulated") else "")
-    return str(row["label"]) + ("" if variant == "eager float32" else f" [{variant}]")
+    yield from (f"{named(row)}: noise was not measured: {row['noise_error']}." for row in rows if "noise_error" in row)
 
 
 def _conditions(rows: Sequence[dict[str, Any]]) -> str:

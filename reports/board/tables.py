@@ -4,10 +4,11 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bench.compare.budgets import shown
+from bench.choosing.budgets import budgets, most_bytes, shown
 from bench.records import PSNR
-from reports import budgets, columns
+from reports import columns
 from reports.board.sources import STATES, Source
+from reports.budgets import in_words
 from reports.numbers import EXACT, NONE, fixed, integer, signed
 from reports.rows import CodecRows, MaterialRows, Row
 from reports.table import Table
@@ -83,18 +84,18 @@ def _places(name: str, source: Source) -> Iterator[Place]:
 
 
 def _at_budgets(name: str, source: Source) -> Iterator[Place]:
-    result = budgets.found(source.run)
+    result = budgets(source.run)
     for budget, lines in result.picks.items():
-        for material in result.materials:
+        for material in result.surfaces:
             known = [
-                (line, max(job["bytes"]["total"] for job in rungs[material].of), quality)
+                (line, most_bytes(rungs[material].of), quality)
                 for line, rungs in lines.items()
                 if material in rungs and (quality := shown(rungs[material], PSNR)) is not None
             ]
             mine, others = ([each for each in known if (_codec(each[0]) == name) == own] for own in (True, False))
             if mine and others:
                 pair = (max(each, key=lambda item: item[2]) for each in (mine, others))
-                yield Place(material, f"{source.name}, {budgets.in_words(budget)}", *pair)
+                yield Place(material, f"{source.name}, {in_words(budget)}", *pair)
 
 
 def _codec(line: str) -> str:
