@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from bench.compare.means import means
-from bench.compare.paired import Interval, interval, shared_cells
 from bench.compare.rows import ComparedRow, compared
 from bench.compare.timings import advice, multiples
 from bench.compare.verdicts import Verdict
@@ -93,12 +92,9 @@ def compare(
     order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
     keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
 
-    def between(some: list[Record], others: list[Record]) -> Interval | None:
-        return interval(shared_cells(base, some, new, others))
-
     olds, news = (by_row(sorted(jobs, key=lambda job: job["seed"])) for jobs in (before, after))
     rows = [
-        compared(olds.get(key, []), news.get(key, []), declared, advice(ours.get(key), theirs.get(key)), between)
+        compared((base, new), olds.get(key, []), news.get(key, []), declared, advice(ours.get(key), theirs.get(key)))
         for key in sorted(keys, key=lambda key: order.index(key[0]))
     ]
     for number, row in enumerate(rows):

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from bench.compare.quantities import Quantity
-from bench.compare.rows import ORDER, ComparedRow
+from bench.compare.rows import ComparedRow, worst
 from bench.compare.verdicts import Chance, Change, Verdict, verdict
 
 OVER = "all materials"
@@ -33,7 +33,7 @@ def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | Non
     merged = [_merged(each, every) for each in changes.values() if len(each) > 1]
     if not merged:
         return None
-    return ComparedRow(OVER, label, next(v for v in ORDER if any(c.verdict == v for c in merged)), deciding=merged)
+    return ComparedRow(OVER, label, worst(merged), deciding=merged)
 
 
 def _merged(changes: list[Change], every: bool) -> Change:
