@@ -93,10 +93,8 @@ def _noise(row: dict[str, Any]) -> list[str]:
 def _noise_notes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     for scene in dict.fromkeys(row["noise"]["scene"] for row in rows if "noise" in row):
         yield (
-            f"1 % noise: samples a pixel until the standard deviation of a pixel is 1 % of the mean of a picture by "
-            f"Mitsuba ({scene}), with light directions drawn by the cosine, and from lobes fitted to the file. Equal "
-            "error: the processor's seconds for these samples at 24 × 24 pixels. Pixels beside the surface count too; "
-            "the error of the codec itself is not included."
+            f"1 % noise: samples a pixel in a picture by Mitsuba ({scene}), light directions drawn by the cosine, and "
+            "from lobes fitted to the file. Equal error: the processor's seconds for these samples. See docs/trade.md."
         )
     yield from (f"{named(row)}: noise was not measured: {row['noise_error']}." for row in rows if "noise_error" in row)
 
@@ -106,10 +104,9 @@ def _conditions(rows: Sequence[dict[str, Any]]) -> str:
     if timed is None:
         return "Nothing could be timed."
     return (
-        "Quality is of the held-out pairs, from the file. Time is of a whole query of "
-        f"{timed['batch']:,} random samples, in turns with all others, on {timed['device']}, threads: "
-        f"{timed['threads']}; eager, float32 unless a row says otherwise. Floor: one bilinear fetch of a colour. "
-        "Limit: time of the arithmetic or the reads of a sample at this machine's measured rates."
+        f"Quality: held-out pairs, from the file. Time: a whole query of {timed['batch']:,} random samples, in turns "
+        f"with all others, on {timed['device']}, threads: {timed['threads']}; eager, float32 unless a row says "
+        "otherwise. Floor: one bilinear fetch of a colour. Limit: by this machine's measured rates."
     )
 
 

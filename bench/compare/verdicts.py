@@ -110,7 +110,7 @@ def judge(
     if quantity.tolerance is None:
         return change
     chance = None
-    scatters = draws if quantity.metric else not _agree(quantity.tolerance, values)
+    scatters = draws if quantity.metric else not agree(quantity, base, new, reference)
     if scatters:
         chance = _paired_scatter(values) if quantity.metric and paired else scatter(values, after, len(base))
     room = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
@@ -152,12 +152,8 @@ def _difference(base: float | None, new: float | None) -> float | None:
 
 def agree(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]) -> bool:
     """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic."""
-    return quantity.tolerance is None or _agree(quantity.tolerance, _scatter_values(quantity, base, new, reference))
-
-
-def _agree(tolerance: Tolerance, known: Values) -> bool:
-    values = _finite(known)
-    if len(values) < 2:
+    tolerance, values = quantity.tolerance, _finite(_scatter_values(quantity, base, new, reference))
+    if tolerance is None or len(values) < 2:
         return True
     unit = abs(fmean(values)) if tolerance.relative else 1.0
     return max(values) - min(values) <= AGREE * unit * tolerance.certain

@@ -13,10 +13,8 @@ from reports.html_tables import details, note, table_html
 from reports.live import Live, by_psnr
 from reports.page import CODECS, Page, document
 from reports.rows import MaterialRows
-from reports.stale import marked
-from reports.summary import summary_table
 from reports.table import Table
-from reports.tables import all_tables, budget_tables
+from reports.tables import all_tables
 
 if TYPE_CHECKING:
     from reports.board import Codec
@@ -209,10 +207,10 @@ def _about(codec: "Codec | None") -> Iterator[str]:
 def _overview(source: Source) -> Iterator[Table]:
     """The tables over all materials of a source."""
     if source.has_budgets:
-        yield from budget_tables(source.run, "budgets")
-        yield from budget_tables(source.run, "when")
+        yield from all_tables(source.run, kind="budgets")
+        yield from all_tables(source.run, kind="when")
     else:
-        yield from marked(source.run, filter(None, [summary_table(source.run)]))
+        yield from all_tables(source.run, kind="summary")
 
 
 def _plots(source: Source) -> Iterator[series.Plot]:
