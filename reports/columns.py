@@ -254,15 +254,8 @@ def _frames(name: str, job: Record) -> Column:
     return Column(f"frames {label_of(name)}", _scale(metric), value, partial(fixed, digits=_digits(metric["unit"])))
 
 
-_BAND_NAMES = {
-    "grazing view": "θ_o>60°",
-    "grazing light": "θ_i>60°",
-    "inside hull": "inside hull",
-    "outside hull": "outside hull",
-    "new view": "new view",
-    "new light": "new light",
-    "both new": "both new",
-}
+_BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}
+_BAND_NAMES |= {name: name for name in ("inside hull", "outside hull", "new view", "new light", "both new")}
 
 
 def _radiance(name: str, unit: str, group: str) -> Column:

@@ -5,6 +5,7 @@ Fits scatter independently, so their mean scatters less: it can show a loss that
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from bench.compare.quantities import Quantity
 from bench.compare.rows import ComparedRow, worst
@@ -50,7 +51,7 @@ def _merged(changes: list[Change], every: bool) -> Change:
         for side in ("base", "new")
     )
     whole = Change(quantity, base, new, Verdict.SHOWN)
-    return Change(quantity, base, new, verdict(whole.loss, room), room, chance=chance)
+    return replace(whole, verdict=verdict(whole.loss, room), margin=room, chance=chance)
 
 
 def _weights(changes: list[Change], least: float) -> list[float]:

@@ -45,7 +45,7 @@ class ComparedRow:
         """A sentence on a notable change of decoding time; "" if there is none."""
         if not self.timing or not self.timing.words:
             return ""
-        times = f"{self.timing.base:.2f} → {self.timing.new:.2f} × mean-colour"
+        times = f"{self.timing.base.mean:.2f} → {self.timing.new.mean:.2f} × mean-colour"
         return f"decodes {self.timing.words}, {times} (a time is only advice)"
 
     def findings(self) -> list[tuple[Verdict, str]]:
