@@ -63,7 +63,7 @@ def _paired(against: "Against") -> str:
 
     every = against.over.values()
     materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
-    by = "Student's t over surfaces" if materials > 1 else f"a bootstrap over {'seeds and ' * (seeds > 1)}pairs"
+    by = "Student's t" if materials > 1 else f"a bootstrap over {'seeds and ' * (seeds > 1)}pairs"
     count = sum(each.apart for each in every) or "None"
     told = f"{count} of {len(every)} told apart (*), by Holm's correction over the rows."
     few = f"On fewer than {FEWEST} surfaces nothing is told apart."
