@@ -4,7 +4,7 @@
 format. Both read only what `bench.records` reads, and the arrays that a record names.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,6 +41,7 @@ WHY_EMPTY = {
     "unfinished": "every job has a result",
 }
 KINDS = tuple(WHY_EMPTY)
+FORMATS = ("text", "markdown", "latex", "csv", "raw")
 BY_BUDGET = ("budgets", "when", "ranks", "rungs")  # tables of records that have a score of validation pairs
 
 
@@ -65,21 +66,14 @@ def table_text(
     also a CSV, has one row a job with every number of its record for any kind, except for `trade`: one row a choice.
     Raises `InputError` if the folder holds no run, `ValueError` for an unknown format or kind.
     """
+    from bench.choosing import has_validation
     from bench.records import load_together
-    from bench.records.choosing import has_validation
-    from reports import text, trade
-    from reports.csv_tables import results_csv, table_csv
-    from reports.latex import latex
+    from reports import trade
+    from reports.csv_tables import results_csv
     from reports.tables import all_tables
     from reports.terminal import terminal
 
-    writers: dict[str, Callable[..., str]] = {
-        "markdown": text.markdown,
-        "latex": latex,
-        "text": text.plain,
-        "csv": table_csv,
-    }
-    if format not in (*writers, "raw") or kind not in (None, *KINDS):
+    if format not in FORMATS or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     wanted = {"wanted": has_validation} if kind in BY_BUDGET else {}
     run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted)
@@ -89,34 +83,33 @@ def table_text(
         return trade.choices_csv(run.folder) if kind == "trade" else results_csv(run)
     if format == "text" and kind is None and not choice:
         return terminal(run)
-    tables = all_tables(run, narrow=format == "latex" and not (choice and choice.columns), kind=kind)
-    shown = [table for table in tables if kind in (None, table.kind)]
-    return writers[format](choice.of_tables(shown) if choice else shown)
+    narrow = format == "latex" and not (choice and choice.columns)
+    return _written(all_tables(run, narrow, kind), format, choice)
 
 
 def parameters_text(jobs: Sequence["Record"], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
     from reports.parameters import parameters_table
 
-    return _alone(parameters_table(jobs), format, choice)
+    return _written([parameters_table(jobs)], format, choice)
 
 
 def paper_text(run: "Run", absent: Mapping[str, str], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table beside the paper's quality alone; `absent` says by material where to get what no job names."""
     from reports.paper import paper_table
 
-    return _alone(paper_table(run, absent), format, choice)
+    return _written([paper_table(run, absent)], format, choice)
 
 
-def _alone(table: "Table | None", format: str, choice: "Choice | None") -> str:
+def _written(tables: Iterable["Table | None"], format: str, choice: "Choice | None" = None) -> str:
+    """Tables in a format; their `raw` form, too, is their cells."""
     from reports import text
     from reports.csv_tables import table_csv
     from reports.latex import latex
 
-    writers = {"markdown": text.markdown, "latex": latex, "text": text.plain}
-    writers |= {"csv": table_csv, "raw": table_csv}
-    tables = [table] if table else []
-    return writers[format](choice.of_tables(tables) if choice else tables)
+    writers = {"text": text.plain, "markdown": text.markdown, "latex": latex, "csv": table_csv, "raw": table_csv}
+    shown = [table for table in tables if table]
+    return writers[format](choice.of_tables(shown) if choice else shown)
 
 
 def score_text(record: "Record") -> str:
@@ -132,10 +125,9 @@ def score_text(record: "Record") -> str:
 
 def stress_text(records: Sequence["Record"], format: str = "text") -> str:
     """Only the tables of the stress test, of records of the kind `stress`."""
-    from reports import text
     from reports.stress import tables
 
-    return (text.markdown if format == "markdown" else text.plain)(tables(records))
+    return _written(tables(records), format)
 
 
 def write_report(run_folder: str | Path, vector: bool = False) -> Report:

@@ -44,15 +44,15 @@ def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
         cells = [job["codec"], changes or "as it is", integer(job["parameters"])]
         cells.append(integer(job["cost"].get("flops_per_sample")))
         for material in materials:
-            ours, theirs = (_mean(jobs, material, which, PSNR, "mean") for which in (label, whole))
+            ours, theirs = (_mean(jobs, material, which, PSNR) for which in (label, whole))
             both = ours is not None and theirs is not None and label != whole
             cells += [fixed(ours, 2), signed(ours - theirs) if both else ""]  # type: ignore[operator]
-            cells.append(fixed(_mean(jobs, material, label, SSIM, "mean"), 3))
+            cells.append(fixed(_mean(jobs, material, label, SSIM), 3))
         yield cells
 
 
-def _mean(jobs: Iterable[Record], material: str, label: str, family: str, which: str) -> float | None:
-    """The mean over seeds of a statistic; None where there is no number."""
+def _mean(jobs: Iterable[Record], material: str, label: str, family: str) -> float | None:
+    """The mean over seeds of a mean over slices; None where there is no number."""
     same = [job for job in jobs if (job["material"], job["label"]) == (material, label)]
-    numbers = [number for job in same if (number := stats_of(job, family).get(which)) is not None]
+    numbers = [number for job in same if (number := stats_of(job, family).get("mean")) is not None]
     return fmean(numbers) if numbers else None

@@ -43,23 +43,18 @@ class Choice:
     def of_tables(self, tables: Sequence[Table]) -> list[Table]:
         """The tables with these columns, in this order, and names; those without any of the columns are left out."""
         if self.columns:
-            every = dict.fromkeys(_named(header) for table in tables for header in table.headers[table.words :])
+            every = [header for table in tables for header in table.headers[table.words :]]
             for wanted in self.columns:
-                if not any(_matches(wanted, header) for table in tables for header in table.headers[table.words :]):
-                    raise InputError(f"--column {wanted}: no such column: there are {'; '.join(every)}")
+                if not any(_matches(wanted, header) for header in every):
+                    there = "; ".join(dict.fromkeys(map(_named, every)))
+                    raise InputError(f"--column {wanted}: no such column: there are {there}")
             tables = [cut for table in tables if (cut := self._cut(table))]
         return [self._renamed(table) for table in tables] if self.names else list(tables)
 
     def _cut(self, table: Table) -> Table | None:
-        places = [
-            i
-            for wanted in self.columns
-            for i in range(table.words, len(table.headers))
-            if _matches(wanted, table.headers[i])
-        ]
-        if not places:
-            return None
-        return table.of_columns([*range(table.words), *dict.fromkeys(places)])
+        numbers = range(table.words, len(table.headers))
+        places = [i for wanted in self.columns for i in numbers if _matches(wanted, table.headers[i])]
+        return table.of_columns([*range(table.words), *dict.fromkeys(places)]) if places else None
 
     def _renamed(self, table: Table) -> Table:
         """Words at the left, title and notes get the new names of codecs and materials, headers those of columns."""

@@ -10,6 +10,8 @@ from reports.column_type import Column, Value, hull
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, mean, plus_minus, pooled, significant, spread
 from reports.rows import MaterialRows, Row, described
 
+Number = Callable[[Record], Value]  # of the statistics of a metric over some slices
+
 
 def _digits(unit: str) -> int:
     return 2 if unit == "dB" else 3
@@ -21,22 +23,19 @@ def _scale(metric: Record) -> str:
     return f"{unit} {'↑' if metric['direction'] == 'higher' else '↓'}".strip()
 
 
-def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB") -> Column:
-    """The number of all slices of a group together."""
+def _mean(name: str, scale: str, family: str, group: str = "", unit: str = "dB", of: Number = mean) -> Column:
+    """The mean over the slices of a group, by default those that decide, or another number of them."""
 
     def value(row: Row) -> Value:
-        return pooled(row.stats(group or row.gate, family))
+        return of(row.stats(group or row.gate, family))
 
     return Column(name, scale, value, partial(fixed, digits=_digits(unit)))
 
 
-def _mean(name: str, scale: str, family: str, group: str = "", unit: str = "dB") -> Column:
-    """The mean over the slices of a group."""
-
-    def value(row: Row) -> Value:
-        return mean(row.stats(group or row.gate, family))
-
-    return Column(name, scale, value, partial(fixed, digits=_digits(unit)))
+def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
+    """Mean ± std over the slices that decide."""
+    column = _mean(name, scale, family, unit=unit, of=spread)
+    return replace(column, write=partial(plus_minus, digits=_digits(unit)), over="slices")
 
 
 def _worst(row: Row) -> Value:
@@ -52,15 +51,6 @@ def _declared() -> list[Column]:
         return Column(name, unit, lambda row: row.job.get(field), write)
 
     return [column(field, *heading) for field, heading in shown_columns().items()]
-
-
-def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
-    """Mean ± std over the slices that decide."""
-
-    def value(row: Row) -> Value:
-        return spread(row.stats(row.gate, family))
-
-    return Column(name, scale, value, partial(plus_minus, digits=_digits(unit)), over="slices")
 
 
 def _bytes(part: str) -> Callable[[Row], Value]:
@@ -121,7 +111,7 @@ _TRAIN = _mean("PSNR train", "dB ↑", PSNR, "train")
 HELDOUT = _mean("PSNR", "dB ↑", PSNR)
 PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
 _WORST = Column("worst tenth", "dB ↑", _worst, partial(fixed, digits=2))
-_POOLED = _pooled("PSNR pooled", "dB ↑", PSNR)
+_POOLED = _mean("PSNR pooled", "dB ↑", PSNR, of=pooled)
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
 _FUSED = Column(
@@ -250,7 +240,7 @@ def scene(job: Record) -> list[Column]:
 
 def _weighted(name: str, job: Record) -> Column:
     metric = described(job, name)
-    return _pooled(f"weighted {label_of(name)}", _scale(metric), name, "scene", metric["unit"])
+    return _mean(f"weighted {label_of(name)}", _scale(metric), name, "scene", metric["unit"], pooled)
 
 
 def _frames(name: str, job: Record) -> Column:
@@ -264,15 +254,8 @@ def _frames(name: str, job: Record) -> Column:
     return Column(f"frames {label_of(name)}", _scale(metric), value, partial(fixed, digits=_digits(metric["unit"])))
 
 
-_BAND_NAMES = {
-    "grazing view": "θ_o>60°",
-    "grazing light": "θ_i>60°",
-    "inside hull": "inside hull",
-    "outside hull": "outside hull",
-    "new view": "new view",
-    "new light": "new light",
-    "both new": "both new",
-}
+_BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}
+_BAND_NAMES |= {name: name for name in ("inside hull", "outside hull", "new view", "new light", "both new")}
 
 
 def _radiance(name: str, unit: str, group: str) -> Column:

@@ -13,20 +13,12 @@ from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
 from reports.text import WIDTH, escaped, grid, plain
 
-_MARKS = {
-    Verdict.FAILED: "❌ failed",
-    Verdict.GONE: "❌ gone",
-    Verdict.WORSE: "❌ worse",
-    Verdict.UNLIKE: "➖ not comparable",
-    Verdict.BETTER: "✅ better",
-    Verdict.SAME: "✅ same",
-    Verdict.NEW: "🆕 new",
-}
+_LOOKS = {Verdict.UNLIKE: "➖", Verdict.BETTER: "✅", Verdict.SAME: "✅", Verdict.NEW: "🆕"}
+_MARKS = {verdict: f"{_LOOKS.get(verdict, '❌')} {verdict.lower()}" for verdict in Verdict}
 _LEGEND = (
-    "Change ± margin, of held-out pairs. PSNR is the mean over slices; train: that of training pairs; grazing: of "
-    "slices seen or lit beyond 60°; footprints: of 2, 4 and 8 texels. A change within its margin counts as the same. "
-    "The margin is a small tolerance if seeds agree; else chance exceeds it once in 1,000 times (PSNR) or 4,000 times "
-    "(other numbers). So it is the smallest loss that these seeds can reveal."
+    "Change ± margin, of held-out pairs; train: of training pairs; grazing: of slices seen or lit beyond 60°. A change "
+    "within its margin counts as the same: a small tolerance if seeds agree; else chance exceeds it once in 1,000 "
+    "times (PSNR) or 4,000 times (other numbers), so it is the smallest loss that these seeds can reveal."
 )
 _MANY = 3  # rows that the run never had: so many are one line
 _UNLIKE = (
@@ -169,15 +161,12 @@ def _changed(row: ComparedRow, quantity: Quantity) -> bool:
 
 
 def _time(row: ComparedRow) -> str:
-    return f"{row.timing.base:.2f} → {row.timing.new:.2f}" if row.timing else NONE
+    return f"{row.timing.base.mean:.2f} → {row.timing.new.mean:.2f}" if row.timing else NONE
 
 
 def _quantities(by_row: Iterable[Sequence[Change]]) -> list[Quantity]:
     """The quantities of the changes of some rows, each name once, in the order of first appearance."""
-    by_name: dict[str, Quantity] = {}
-    for change in chain.from_iterable(by_row):
-        by_name.setdefault(change.quantity.name, change.quantity)
-    return list(by_name.values())
+    return list({change.quantity.name: change.quantity for change in chain.from_iterable(by_row)}.values())
 
 
 def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:

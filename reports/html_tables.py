@@ -1,6 +1,6 @@
 """A table as HTML, its rows linked to their records."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from html import escape
 
 from reports.best_cells import legend
@@ -42,6 +42,17 @@ def table_html(table: Table, place: Place) -> str:
 def note(text: str) -> str:
     """A footnote."""
     return f'<p class="notes">{escape(text)}</p>'
+
+
+def contents(links: Iterable[tuple[str, str]]) -> str:
+    """Links, each a place and its name, at the head of a page."""
+    items = "".join(f"<li>{anchors([link])}</li>" for link in links)
+    return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'
+
+
+def anchors(links: Iterable[tuple[str, str]]) -> str:
+    """Links in a sentence."""
+    return ", ".join(f'<a href="{escape(to)}">{escape(name)}</a>' for to, name in links)
 
 
 def details(title: str, inside: str) -> str:

@@ -75,12 +75,8 @@ def run_notes(run: Run) -> list[str]:
 def _definition(job: Record) -> Note:
     held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
     pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
-    train = "“train”: training pairs"
-    return Note(
-        about_quality(f"Quality is measured at {pairs} ({train}), decoded from the file, as a mean over slices."),
-        ("Worst tenth: the mean of that many slices.", "worst tenth".__eq__),
-        ("Pooled: of the squared error of all slices together.", "PSNR pooled".__eq__),
-    )
+    text = f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, as a mean over slices."
+    return Note(about_quality(text))
 
 
 def _metrics(material: MaterialRows) -> Iterator[str]:

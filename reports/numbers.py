@@ -31,20 +31,16 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 def pooled(stats: dict[str, Any]) -> float | str | None:
     """The pooled number of a metric's statistics; `exact` if no slice has an error, `n/a` if none applies."""
-    if not stats:
-        return None
     return _stated(stats, stats.get("pooled"))
 
 
 def mean(stats: dict[str, Any]) -> float | str | None:
     """The mean over slices, or as `pooled`."""
-    return _stated(stats, stats.get("mean")) if stats else None
+    return _stated(stats, stats.get("mean"))
 
 
 def spread(stats: dict[str, Any]) -> tuple[float, ...] | str | None:
     """Mean and standard deviation over slices, or as `pooled`."""
-    if not stats:
-        return None
     numbers = tuple(stats[name] for name in ("mean", "std") if stats.get(name) is not None)
     return _stated(stats, numbers or None)
 
@@ -64,7 +60,9 @@ def interval(delta: "Interval") -> str:
     return f"{delta.mean:+.2f} ({delta.low:+.2f} to {delta.high:+.2f}){' *' * delta.apart}".replace("-", "−")
 
 
-def _stated(stats: dict[str, Any], value: T | None) -> T | str:
+def _stated(stats: dict[str, Any], value: T | None) -> T | str | None:
+    if not stats:
+        return None
     if stats.get("exact") and stats.get("exact") == stats.get("slices"):
         return EXACT
     return NOT_APPLICABLE if value is None else value

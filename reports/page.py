@@ -18,7 +18,7 @@ from bench.records import Run
 from reports import series
 from reports.atlas import MAGMA, Atlases
 from reports.figures import Figure
-from reports.html_tables import details, note, table_html
+from reports.html_tables import contents, details, note, table_html
 from reports.live import Live, live
 from reports.missing import missing_note
 from reports.notes import run_notes
@@ -187,11 +187,9 @@ class Page:
         return replace(table.of_columns([0, psnr, *rest, *late]), notes=notes)
 
     def _contents(self) -> str:
-        links = [("summary", "Summary"), *((f"m{i}", each.name) for i, each in enumerate(self.materials))]
-        links += [("more", "More")] if any(not t.material and t.kind not in FIRST for t in self.tables) else []
-        links += [("records", "Records and provenance")]
-        items = "".join(f'<li><a href="#{escape(to)}">{escape(name)}</a></li>' for to, name in links)
-        return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'
+        links = [("#summary", "Summary"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))]
+        links += [("#more", "More")] if any(not t.material and t.kind not in FIRST for t in self.tables) else []
+        return contents([*links, ("#records", "Records and provenance")])
 
     def _material(self, number: int, material: MaterialRows) -> Iterator[str]:
         yield f'<h2 id="m{number}">{escape(material.name)}</h2>'

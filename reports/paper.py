@@ -1,7 +1,7 @@
 """The quality in the NeuBTF paper beside ours: its Table 1, mean ± deviation over the slices of all pairs.
 
-Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023). LPIPS, which it also gives,
-is left out, because its weights would have to be downloaded. For its Table 2 see `reports.parameters`.
+Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023). For its Table 2 see
+`reports.parameters`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,17 +24,7 @@ NEAREST_SUITE = "paper-nearest"
 NEAREST = {"wool": "fabric01", "corduroy": "fabric03", "bricks": "ceramic", "satin": "embroidery"}  # of that suite
 _METRICS = ((PSNR, "PSNR", "dB ↑", 2), (SSIM, "SSIM", "↑", 3), (FLIP, "FLIP", "↓", 3))
 _PAIRS = (("all", "all"), ("fitted", "train"), ("held out", "heldout"))
-_SLICES = "Mean ± standard deviation over slices; the paper's are of all pairs, those trained on included."
-_PROTOCOL = (
-    "The protocols differ: the paper fits and scores every pair of its materials, at an exposure that it does not "
-    "state; ours fits a part of at most 1,000 pairs, exposes by the training pairs' 99th percentile, and sees other "
-    "materials where one stands “for” the paper's."
-)
-
-_LPIPS = (
-    "LPIPS, which the paper also prints, is not computed here, by design: its weights would be a download. SSIM and "
-    "FLIP depend on the resolution."
-)
+_NOTE = "Mean ± standard deviation over slices. The paper's protocol differs: docs/metrics.md, “Tables”."
 
 
 def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | None:
@@ -55,8 +45,7 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     headers = [("material", ""), ("codec", ""), ("pairs", "")]
     for _, name, unit, _ in _METRICS:
         headers += [(name, f"{unit} ours"), (name, f"{unit} paper")]
-    notes = [_SLICES, _PROTOCOL, _LPIPS]
-    notes += [f"{NONE_YET}: {material}: {where}." for material, where in missing.items()]
+    notes = [_NOTE, *(f"{NONE_YET}: {material}: {where}." for material, where in missing.items())]
     if missing:
         notes.append("`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get.")
     return Table("paper", "Quality, beside Table 1 of NeuBTF (2023)", headers, rows, notes, words=3)

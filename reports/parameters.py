@@ -5,43 +5,34 @@ Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bench.records import Record, shown_label
 from reports.numbers import NONE, integer
 from reports.table import Table
 
 
-@dataclass(frozen=True)
-class Published:
-    """The numbers in a paper, and what our channels consist of."""
+class Published(NamedTuple):
+    """The numbers in a paper; docs/metrics.md says what our channels are."""
 
     method: str
     parameters: int
     channels: int
-    made_of: str
 
 
-_PYRAMID = "7 latents of the finest level of the pyramid, without coarser levels, and 7 of the offset"
-_STATISTICS = "and the mean and the deviation of each colour of a texel's ABRDF (6)"
-_NEUBTF = Published("NeuBTF", 3_011, 14, "14 latents")
 PUBLISHED = {
-    "neubtf": _NEUBTF,
-    "neubtf-direct": _NEUBTF,
-    "neumip": Published("NeuMIP", 3_332, 14, _PYRAMID),
-    "hierarchical": Published("Hierarchical", 8_026, 14, _PYRAMID),
-    "rainer2019": Published("Rainer 2019", 35_725, 14, f"8 latents, {_STATISTICS}"),
-    "rainer2020": Published("Rainer 2020", 38_269, 38, f"32 latents, {_STATISTICS}"),
-    "zeltner2024": Published("Zeltner 2024", 1_923, 8, "8 latents"),
-    "triple-plane": Published("Triple plane", 3_011, 8, "8 latents of the plane over the texels"),
-    "biplane": Published(
-        "Biplane", 136_451, 18, "6 latents of the plane over the texels, a matrix (9) and an offset (3)"
-    ),
-    "neuralbtf": Published(
-        "NeuralBTF", 556_038, 8, "8 latents of the finest level; two coarser ones and the offset's are not counted"
-    ),
+    "neubtf": Published("NeuBTF", 3_011, 14),
+    "neubtf-direct": Published("NeuBTF", 3_011, 14),
+    "neumip": Published("NeuMIP", 3_332, 14),
+    "hierarchical": Published("Hierarchical", 8_026, 14),
+    "rainer2019": Published("Rainer 2019", 35_725, 14),
+    "rainer2020": Published("Rainer 2020", 38_269, 38),
+    "zeltner2024": Published("Zeltner 2024", 1_923, 8),
+    "triple-plane": Published("Triple plane", 3_011, 8),
+    "biplane": Published("Biplane", 136_451, 18),
+    "neuralbtf": Published("NeuralBTF", 556_038, 8),
 }  # by codec
-_ZELTNER_CODE = Published("Zeltner 2024 (code)", 819, 8, "8 latents")  # the authors' of 2026: docs/recipes.md
+_ZELTNER_CODE = Published("Zeltner 2024 (code)", 819, 8)  # the authors' of 2026: docs/recipes.md
 
 
 def parameters_table(jobs: Iterable[Record]) -> Table | None:
@@ -85,26 +76,11 @@ def _cells(job: Record) -> list[str]:
 
 
 def _notes(jobs: list[Record], counted: bool) -> list[str]:
-    notes = ["Ours: trainable parameters of the decoder, counted by torchinfo in what a codec file decodes to."]
+    notes = [
+        "Ours: counted by torchinfo in what a codec file decodes to. Channels and inputs: docs/metrics.md, “Tables”."
+    ]
     if counted:
         notes += ["recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."]
-    notes += [f"{why}: {', '.join(labels)}." for why, labels in _reasons(jobs).items()]
-    notes += [f"Channels of {paper.method}: {paper.made_of}." for paper in dict.fromkeys(map(_published, jobs))]
     measured = {job["codec"] for job in jobs}
     absent = dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in measured)
     return notes + ([f"{NONE} {', '.join(absent)}: no codec of this method was measured."] if absent else [])
-
-
-def _reasons(jobs: list[Record]) -> dict[str, list[str]]:
-    """Why a recipe of ours has another count than the paper's, where its label does not say so: the rows of each."""
-    reasons: dict[str, list[str]] = {}
-    for job in jobs:
-        settings = job.get("settings", {})
-        if not _as_published(job) and settings.get("directions") == "xyzh":
-            why = "Five inputs more than published, z of both directions and the half vector"
-        elif not _as_published(job) and settings.get("halfway") and settings.get("frames"):
-            why = "Three inputs a frame more than published, the half vector"
-        else:
-            continue
-        reasons.setdefault(why, []).append(shown_label(job))
-    return reasons

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
+from bench.choosing.trades import fused_times
 from bench.codecs.alike import obstacles
 from bench.records import (
     CONDITIONS,
@@ -13,7 +14,6 @@ from bench.records import (
     Record,
     Run,
     gate,
-    load_trade,
     metric_of,
     metrics_of,
     require,
@@ -191,14 +191,6 @@ def _rows(run: Run, jobs: list[Record], unlike: dict[str, str]) -> Iterator[Row]
         timing = timings.get(job["job"])
         timing_obstacle = _timing_obstacle(timing, common) if timing else ""
         yield Row(job, label, name, timing, fused.get(job["job"]), unlike.get(job["job"], ""), timing_obstacle)
-
-
-@lru_cache(maxsize=1)
-def fused_times(run: Run) -> dict[str, Record]:
-    """The time of each job as one fused kernel in float32, as `neubtf-bench trade` measured it."""
-    choices = (load_trade(run.folder) or {"choices": []})["choices"]
-    fused = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
-    return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
 
 
 def _timing_obstacle(timing: Record, common: Record) -> str:

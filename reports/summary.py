@@ -9,7 +9,7 @@ from reports import columns
 from reports.best_cells import best_cells
 from reports.column_type import Column
 from reports.missing import left_out_notes, missing_note
-from reports.notes import about_quality, about_times, height_notes, one_texel_notes
+from reports.notes import about_times, height_notes, one_texel_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import CodecRows, materials
 from reports.table import Note, Table
@@ -43,7 +43,7 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         means = [None if star else mean for mean, star in zip(means, stars, strict=True)]  # they are not ranked
         rows.append([*_standing(each, len(measured)), *written])
         scores.append([None, None, *_scores(each, chosen, means)])
-    notes: list[str] = [_NOTES]
+    notes: list[str] = ["Means over seeds, then over materials: docs/metrics.md, “Tables”."]
     if intervals:
         against = against_one(run)
         headers.append(("against", against.first.partition(" ")[0]))
@@ -57,30 +57,18 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
     return Table("summary", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
-_RANKS = ("mean rank", "won")
-_NOTES = Note(
-    ("Means over seeds, then over materials.", lambda name: True),
-    ("Mean rank and “won” (materials on which no codec is better) are by PSNR.", _RANKS.__contains__),
-    about_quality("Every metric is a mean over the slices of the deciding pairs."),
-    ("Only codecs that were measured on every material are ranked.", _RANKS.__contains__),
-)
-
-
 def _paired(against: "Against") -> str:
     """A note on the differences: what their intervals cover, and how many codecs are told apart."""
     from bench.compare.paired import FEWEST
 
     every = against.over.values()
     materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
-    told = sum(each.apart for each in every)
-    start = f"Against {against.first}: the mean paired difference of PSNR a slice in dB and its 95 % interval, "
-    if materials < FEWEST:
-        by = "Student's t" if materials > 1 else f"a bootstrap over {'seeds and ' * (seeds > 1)}pairs"
-        return f"{start}by {by}. On fewer than {FEWEST} surfaces nothing is told apart."
-    return (
-        f"{start}by Student's t over the means of up to {materials} surfaces; it holds for surfaces like these. "
-        f"{told or 'None'} of {len(every)} told apart (*), by Holm's correction over the rows."
-    )
+    by = "Student's t" if materials > 1 else f"a bootstrap over {'seeds and ' * (seeds > 1)}pairs"
+    count = sum(each.apart for each in every) or "None"
+    told = f"{count} of {len(every)} told apart (*), by Holm's correction over the rows."
+    few = f"On fewer than {FEWEST} surfaces nothing is told apart."
+    start = f"Against {against.first}: the mean paired difference of PSNR a slice in dB and its 95 % interval, by {by}."
+    return f"{start} {told if materials >= FEWEST else few}"
 
 
 def _standing(each: "Standing", count: int) -> list[str]:

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
+from bench.choosing import has_validation
 from bench.records import Record, Run
-from bench.records.choosing import has_validation
-from reports import KINDS, columns
+from reports import BY_BUDGET, KINDS, columns
 from reports.ablation import ablation_table
 from reports.best_cells import best_cells
 from reports.columns import Column
@@ -37,19 +37,6 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[
 def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table | None:
     """Cost, quality and time of each codec; None if nothing was measured."""
     return _table("main", material, "", chosen or columns.main(material), main_notes(material))
-
-
-def budget_tables(run: Run, kind: str) -> list[Table]:
-    """The tables of `reports.budgets` of a kind, stale rows marked; none if no job was scored at validation pairs."""
-    return list(marked(run, _budgets(run, kind)))
-
-
-def _budgets(run: Run, kind: str) -> list[Table]:
-    if not any(map(has_validation, run.jobs)):
-        return []
-    from reports import budgets  # loads NumPy, which most tables do not need
-
-    return list(budgets.TABLES[kind](run))
 
 
 def scene_table(material: MaterialRows) -> Table | None:
@@ -150,6 +137,19 @@ def _each(
     return tables
 
 
+def _by_budget(kind: str) -> "Maker":
+    """Makes the tables of `reports.budgets` of a kind; none if no job was scored at validation pairs."""
+
+    def tables(run: Run, _: list[MaterialRows]) -> Iterable[Table]:
+        if not any(map(has_validation, run.jobs)):
+            return []
+        from reports import budgets  # loads NumPy, which most tables do not need
+
+        return budgets.TABLES[kind](run)
+
+    return tables
+
+
 def _of_first(chosen: Callable[[Record], list[Column]]) -> Callable[[MaterialRows], list[Column]]:
     """The columns of a material that its first job has numbers for."""
     return lambda material: chosen(material.first) if material.first else []
@@ -161,10 +161,7 @@ _COST = _each("main", "size and time", lambda _: (*columns.SIZE, *columns.time()
 _RELATIVE = "(…): relative to the mean radiance of the same pairs, because an absolute error is small in dark slices."
 _BOXES = "Answers over a square of this many texels a side, compared with the box-filtered truth."
 _OF_KIND: dict[str, Maker] = {
-    "budgets": lambda run, _: _budgets(run, "budgets"),
-    "when": lambda run, _: _budgets(run, "when"),
-    "ranks": lambda run, _: _budgets(run, "ranks"),
-    "rungs": lambda run, _: _budgets(run, "rungs"),
+    **{kind: _by_budget(kind) for kind in BY_BUDGET},
     "summary": lambda run, _: [summary_table(run)],
     "main": _each("main", "", columns.main, main_notes),
     "slices": _each("slices", "as papers report it, mean ± std over slices", columns.papers, quality_notes),

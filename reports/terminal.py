@@ -9,14 +9,14 @@ from reports.rows import MaterialRows, materials
 from reports.stress import summary
 from reports.summary import summary_table
 from reports.table import Table
-from reports.tables import budget_tables, main_table, scene_table, unfinished_table
+from reports.tables import all_tables, main_table, scene_table, unfinished_table
 from reports.text import plain, wrapped
 
 
 def terminal(run: Run) -> str:
     """The tables of a run for a terminal of 120 columns; see the module."""
     run_materials = materials(run)
-    tables: list[Table | None] = [*budget_tables(run, "budgets")]
+    tables: list[Table | None] = [*all_tables(run, kind="budgets")]
     tables += [summary_table(run, intervals=False)] if len(run_materials) > 1 else []
     for material in run_materials:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]

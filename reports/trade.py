@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from bench.choosing.trades import named
 from bench.records import MOST_DB, load_trade
 from reports.csv_tables import as_csv
 from reports.numbers import EXACT, NONE, fixed, integer, significant
@@ -35,26 +36,11 @@ def choices_csv(folder: Path) -> str:
     return as_csv([columns, *([json.dumps(cell) if isinstance(cell, dict) else cell for cell in row] for row in rows)])
 
 
-_CHOICES = [
-    ("choice", ""),
-    ("PSNR", "dB ↑"),
-    ("worst", "slice, dB ↑"),
-    ("FLIP", "↓"),
-    ("total", "bytes ↓"),
-    ("time", "ns ↓"),
-    ("time", "× floor"),
-    ("95 % interval", "× floor"),
-    ("of the", "limit, %"),
-    ("on the front", "of"),
-]
-
-
-_NOISE = [
-    ("1 % noise", "samples, cosine ↓"),
-    ("1 % noise", "samples, lobes ↓"),
-    ("equal error", "s, cosine ↓"),
-    ("equal error", "s, lobes ↓"),
-]
+_CHOICES = [("choice", ""), ("PSNR", "dB ↑"), ("worst", "slice, dB ↑"), ("FLIP", "↓"), ("total", "bytes ↓")]
+_CHOICES += [("time", "ns ↓"), ("time", "× floor"), ("95 % interval", "× floor")]
+_CHOICES += [("of the", "limit, %"), ("on the front", "of")]
+_NOISE = [("1 % noise", "samples, cosine ↓"), ("1 % noise", "samples, lobes ↓")]
+_NOISE += [("equal error", "s, cosine ↓"), ("equal error", "s, lobes ↓")]
 
 
 def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) -> Table:
@@ -62,14 +48,14 @@ def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) 
     cells = [_choice(row) + (_noise(row) if noisy else []) for row in rows]
     headers = _CHOICES + (_NOISE if noisy else [])
     notes = [*answers, _conditions(rows)]
-    notes += [f"{_name(row)}: {row['error']}." for row in rows if "error" in row]
+    notes += [f"{named(row)}: {row['error']}." for row in rows if "error" in row]
     notes += _noise_notes(rows) if noisy else []
     return Table("trade", f"{material}: gains and losses of each setting", headers, cells, notes, material=material)
 
 
 def _choice(row: dict[str, Any]) -> list[str]:
     if "error" in row:
-        return [_name(row), *[NONE] * (len(_CHOICES) - 1)]
+        return [named(row), *[NONE] * (len(_CHOICES) - 1)]
     if "bytes" not in row:  # the floor
         quality = [NONE] * 4
         limit, fronts = NONE, ""
@@ -80,7 +66,7 @@ def _choice(row: dict[str, Any]) -> list[str]:
         limit = fixed(100 * row["of_limit"], 1)
         fronts = ", ".join(word for word, key in (("speed", "fastest"), ("rate", "smallest")) if row[key])
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
-    return [_name(row), *quality, *time, " to ".join(map(significant, row["ratio_interval95"])), limit, fronts or NONE]
+    return [named(row), *quality, *time, " to ".join(map(significant, row["ratio_interval95"])), limit, fronts or NONE]
 
 
 def _noise(row: dict[str, Any]) -> list[str]:
@@ -92,17 +78,10 @@ def _noise(row: dict[str, Any]) -> list[str]:
 def _noise_notes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     for scene in dict.fromkeys(row["noise"]["scene"] for row in rows if "noise" in row):
         yield (
-            f"1 % noise: samples a pixel until the standard deviation of a pixel is 1 % of the mean of a picture by "
-            f"Mitsuba ({scene}), with light directions drawn by the cosine, and from lobes fitted to the file. Equal "
-            "error: the processor's seconds for these samples at 24 × 24 pixels. Pixels beside the surface count too; "
-            "the error of the codec itself is not included."
+            f"1 % noise: samples a pixel in a picture by Mitsuba ({scene}), light directions drawn by the cosine, and "
+            "from lobes fitted to the file. Equal error: the processor's seconds for these samples. See docs/trade.md."
         )
-    yield from (f"{_name(row)}: noise was not measured: {row['noise_error']}." for row in rows if "noise_error" in row)
-
-
-def _name(row: dict[str, Any]) -> str:
-    variant = f"{row['execution']} {row['precision']}" + (", emulated" if row.get("emulated") else "")
-    return str(row["label"]) + ("" if variant == "eager float32" else f" [{variant}]")
+    yield from (f"{named(row)}: noise was not measured: {row['noise_error']}." for row in rows if "noise_error" in row)
 
 
 def _conditions(rows: Sequence[dict[str, Any]]) -> str:
@@ -110,10 +89,9 @@ def _conditions(rows: Sequence[dict[str, Any]]) -> str:
     if timed is None:
         return "Nothing could be timed."
     return (
-        "Quality is of the held-out pairs, from the file. Time is of a whole query of "
-        f"{timed['batch']:,} random samples, in turns with all others, on {timed['device']}, threads: "
-        f"{timed['threads']}; eager, float32 unless a row says otherwise. Floor: one bilinear fetch of a colour. "
-        "Limit: time of the arithmetic or the reads of a sample at this machine's measured rates."
+        f"Quality: held-out pairs, from the file. Time: a whole query of {timed['batch']:,} random samples, in turns "
+        f"with all others, on {timed['device']}, threads: {timed['threads']}; eager, float32 unless a row says "
+        "otherwise. Floor: one bilinear fetch of a colour. Limit: by this machine's measured rates."
     )
 
 

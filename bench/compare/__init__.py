@@ -11,22 +11,12 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from bench.compare.means import means
-from bench.compare.paired import Interval, interval, shared_cells
-from bench.compare.rows import ComparedRow, compared
+from bench.compare.rows import ORDER, ComparedRow, compared
 from bench.compare.timings import advice, multiples
 from bench.compare.verdicts import Verdict
 from bench.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
 from bench.records import Record, Run, by_row, require
 
-_WORDS = {
-    Verdict.FAILED: "failed",
-    Verdict.GONE: "gone",
-    Verdict.WORSE: "worse",
-    Verdict.UNLIKE: "not comparable",
-    Verdict.BETTER: "better",
-    Verdict.SAME: "same",
-    Verdict.NEW: "new",
-}
 FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
 
 
@@ -45,7 +35,7 @@ class Comparison:
     @property
     def summary(self) -> str:
         """One line that counts the rows by verdict."""
-        counted = [(len(self.having(verdict)), word) for verdict, word in _WORDS.items()]
+        counted = [(len(self.having(verdict)), verdict.lower()) for verdict in (*ORDER, Verdict.NEW)]
         return f"{len(self.rows)} rows: " + (", ".join(f"{n} {word}" for n, word in counted if n) or "no rows")
 
     @property
@@ -62,11 +52,7 @@ class Comparison:
 
 
 def compare(
-    base: Run,
-    new: Run,
-    materials: Sequence[str] = (),
-    codecs: Sequence[str] = (),
-    allow: Sequence[str] = (),
+    base: Run, new: Run, materials: Sequence[str] = (), codecs: Sequence[str] = (), allow: Sequence[str] = ()
 ) -> Comparison:
     """Compare two runs: all rows, or those of some materials and codecs.
 
@@ -93,17 +79,14 @@ def compare(
     order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
     keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
 
-    def between(some: list[Record], others: list[Record]) -> Interval | None:
-        return interval(shared_cells(base, some, new, others))
-
     olds, news = (by_row(sorted(jobs, key=lambda job: job["seed"])) for jobs in (before, after))
-    rows = [
-        compared(olds.get(key, []), news.get(key, []), declared, advice(ours.get(key), theirs.get(key)), between)
-        for key in sorted(keys, key=lambda key: order.index(key[0]))
-    ]
-    for number, row in enumerate(rows):
+    rows = []
+    for key in sorted(keys, key=lambda key: order.index(key[0])):
+        timing = advice(ours.get(key), theirs.get(key))
+        row = compared((base, new), olds.get(key, []), news.get(key, []), declared, timing)
         words = (row.name, row.label, row.label.split()[0], row.material)
-        rows[number] = replace(row, allowed=any(fnmatchcase(word, pattern) for pattern in allow for word in words))
+        allowed = any(fnmatchcase(word, pattern) for pattern in allow for word in words)
+        rows.append(replace(row, allowed=allowed))
     return Comparison(rows, list(_notes(base, new, rows)), means(rows))
 
 
@@ -162,11 +145,5 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
 
 
 def _conditions(start: Record) -> dict[str, object]:
-    packages, machine = start.get("packages", {}), start.get("machine", {})
-    return {
-        "torch": packages.get("torch"),
-        "processor": machine.get("processor"),
-        "capability": machine.get("capability"),
-        "device": start.get("device"),
-        "threads": start.get("threads"),
-    }
+    every = {"torch": start.get("packages", {}).get("torch")} | start.get("machine", {}) | start
+    return {name: every.get(name) for name in ("torch", "processor", "capability", "device", "threads")}

@@ -5,9 +5,10 @@ Fits scatter independently, so their mean scatters less: it can show a loss that
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from bench.compare.quantities import Quantity
-from bench.compare.rows import ORDER, ComparedRow
+from bench.compare.rows import ComparedRow, worst
 from bench.compare.verdicts import Chance, Change, Verdict, verdict
 
 OVER = "all materials"
@@ -33,7 +34,7 @@ def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | Non
     merged = [_merged(each, every) for each in changes.values() if len(each) > 1]
     if not merged:
         return None
-    return ComparedRow(OVER, label, next(v for v in ORDER if any(c.verdict == v for c in merged)), deciding=merged)
+    return ComparedRow(OVER, label, worst(merged), deciding=merged)
 
 
 def _merged(changes: list[Change], every: bool) -> Change:
@@ -50,7 +51,7 @@ def _merged(changes: list[Change], every: bool) -> Change:
         for side in ("base", "new")
     )
     whole = Change(quantity, base, new, Verdict.SHOWN)
-    return Change(quantity, base, new, verdict(whole.loss, room), room, chance=chance)
+    return replace(whole, verdict=verdict(whole.loss, room), margin=room, chance=chance)
 
 
 def _weights(changes: list[Change], least: float) -> list[float]:

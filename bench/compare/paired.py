@@ -11,8 +11,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from itertools import takewhile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,6 @@ FEWEST = 3  # materials on which codecs may be told apart
 FALSE = 0.05  # the largest chance that a table of equal codecs tells any of them apart from that codec
 DRAWS = 2000
 SEED = 0
-_FRESH = np.random.default_rng(SEED).bit_generator.state
 
 
 @dataclass(frozen=True)
@@ -103,21 +102,17 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
 
     Uses Holm's correction (1979) over the codecs.
     """
-    left, all_apart = len(over), True
-    judged = {}
-    for label, each in sorted(over.items(), key=lambda item: item[1].chance):
-        all_apart = all_apart and each.chance <= FALSE / left
-        judged[label] = replace(each, apart=all_apart)
-        left -= 1
-    return {label: judged[label] for label in over}
+    order = enumerate(sorted(over, key=lambda label: over[label].chance))
+    told = {label for _, label in takewhile(lambda at: over[at[1]].chance <= FALSE / (len(over) - at[0]), order)}
+    return {label: replace(each, apart=label in told) for label, each in over.items()}
 
 
-def shared_cells(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]) -> list[Cell]:
-    """The cells of two sets of jobs, seed by seed."""
+def between(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]) -> Interval | None:
+    """The mean difference of the jobs of a row in two runs, seed by seed."""
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
     every = [_cell(a, decibels(base.folder, a), decibels(new.folder, b)) for a, b in pairs if _same(a, b)]
-    return [cell for cell in every if cell]
+    return interval([cell for cell in every if cell])
 
 
 def _same(job: Record, other: Record) -> bool:
@@ -141,13 +136,13 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
         return None
     means = np.array([np.mean([cell.differences.mean() for cell in each]) for each in by_material.values()])
     seeds, slices = max(map(len, by_material.values())), sum(len(cell.differences) for cell in cells)
+    chance = 1.0
     if len(means) > 1:
-        reach, chance = _student(means)
+        reach, of_equals = _student(means)
         low, high = means.mean() - reach, means.mean() + reach
-        chance = chance if len(means) >= FEWEST else 1.0
+        chance = of_equals if len(means) >= FEWEST else 1.0
     else:
-        low, high = np.percentile(_bootstrap_means(list(cells), draws, np.random.default_rng(SEED)), [2.5, 97.5])
-        chance = 1.0
+        low, high = np.percentile(_bootstrap_means(cells, draws), [2.5, 97.5])
     return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance)
 
 
@@ -160,36 +155,24 @@ def _student(means: Array) -> tuple[float, float]:
     return float(stdtrit(freedom, 0.975) * error), float(chance)
 
 
-def _bootstrap_means(cells: Sequence[Cell], draws: int, rng: np.random.Generator) -> Array:
+def _bootstrap_means(cells: Sequence[Cell], draws: int) -> Array:
     """Means (draws,) over the drawn seeds and pairs of one material."""
     alike: dict[tuple[str, int], list[int]] = {}  # seeds that draw the same pairs
     for number, cell in enumerate(cells):
         alike.setdefault((cell.pairs, len(cell.differences)), []).append(number)
+    shares, chosen = _drawn(tuple(count for _, count in alike), len(cells), draws)
     means = np.empty((len(cells), draws))
-    for (_, count), numbers in alike.items():
-        differences = np.stack([cells[number].differences for number in numbers])
-        means[numbers] = differences @ _weights(count, draws, rng).T
-    chosen = rng.integers(0, len(cells), (len(cells), draws))
+    for each, numbers in zip(shares, alike.values(), strict=True):
+        means[numbers] = np.stack([cells[number].differences for number in numbers]) @ each.T
     drawn: Array = means[chosen, np.arange(draws)].mean(0)
     return drawn
 
 
-def _weights(count: int, draws: int, rng: np.random.Generator) -> Array:
-    """How often each of so many slices is drawn, as shares (draws, count). All intervals begin with the same draws."""
-    if rng.bit_generator.state != _FRESH:
-        return _drawn(count, draws, rng)
-    weights, rng.bit_generator.state = _first_weights(count, draws)
-    return weights
-
-
-@lru_cache(maxsize=1)
-def _first_weights(count: int, draws: int) -> tuple[Array, Any]:
-    """The first weights of every interval, and the state of its generator after them."""
-    rng = np.random.default_rng(SEED)
-    return _drawn(count, draws, rng), rng.bit_generator.state
-
-
-def _drawn(count: int, draws: int, rng: np.random.Generator) -> Array:
-    """Multinomial shares. Counting drawn numbers takes a seventh of the time of NumPy's `multinomial`."""
-    drawn = rng.integers(0, count, (draws, count)) + count * np.arange(draws)[:, None]
-    return np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count) / count
+@lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many slices and seeds
+def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[Array], Array]:
+    """How often each slice of each group is drawn, as shares (draws, count), and which seeds, (seeds, draws)."""
+    rng, shares = np.random.default_rng(SEED), []
+    for count in counts:  # counting drawn numbers takes a seventh of the time of NumPy's `multinomial`
+        drawn = rng.integers(0, count, (draws, count)) + count * np.arange(draws)[:, None]
+        shares.append(np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count) / count)
+    return shares, rng.integers(0, seeds, (seeds, draws))

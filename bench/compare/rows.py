@@ -1,16 +1,12 @@
 """Compares one row: a material and a codec with its settings, in two runs."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
+from bench.compare.paired import between
 from bench.compare.quantities import MAIN, deciding, undeciding
 from bench.compare.timings import Advice
 from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, one_file, other_settings, unlike
-from bench.records import Record
-
-if TYPE_CHECKING:
-    from bench.compare.paired import Interval
+from bench.records import Record, Run
 
 ABSENT = "no such job in the run"
 ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BETTER, Verdict.SAME)
@@ -49,7 +45,7 @@ class ComparedRow:
         """A sentence on a notable change of decoding time; "" if there is none."""
         if not self.timing or not self.timing.words:
             return ""
-        times = f"{self.timing.base:.2f} → {self.timing.new:.2f} × mean-colour"
+        times = f"{self.timing.base.mean:.2f} → {self.timing.new.mean:.2f} × mean-colour"
         return f"decodes {self.timing.words}, {times} (a time is only advice)"
 
     def findings(self) -> list[tuple[Verdict, str]]:
@@ -75,16 +71,10 @@ def sentence(change: Change) -> str:
     return text + (f"; up to {change.margin:,.{quantity.digits}f} counts as the same)" if change.margin else ")")
 
 
-Between = Callable[[list[Record], list[Record]], "Interval | None"]
-
-
 def compared(
-    before: list[Record], after: list[Record], declared: set[int], timing: Advice | None, between: Between
+    runs: tuple[Run, Run], before: list[Record], after: list[Record], declared: set[int], timing: Advice | None
 ) -> ComparedRow:
-    """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have.
-
-    `between` gives the interval of the difference slice by slice.
-    """
+    """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have."""
     first = (before or after)[0]
     name = first["material"], first["label"]
     base, new = ([job for job in jobs if job["status"] == "ok"] for jobs in (before, after))
@@ -95,26 +85,31 @@ def compared(
     ours, theirs = _paired(base, new)
     partner = {job["seed"]: job for job in ours}
     obstacle = next((reason for job in theirs if (reason := unlike(partner.get(job["seed"], base[0]), job))), "")
-    if obstacle:
-        return ComparedRow(*name, verdict or Verdict.UNLIKE, why or obstacle)
+    changes = [] if obstacle else _changes(runs, ours, theirs, base)
+    if not changes:
+        return ComparedRow(*name, verdict or Verdict.UNLIKE, why or obstacle or "neither record has a score")
+    others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
+    settings = other_settings(base[0], new[0])
+    notes = [f"settings: {settings}"] if settings else []
+    seeds = tuple(job["seed"] for job in theirs)
+    return ComparedRow(*name, verdict or worst(changes), why, seeds, changes, others, timing, notes)
+
+
+def worst(changes: list[Change]) -> Verdict:
+    """The verdict on a row: the gravest of those on its numbers."""
+    return next(verdict for verdict in ORDER if any(change.verdict == verdict for change in changes))
+
+
+def _changes(runs: tuple[Run, Run], ours: list[Record], theirs: list[Record], base: list[Record]) -> list[Change]:
+    """The deciding numbers, judged; none if neither side has a score."""
     quantities = deciding(base[0])
     metrics = [quantity for quantity in quantities if quantity.metric]
     draws = not one_file(base) and not all(agree(quantity, ours, theirs, base) for quantity in metrics)
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
-        return ComparedRow(*name, verdict or Verdict.UNLIKE, why or "neither record has a score")
-    changes = [replace(c, interval=between(ours, theirs)) if c.quantity.name == MAIN else c for c in changes]
-    others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
-    return ComparedRow(
-        *name,
-        verdict or next(v for v in ORDER if any(change.verdict == v for change in changes)),
-        why,
-        tuple(job["seed"] for job in theirs),
-        changes,
-        others,
-        timing,
-        [f"settings: {changed}"] if (changed := other_settings(base[0], new[0])) else [],
-    )
+        return []
+    apart = between(runs[0], ours, runs[1], theirs)
+    return [replace(each, interval=apart) if each.quantity.name == MAIN else each for each in changes]
 
 
 def _paired(base: list[Record], new: list[Record]) -> tuple[list[Record], list[Record]]:
@@ -129,19 +124,16 @@ def _paired(base: list[Record], new: list[Record]) -> tuple[list[Record], list[R
 def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> tuple[Verdict | None, str]:
     """The verdict on a row whose jobs failed or vanished, and why."""
     if failed := [job for job in after if job["status"] == "failed"]:
-        return (
-            Verdict.FAILED,
-            f"{'the job' if len(failed) == 1 else f'{len(failed)} jobs'} failed: {_on_one_line(failed[0]['error'])}",
-        )
+        which = "the job" if len(failed) == 1 else f"{len(failed)} jobs"
+        return Verdict.FAILED, f"{which} failed: {_on_one_line(failed[0]['error'])}"
     if not base:
         return None, ""
     if missing := [job for job in after if job["status"] == "unavailable"]:
         return Verdict.GONE, f"not available: {_on_one_line(missing[0]['error'])}"
-    expected = {job["seed"] for job in base} & declared
-    gone = sorted(expected - {job["seed"] for job in after})
-    if gone or not after:
-        return Verdict.GONE, f"seed {', '.join(map(str, gone))} has no result" if after else ABSENT
-    return None, ""
+    if not after:
+        return Verdict.GONE, ABSENT
+    gone = sorted({job["seed"] for job in base} & declared - {job["seed"] for job in after})
+    return (Verdict.GONE, f"seed {', '.join(map(str, gone))} has no result") if gone else (None, "")
 
 
 def _on_one_line(error: str) -> str:

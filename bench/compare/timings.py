@@ -10,42 +10,34 @@ FACTOR = 1.25  # a smaller change of a ratio is not mentioned
 
 
 @dataclass(frozen=True)
-class Advice:
-    """Decoding time over that of `mean-colour`, with the 95 % interval that contains the intervals of all seeds."""
-
-    base: float
-    new: float
-    base_interval: tuple[float, float]
-    new_interval: tuple[float, float]
-
-    @property
-    def factor(self) -> float:
-        return self.new / self.base
-
-    @property
-    def words(self) -> str:
-        """ "slower" or "faster" if the intervals do not overlap and the factor is large enough to matter."""
-        if self.factor > FACTOR and self.new_interval[0] > self.base_interval[1]:
-            return "slower"
-        if 1 / self.factor > FACTOR and self.new_interval[1] < self.base_interval[0]:
-            return "faster"
-        return ""
-
-
-@dataclass(frozen=True)
 class Multiple:
-    """Mean time over that of `mean-colour`, the interval that contains those of all seeds, and the conditions."""
+    """Mean time over that of `mean-colour`, the 95 % interval that contains those of all seeds, and the conditions."""
 
     mean: float
     interval: tuple[float, float]
     conditions: list[object]
 
 
+@dataclass(frozen=True)
+class Advice:
+    """The times of one row in two runs, under the same conditions."""
+
+    base: Multiple
+    new: Multiple
+
+    @property
+    def words(self) -> str:
+        """ "slower" or "faster" if the intervals do not overlap and the factor is large enough to matter."""
+        if self.new.mean > FACTOR * self.base.mean and self.new.interval[0] > self.base.interval[1]:
+            return "slower"
+        if self.base.mean > FACTOR * self.new.mean and self.new.interval[1] < self.base.interval[0]:
+            return "faster"
+        return ""
+
+
 def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
     """The times of one row in two runs; None if one lacks them or was timed under other conditions."""
-    if not base or not new or base.conditions != new.conditions:
-        return None
-    return Advice(base.mean, new.mean, base.interval, new.interval)
+    return Advice(base, new) if base and new and base.conditions == new.conditions else None
 
 
 def multiples(jobs: Sequence[Record], timings: Sequence[Record]) -> dict[tuple[str, str], Multiple]:

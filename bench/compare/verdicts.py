@@ -19,13 +19,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING
 
+from bench.compare.paired import Interval
 from bench.compare.quantities import Quantity, Tolerance, average
 from bench.records import Record, scored_unlike
-
-if TYPE_CHECKING:
-    from bench.compare.paired import Interval
 
 Values = Sequence[float | None]  # a number a seed; None where it was not measured
 AGREE = 0.1  # share of the tolerance: rounding may make the seeds of a deterministic codec differ by this much
@@ -59,7 +56,7 @@ class Change:
     spread: float | None = None  # standard deviation over the seeds that measure scatter; None if there is only one
     why: str = ""
     chance: "Chance | None" = None  # scatter of the difference, if seeds differ
-    interval: "Interval | None" = None  # for PSNR: of the difference, over pairs and seeds
+    interval: Interval | None = None  # for PSNR: of the difference, over pairs and seeds
 
     @property
     def difference(self) -> float | None:
@@ -113,7 +110,8 @@ def judge(
     if quantity.tolerance is None:
         return change
     chance = None
-    if draws if quantity.metric else not _agree(quantity.tolerance, values):
+    scatters = draws if quantity.metric else not agree(quantity, base, new, reference)
+    if scatters:
         chance = _paired_scatter(values) if quantity.metric and paired else scatter(values, after, len(base))
     room = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
@@ -154,12 +152,8 @@ def _difference(base: float | None, new: float | None) -> float | None:
 
 def agree(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]) -> bool:
     """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic."""
-    return quantity.tolerance is None or _agree(quantity.tolerance, _scatter_values(quantity, base, new, reference))
-
-
-def _agree(tolerance: Tolerance, known: Values) -> bool:
-    values = _finite(known)
-    if len(values) < 2:
+    tolerance, values = quantity.tolerance, _finite(_scatter_values(quantity, base, new, reference))
+    if tolerance is None or len(values) < 2:
         return True
     unit = abs(fmean(values)) if tolerance.relative else 1.0
     return max(values) - min(values) <= AGREE * unit * tolerance.certain
@@ -259,5 +253,7 @@ def verdict(loss: float, room: float) -> Verdict:
 
 
 def _spread(values: Values) -> float | None:
+    if len(values) < 2:
+        return None
     finite = _finite(values)
-    return None if len(values) < 2 else stdev(finite) if len(finite) > 1 else 0.0
+    return stdev(finite) if len(finite) > 1 else 0.0

@@ -16,6 +16,8 @@ import torch
 
 from bench import atomic, timing
 from bench.archive import MAX_FILE, read_arrays
+from bench.choosing import validation_of
+from bench.choosing.trades import answers
 from bench.codec import Progress, silent
 from bench.codecs.loading import load
 from bench.demand.mitsuba.lobes import fitted
@@ -38,9 +40,7 @@ from bench.records import (
     metric_of,
     metrics_of,
 )
-from bench.records.choosing import validation_of
 from bench.runs import runner
-from bench.runs.choose import answers, psnr
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import Suite, canonical
 from bench.runs.task import Task
@@ -284,5 +284,5 @@ def _mark(rows: list[dict[str, Any]]) -> None:
 
 def _beats(other: dict[str, Any], row: dict[str, Any], cost: str) -> bool:
     # Rounded to 0.01 dB, because executions of one file differ by rounding.
-    ours, theirs = ((round(psnr(x), 2), -x[cost]) for x in (row, other))
+    ours, theirs = ((round(x["psnr"], 2), -x[cost]) for x in (row, other))
     return theirs != ours and theirs[0] >= ours[0] and theirs[1] >= ours[1]

@@ -9,14 +9,12 @@ from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Source, by_material, joined, page_name
 from reports.fits import curves_by_material
-from reports.html_tables import details, note, table_html
+from reports.html_tables import anchors, contents, details, note, table_html
 from reports.live import Live, by_psnr
 from reports.page import CODECS, Page, document
 from reports.rows import MaterialRows
-from reports.stale import marked
-from reports.summary import summary_table
 from reports.table import Table
-from reports.tables import all_tables, budget_tables
+from reports.tables import all_tables
 
 if TYPE_CHECKING:
     from reports.board import Codec
@@ -81,7 +79,7 @@ class Board:
         yield f"<p>{_INTRO}</p>"
         links = [("materials", "Materials"), ("codecs-list", "Codecs"), ("hand-in", "Hand in results")]
         links = [(page_name("s", source.name), source.name) for source in sources] + links
-        yield _links((f"#{place}", name) for place, name in links)
+        yield contents((f"#{place}", name) for place, name in links)
         yield CODECS
         for source in sources:
             kind = _kind(source)
@@ -126,7 +124,7 @@ class Board:
         return self._document(name, self._codec_body(name, sources), sources, fits)
 
     def _codec_body(self, name: str, sources: Sequence[Source]) -> Iterator[str]:
-        yield _links([(FRONT, "All results")])
+        yield contents([(FRONT, "All results")])
         yield from _about(self.known.get(name))
         standing = tables.standing(name, self.places[name])
         yield table_html(standing, self._to_material) if standing else note("Nothing to compare was measured of it.")
@@ -161,8 +159,8 @@ class MaterialPage(Page):
 
     def _body(self) -> Iterator[str]:
         labels = dict.fromkeys(tables.codec_of(row) for material in self.materials for row in material.rows)
-        yield _links([(FRONT, "All results"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))])
-        codecs = _anchors((page_name("codec", name), name) for name in sorted(labels))
+        yield contents([(FRONT, "All results"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))])
+        codecs = anchors((page_name("codec", name), name) for name in sorted(labels))
         yield f"<p>The truth is {_kind(next(iter(self.sources.values())), self.name)}. Codecs here: {codecs}</p>"
         strips = filter(None, map(self._strip, range(len(self.materials))))
         yield f'<div class="strips">{next(strips, "")}</div>'
@@ -195,7 +193,7 @@ def _about(codec: "Codec | None") -> Iterator[str]:
         return
     yield f"<p>{escape(codec.about)}</p>"
     links = [(link, name) for link, name in ((codec.paper, "Paper"), (codec.code, "Code")) if link]
-    yield f"<p>{' · '.join([escape(codec.origin), *filter(None, [_anchors(links)])])}</p>"
+    yield f"<p>{' · '.join([escape(codec.origin), *filter(None, [anchors(links)])])}</p>"
     if codec.bibtex:
         yield f"<pre>{escape(codec.bibtex)}</pre>"
     if codec.settings:
@@ -209,10 +207,10 @@ def _about(codec: "Codec | None") -> Iterator[str]:
 def _overview(source: Source) -> Iterator[Table]:
     """The tables over all materials of a source."""
     if source.has_budgets:
-        yield from budget_tables(source.run, "budgets")
-        yield from budget_tables(source.run, "when")
+        yield from all_tables(source.run, kind="budgets")
+        yield from all_tables(source.run, kind="when")
     else:
-        yield from marked(source.run, filter(None, [summary_table(source.run)]))
+        yield from all_tables(source.run, kind="summary")
 
 
 def _plots(source: Source) -> Iterator[series.Plot]:
@@ -253,12 +251,3 @@ def _together(sources: Sequence[Source]) -> Run:
 def _kind(source: Source, material: str = "") -> str:
     jobs = [job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"])]
     return kind_of(jobs[0]) if jobs else ""
-
-
-def _links(links: Iterable[tuple[str, str]]) -> str:
-    items = "".join(f"<li>{_anchors([link])}</li>" for link in links)
-    return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'
-
-
-def _anchors(links: Iterable[tuple[str, str]]) -> str:
-    return ", ".join(f'<a href="{escape(to)}">{escape(name)}</a>' for to, name in links)

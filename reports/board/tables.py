@@ -4,25 +4,27 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bench.compare.budgets import shown
+from bench.choosing.budgets import budgets, most_bytes, shown
 from bench.records import PSNR
-from reports import budgets, columns
+from reports import columns
 from reports.board.sources import STATES, Source
+from reports.budgets import in_words
 from reports.numbers import EXACT, NONE, fixed, integer, signed
 from reports.rows import CodecRows, MaterialRows, Row
 from reports.table import Table
 
 _FROM = ("state", "seed", "file", "fitted by", "scored by", "processor", "scored on")
+Entry = tuple[str, int, float]  # settings, bytes and test PSNR (dB; infinite if exact)
 
 
 @dataclass(frozen=True)
 class Place:
-    """A codec against the best of the others on a material: settings, bytes and test PSNR (dB; infinite if exact)."""
+    """A codec against the best of the others on a material: both at some settings."""
 
     material: str
     results: str  # the name of its source, and the budget where that chose
-    mine: tuple[str, int, float]
-    best: tuple[str, int, float]
+    mine: Entry
+    best: Entry
 
     @property
     def gap(self) -> float:
@@ -75,40 +77,37 @@ def _places(name: str, source: Source) -> Iterator[Place]:
         yield from _at_budgets(name, source)
         return
     for material in source.materials:
-        known = [(codec, quality) for codec in material.codecs if (quality := _quality(codec)) is not None]
-        mine, others = ([each for each in known if (codec_of(each[0].rows[0]) == name) == own] for own in (True, False))
-        if mine and others:
-            pair = [max(each, key=lambda item: item[1]) for each in (mine, others)]
-            yield Place(material.name, source.name, *((c.label, _bytes(c), quality) for c, quality in pair))
+        known = [
+            (codec_of(codec.rows[0]), (codec.label, most_bytes([row.job for row in codec.measured]), quality))
+            for codec in material.codecs
+            if (quality := _quality(codec)) is not None
+        ]
+        yield from _place(material.name, source.name, name, known)
 
 
 def _at_budgets(name: str, source: Source) -> Iterator[Place]:
-    result = budgets.found(source.run)
+    result = budgets(source.run)
     for budget, lines in result.picks.items():
-        for material in result.materials:
+        for material in result.surfaces:
             known = [
-                (line, max(job["bytes"]["total"] for job in rungs[material].of), quality)
+                (line.partition(",")[0], (line, most_bytes(rungs[material].of), quality))
                 for line, rungs in lines.items()
                 if material in rungs and (quality := shown(rungs[material], PSNR)) is not None
             ]
-            mine, others = ([each for each in known if (_codec(each[0]) == name) == own] for own in (True, False))
-            if mine and others:
-                pair = (max(each, key=lambda item: item[2]) for each in (mine, others))
-                yield Place(material, f"{source.name}, {budgets.in_words(budget)}", *pair)
+            yield from _place(material, f"{source.name}, {in_words(budget)}", name, known)
 
 
-def _codec(line: str) -> str:
-    return line.partition(",")[0]
+def _place(material: str, results: str, name: str, known: Sequence[tuple[str, Entry]]) -> Iterator[Place]:
+    """The best of a codec and the best of the others, given by codec; none if either is missing."""
+    mine, others = ([each for codec, each in known if (codec == name) == own] for own in (True, False))
+    if mine and others:
+        yield Place(material, results, *(max(each, key=lambda item: item[2]) for each in (mine, others)))
 
 
 def _quality(codec: CodecRows) -> float | None:
     if not codec.measured:
         return None
     return math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
-
-
-def _bytes(codec: CodecRows) -> int:
-    return max(row.job["bytes"]["total"] for row in codec.measured)
 
 
 def standing(name: str, found: Sequence[Place]) -> Table | None:

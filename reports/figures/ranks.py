@@ -13,12 +13,12 @@ if TYPE_CHECKING:
 
 def critical_differences(run: Run) -> Iterator[Figure]:
     """One figure, of the mean ranks of `table ranks`, if there are any."""
-    from bench.records.choosing import has_validation
-    from reports import budgets
+    from bench.choosing.budgets import ENOUGH, budgets
+    from reports.budgets import in_words
 
-    if not any(map(has_validation, run.jobs)) or not (ranking := budgets.ranked_at(budgets.found(run))):
+    if not (ranking := budgets(run).ranks()):
         return
-    title = f"Mean ranks over surfaces at {budgets.in_words(budgets.ENOUGH)}"
+    title = f"Mean ranks over surfaces at {in_words(ENOUGH)}"
     with style():
         drawing = new(9.6, 1.2 + 0.24 * len(ranking.mean))
         axes = drawing.add_axes((0.24, 0.14, 0.72, 0.74))

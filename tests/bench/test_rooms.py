@@ -14,10 +14,10 @@ FLOORS = [  # from the ground up; a room may enter those of lower floors, and a 
     {"metrics", "program"},
     {"training"},
     {"data", "codecs", "decoder", "quantise"},
-    {"timing"},
-    {"demand"},
+    {"timing", "compare"},
+    {"demand", "choosing"},
     {"runs"},
-    {"compare", "conformance"},
+    {"conformance"},
     {""},
     {"cli"},
 ]

@@ -405,9 +405,9 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
 
 def read_trade(folder: Path, share: float) -> None:
     """Whatever a user may ask of a run's trade."""
+    from bench.choosing import Limits, chosen, nearest
+    from bench.choosing.trades import answers, described, usable
     from bench.records import load_trade
-    from bench.records.choosing import Limits, chosen, nearest
-    from bench.runs.choose import answers, described, usable
     from reports import table_text, write_report
 
     if share < 0.03:

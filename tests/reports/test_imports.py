@@ -33,6 +33,7 @@ def test_reports_import_neither_codecs_nor_what_computes():
         "bench.archive",
         "bench.atomic",
         "bench.btf",
+        "bench.choosing",
         "bench.codecs.alike",
         "bench.compare",
         "bench.errors",

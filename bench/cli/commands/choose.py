@@ -10,6 +10,7 @@ examples:
 """
 
 import argparse
+import re
 import shlex
 from dataclasses import asdict
 from pathlib import Path
@@ -19,9 +20,11 @@ from bench.cli.commands import usable_device, workers
 from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
+    from bench.choosing import Rung
     from bench.data.spec import Preparation
-    from bench.records.choosing import Rung
     from bench.runs.suite import Suite
+
+_SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,8 +55,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.records.choosing import Limits, chosen, nearest
-    from bench.runs.choose import described, held, parse_bytes
+    from bench.choosing import Limits, chosen, nearest
+    from bench.choosing.trades import described, held
     from bench.runs.suite import canonical
 
     size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
@@ -67,16 +70,15 @@ def run(options: argparse.Namespace) -> int:
             f"choose: suite {suite.name} has no validation pairs to choose by: add `validation = true` to [data]"
         )
     rungs, missing = _measured(folder, suite, options.device)
-    best = chosen(rungs, wishes)
-    if best is None and missing:
+    if missing and not chosen(rungs, wishes):
         suite = canonical(suite)  # by the names of the records; it loads the codecs
-        missing = _measured(folder, suite, options.device)[1]
-    if best is None and missing:
-        rungs, _ = _measure(folder, suite, options, missing)
-        best = chosen(rungs, wishes)
+        if missing := _measured(folder, suite, options.device)[1]:
+            _measure(folder, suite, options, len(missing))
+            rungs, _ = _measured(folder, suite, options.device)
     if not rungs:
         print(f"{material}: nothing could be measured; the reasons are in {folder}")
         return FAILED
+    best = chosen(rungs, wishes)
     if best is None:
         print(f"{material}: no setting meets that; the nearest is {described(nearest(rungs, wishes).of)}")
         return NO
@@ -85,9 +87,16 @@ def run(options: argparse.Namespace) -> int:
     words = ["encode", options.material, "--codec", best.of["codec"]]
     for key, value in (best.of["settings"] | _changed(suite.data)).items():
         words += ["--set", f"{key}={value}"]
-    words += ["-o", f"{material}.nbtf"]
-    print(f"neubtf-bench {shlex.join(words)}")
+    print(f"neubtf-bench {shlex.join([*words, '-o', f'{material}.nbtf'])}")
     return FINE
+
+
+def parse_bytes(text: str) -> int:
+    """A size in bytes from its text: `300k`, `1.5M`, `20000`."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)(?:B)?", text)
+    if not match or float(match[1]) <= 0:
+        raise InputError(f"--max-bytes {text}: write a number, or a number with k or M, such as 300k")
+    return round(float(match[1]) * _SUFFIXES[match[2]])
 
 
 def _suite(options: argparse.Namespace) -> "Suite":
@@ -112,30 +121,28 @@ def _changed(data: "Preparation") -> dict[str, object]:
 
 def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], list[str]]:
     """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
+    from bench.choosing.trades import usable
     from bench.records import load_trade
-    from bench.runs.choose import usable
 
-    material = suite.materials[0].name
-    trade = load_trade(folder) or {"choices": []}
-    rows = [row for row in trade["choices"] if row["material"] == material and row["device"] == device]
-    codecs = {codec.codec for codec in suite.codecs}
-    rows = [row for row in rows if row.get("codec") in codecs]
+    codecs, material = {codec.codec for codec in suite.codecs}, suite.materials[0].name
+    rows = [
+        row
+        for row in (load_trade(folder) or {"choices": []})["choices"]
+        if (row["material"], row["device"]) == (material, device) and row.get("codec") in codecs
+    ]
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
     return usable(rows, material), [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
-def _measure(
-    folder: Path, suite: "Suite", options: argparse.Namespace, missing: list[str]
-) -> tuple[list["Rung"], list[str]]:
-    """The same, after a trade over the suite, which fits only the missing settings."""
+def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing: int) -> None:
+    """Run a trade over the suite, which fits only the missing settings."""
     from bench.cli.console import Console
     from bench.runs.runner import Options
     from bench.runs.trade import run_and_measure
 
     with Console() as console:
-        several = f"{len(missing)} of {len(suite.codecs)} settings of {suite.name}"
+        several = f"{missing} of {len(suite.codecs)} settings of {suite.name}"
         console.say(f"{suite.materials[0].name}: {several} are not in {folder}: fitted, scored and timed first")
         device, seats = usable_device(options.device), workers(options.jobs, suite.threads, options.device)
         run_options = Options(folder, device, show=console.show, say=console.say, workers=seats)
         run_and_measure(suite, run_options, console.ended)
-    return _measured(folder, suite, device)

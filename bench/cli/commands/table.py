@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    from reports import KINDS
+    from reports import FORMATS, KINDS
 
     parser.add_argument(
         "what",
@@ -38,7 +38,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format",
         default="text",
-        choices=["text", "markdown", "latex", "csv", "raw"],
+        choices=FORMATS,
         help="the format; raw is a CSV of every number of every job (default: text)",
     )
     parser.add_argument("--codec", action="append", default=[], help="only this codec, or this row; repeatable")

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from bench import cli, timing
+from bench.choosing.trades import answers, named, usable
 from bench.cli.commands import choose as choose_command
 from bench.conformance.check import tiny_btf
 from bench.data.open import hold_validation
@@ -16,7 +17,7 @@ from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
 from bench.material import DecoderCost
 from bench.records import append, load_run, load_trade
-from bench.runs import choose, trade
+from bench.runs import trade
 from bench.runs.job import Outcome
 from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
@@ -69,7 +70,7 @@ def measured(tmp_path_factory):
 
 
 def by_name(result):
-    return {choose.named(row): row for row in result["choices"]}
+    return {named(row): row for row in result["choices"]}
 
 
 def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(measured):
@@ -168,11 +169,11 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
     ]
     rows = [row | {"material": "m", "execution": "eager", "precision": "float32"} for row in rows]
     rows = [row | {"validation": {"pooled": row["psnr"], "mean": row["psnr"], "slices": 9}} for row in rows]
-    best, fastest, smallest = choose.answers("m", rows)
+    best, fastest, smallest = answers("m", rows)
     assert "the best is big: 40.00 dB, 1,000 bytes, 100 ns" in best
     assert "the fastest is fast" in fastest
     assert "the smallest is small" in smallest
-    _, fastest, smallest = choose.answers("m", rows[2:3])
+    _, fastest, smallest = answers("m", rows[2:3])
     assert fastest == "m: within 0.5 dB of it, no other is faster."
     assert smallest == "m: within 0.5 dB of it, no other is smaller."
 
@@ -366,7 +367,7 @@ def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_p
         trade.write(options.folder, trade.merged(one, result | {"choices": rows, "profiles": []}))
 
     monkeypatch.setattr("bench.runs.trade.run_and_measure", measure)
-    best = max(rung.score for rung in choose.usable(result["choices"], "tiny"))
+    best = max(rung.score for rung in usable(result["choices"], "tiny"))
     assert choosing(monkeypatch, tmp_path, min_psnr=1.0) == 0  # what is there meets it
     assert measured_materials == []
     assert choosing(monkeypatch, tmp_path, min_psnr=best - 0.01) == 0

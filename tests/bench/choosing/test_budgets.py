@@ -1,17 +1,19 @@
 """The rung of each budget: chosen by validation pairs alone, on records made by hand."""
 
+import json
+
 import pytest
 
-from bench.compare.budgets import BYTES, EAGER, FIT, FUSED, Budget, budgets, line_of, rung_of, shown
-from bench.records import PSNR, append, load_run, load_together
-from bench.records.choosing import Limits, Rung, chosen, has_validation, validated, validation_of
+from bench.choosing import Limits, Rung, chosen, has_validation
+from bench.choosing.budgets import BYTES, EAGER, FIT, FUSED, Budget, budgets, line_of, rung_of, setting_of, shown
+from bench.records import PSNR, TRADE, TRADE_FORMAT, append, load_run, load_together
 
 SIDE = 64
 METRICS = {PSNR: {"unit": "dB", "direction": "higher", "space": "display", "version": 1}}
 
 
 def rung(name, size, score, time=None):
-    return Rung(name, size, score, time)
+    return Rung(size, score, time, of=name)
 
 
 def group(psnr, **more):
@@ -43,9 +45,9 @@ def run_of(folder, *records):
     return load_run(folder)
 
 
-def picks(run, budget, material="satin", fused=()):
-    by_line = budgets(run, dict(fused)).picks.get(budget, {})
-    return {line: rungs[material].name for line, rungs in by_line.items() if material in rungs}
+def picks(run, budget, material="satin"):
+    by_line = budgets(run).picks.get(budget, {})
+    return {line: setting_of(rungs[material].of[0]) for line, rungs in by_line.items() if material in rungs}
 
 
 def test_the_best_that_fits_is_chosen_and_one_that_is_a_byte_too_large_is_not(tmp_path):
@@ -63,7 +65,7 @@ def test_a_line_without_a_rung_that_fits_has_none(tmp_path):
 def test_records_without_validation_are_never_chosen_and_are_told(tmp_path):
     run = run_of(tmp_path / "run", job("a x=1", 10, None, test=99.0), job("a x=2", 10, 10.0))
     assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
-    assert [each["label"] for each in budgets(run, {}).without] == ["a x=1"]
+    assert [each["label"] for each in budgets(run).without] == ["a x=1"]
 
 
 def test_the_mean_over_slices_decides(tmp_path):
@@ -76,18 +78,18 @@ def test_what_is_as_published_is_a_line_of_its_own(tmp_path):
     run = run_of(tmp_path / "run", job("a x=1", 10, 30.0), job("a recipe=paper x=1", 10, 40.0))
     assert picks(run, Budget(BYTES, 16)) == {"a": "x=1", "a, as published": "x=1"}
     assert line_of(job("a recipe=paper", 1, 1.0)) == "a, as published"
-    assert rung_of(job("a recipe=paper", 1, 1.0)) == "default"
+    assert setting_of(job("a recipe=paper", 1, 1.0)) == "default"
 
 
 def test_equals_go_to_the_smaller_file_then_to_the_faster_then_to_the_first():
     several = [rung("large", 3, 30.0, time=1.0), rung("slow", 2, 30.0, time=9.0), rung("fast", 2, 30.0, time=5.0)]
-    assert chosen([*several, rung("unknown", 2, 30.0)], Limits(size=9)).name == "fast"
-    assert chosen([rung("first", 2, 30.0), rung("second", 2, 30.0)], Limits(size=9)).name == "first"
+    assert chosen([*several, rung("unknown", 2, 30.0)], Limits(size=9)).of == "fast"
+    assert chosen([rung("first", 2, 30.0), rung("second", 2, 30.0)], Limits(size=9)).of == "first"
 
 
 def test_an_exact_rung_beats_every_other():
-    exact = validated({"pooled": 100.0, "mean": 100.0, "exact": 4, "slices": 4}, name="exact", size=2)
-    assert chosen([rung("near", 1, 99.0), exact], Limits(size=2)).name == "exact"
+    exact = rung_of([job("a exact", 2, 100.0)], {})
+    assert chosen([rung("near", 0, 99.0), exact], Limits(size=2)) is exact
 
 
 def test_seeds_make_one_rung_of_their_means_that_fits_where_the_largest_file_does(tmp_path):
@@ -96,7 +98,7 @@ def test_seeds_make_one_rung_of_their_means_that_fits_where_the_largest_file_doe
     run = run_of(tmp_path / "run", *seeds)
     assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
     assert picks(run, Budget(BYTES, 32)) == {"a": "x=1"}
-    assert shown(budgets(run, {}).picks[Budget(BYTES, 32)]["a"]["satin"], PSNR) == 25.0
+    assert shown(budgets(run).picks[Budget(BYTES, 32)]["a"]["satin"], PSNR) == 25.0
 
 
 class Sealed(dict):
@@ -113,8 +115,8 @@ def test_choosing_reads_no_test_field():
     for each in sealed:
         each["scores"] = {"validation": each["scores"]["validation"], "heldout": Sealed(), "train": Sealed()}
     assert all(map(has_validation, sealed))
-    rungs = [validated(validation_of(each), name=rung_of(each), size=each["bytes"]["total"]) for each in sealed]
-    assert chosen(rungs, Limits(size=25)).name == "x=2"
+    rungs = [rung_of([each], {}) for each in sealed]
+    assert chosen(rungs, Limits(size=25 * 8 / SIDE**2)) is rungs[1]
 
 
 def test_other_test_scores_change_no_choice(tmp_path):
@@ -122,7 +124,7 @@ def test_other_test_scores_change_no_choice(tmp_path):
         return [job(f"a x={i}", 900 * i, 30.0 + i % 3, 30.0 + sign * i) for i in range(5)]
 
     runs = [run_of(tmp_path / str(sign), *jobs(sign)) for sign in (-1, 1)]
-    first, second = ({budget: picks(run, budget) for budget in budgets(run, {}).picks} for run in runs)
+    first, second = ({budget: picks(run, budget) for budget in budgets(run).picks} for run in runs)
     assert first == second
 
 
@@ -132,7 +134,7 @@ def test_a_rung_fits_a_time_if_the_upper_end_of_its_interval_does(tmp_path):
     run = run_of(tmp_path / "run", *jobs, *times)
     assert picks(run, Budget(EAGER, 4)) == {"a": "x=0"}
     assert picks(run, Budget(EAGER, 8)) == {"a": "x=2"}
-    assert budgets(run, {}).times[EAGER]["satin/a x=1/0"] == 4.1
+    assert budgets(run).times[EAGER]["satin/a x=1/0"] == 4.1
 
 
 def test_budgets_of_fits_are_of_processor_seconds(tmp_path):
@@ -143,9 +145,19 @@ def test_budgets_of_fits_are_of_processor_seconds(tmp_path):
 
 def test_fused_times_have_budgets_of_their_own(tmp_path):
     run = run_of(tmp_path / "run", job("a", 10, 30.0), timing("satin/a/0", 9.0))
-    fused = {"satin/a/0": {"job": "satin/a/0", "ratio_interval95": [2.5, 3.0]}}
-    assert picks(run, Budget(FUSED, 4), fused=fused.items()) == {"a": "default"}
-    assert picks(run, Budget(EAGER, 8), fused=fused.items()) == {}
+    fused = {"material": "satin", "label": "a", "job": "satin/a/0", "execution": "fused", "precision": "float32"}
+    fused |= {
+        "device": "cpu",
+        "batch": 1,
+        "threads": 1,
+        "ns_per_sample": 1.0,
+        "ratio_to_floor": 2.8,
+        "ratio_interval95": [2.5, 3.0],
+    }
+    trade = {"format": TRADE_FORMAT, "choices": [fused], "profiles": [], "ceilings": [], "answers": []}
+    (run.folder / TRADE).write_text(json.dumps(trade))
+    assert picks(run, Budget(FUSED, 4)) == {"a": "default"}
+    assert picks(run, Budget(EAGER, 8)) == {}
 
 
 def test_what_was_measured_on_other_data_than_last_is_left_out(tmp_path):
@@ -154,7 +166,7 @@ def test_what_was_measured_on_other_data_than_last_is_left_out(tmp_path):
     newest["score_key"] = newest["score_key"] | {"btf": "other"}
     run = run_of(tmp_path / "run", old, newest)
     assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
-    assert [each["label"] for each in budgets(run, {}).unlike] == ["a x=1"]
+    assert [each["label"] for each in budgets(run).unlike] == ["a x=1"]
 
 
 def test_runs_without_validation_stand_in_nobodys_place(tmp_path):
@@ -163,7 +175,7 @@ def test_runs_without_validation_stand_in_nobodys_place(tmp_path):
     run_of(tmp_path / "old", other, timing("satin/a/0", 99.0, run="0"))
     together = load_together([tmp_path / "new", tmp_path / "old"], has_validation)
     assert picks(together, Budget(EAGER, 4)) == {"a": "default"}
-    assert len(budgets(together, {}).without) == 1
+    assert len(budgets(together).without) == 1
 
 
 @pytest.mark.parametrize("limits", [Limits(size=1), Limits(time=1)])

@@ -1,28 +1,27 @@
-"""Chooses the best measured settings within a budget, by validation pairs only, never by test pairs.
+"""Chooses the best measured settings within limits, by validation pairs only, never by test pairs.
 
 A *rung* is a codec at some settings, with its cost and its score: the mean over validation slices of display PSNR.
-Tables of budgets and `neubtf-bench choose` use this module. Imports nothing heavy.
+`budgets` chooses among the jobs of a run, `trades` among the choices of a trade. Imports nothing heavy.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from statistics import fmean
 from typing import Any
 
-from bench.records.meaning import PSNR, VALIDATION, gate, metric_of
-from bench.records.schema import Record
+from bench.records import PSNR, VALIDATION, Record, gate, stats_of
+
+NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 
 
 @dataclass(frozen=True)
 class Rung:
-    """A codec at some settings: its name, its cost, and its score."""
+    """A codec at some settings: its cost, and its score."""
 
-    name: str
     size: float  # size of the whole file, in the unit of the limit
     score: float  # mean display PSNR in dB over validation slices
     time: float | None = None  # time of a query, in the unit of the limit; None: not measured
-    of: Any = None  # the jobs or the choice that it stands for
+    of: Any = None  # the jobs, one a seed, or the choice of a trade
 
 
 @dataclass(frozen=True)
@@ -36,37 +35,8 @@ class Limits:
     def misses(self, rung: Rung) -> list[float]:
         """By how much a rung misses each limit, as a share of the limit (for a score: dB / 10); ≤ 0 if it meets it."""
         misses = [] if self.size is None else [rung.size / self.size - 1]
-        misses += [] if self.time is None else [math.inf if rung.time is None else rung.time / self.time - 1]
+        misses += [] if self.time is None else [_time(rung) / self.time - 1]
         return misses + ([] if self.score is None else [(self.score - rung.score) / 10])
-
-
-def validated(stats: Mapping[str, Any], **known: Any) -> Rung | None:
-    """A rung from its statistics of validation pairs, as records hold them; None if there are none."""
-    return Rung(score=float(stats["mean"]), **known) if stats.get("slices") else None
-
-
-def validation_of(job: Record) -> Mapping[str, Any]:
-    """The statistics of a job's display PSNR over validation pairs; empty if it was not scored at any."""
-    metrics = job.get("scores", {}).get(VALIDATION, {}).get("metrics", {})
-    stats: Mapping[str, Any] = metrics.get(metric_of(metrics, PSNR), {})
-    return stats
-
-
-def has_validation(job: Record) -> bool:
-    """Whether a job may be chosen: it has a score of validation pairs, and a score of test pairs to show."""
-    return bool(validation_of(job).get("slices")) and gate(job["scores"]) == "heldout"
-
-
-def over_seeds(rungs: Sequence[Rung]) -> Rung:
-    """Combine the rungs of several seeds into one: mean scores, the largest file and the mean time."""
-    times = [rung.time for rung in rungs if rung.time is not None]
-    return Rung(
-        rungs[0].name,
-        max(rung.size for rung in rungs),
-        fmean(rung.score for rung in rungs),
-        fmean(times) if times else None,
-        [rung.of for rung in rungs],
-    )
 
 
 def chosen(rungs: Sequence[Rung], limits: Limits) -> Rung | None:
@@ -81,9 +51,18 @@ def chosen(rungs: Sequence[Rung], limits: Limits) -> Rung | None:
 
 def nearest(rungs: Sequence[Rung], limits: Limits) -> Rung:
     """The rung that misses the limits least."""
-
     return min(rungs, key=lambda rung: sum(max(0.0, miss) for miss in limits.misses(rung)))
 
 
 def _time(rung: Rung) -> float:
     return math.inf if rung.time is None else rung.time
+
+
+def validation_of(job: Record) -> Mapping[str, Any]:
+    """The statistics of a job's display PSNR over validation pairs; empty if it was not scored at any."""
+    return stats_of(job, PSNR, VALIDATION) if "scores" in job else {}
+
+
+def has_validation(job: Record) -> bool:
+    """Whether a job may be chosen: it has a score of validation pairs, and a score of test pairs to show."""
+    return bool(validation_of(job).get("slices")) and gate(job["scores"]) == "heldout"

@@ -1,46 +1,36 @@
-"""Turns the measured choices of a trade into rungs: `bench.runs.trade` measures, `bench.records.choosing` chooses.
+"""The choices of a trade as rungs and in words: `bench.runs.trade` measures them.
 
 Imports no PyTorch, so an answer from stored measurements comes at once.
 """
 
-import re
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from bench.choosing import NEAR_DB, Rung
 from bench.devices import is_gpu
-from bench.errors import InputError
-from bench.records import MOST_DB, load_run
-from bench.records.choosing import Rung, validated
+from bench.records import MOST_DB, Record, Run, load_run, load_trade
 
 Choice = dict[str, Any]
-PLAIN = "eager float32"  # the default execution and precision
 FLOAT_BYTES = 4
-NEAR_DB = 0.5  # a choice within this many dB of the best counts as equally good
-_SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
-
-
-def psnr(row: Choice) -> float:
-    """dB; mean over slices."""
-    return float(row["psnr"])
 
 
 def usable(choices: list[Choice], material: str) -> list[Rung]:
     """The choices of a material that have scores of validation pairs, as rungs with bytes and ns a sample."""
-    rungs = (
-        validated(row["validation"], name=named(row), size=row["bytes"], time=row["ns_per_sample"], of=row)
+    return [
+        Rung(row["bytes"], float(row["validation"]["mean"]), row["ns_per_sample"], row)
         for row in choices
-        if row["material"] == material and "validation" in row and "error" not in row
-    )
-    return [rung for rung in rungs if rung]
+        if row["material"] == material and "error" not in row and row.get("validation", {}).get("slices")
+    ]
 
 
-def parse_bytes(text: str) -> int:
-    """A size in bytes from its text: `300k`, `1.5M`, `20000`."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)(?:B)?", text)
-    if not match or float(match[1]) <= 0:
-        raise InputError(f"--max-bytes {text}: write a number, or a number with k or M, such as 300k")
-    return round(float(match[1]) * _SUFFIXES[match[2]])
+@lru_cache(maxsize=1)
+def fused_times(run: Run) -> dict[str, Record]:
+    """The time of each job as one fused kernel in float32."""
+    choices = (load_trade(run.folder) or {"choices": []})["choices"]
+    fused = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
+    return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
 
 
 def answers(material: str, choices: list[Choice]) -> Iterator[str]:
@@ -54,19 +44,17 @@ def answers(material: str, choices: list[Choice]) -> Iterator[str]:
     best = max(rungs, key=lambda rung: rung.score)
     near = [rung for rung in rungs if rung.score >= best.score - NEAR_DB]
     yield f"{material}: the best is {described(best.of)}."
-    for word, key in (("faster", "time"), ("smaller", "size")):
+    for word, key in (("fast", "time"), ("small", "size")):
         least = min(near, key=lambda rung: (getattr(rung, key), rung.time))
-        within = f"{material}: within {NEAR_DB} dB of it,"
-        if getattr(least, key) == getattr(best, key):
-            yield f"{within} no other is {word}."
-        else:
-            yield f"{within} the {word[:-1]}st is {described(least.of)}."
+        better = getattr(least, key) != getattr(best, key)
+        answer = f"the {word}est is {described(least.of)}" if better else f"no other is {word}er"
+        yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 
 def named(row: Choice) -> str:
     """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
     how = f"{row['execution']} {row['precision']}" + (", emulated" if row.get("emulated") else "")
-    return str(row["label"]) + ("" if how == PLAIN else f" [{how}]")
+    return str(row["label"]) + ("" if how == "eager float32" else f" [{how}]")
 
 
 def described(row: Choice) -> str:

@@ -3,10 +3,11 @@ import subprocess
 import pytest
 
 from bench import cli
+from bench.choosing import Limits, chosen, nearest
+from bench.choosing.trades import usable
+from bench.cli.commands.choose import parse_bytes
 from bench.errors import InputError
 from bench.records import append
-from bench.records.choosing import Limits, chosen, nearest
-from bench.runs.choose import parse_bytes, usable
 
 
 def row(name, psnr, size, ns, **more):
