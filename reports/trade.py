@@ -8,7 +8,7 @@ from typing import Any
 from bench.choosing.trades import named
 from bench.records import MOST_DB, load_trade
 from reports.csv_tables import as_csv
-from reports.numbers import EXACT, NONE, fixed, integer, significant
+from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
 
 
@@ -19,7 +19,10 @@ def trade_tables(folder: Path) -> Iterator[Table]:
         return
     for material in dict.fromkeys(row["material"] for row in trade["choices"]):
         answers = [text for text in trade["answers"] if text.startswith(f"{material}: ")]
-        yield _choices(material, [row for row in trade["choices"] if row["material"] == material], answers)
+        rows = [row for row in trade["choices"] if row["material"] == material]
+        yield _choices(material, rows, answers)
+        if any("from_float32" in row for row in rows):
+            yield _stability(material, rows)
         profiles = [record for record in trade["profiles"] if record["material"] == material]
         if profiles:
             yield _profile(material, profiles)
@@ -93,6 +96,32 @@ def _conditions(rows: Sequence[dict[str, Any]]) -> str:
         f"with all others, on {timed['device']}, threads: {timed['threads']}; eager, float32 unless a row says "
         "otherwise. Floor: one bilinear fetch of a colour. Limit: by this machine's measured rates."
     )
+
+
+_STABILITY = [
+    ("choice", ""),
+    ("time", "× floor"),
+    ("worst slice", "from float32, dB ↑"),
+    ("gained", "dB"),
+    ("FLIP", "↓"),
+]
+
+
+def _stability(material: str, rows: Sequence[dict[str, Any]]) -> Table:
+    """What each execution and precision changes of the answers of eager float32, and its time."""
+    plain = {row["label"]: row["psnr"] for row in rows if named(row) == row["label"] and "psnr" in row}
+    cells = []
+    for row in rows:
+        if "from_float32" in row:
+            apart, gained = row["from_float32"], row["psnr"] - plain[row["label"]]
+            cells.append([named(row), significant(row["ratio_to_floor"]), EXACT if apart is None else fixed(apart, 1)])
+            cells[-1] += [signed(gained), fixed(row["flip"], 3)]
+    note = (
+        "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
+        "mean PSNR against the truth."
+    )
+    title = f"{material}: stability of executions and precisions"
+    return Table("trade", title, _STABILITY, cells, [note], material=material)
 
 
 _CONDITION = ("part", "batch", "coherent", "footprint", "threads")

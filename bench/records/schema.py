@@ -329,6 +329,7 @@ class Choice(TypedDict, total=False):
     settings: dict[str, Setting]
     psnr: Number | None
     worst: Number | None
+    from_float32: Number | None
     flip: Number | None
     validation: Statistics
     bytes: Count

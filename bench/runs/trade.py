@@ -24,6 +24,7 @@ from bench.demand.mitsuba.lobes import fitted
 from bench.errors import InputError
 from bench.material import Material
 from bench.metrics.angular import as_number
+from bench.metrics.display import display_error
 from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
 from bench.records import (
@@ -184,7 +185,10 @@ def _choices(
             row |= {"emulated": True} if native.emulated(variant.precision, material.device) else {}
             try:
                 ready = prepared(material, variant)
-                row |= _quality(bench, job, run) if variant == Variant() else _score(bench, ready, suite.threads, show)
+                if variant == Variant():
+                    row |= _quality(bench, job, run)
+                else:
+                    row |= _score(bench, ready, suite.threads, show) | _deviation(bench, ready, material, show)
             except Exception as error:  # an error in one variant must not lose the figures of the others
                 kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "  # an unexpected error
                 rows.append(row | {"error": kind + " ".join(str(error).split())})
@@ -236,6 +240,14 @@ def _score(bench: Workbench, material: Material, threads: int, show: Progress) -
         scores = bench.scorer.score(np.unique(np.concatenate([*groups.values()])), Slices(bench, material, show).slice)
     summary = summarise(scores, bench.btf.wo, bench.btf.wi, groups)
     return _figures({"scores": summary}, scores.raw[PSNR][np.isin(scores.pairs, bench.deciding)])
+
+
+def _deviation(bench: Workbench, ours: Material, plain: Material, show: Progress) -> dict[str, Any]:
+    """PSNR, against the answers of eager float32, of the held-out slice that differs most; None if none differs."""
+    at, at_plain = (Slices(bench, material, show).slice for material in (ours, plain))
+    exposure = bench.scorer.exposure
+    worst = max(display_error(at(pair), at_plain(pair), exposure) for pair in bench.deciding.tolist())
+    return {"from_float32": as_number(float(decibels(worst)))}
 
 
 def _figures(job: Record, squared: np.ndarray) -> dict[str, Any]:

@@ -90,6 +90,9 @@ def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_fil
     assert half["psnr"] != plain["psnr"]
     assert half["psnr"] == pytest.approx(plain["psnr"], abs=0.3)
     assert plain["worst"] < plain["psnr"]
+    assert 20 < half["from_float32"] < 80  # bfloat16 has three digits
+    assert "from_float32" not in plain
+    assert "stability of executions and precisions" in table_text([folder], "text", "trade")
     of_record = record["scores"]["validation"]["metrics"]["psnr_display"]
     assert plain["validation"]["pooled"] == of_record["pooled"]
     assert half["validation"]["slices"] == of_record["slices"]
