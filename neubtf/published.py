@@ -14,7 +14,7 @@ from bench.metrics.display import decode_srgb
 from bench.training import Samples, distance
 from neubtf.augmentation import Window, draw_scale
 from neubtf.encoder import Encoder, displayed
-from neubtf.losses import focal_frequency, shown
+from neubtf.losses import Style, focal_frequency, shown
 from neubtf.training import Guided, StagedSettings, pictures
 
 DARKEST = 1e-4  # least mean of a slice, in a display's range; darker slices are shown as if they had it
@@ -28,14 +28,11 @@ PAPER = {
     "optimiser": "adam",
     # Left open, and chosen:
     "steps": 30_000,
-    "slices": 16,
     "crop": 16,
     "around": 0,
     "smallest": 0.75,
     "blur": 0.5,
     "noise": 0.02,
-    "style": 0.3,
-    "frequency": 0.05,
 }
 
 
@@ -56,6 +53,7 @@ class Published(Guided):
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
         super().__init__(samples, settings, encoder, guidance, generator)
+        self.style = Style()
         self.brightness = float(decode_srgb(guidance.numpy()).mean())
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
@@ -67,9 +65,7 @@ class Published(Guided):
         """An element, drawn at random."""
         settings, samples = self.settings, self.samples
         scale = draw_scale(settings.smallest, settings.keep_scale, generator)
-        window = Window.drawn(
-            samples.shape, settings.crop, scale, samples.btf.periodic, generator, around=settings.around
-        )
+        window = Window.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
         pairs = torch.randint(samples.pairs, (2,), generator=generator)
         texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
         view, target = self.radiance(window, texels, pairs).split(1)

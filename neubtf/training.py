@@ -19,14 +19,12 @@ from torch import Tensor, nn
 from bench.errors import InputError
 from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Decoder, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
-from neubtf.augmentation import SURROUNDINGS, Disturbance, Window, draw_scale
+from neubtf.augmentation import Disturbance, Window, draw_scale
 from neubtf.autoencoder import STRIDE
 from neubtf.encoder import Encoder, displayed
-from neubtf.losses import Style, focal_frequency, shown
 from neubtf.renderer import RendererSettings, render
 
 ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
-DIM = 0.05  # least mean of a slice, in a display's range; darker slices are compared as if they had it
 
 
 @dataclass(frozen=True)
@@ -39,9 +37,9 @@ class StagedSettings(RendererSettings):
     explore: Share = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
     explore_weight: NotNegative = 0.2  # weight of the loss of such a step, relative to steps that see the guidance
     batch: BatchSize = 4_096  # number of single samples in a step
-    slices: Annotated[int, Range(0, 1024)] = 1  # whole slices in a step; "paper": elements, each with an own input
+    slices: Annotated[int, Range(1, 1024)] = 16  # "paper": elements of a step, each with an input of its own
     crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step uses of a larger picture
-    around: Annotated[int, Range(0, 64)] = SURROUNDINGS  # texels around a crop that only the autoencoder sees
+    around: Annotated[int, Range(0, 64)] = 16  # texels around a crop that only the autoencoder sees
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # least scale of an input, and so of later guidance
     keep_scale: Share = 0.5  # share of the inputs that keep their scale
     init: Literal["faint", "published"] = "faint"  # of the renderer: answers the mean, or as SIREN's, about the mean
@@ -52,9 +50,9 @@ class StagedSettings(RendererSettings):
     encoder_rate: Positive = 2e-3  # highest learning rate of the autoencoder
     encoder_hidden_rate: Positive = 2e-2  # highest learning rate of Muon for the autoencoder's pointwise layers
     loss: Loss = "both"  # of a pixel's log radiance: absolute, squared, or their sum
-    pixel: NotNegative = 1.0  # weight of the pixels' loss
-    style: NotNegative = 0.002  # weight of the difference of Gram matrices
-    frequency: NotNegative = 0.002  # weight of the focal frequency loss
+    pixel: NotNegative = 1.0  # "paper": weight of the pixels' loss
+    style: NotNegative = 0.3  # "paper": weight of the difference of Gram matrices
+    frequency: NotNegative = 0.05  # "paper": weight of the focal frequency loss
     hue: NotNegative = 1.0  # largest turn of an input's hue, in turns
     blur: NotNegative = 1.0  # largest blur of an input, σ in texels
     noise: NotNegative = 0.05  # largest noise of an input, σ
@@ -64,8 +62,6 @@ class StagedSettings(RendererSettings):
     def __post_init__(self) -> None:
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
             raise InputError("neubtf needs direct + taught below 1, and direct above 0 if taught is above 0")
-        if self.recipe == "paper" and not self.slices:
-            raise InputError("neubtf with recipe=paper needs slices of at least 1")
 
 
 class Example(NamedTuple):
@@ -89,7 +85,7 @@ class Guided(Objective):
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
         super().__init__(samples)
-        self.settings, self.encoder, self.style = settings, encoder, Style()
+        self.settings, self.encoder = settings, encoder
         self.renderer = Decoder(settings.architecture, generator)
         self.renderer.start_at(samples.mean(generator), settings.init == "faint")
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
@@ -158,7 +154,7 @@ class Staged(Guided):
         samples, settings = self.samples, self.settings
         exploring = float(torch.rand((), generator=generator)) < settings.explore
         scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
-        window = Window.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator)
+        window = Window.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
         if not exploring:
             window = window.aligned()
             texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
@@ -181,14 +177,11 @@ class Staged(Guided):
     def _guided(self, generator: torch.Generator) -> Tensor:
         example = self.example(self.settings.smallest, generator)
         latents = by_texel(self.encoder(example.picture))
-        settings = self.settings
-        loss = settings.pixel * self._samples(latents, example, generator)
-        if settings.slices and (settings.style or settings.frequency):
-            loss = loss + self._slices(latents, example, self._targets(example.pair, generator))
-        return loss if example.pair is None else settings.explore_weight * loss
+        loss = self._samples(latents, example, generator)
+        return loss if example.pair is None else self.settings.explore_weight * loss
 
     def _samples(self, latents: Tensor, example: Example, generator: torch.Generator) -> Tensor:
-        """The pixels' loss, of single random samples: a slice holds thousands of texels, but one pair only."""
+        """The loss of single random samples: a slice holds thousands of texels, but one pair only."""
         size = (self.settings.batch,)
         inner = example.inner
         here = inner[torch.randint(len(inner), size, generator=generator).to(latents.device, non_blocking=True)]
@@ -198,30 +191,6 @@ class Staged(Guided):
         values = self.samples.at(example.texels[index].flatten(), each).target.expm1().unflatten(0, index.shape)
         truth = (values * weight[..., None]).sum(1).log1p()
         return distance(self.rendered(latents, here, pair), truth, self.settings.loss)
-
-    def _targets(self, shown: int | None, generator: torch.Generator) -> Tensor:
-        """Random pairs other than the shown one, if there are others."""
-        count = self.samples.pairs
-        if shown is None or count == 1:
-            return torch.randint(count, (self.settings.slices,), generator=generator)
-        return (shown + 1 + torch.randint(count - 1, (self.settings.slices,), generator=generator)) % count
-
-    def _slices(self, latents: Tensor, example: Example, pairs: Tensor) -> Tensor:
-        """The loss of whole slices: style and spectrum."""
-        settings, inner = self.settings, example.inner
-        level = self.radiance(example.window, example.texels, pairs).flatten(2)[..., inner].movedim(1, -1).flatten(0, 1)
-        pair = pairs.to(latents.device, non_blocking=True).repeat_interleave(len(inner))
-        rendered = self.rendered(latents, inner.repeat(len(pairs)), pair)
-        ours, truth = (shown(pictures(each, example.window.inner_size)) for each in (rendered, level))
-        # At one exposure mirror directions would outweigh all others by orders of magnitude, and ruin the fit.
-        brightness = truth.mean((1, 2, 3), keepdim=True).clamp_min(DIM)
-        ours, truth = ours / brightness, truth / brightness
-        loss = torch.zeros((), device=latents.device)
-        if settings.style:
-            loss = loss + settings.style * self.style(ours, truth, example.window.whole)
-        if settings.frequency:
-            loss = loss + settings.frequency * focal_frequency(ours, truth)
-        return loss
 
 
 def by_texel(picture: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from neubtf.augmentation import SURROUNDINGS, Disturbance, Window, blurred, draw_scale, turned
+from neubtf.augmentation import Disturbance, Window, blurred, draw_scale, turned
 from neubtf.autoencoder import STRIDE, Autoencoder, Pooled
 
 
@@ -22,7 +22,7 @@ def picture(height: int = 24, width: int = 32) -> Tensor:
 
 def windows(shape: tuple[int, int], largest: int, periodic: bool) -> list[Window]:
     random = generator()
-    return [Window.drawn(shape, largest, draw_scale(0.5, 0.5, random), periodic, random) for _ in range(200)]
+    return [Window.drawn(shape, largest, draw_scale(0.5, 0.5, random), periodic, random, 16) for _ in range(200)]
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.5, 1.0])
@@ -35,7 +35,7 @@ def test_scales_are_kept_in_a_share_of_the_draws_and_else_within_the_range(keep:
 
 def test_windows_have_the_scale_that_was_drawn() -> None:
     for scale in (1.0, 0.8, 0.5):
-        window = Window.drawn((160, 128), 32, scale, True, generator())
+        window = Window.drawn((160, 128), 32, scale, True, generator(), 16)
         # The source is a whole number of texels.
         assert window.size[0] / window.source[0] == pytest.approx(scale, rel=0.02)
 
@@ -45,9 +45,9 @@ def test_windows_fit_the_strides_and_cover_the_picture(periodic: bool) -> None:
     found = windows((160, 144), 32, periodic)
     for window in found:
         assert all(side % STRIDE == 0 and STRIDE <= side <= 32 for side in window.inner_size)
-        assert window.around == (SURROUNDINGS, SURROUNDINGS)
+        assert window.around == (16, 16)
     kept = [window for window in found if window.keeps_scale]
-    last = [(window.corner[0] + SURROUNDINGS) % 160 + window.inner_size[0] for window in kept]
+    last = [(window.corner[0] + 16) % 160 + window.inner_size[0] for window in kept]
     assert (max(last) > 160) == periodic
     assert {window.corner[0] % STRIDE for window in found} == {0, 1, 2, 3}
 
@@ -63,7 +63,7 @@ def test_a_crop_is_coded_as_in_the_whole_picture() -> None:
     """Padded as if it repeated, its borders would be far off: the autoencoder reaches 36 texels."""
     whole = torch.rand(1, 3, 128, 128, generator=generator(3))
     network = Autoencoder(6, generator())
-    window = Window.drawn((128, 128), 32, 1.0, True, generator(5)).aligned()
+    window = Window.drawn((128, 128), 32, 1.0, True, generator(5), 16).aligned()
     seen = whole.flatten(2)[..., window.texels((128, 128))].unflatten(2, window.source)
     with torch.no_grad():
         pooled = Pooled.of_cells(network.encode(whole).deep)  # over the whole picture, which no crop can know
