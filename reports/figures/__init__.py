@@ -8,6 +8,7 @@ from reports.figures.abrdf import abrdf_maps
 from reports.figures.angles import angle_curves
 from reports.figures.canvas import Figure as Figure
 from reports.figures.contact import contact_sheets
+from reports.figures.fronts import fronts
 from reports.figures.latents import latent_channels
 from reports.figures.plots import plot_figures
 from reports.figures.polar import polar_maps
@@ -19,6 +20,7 @@ from reports.figures.trade import trade_fronts
 ALL: dict[str, Callable[[Run], Iterator[Figure]]] = {
     "significance": significance,
     "ranks": critical_differences,
+    "fronts": fronts,
     "contact": contact_sheets,
     **{kind: partial(plot_figures, kind=kind) for kind in ("rate", "speed", "fits", "footprints")},
     "trade": trade_fronts,

@@ -1,12 +1,14 @@
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from bench.choosing.budgets import BYTES, budgets
 from bench.compare.paired import Interval
-from bench.records import load_run
+from bench.records import kind_of, load_run
 from reports import figures
 from reports.artefacts import arrays, program
 from reports.figures import contact, latents
@@ -28,7 +30,19 @@ def made(made):
     return made
 
 
-OF_ANY_RUN = [draw for kind, draw in figures.ALL.items() if kind != "ranks"]  # they need validation pairs
+OF_ANY_RUN = [draw for kind, draw in figures.ALL.items() if kind not in ("ranks", "fronts")]  # of validation pairs
+
+
+def test_fronts_hold_the_numbers_of_the_budgets():
+    run = load_run(Path(__file__).parents[3] / "docs/results/budgets.jsonl")
+    drawn = {figure.kind: figure.drawing for figure in figures.ALL["fronts"](run)}
+    result = budgets(run)
+    names = [name for name, job in result.surfaces.items() if kind_of(job) == "measured"]
+    lines = [list(zip(*line.get_data(), strict=True)) for line in drawn["fronts-measured"].axes[0].lines]
+    for codec in ("neubtf-direct", "pca"):
+        bits = [budget for budget in result.picks if budget.kind == BYTES]
+        ranked = [(budget.most, result.ranked(budget, names).get(codec)) for budget in bits]
+        assert [(most, value) for most, value in ranked if value is not None] in lines
 
 
 def store(path):
