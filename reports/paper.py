@@ -24,7 +24,10 @@ NEAREST_SUITE = "paper-nearest"
 NEAREST = {"wool": "fabric01", "corduroy": "fabric03", "bricks": "ceramic", "satin": "embroidery"}  # of that suite
 _METRICS = ((PSNR, "PSNR", "dB ↑", 2), (SSIM, "SSIM", "↑", 3), (FLIP, "FLIP", "↓", 3))
 _PAIRS = (("all", "all"), ("fitted", "train"), ("held out", "heldout"))
-_NOTE = "Mean ± standard deviation over slices. The paper's protocol differs: docs/metrics.md, “Tables”."
+_NOTE = (
+    "Mean ± standard deviation over slices. The paper's protocol differs: docs/metrics.md, “Tables”. LPIPS, its fourth "
+    "row, is not computed here, by design; SSIM and FLIP depend on resolution."
+)
 
 
 def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | None:
