@@ -29,7 +29,7 @@ DESCRIBED = {
     "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
 }
 RENDERER_VERSION = 3  # increment when a value changes; part of the key of every cached rendering
-SUB_POINTS = 2  # along each side of a texel; docs/materials.md compares 3
+SUB_POINTS = 2  # along each side of a texel
 
 
 @dataclass(frozen=True)

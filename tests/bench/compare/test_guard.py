@@ -191,7 +191,7 @@ def replay(folder, rng):
 
 
 def test_hardly_a_replay_of_other_seeds_raises_an_alarm(tmp_path):
-    """Out of sample: no seed of the new run is in the reference. docs/ci.md states the number over more replays."""
+    """Out of sample: no seed of the new run is in the reference. docs/decisions/0081-false-alarms.md has the number."""
     rng = random.Random(0)
     stopped = [comparison for comparison in (replay(tmp_path, rng) for _ in range(40)) if comparison.exit_code]
     assert len(stopped) <= 4
