@@ -1,11 +1,10 @@
 """How good fits are and how long they take: what codecs reach on held-out pairs, each fit kept in a log.
 
     python benchmarks/fits.py LOG [--material NAME ...] [--seeds 0 1 2] [--splits validation test] [--size 64]
-        [--beside CODEC] [--rate SETTING] [CODEC[:SETTING=VALUE,...] ...]
+        [--beside CODEC] [CODEC[:SETTING=VALUE,...] ...]
 
 `former/CODEC` is the fit of 10,000 steps that a codec had before it started at principal components, was stepped by
-Muon and saw the half vector. `--beside` prints, too, how far that codec, one of them, lies above each of the others;
-`--rate` the BD-rate of codecs that are alike but for that setting, against the first of them.
+Muon and saw the half vector. `--beside` prints, too, how far that codec, one of them, lies above each of the others.
 
 64² texels, 25 × 25 training pairs, one thread; a material is a name or a path, looked up under `$NEUBTF_DATA` too, and
 measured data are shrunk to about 100 texels a side. What is in the log already is not fitted again, so a stopped run
@@ -20,7 +19,6 @@ import argparse
 import dataclasses
 import itertools
 import json
-import re
 import statistics
 import tempfile
 import time
@@ -39,7 +37,6 @@ from bench.data.open import draw_of, open_material
 from bench.data.spec import Preparation, named
 from bench.material import Material
 from bench.metrics import default_names
-from bench.metrics.bd import FEWEST, bd_rate
 from bench.metrics.scoring import Scorer
 from bench.records import SSIM, metric_of
 from bench.threads import torch_threads
@@ -198,26 +195,6 @@ def beside(cells: Cells, chosen: argparse.Namespace) -> Iterator[str]:
         yield f"| {name} | {text} | {len(both)} | {found.mean:+.2f} | {found.low:+.2f} … {found.high:+.2f} |"
 
 
-def ladders(cells: Cells, chosen: argparse.Namespace) -> Iterator[str]:
-    """BD-rate of the codecs that differ in one setting alone, against the first of each codec."""
-    yield "| material | codec | bytes · dB of each rung | BD-rate |\n|" + " --- |" * 4
-    curves = dict[tuple[str, str], list[tuple[float, float]]]()
-    for name, text, found in chosen_cells(cells, chosen):
-        split = next(split for split in SPLITS if split in found[0])
-        rung = mean_bytes(found), statistics.mean(cell[split]["mean"] for cell in found)
-        curves.setdefault((name, re.sub(rf"\b(?:{chosen.rate})=[^,]*,?", "", text).strip(":,")), []).append(rung)
-    for (name, text), curve in curves.items():
-        if len(curve) < FEWEST:
-            continue
-        anchor = next(first for key, first in curves.items() if key[0] == name and codec_in(key[1]) == codec_in(text))
-        shown = ", ".join(f"{size:,.0f} · {psnr:.3f}" for size, psnr in curve)
-        yield f"| {name} | {text} | {shown} | {bd_rate(np.array(anchor), np.array(curve)).value:+.1f} % |"
-
-
-def codec_in(text: str) -> str:
-    return text.partition(":")[0]
-
-
 def spread(values: list[float], digits: int) -> str:
     if not values:
         return ""
@@ -236,15 +213,14 @@ def main() -> None:
         "--size", type=int, default=64, help="texels a side of rendered materials, of a log all the same"
     )
     parser.add_argument("--beside", metavar="CODEC", help="compares at test pairs")
-    parser.add_argument("--rate", metavar="SETTING", help="prints BD-rates of ladders of this setting")
     parser.add_argument("--read", action="store_true", help="print what the log holds, and fit nothing")
     chosen = parser.parse_intermixed_args()
     if not chosen.read:
         fill(chosen.log, chosen)
     cells = read(chosen.log)
     print("\n".join(rows(cells, chosen)))
-    for table in [beside] * bool(chosen.beside) + [ladders] * bool(chosen.rate):
-        print("\n" + "\n".join(table(cells, chosen)))
+    if chosen.beside:
+        print("\n" + "\n".join(beside(cells, chosen)))
 
 
 if __name__ == "__main__":
