@@ -4,7 +4,7 @@
 format. Both read only what `bench.records` reads, and the arrays that a record names.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,6 +41,7 @@ WHY_EMPTY = {
     "unfinished": "every job has a result",
 }
 KINDS = tuple(WHY_EMPTY)
+FORMATS = ("text", "markdown", "latex", "csv", "raw")
 BY_BUDGET = ("budgets", "when", "ranks", "rungs")  # tables of records that have a score of validation pairs
 
 
@@ -67,19 +68,12 @@ def table_text(
     """
     from bench.records import load_together
     from bench.records.choosing import has_validation
-    from reports import text, trade
-    from reports.csv_tables import results_csv, table_csv
-    from reports.latex import latex
+    from reports import trade
+    from reports.csv_tables import results_csv
     from reports.tables import all_tables
     from reports.terminal import terminal
 
-    writers: dict[str, Callable[..., str]] = {
-        "markdown": text.markdown,
-        "latex": latex,
-        "text": text.plain,
-        "csv": table_csv,
-    }
-    if format not in (*writers, "raw") or kind not in (None, *KINDS):
+    if format not in FORMATS or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     wanted = {"wanted": has_validation} if kind in BY_BUDGET else {}
     run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted)
@@ -90,33 +84,30 @@ def table_text(
     if format == "text" and kind is None and not choice:
         return terminal(run)
     tables = all_tables(run, narrow=format == "latex" and not (choice and choice.columns), kind=kind)
-    shown = [table for table in tables if kind in (None, table.kind)]
-    return writers[format](choice.of_tables(shown) if choice else shown)
+    return _written([table for table in tables if kind in (None, table.kind)], format, choice)
 
 
 def parameters_text(jobs: Sequence["Record"], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
     from reports.parameters import parameters_table
 
-    return _alone(parameters_table(jobs), format, choice)
+    return _written([parameters_table(jobs)], format, choice)
 
 
 def paper_text(run: "Run", absent: Mapping[str, str], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table beside the paper's quality alone; `absent` says by material where to get what no job names."""
     from reports.paper import paper_table
 
-    return _alone(paper_table(run, absent), format, choice)
+    return _written([paper_table(run, absent)], format, choice)
 
 
-def _alone(table: "Table | None", format: str, choice: "Choice | None") -> str:
-    from reports import text
-    from reports.csv_tables import table_csv
-    from reports.latex import latex
+def _written(found: "Sequence[Table | None]", format: str, choice: "Choice | None" = None) -> str:
+    """The tables in a format, as a choice has them; `raw` is that of their cells."""
+    from reports import csv_tables, latex, text
 
-    writers = {"markdown": text.markdown, "latex": latex, "text": text.plain}
-    writers |= {"csv": table_csv, "raw": table_csv}
-    tables = [table] if table else []
-    return writers[format](choice.of_tables(tables) if choice else tables)
+    writers = (text.plain, text.markdown, latex.latex, csv_tables.table_csv, csv_tables.table_csv)
+    tables = [table for table in found if table]
+    return dict(zip(FORMATS, writers, strict=True))[format](choice.of_tables(tables) if choice else tables)
 
 
 def score_text(record: "Record") -> str:
@@ -132,10 +123,9 @@ def score_text(record: "Record") -> str:
 
 def stress_text(records: Sequence["Record"], format: str = "text") -> str:
     """Only the tables of the stress test, of records of the kind `stress`."""
-    from reports import text
     from reports.stress import tables
 
-    return (text.markdown if format == "markdown" else text.plain)(tables(records))
+    return _written(tables(records), format)
 
 
 def write_report(run_folder: str | Path, vector: bool = False) -> Report:

@@ -11,36 +11,27 @@ from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, mean, p
 from reports.rows import MaterialRows, Row, described
 
 
-def _digits(unit: str) -> int:
-    return 2 if unit == "dB" else 3
-
-
 def _scale(metric: Record) -> str:
     """The unit of a metric with an arrow to the better end."""
     unit = "" if metric["unit"] == "1" else metric["unit"]
     return f"{unit} {'↑' if metric['direction'] == 'higher' else '↓'}".strip()
 
 
-def _pooled(name: str, scale: str, family: str, group: str = "", unit: str = "dB") -> Column:
-    """The number of all slices of a group together."""
-
-    def value(row: Row) -> Value:
-        return pooled(row.stats(group or row.gate, family))
-
-    return Column(name, scale, value, partial(fixed, digits=_digits(unit)))
-
-
-def _mean(name: str, scale: str, family: str, group: str = "", unit: str = "dB") -> Column:
-    """The mean over the slices of a group."""
-
-    def value(row: Row) -> Value:
-        return mean(row.stats(group or row.gate, family))
-
-    return Column(name, scale, value, partial(fixed, digits=_digits(unit)))
+def _of_slices(
+    name: str, scale: str, family: str, group: str = "", unit: str = "dB", read: Callable[[Record], Value] = mean
+) -> Column:
+    """What `read` takes from the statistics of the slices of a group, by default of those that decide."""
+    write, over = (plus_minus, "slices") if read is spread else (fixed, "seeds")
+    digits = 2 if unit == "dB" else 3
+    return Column(
+        name, scale, lambda row: read(row.stats(group or row.gate, family)), partial(write, digits=digits), over=over
+    )
 
 
-def _worst(row: Row) -> Value:
-    stats = row.stats(row.gate, PSNR)
+_mean, _pooled, _spread = (partial(_of_slices, read=read) for read in (mean, pooled, spread))
+
+
+def _worst(stats: Record) -> Value:
     return mean(stats | {"mean": stats["worst"]}) if "worst" in stats else None
 
 
@@ -54,15 +45,6 @@ def _declared() -> list[Column]:
     return [column(field, *heading) for field, heading in shown_columns().items()]
 
 
-def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
-    """Mean ± std over the slices that decide."""
-
-    def value(row: Row) -> Value:
-        return spread(row.stats(row.gate, family))
-
-    return Column(name, scale, value, partial(plus_minus, digits=_digits(unit)), over="slices")
-
-
 def _bytes(part: str) -> Callable[[Row], Value]:
     return lambda row: row.job["bytes"].get(part)
 
@@ -70,11 +52,6 @@ def _bytes(part: str) -> Callable[[Row], Value]:
 def _bits(job: Record, size: int) -> float:
     height, width = job["shape"]
     return 8 * size / (height * width)
-
-
-def _native(job: Record) -> Record:
-    native: Record = job["provenance"]["native"]
-    return native
 
 
 def _other_bytes(row: Row) -> int:
@@ -106,21 +83,21 @@ _CHANNELS = Column(
     "chan.",
     lambda row: row.job["cost"]["texture_channels"],
     _whole,
-    lambda job: integer(_native(job)["rank"]),
+    lambda job: integer(job["provenance"]["native"]["rank"]),
 )
-TOTAL = Column("total", "bytes ↓", _bytes("total"), _whole, lambda job: integer(_native(job)["bytes"]))
+TOTAL = Column("total", "bytes ↓", _bytes("total"), _whole, lambda job: integer(job["provenance"]["native"]["bytes"]))
 _SHARED = Column("shared", "bytes", _bytes("shared"), _whole, sparse=True)
 BITS = Column(
     "bits per",
     "texel ↓",
     lambda row: _bits(row.job, row.job["bytes"]["total"]),
     _four,
-    lambda job: _four(_bits(job, _native(job)["bytes"])),
+    lambda job: _four(_bits(job, job["provenance"]["native"]["bytes"])),
 )
 _TRAIN = _mean("PSNR train", "dB ↑", PSNR, "train")
 HELDOUT = _mean("PSNR", "dB ↑", PSNR)
 PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
-_WORST = Column("worst tenth", "dB ↑", _worst, partial(fixed, digits=2))
+_WORST = _of_slices("worst tenth", "dB ↑", PSNR, read=_worst)
 _POOLED = _pooled("PSNR pooled", "dB ↑", PSNR)
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
@@ -261,7 +238,9 @@ def _frames(name: str, job: Record) -> Column:
         known = metric_of(values, name)
         return None if not known else EXACT if values[known] is None else values[known]
 
-    return Column(f"frames {label_of(name)}", _scale(metric), value, partial(fixed, digits=_digits(metric["unit"])))
+    return Column(
+        f"frames {label_of(name)}", _scale(metric), value, partial(fixed, digits=2 if metric["unit"] == "dB" else 3)
+    )
 
 
 _BAND_NAMES = {
@@ -290,11 +269,8 @@ def _with_relative(numbers: tuple[float, ...]) -> str:
 
 
 def _footprint(side: str) -> Column:
-    def value(row: Row) -> Value:
-        stats = row.job["footprints"].get(side)
-        return mean(stats) if stats else None
-
-    return Column(f"{side} texel{'s' * (side != '1')}", "dB ↑", value, partial(fixed, digits=2))
+    name = f"{side} texel{'s' * (side != '1')}"
+    return Column(name, "dB ↑", lambda row: mean(row.job["footprints"].get(side, {})), partial(fixed, digits=2))
 
 
 def _relative_error(row: Row) -> Value:

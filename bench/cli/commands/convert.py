@@ -6,7 +6,6 @@ examples:
 """
 
 import argparse
-from pathlib import Path
 
 from bench.cli.commands import out
 from bench.errors import FINE

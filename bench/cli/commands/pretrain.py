@@ -12,7 +12,6 @@ examples:
 """
 
 import argparse
-from pathlib import Path
 
 from bench.cli.commands import assignments, out, several, threads, usable_device
 from bench.errors import FINE, InputError

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    from reports import KINDS
+    from reports import FORMATS, KINDS
 
     parser.add_argument(
         "what",
@@ -39,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format",
         default="text",
-        choices=["text", "markdown", "latex", "csv", "raw"],
+        choices=FORMATS,
         help="the format; raw is a CSV of every number of every job (default: text)",
     )
     several(parser, "--codec", "only this codec, or this row; repeatable")
