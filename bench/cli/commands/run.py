@@ -90,7 +90,8 @@ def run(options: argparse.Namespace) -> int:
     console.say(written.text)
     console.say(_summary(outcomes))
     console.say(f"records, files, tables and pictures: {folder}")
-    return _verdict([outcome.record["status"] for outcome in outcomes])
+    states = {outcome.record["status"] for outcome in outcomes}
+    return FAILED if "failed" in states else FINE if "ok" in states else NOTHING
 
 
 def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]] | None":
@@ -126,9 +127,3 @@ def _summary(outcomes: list[Any]) -> str:
 
 
 _WORDS = {"failed": "failed (see the records; --retry-failed tries them again)", "unavailable": "not available"}
-
-
-def _verdict(status: list[str]) -> int:
-    if "failed" in status:
-        return FAILED
-    return FINE if "ok" in status else NOTHING
