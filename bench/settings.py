@@ -94,14 +94,11 @@ def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
     An `InputError` says which values are allowed.
     """
     try:
-        result = _converted(what, kind, value, words)
+        return _converted(what, kind, value, words)
     except InputError:
         raise
     except (KeyError, ValueError, TypeError, OverflowError):
-        result = None
-    if result is None:
-        raise InputError(f"{what} must be {_wanted(kind)}, not {shown(value)}")
-    return result
+        raise InputError(f"{what} must be {_wanted(kind)}, not {shown(value)}") from None
 
 
 def table(where: str, kind: type, given: Any) -> Any:
@@ -163,38 +160,54 @@ def _kinds(kind: type) -> dict[str, Any]:
 
 
 def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
-    """The converted value, or None if it is out of range; raises if it has another type."""
+    """The converted value. Raises `ValueError`, or what Python raises, if it has another type or is out of range."""
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
-        if words and value not in get_args(plain):
-            value = int(value)
-        return value if type(value) in (str, int) and value in get_args(plain) else None
+        return _one_of(get_args(plain), value, words)
     if get_origin(plain) is tuple:
         return _several(what, get_args(plain), value, words)
     if dataclasses.is_dataclass(plain):
         return table(what, plain, value)  # type: ignore[arg-type]
-    if isinstance(value, str) and plain is bool and words:
-        return _WORDS[value.lower()]
-    if isinstance(value, bool) != (plain is bool):
-        return None
-    if isinstance(value, str) != (plain is str) and not (words and isinstance(value, str)):
-        return None
-    if plain is int and int(value) != float(value):
-        return None
-    result = plain(value)
-    if plain is str and len(result) > WORD:
-        return None
-    if plain in (int, float) and not (math.isfinite(result) and result in limits):
-        return None
-    return None if plain is int and abs(result) > WHOLE else result
+    if plain is bool:
+        return _flag(value, words)
+    return _text(value) if plain is str else _number(plain, limits, value, words)
 
 
-def _several(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tuple[Any, ...] | None:
+def _require(condition: bool) -> None:
+    if not condition:
+        raise ValueError
+
+
+def _one_of(choices: tuple[Any, ...], value: Any, words: bool) -> Any:
+    if words and value not in choices:
+        value = int(value)
+    _require(type(value) in (str, int) and value in choices)
+    return value
+
+
+def _several(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tuple[Any, ...]:
     """The tuple for a list: all values of one type, or each of its own."""
-    if not isinstance(value, list) or (kinds[-1] is not ... and len(value) != len(kinds)):
-        return None
+    _require(isinstance(value, list) and (kinds[-1] is ... or len(value) == len(kinds)))
     each = [kinds[0]] * len(value) if kinds[-1] is ... else kinds
     return tuple(converted(what, kind, item, words) for kind, item in zip(each, value, strict=True))
+
+
+def _flag(value: Any, words: bool) -> bool:
+    _require(isinstance(value, bool) or (words and isinstance(value, str)))
+    return value if isinstance(value, bool) else _WORDS[value.lower()]
+
+
+def _text(value: Any) -> str:
+    _require(isinstance(value, str) and len(value) <= WORD)
+    return str(value)
+
+
+def _number(plain: type, limits: Range, value: Any, words: bool) -> Any:
+    _require(not isinstance(value, bool) and (words or not isinstance(value, str)))
+    _require(plain is not int or int(value) == float(value))
+    number = plain(value)
+    _require(math.isfinite(number) and number in limits and (plain is not int or abs(number) <= WHOLE))
+    return number
 
 
 def _parts(kind: Any) -> tuple[Any, Range]:

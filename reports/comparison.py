@@ -39,7 +39,9 @@ def terminal(comparison: Comparison) -> str:
     every = [*present, *comparison.means]
     findings = [_wrapped(_partial(absent, present))] if len(absent) >= _MANY else []
     findings += [
-        _wrapped(f"{_word(verdict):<7} {row.name}: {text}") for row in every for verdict, text in _remarks(row)
+        _wrapped(f"{_word(verdict):<7} {row.name}: {text}")
+        for row in every
+        for verdict, text in (*row.findings(), *((row.verdict, note) for note in row.notes))
     ]
     findings += [_wrapped(f"advice  {row.name}: {row.advice}") for row in comparison.rows if row.advice]
     legend = [_LEGEND] if any(row.deciding for row in comparison.rows) else []
@@ -73,11 +75,6 @@ def markdown(comparison: Comparison) -> str:
 
 def _word(verdict: Verdict) -> str:
     return NOT_COMPARABLE if verdict == Verdict.UNLIKE else verdict
-
-
-def _remarks(row: ComparedRow) -> list[tuple[Verdict, str]]:
-    """Each difference of a row with its verdict, and its notes with the verdict of the row."""
-    return [*row.findings(), *((row.verdict, note) for note in row.notes)]
 
 
 def _findings(comparison: Comparison) -> Iterator[str]:

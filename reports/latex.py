@@ -58,9 +58,11 @@ def _latex(table: Table, called: str) -> str:
     align = "".join("l" if i < table.words else "r" for i in range(len(table.headers)))
     if table.words == len(table.headers):
         align = align[:-1] + r"p{0.5\textwidth}"
+    names_and_units = zip(*table.headers, strict=True)
+    heads = [" & ".join(map(escaped, line)) + r" \\" for line in names_and_units if any(line)]
     lines = [r"\begin{table*}", r"\centering", rf"\caption{{{escaped(table.title)}}}", rf"\label{{{called}}}"]
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
-    lines += [r"\toprule", *_head(table), r"\midrule", *(_row(row, i, table) for i, row in enumerate(table.rows))]
+    lines += [r"\toprule", *heads, r"\midrule", *(_row(row, i, table) for i, row in enumerate(table.rows))]
     lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
     if table.notes or table.marks:
         notes = " ".join(map(escaped, [*table.notes, *legend(table)]))
@@ -76,11 +78,6 @@ def label(table: Table) -> str:
     """The label of a table for `\\ref`, `tab:main-satin`: letters, digits and hyphens of its kind and title."""
     words = re.findall("[A-Za-z0-9]+", unicodedata.normalize("NFKD", table.title.partition(" (")[0]))
     return "-".join([f"tab:{table.kind}", *words]).lower()
-
-
-def _head(table: Table) -> list[str]:
-    names, units = zip(*table.headers, strict=True)
-    return [" & ".join(map(escaped, line)) + r" \\" for line in (names, units) if any(line)]
 
 
 def _row(cells: Sequence[str], row: int, table: Table) -> str:

@@ -4,22 +4,18 @@ from functools import lru_cache
 
 from bench.compare.paired import AGAINST, Against, against
 from bench.compare.standings import Standing, standings
-from bench.records import Run
+from bench.records import Record, Run
 from reports.rows import materials
 
 
 @lru_cache(maxsize=1)
 def ranked(run: Run) -> list[Standing]:
     """Every measured codec, the best first."""
-    return standings(
-        {
-            material.name: {
-                codec.label: [row.job for row in codec.measured] for codec in material.codecs if codec.measured
-            }
-            for material in materials(run)
-            if material.measured
-        }
-    )
+    jobs: dict[str, dict[str, list[Record]]] = {}
+    for material in materials(run):
+        for codec in (codec for codec in material.codecs if codec.measured):
+            jobs.setdefault(material.name, {})[codec.label] = [row.job for row in codec.measured]
+    return standings(jobs)
 
 
 @lru_cache(maxsize=1)

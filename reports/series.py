@@ -53,12 +53,14 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
 
     quality = f"{QUALITY} ({material.deciding})"
     x = {"label": "bytes of the file", "log": True, "unit": "B", "less": True}
-    yield plot("rate", "Rate and distortion", x, quality, _points(material, _bytes))
+    yield plot("rate", "Rate and distortion", x, quality, _points(material, lambda row: [row.job["bytes"]["total"]]))
     x = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns", "less": True}
     yield plot("speed", "Speed and accuracy", x, quality, _points(material, _time))
     x = {"label": "seconds of the fit", "log": True, "unit": "s", "less": True}
-    yield plot("cost", "Fit and accuracy", x, quality, _points(material, _fit))
-    lines = {fit.label: [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0] for fit in curves}
+    # Nobody measured the seconds of a file that was handed in.
+    seconds = _points(material, lambda row: [each] if (each := row.job.get("fit_seconds")) else None)
+    yield plot("cost", "Fit and accuracy", x, quality, seconds)
+    lines = {fit.label: [[second, psnr] for _, second, psnr in fit.points if second > 0] for fit in curves}
     yield plot("fits", "Quality over seconds", x, f"{QUALITY} (training samples)", _lines(lines))
     sides = {codec.label: _footprints(codec) for codec in material.codecs}
     marks = sorted({side for points in sides.values() for side, _ in points})
@@ -75,19 +77,10 @@ def _lines(curves: dict[str, list[list[float]]]) -> Series:
     return [{"label": label, "line": True, "points": points} for label, points in curves.items() if points]
 
 
-def _bytes(row: Row) -> list[float]:
-    return [row.job["bytes"]["total"]]
-
-
 def _time(row: Row) -> list[float] | None:
     """The ns of a sample and the ends of their interval; None if it was not timed under common conditions."""
     timed = row.timing and (row.timed_apart or not row.timing_obstacle)
     return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]] if row.timing and timed else None
-
-
-def _fit(row: Row) -> list[float] | None:
-    """The seconds of a fit; None where nobody measured them, as of a file that was handed in."""
-    return [row.job["fit_seconds"]] if row.job.get("fit_seconds") else None
 
 
 def _points(material: MaterialRows, of_row: Callable[[Row], list[float] | None]) -> Series:

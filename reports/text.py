@@ -62,11 +62,12 @@ def wrapped(note: str) -> str:
 
 def markdown(tables: Sequence[Table]) -> str:
     """Tables as GitHub Markdown, each under a heading."""
-    return "\n\n".join(map(_markdown, tables)) + "\n"
-
-
-def _markdown(table: Table) -> str:
-    return "\n\n".join([f"### {escaped(table.title)}", grid(table), *map(escaped, [*table.notes, *legend(table)])])
+    blocks = [
+        block
+        for table in tables
+        for block in (f"### {escaped(table.title)}", grid(table), *map(escaped, [*table.notes, *legend(table)]))
+    ]
+    return "\n\n".join(blocks) + "\n"
 
 
 def grid(table: Table) -> str:

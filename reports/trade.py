@@ -14,8 +14,7 @@ from reports.table import Table
 
 def trade_tables(folder: Path) -> Iterator[Table]:
     """Choices and profiles of each material, the ceilings last; none if no trade was measured."""
-    trade = load_trade(folder)
-    if trade is None:
+    if (trade := load_trade(folder)) is None:
         return
     for material in dict.fromkeys(row["material"] for row in trade["choices"]):
         answers = [text for text in trade["answers"] if text.startswith(f"{material}: ")]
@@ -31,8 +30,7 @@ def trade_tables(folder: Path) -> Iterator[Table]:
 
 def choices_csv(folder: Path) -> str:
     """One row a choice, every figure in full precision; "" if no trade was measured."""
-    trade = load_trade(folder)
-    if trade is None:
+    if (trade := load_trade(folder)) is None:
         return ""
     columns = list(dict.fromkeys(name for row in trade["choices"] for name in row))
     rows = [[row.get(name, "") for name in columns] for row in trade["choices"]]

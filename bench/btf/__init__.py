@@ -18,7 +18,7 @@ A *pair* is one (ω_o, ω_i); a *slice* is the picture of one pair, (H, W, 3); a
 import hashlib
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -246,6 +246,7 @@ class Split:
     validation: Array = field(default_factory=lambda: np.empty(0, int))
 
 
+@dataclass(eq=False, repr=False)
 class BTF:
     """Outgoing radiance over texels × pairs, read lazily. See the module for frame, units and colour space.
 
@@ -256,24 +257,22 @@ class BTF:
     `periodic` says that the picture wraps around without a seam, as every rendered material does.
     """
 
-    def __init__(
-        self,
-        name: str,
-        wo: ArrayLike,
-        wi: ArrayLike,
-        source: Source,
-        *,
-        heldout: ArrayLike | None = None,
-        periodic: bool = False,
-        provenance: dict[str, Any] | None = None,
-        pairs: Array | None = None,
-    ):
-        self.name, self.source, self.periodic = name, source, periodic
-        self.wo, self.wi = np.asarray(wo, np.float32), np.asarray(wi, np.float32)
-        self.pairs = np.arange(source.count) if pairs is None else pairs
-        self.heldout = None if heldout is None else np.asarray(heldout, bool)
-        self.validation: Array | None = None
-        self.provenance = dict(provenance or {})
+    name: str
+    wo: Array
+    wi: Array
+    source: Source
+    _: KW_ONLY
+    heldout: Array | None = None
+    validation: Array | None = None
+    periodic: bool = False
+    provenance: dict[str, Any] = field(default_factory=dict)
+    pairs: Array = None  # type: ignore[assignment]  # those of the source; by default all
+
+    def __post_init__(self) -> None:
+        self.wo, self.wi = np.asarray(self.wo, np.float32), np.asarray(self.wi, np.float32)
+        self.pairs = np.arange(self.source.count) if self.pairs is None else self.pairs
+        self.heldout = None if self.heldout is None else np.asarray(self.heldout, bool)
+        self.provenance = dict(self.provenance or {})
         if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
             raise ValueError(f"wo and wi must be ({len(self.pairs)}, 3), not {self.wo.shape}, {self.wi.shape}")
 
@@ -306,18 +305,12 @@ class BTF:
         values = self.source.gather(self.pairs[np.asarray(pair)], np.asarray(row), np.asarray(col))
         return finite(values, f"{self.name}: samples, channels")
 
-    def _with(self, pairs: Array, source: Source, **changes: Any) -> "BTF":
-        provenance = self.provenance | changes
-        heldout = None if self.heldout is None else self.heldout[pairs]
-        wo, wi, kept, periodic = self.wo[pairs], self.wi[pairs], self.pairs[pairs], self.periodic
-        btf = BTF(self.name, wo, wi, source, heldout=heldout, periodic=periodic, provenance=provenance, pairs=kept)
-        btf.validation = None if self.validation is None else self.validation[pairs]
-        return btf
-
     def subset(self, pairs: ArrayLike) -> "BTF":
         """The same BTF at some of its pairs, given by index."""
         chosen = np.asarray(pairs)
-        return self._with(chosen, self.source.only(self.pairs[chosen]))
+        each_pair = {name: getattr(self, name) for name in ("wo", "wi", "heldout", "validation", "pairs")}
+        kept: dict[str, Any] = {name: None if values is None else values[chosen] for name, values in each_pair.items()}
+        return replace(self, source=self.source.only(self.pairs[chosen]), **kept)
 
     def downsample(self, factor: int) -> "BTF":
         """The BTF box-filtered over factor × factor texels, in linear light.
@@ -328,22 +321,19 @@ class BTF:
             raise ValueError(f"factor must be between 1 and {min(self.shape)}, not {factor}")
         if factor == 1:
             return self
-        coarser = self.over(_BoxFiltered(self.source, factor), downsampled=factor)
-        coarser.periodic = self.periodic and not any(side % factor for side in self.shape)
-        return coarser
+        periodic = self.periodic and not any(side % factor for side in self.shape)
+        return replace(self, periodic=periodic).over(_BoxFiltered(self.source, factor), downsampled=factor)
 
     def crop(self, top: int, left: int, height: int, width: int) -> "BTF":
         """The BTF of a window of texels, which may reach around the border; it is not periodic."""
         if not (1 <= height <= self.shape[0] and 1 <= width <= self.shape[1]):
             raise ValueError(f"a window of {height} × {width} does not fit into {self.shape}")
         source = self.source.window(top, left, height, width)
-        cropped = self.over(source, cropped=[top, left, height, width])
-        cropped.periodic = False
-        return cropped
+        return replace(self, periodic=False).over(source, cropped=[top, left, height, width])
 
     def over(self, source: Source, **provenance: Any) -> "BTF":
         """The same pairs read from another source of equal count; `provenance` is added to say what was done."""
-        return self._with(np.arange(len(self)), source, **provenance)
+        return replace(self, source=source, provenance=self.provenance | provenance)
 
     @cached_property
     def layout(self) -> Layout:

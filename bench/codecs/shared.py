@@ -142,9 +142,9 @@ def origin(btf: BTF) -> str:
     return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
 
 
-def refuse(network: TrainedNetwork, btf: BTF) -> None:
-    """Raise `InputError` if a network was trained on this material, at any size and directions."""
-    if origin(btf) in network.origins:
+def refuse(network: TrainedNetwork | None, btf: BTF) -> None:
+    """Raise `InputError` if a network, where there is one, was trained on this material, at any size and directions."""
+    if network and origin(btf) in network.origins:
         raise InputError(
             f"{btf.name}: codec {network.codec} cannot be measured on it, because its shared network was trained "
             f"on it ({network.path}): choose another material, or pretrain without this one"

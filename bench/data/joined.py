@@ -1,11 +1,13 @@
-"""Joins two tables of one surface into one BTF: the product of training pairs, and the held-out pairs."""
+"""Joins tables of one surface into one BTF: training pairs, held-out pairs, and those that choose settings."""
 
 import hashlib
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Literal
 
 import numpy as np
 
 from bench.btf import BTF, Array, Source
+from bench.data.spec import Preparation
 
 
 class Joined(Source):
@@ -51,22 +53,41 @@ class Joined(Source):
         return hashlib.sha256(" and ".join(part.digest for part in self.parts).encode()).hexdigest()
 
 
-def with_heldout(product: BTF, drawn: BTF, **provenance: Any) -> BTF:
-    """A product of views and lights, followed by the held-out pairs of another table of the surface."""
+def followed(btf: BTF, drawn: BTF, kind: Literal["heldout", "validation"], words: str) -> BTF:
+    """A BTF, followed by the pairs of another table of the surface: held-out ones, or those that choose settings."""
+    marks = {kind: np.arange(len(btf) + len(drawn)) >= len(btf)}
+    if kind == "validation":
+        marks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])
     return BTF(
-        product.name,
-        np.concatenate([product.wo, drawn.wo]),
-        np.concatenate([product.wi, drawn.wi]),
-        Joined(product.source, drawn.source),
-        heldout=np.arange(len(product) + len(drawn)) >= len(product),
-        periodic=product.periodic,
-        provenance=product.provenance | provenance,
+        btf.name,
+        np.concatenate([btf.wo, drawn.wo]),
+        np.concatenate([btf.wi, drawn.wi]),
+        Joined(btf.source, drawn.source),
+        **marks,
+        periodic=btf.periodic,
+        provenance=btf.provenance | {kind: words},
     )
 
 
-def with_validation(btf: BTF, drawn: BTF, words: str) -> BTF:
-    """A BTF with declared held-out pairs, followed by its validation pairs, by which settings are chosen."""
-    joined = with_heldout(btf, drawn, validation=words)
-    joined.validation = joined.heldout
-    joined.heldout = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])
-    return joined
+def prepared(
+    data: Preparation,
+    name: str,
+    seed: int,
+    draw: int,
+    sampled: dict[str, Any],
+    opened: Callable[[tuple[Array, Array], dict[str, Any]], BTF],
+) -> BTF:
+    """The training pairs of a surface, which `sampled` describes, then its held-out and its validation pairs.
+
+    `opened(pairs, words)` is the table of some pairs, `wo` and `wi`. Each kind of pairs has its own table, so another
+    draw of held-out pairs makes only theirs again.
+    """
+    btf = opened(data.product(), sampled)
+    if data.heldout:
+        words = data.described(draw)
+        btf = followed(btf, opened(data.drawn(name, seed, draw), {"heldout": words}), "heldout", words)
+    if data.heldout and data.validation:
+        choosing = data.of_validation()
+        words = choosing.described()
+        btf = followed(btf, opened(choosing.drawn(name, seed), {"heldout": words}), "validation", words)
+    return btf

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,8 +42,8 @@ def open_material(
     path = spec.existing()
     if path is None:
         under = f", nor under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
-        where = f"{spec.where}" if spec.where else "check the path"
-        raise (MissingDataError if spec.where else InputError)(f"{spec.path}: there is no such file{under}: {where}")
+        error = MissingDataError if spec.where else InputError
+        raise error(f"{spec.path}: there is no such file{under}: {spec.where or 'check the path'}")
     from bench.data.bake.naming import looks_like_maps
 
     if looks_like_maps(path):
@@ -60,7 +61,7 @@ def open_material(
     if data.split == "validation":
         btf = without_test(btf)
     elif data.validation:
-        hold_validation(btf)
+        btf = with_validation(btf)
     return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
 
 
@@ -79,15 +80,13 @@ def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
 
 def without_test(btf: BTF) -> BTF:
     """The BTF without its test pairs; its held-out pairs are then validation pairs."""
-    left = btf.subset(btf.split().train)
-    left.heldout = None
-    return left
+    return replace(btf.subset(btf.split().train), heldout=None)
 
 
-def hold_validation(btf: BTF) -> None:
-    """Hold validation pairs out of a measured BTF, besides its test pairs: whole views and lights of the rest."""
+def with_validation(btf: BTF) -> BTF:
+    """A measured BTF with validation pairs besides its test pairs: whole views and lights of the rest."""
     train, rest = btf.split().train, without_test(btf).split()
-    btf.validation = np.isin(np.arange(len(btf)), np.delete(train, rest.train))
+    return replace(btf, validation=np.isin(np.arange(len(btf)), np.delete(train, rest.train)))
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:

@@ -17,7 +17,7 @@ import torch
 from bench import timing
 from bench.btf import BTF, Layout
 from bench.codec import SCENE, Codec, Fit, Parts, settings_dict
-from bench.codecs import container, loading, shared
+from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.codecs.scene_material import unreported
 from bench.codecs.window import Window
@@ -30,7 +30,6 @@ from bench.density import Density
 from bench.material import Material
 from bench.metrics.display import display_error, exposure
 from bench.metrics.psnr import psnr
-from bench.threads import torch_threads
 
 EQUAL_DB = 0.2  # a scene model within this many dB of the full one counts as equally good
 OUTSIDE_PAIRS = 48  # how many pairs measure the error outside the scene
@@ -77,17 +76,9 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     )
 
 
-def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand | None = None, uniform: float = UNIFORM) -> Parts:
-    """Fit a codec to the pairs of a BTF, or to a demand on it; returns the encoded parts.
-
-    Raises `InputError` if the network that it shares over materials was trained on this material.
-    """
-    if fit.network:
-        shared.refuse(fit.network, btf)
-    with torch_threads(fit.threads):
-        if demand:
-            return Problem.for_codec(codec, btf, demand, uniform).encode(codec, fit)
-        return codec.encode(btf, fit)
+def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
+    """Fit a codec to a demand on a BTF, instead of to all its pairs by `codec.encode`."""
+    return Problem.for_codec(codec, btf, demand, uniform).encode(codec, fit)
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def _all_of_kind(kind: Kind, values: Collection[Any]) -> bool:
         return objects and _all_of_kind(kind.item, [*chain.from_iterable(map(dict.values, values))])
     if kind is NUMBER or kind is NUMBER_OR_NULL:
         known = {float, int} if kind is NUMBER else {float, int, type(None)}
-        return {*map(type, values)} <= known and all(map(LARGEST.__ge__, map(abs, filter(None, values))))
+        return {*map(type, values)} <= known and all(abs(value or 0) <= LARGEST for value in values)
     return isinstance(kind, Plain) and kind is not ANYTHING and all(map(kind.test, values))
 
 

@@ -71,8 +71,7 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
 
     `keep(name, content)` stores content that is too large for the record, and returns the name that the record holds.
     """
-    if file.network:
-        shared.refuse(file.network, bench.btf)
+    shared.refuse(file.network, bench.btf)
     figures = scored(bench, unreported(file.material), file.header.path.stem, threads, keep, show)
     return {"settings": file.header.settings, "bytes": _bytes(file)} | figures
 

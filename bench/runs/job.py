@@ -42,7 +42,7 @@ from bench.runs.process_state import restored_process_state
 from bench.runs.provenance import processor, revision
 from bench.runs.task import Task
 from bench.runs.workbench import Workbench, workbench
-from bench.threads import processor_seconds
+from bench.threads import processor_seconds, torch_threads
 from bench.training import stored_texture
 
 log = logging.getLogger(__name__)
@@ -237,10 +237,13 @@ class Job:
         """Fit the codec; returns the facts of the fit (processor seconds and curve) and the encoded parts."""
         device, threads = torch.device(self.task.device), self.task.threads
         fit = Fit(device, threads, self.seed, self.show, self.checkpoint, network=self.network)
-        demand = self.bench.demand if self.codec.scene else None
-        with restored_process_state():
+        shared.refuse(self.network, self.bench.training)
+        encode = self.codec.encode
+        if self.codec.scene and self.bench.demand:
+            encode = partial(fitting.encode, self.codec, demand=self.bench.demand, uniform=self.task.uniform)
+        with restored_process_state(), torch_threads(threads):
             start = processor_seconds()
-            parts = fitting.encode(self.codec, self.bench.training, fit, demand, self.task.uniform)
+            parts = encode(self.bench.training, fit)
             seconds = processor_seconds() - start
         if fit.history:  # its clock continues when an interrupted fit is resumed
             seconds = max(seconds, fit.history[-1].get("seconds", 0.0))

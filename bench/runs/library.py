@@ -19,13 +19,14 @@ from bench.codecs.slices_material import SlicesMaterial
 from bench.data.open import open_named
 from bench.data.readers import open_btf
 from bench.data.readers.checks import negative
-from bench.demand import fitting, require_demand
+from bench.demand import require_demand
 from bench.demand.demand import load as load_demand
 from bench.errors import InputError
 from bench.material import Material
 from bench.records import ARTEFACT, Record, field_names
 from bench.runs.evaluation import conditions, evaluate, score_key, scored
 from bench.runs.workbench import Workbench
+from bench.threads import torch_threads
 
 log = logging.getLogger(__name__)
 LOOKED_AT = 24  # slices of a BTF that is encoded, for negative values
@@ -73,7 +74,10 @@ def encode(
     some = np.unique(np.linspace(0, len(train) - 1, LOOKED_AT).astype(int))
     if text := negative(np.stack([train[int(pair)] for pair in some])):
         log.warning("%s: %s", btf.name, text)
-    return container.save(Path(out), instance, fitting.encode(instance, train, fit))
+    shared.refuse(fit.network, train)
+    with torch_threads(threads):
+        parts = instance.encode(train, fit)
+    return container.save(Path(out), instance, parts)
 
 
 def load(file: str | Path, device: str = "cpu") -> Material:

@@ -203,18 +203,15 @@ class _Session:
     def _outcomes(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """The outcome of each job as it ends; first of those whose codec could not be made."""
         sound = []
-        for task in self._ordered():
+        # By material, and by repetition, because each repetition opens its material with other test pairs.
+        names = [material.name for material in self.suite.materials]
+        for task in sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition)):
             if fault := faults.get(task.codec.label):
                 yield failed(task, fault)
             else:
                 sound.append(task)
         call = partial(work, show=self.options.show) if self.workers.here else work
         yield from _watched(sound, self.workers, call)
-
-    def _ordered(self) -> list[Task]:
-        """The jobs by material, and by repetition, because each repetition opens its material with other test pairs."""
-        names = [material.name for material in self.suite.materials]
-        return sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition))
 
     def time(self) -> None:
         """Time the decoders of each material in turns."""
@@ -260,7 +257,8 @@ def _watched(tasks: list[Task], workers: Workers, call: Callable[[Task], Outcome
                 running[workers.executor.submit(call, task)] = task
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 task = running.pop(future)
-                if _lost(future) and task.losses + 1 < MOST_LOSSES:
+                died = not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
+                if died and task.losses + 1 < MOST_LOSSES:
                     log.warning("%s: its worker died; the job is started again", task.name)
                     waiting.appendleft(dataclasses.replace(task, losses=task.losses + 1))
                 else:
@@ -269,11 +267,6 @@ def _watched(tasks: list[Task], workers: Workers, call: Callable[[Task], Outcome
     finally:
         for future in running:
             future.cancel()
-
-
-def _lost(future: Future[Outcome]) -> bool:
-    """Whether the worker died while it ran the job."""
-    return not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
 
 
 def _outcome(task: Task, future: Future[Outcome]) -> Outcome:

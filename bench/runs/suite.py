@@ -37,6 +37,7 @@ The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a
 import dataclasses
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -301,5 +302,4 @@ def _values(what: str, value: Any) -> list[Any]:
 
 
 def _repeated(names: list[str]) -> str | None:
-    seen: set[str] = set()
-    return next((name for name in names if name in seen or seen.add(name)), None)  # type: ignore[func-returns-value]
+    return next((name for name, count in Counter(names).items() if count > 1), None)

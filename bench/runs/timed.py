@@ -33,20 +33,21 @@ def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: P
 
 def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
     """The timing of each job's decoder, measured in this process; also at one texel a query if it can."""
-    materials = {job["job"]: unreported(recorded(folder, job, device)) for job in jobs}
-    decoded = {name: material for name, material in materials.items() if not material.opaque}
+    decoded, ones = {}, {}
+    for job in jobs:
+        material = unreported(recorded(folder, job, device))
+        if not material.opaque:
+            decoded[job["job"]] = material
+            if one := material.at_one_texel():
+                ones[job["job"] + ONE_TEXEL] = one
     if not decoded:
         return []
-    ones = {name + ONE_TEXEL: one for name, material in decoded.items() if (one := material.at_one_texel())}
-    conditions = timing.conditions(threads, device)
     found = timing.time_materials(decoded | ones, threads, show=show)
-    at_one = {name: found[name + ONE_TEXEL].summary() for name in decoded if name + ONE_TEXEL in ones}
-    return [
-        {"kind": "timing", "job": name}
-        | conditions
-        | times.summary()
-        | ({"ratio_at_one_texel": at_one[name]["ratio_to_floor"]} if name in at_one else {})
-        | {"samples_ns": times.samples.tolist(), "floor_ratios": times.ratios.tolist()}
-        for name, times in found.items()
-        if name in decoded
-    ]
+    records = []
+    for name in decoded:
+        times = found[name]
+        record: Record = {"kind": "timing", "job": name} | timing.conditions(threads, device) | times.summary()
+        if at_one := found.get(name + ONE_TEXEL):
+            record["ratio_at_one_texel"] = at_one.summary()["ratio_to_floor"]
+        records.append(record | {"samples_ns": times.samples.tolist(), "floor_ratios": times.ratios.tolist()})
+    return records

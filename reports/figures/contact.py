@@ -70,7 +70,8 @@ class _Sheet(Sheet):
 
     def label(self, text: str, middle: float) -> None:
         """The name of a row, folded into the margin."""
-        self.text(_LEFT - 8, middle, "\n".join(_fold(text, 18)), ha="right")
+        lines = textwrap.wrap(text, 18)
+        self.text(_LEFT - 8, middle, "\n".join([*lines[:4], *(["…"] if len(lines) > 4 else [])]), ha="right")
 
     def number(self, right: float, bottom: float, text: str) -> None:
         """A number in the lower right corner of a picture."""
@@ -88,8 +89,3 @@ class _Sheet(Sheet):
 
 
 _SHADE = np.array([[[0, 0, 0, 140]]], np.uint8).repeat(16, 0).repeat(34, 1)
-
-
-def _fold(text: str, width: int) -> list[str]:
-    lines = textwrap.wrap(text, width) or [""]
-    return [*lines[:4], *(["…"] if len(lines) > 4 else [])]

@@ -69,6 +69,28 @@ def assignments(words: list[str], option: str = "--set", form: str = "KEY=VALUE"
     return dict(word.split("=", 1) for word in words)
 
 
+def out(parser: argparse.ArgumentParser, words: str, required: bool = True, form: str | None = None) -> None:
+    """The option that says what to write."""
+    parser.add_argument("-o", "--out", type=Path, required=required, metavar=form, help=words)
+
+
+def several(parser: argparse.ArgumentParser, option: str, words: str, form: str | None = None) -> None:
+    """An option that may be given again and again."""
+    parser.add_argument(option, action="append", default=[], metavar=form, help=words)
+
+
+def suite_options(parser: argparse.ArgumentParser, default: str) -> None:
+    """The options that choose a suite, parts of it, changes of its settings, and the folder of its run."""
+    parser.add_argument(
+        "suite", nargs="?", default=default, help=f"a built-in suite or a TOML file (default: {default})"
+    )
+    parser.add_argument("--out", type=Path, help="the run's folder (default: runs/SUITE)")
+    several(parser, "--material", "only this material, by name or path; repeatable")
+    several(parser, "--codec", "only this codec; repeatable")
+    several(parser, "--set", "a codec setting, or data.KEY", "KEY=VALUE")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+
+
 def threads(word: str) -> int:
     """The type of an option that counts CPU threads."""
     try:

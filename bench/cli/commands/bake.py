@@ -8,6 +8,7 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.cli.commands import out
 from bench.errors import FINE
 
 
@@ -28,9 +29,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         choices=["builtin", "mitsuba"],
         help="builtin: direct light (default); mitsuba: paths with inter-reflections, resumes after a kill",
     )
-    parser.add_argument(
-        "-o", "--out", type=Path, required=True, help="the .npz file, or the folder of EXR pictures, to write"
-    )
+    out(parser, "the .npz file, or the folder of EXR pictures, to write")
 
 
 def run(options: argparse.Namespace) -> int:

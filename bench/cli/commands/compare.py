@@ -14,7 +14,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import write_text
+from bench.cli.commands import several, write_text
 
 _OF_JOBS = ("material", "markdown", "junit", "tracker", "annotations")  # options without a meaning for stress tests
 
@@ -22,15 +22,10 @@ _OF_JOBS = ("material", "markdown", "junit", "tracker", "annotations")  # option
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("base", metavar="BASE", help="the folder of a run, or a file of records such as a reference")
     parser.add_argument("new", metavar="NEW", help="the folder or file of records to judge")
-    parser.add_argument("--material", action="append", default=[], help="only this material; repeatable")
-    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
-    parser.add_argument(
-        "--allow",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="accept that this codec, label, material, MATERIAL/LABEL or pattern is gone or incomparable; repeatable",
-    )
+    several(parser, "--material", "only this material; repeatable")
+    several(parser, "--codec", "only this codec; repeatable")
+    gone = "accept that this codec, label, material, MATERIAL/LABEL or pattern is gone or incomparable; repeatable"
+    several(parser, "--allow", gone, "NAME")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the verdict as GitHub Markdown")
     parser.add_argument("--junit", type=Path, metavar="FILE", help="write the verdict as JUnit XML")
     parser.add_argument(

@@ -6,8 +6,8 @@ examples:
 """
 
 import argparse
-from pathlib import Path
 
+from bench.cli.commands import out
 from bench.errors import FINE
 
 
@@ -19,9 +19,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
     parser.add_argument("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
     parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
-    parser.add_argument(
-        "-o", "--out", type=Path, required=True, help="the .npz file, or the folder of EXR pictures, to write"
-    )
+    out(parser, "the .npz file, or the folder of EXR pictures, to write")
 
 
 def run(options: argparse.Namespace) -> int:

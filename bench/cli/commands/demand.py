@@ -11,6 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.cli.commands import out
 from bench.errors import FINE, InputError, installed
 
 if TYPE_CHECKING:
@@ -24,9 +25,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--queries", type=int, default=250_000, help="the most queries to keep, up to 1000000 (default: 250000)"
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the samples of an environment (default: 0)")
-    parser.add_argument(
-        "-o", "--out", type=Path, required=True, help="the .npz file to write; a .png is drawn beside it"
-    )
+    out(parser, "the .npz file to write; a .png is drawn beside it")
 
 
 def run(options: argparse.Namespace) -> int:

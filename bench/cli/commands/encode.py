@@ -104,8 +104,7 @@ def _encode_for_scene(
     def fit() -> Fit:
         return Fit(torch.device(options.device), options.threads, options.seed, console.show, network=network)
 
-    if network:
-        shared.refuse(network, btf)
+    shared.refuse(network, btf)
     scorer = FrameScorer(table_of(btf), scene_demand, console.show)
     uniform = UNIFORM if options.uniform is None else options.uniform
     wanted = fitting.Goal(options.target_psnr, options.target_flip)

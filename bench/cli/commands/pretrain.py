@@ -12,21 +12,18 @@ examples:
 """
 
 import argparse
-from pathlib import Path
 
-from bench.cli.commands import assignments, threads, usable_device
+from bench.cli.commands import assignments, out, several, threads, usable_device
 from bench.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("codec", help="a codec that shares a network, such as rainer2020")
-    parser.add_argument("-o", "--out", type=Path, help="the file to write (default: where codecs look for it)")
+    out(parser, "the file to write (default: where codecs look for it)", required=False)
     parser.add_argument("--steps", type=int, help="the number of training steps, short for --set steps=N")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of the network")
+    several(parser, "--set", "a setting of the network", "KEY=VALUE")
     parser.add_argument("--materials", type=int, help="how many procedural surfaces to train on, 0 for none")
-    parser.add_argument(
-        "--add", action="append", default=[], metavar="BTF", help="train on this BTF or folder of maps too; repeatable"
-    )
+    several(parser, "--add", "train on this BTF or folder of maps too; repeatable", "BTF")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=threads, default=1)
     parser.add_argument("--device", default="cpu")

@@ -14,7 +14,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.commands import assignments, usable_device
+from bench.cli.commands import assignments, several, usable_device
 from bench.errors import FINE, InputError, installed
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ LIMITS: dict[str, tuple[float, float]] = {
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
     parser.add_argument("--truth", metavar="BTF", help="show this BTF, a built-in material or a path, at the left")
-    parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how --truth is prepared")
+    several(parser, "--set", "how --truth is prepared", "data.KEY=VALUE")
     parser.add_argument(
         "--scene", default="sphere", help="a scene of the suite, a TOML file or Mitsuba's XML (default: sphere)"
     )

@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.cli.commands import assignments, usable_device, workers
+from bench.cli.commands import assignments, several, suite_options, usable_device, workers
 from bench.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 
 if TYPE_CHECKING:
@@ -24,20 +24,13 @@ if TYPE_CHECKING:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("suite", nargs="?", default="quick", help="a built-in suite or a TOML file (default: quick)")
-    parser.add_argument("--out", type=Path, help="the run's folder (default: runs/SUITE)")
-    parser.add_argument(
-        "--material", action="append", default=[], help="only this material, by name or path; repeatable"
-    )
-    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
-    parser.add_argument("--metric", action="append", default=[], help="score with this metric too; repeatable")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
+    suite_options(parser, "quick")
+    several(parser, "--metric", "score with this metric too; repeatable")
     parser.add_argument("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
     parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
     parser.add_argument(
         "--demand", help="an .npz of `demand`: score in its scene too; codecs with scene=true fit to it"
     )
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     parser.add_argument("--seed", type=int, help="run only this seed, instead of the suite's")
     parser.add_argument("--fresh", action="store_true", help="fit and score finished jobs again")
     parser.add_argument("--retry-failed", action="store_true", help="try failed jobs again")
@@ -56,12 +49,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="run jobs on the workers of a Dask scheduler: its address, or the .json file that it wrote",
     )
-    parser.add_argument(
-        "--resource",
-        action="append",
-        default=[],
-        metavar="NAME=COUNT",
-        help="a resource that a job needs of a Dask worker, such as GPU=1; repeatable",
+    several(
+        parser, "--resource", "a resource that a job needs of a Dask worker, such as GPU=1; repeatable", "NAME=COUNT"
     )
 
 
@@ -101,7 +90,8 @@ def run(options: argparse.Namespace) -> int:
     console.say(written.text)
     console.say(_summary(outcomes))
     console.say(f"records, files, tables and pictures: {folder}")
-    return _verdict([outcome.record["status"] for outcome in outcomes])
+    states = {outcome.record["status"] for outcome in outcomes}
+    return FAILED if "failed" in states else FINE if "ok" in states else NOTHING
 
 
 def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]] | None":
@@ -137,9 +127,3 @@ def _summary(outcomes: list[Any]) -> str:
 
 
 _WORDS = {"failed": "failed (see the records; --retry-failed tries them again)", "unavailable": "not available"}
-
-
-def _verdict(status: list[str]) -> int:
-    if "failed" in status:
-        return FAILED
-    return FINE if "ok" in status else NOTHING

@@ -15,6 +15,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from bench.cli.commands import several
 from bench.errors import FINE, NO, InputError, writable
 from bench.records import STRESS
 
@@ -22,8 +23,8 @@ MOST = 81  # the most views, and the most lights, of a drawn material
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
-    parser.add_argument("--case", action="append", default=[], metavar="NAME", help="only this extreme; repeatable")
+    several(parser, "--codec", "only this codec; repeatable")
+    several(parser, "--case", "only this extreme; repeatable", "NAME")
     parser.add_argument("--cheap", action="store_true", help="only the extremes that `check` tries too")
     parser.add_argument("--list", action="store_true", help="only list the extremes and what must hold in each")
     parser.add_argument(

@@ -13,6 +13,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.cli.commands import out, several
 from bench.errors import FINE, InputError
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, help="the folder of a run")
-    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="the .zip file to write")
+    several(parser, "--codec", "only this codec; repeatable")
+    out(parser, "the .zip file to write", form="FILE")
 
 
 def run(options: argparse.Namespace) -> int:

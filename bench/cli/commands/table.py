@@ -18,6 +18,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.cli.commands import several
 from bench.errors import FINE, NOTHING, InputError
 
 if TYPE_CHECKING:
@@ -41,15 +42,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         choices=FORMATS,
         help="the format; raw is a CSV of every number of every job (default: text)",
     )
-    parser.add_argument("--codec", action="append", default=[], help="only this codec, or this row; repeatable")
-    parser.add_argument("--column", action="append", default=[], help="only this column, by its header; repeatable")
-    parser.add_argument(
-        "--name",
-        action="append",
-        default=[],
-        metavar="WORD=NAME",
-        help="rename a codec, row, column or material in rows, headers, title and notes; repeatable",
-    )
+    several(parser, "--codec", "only this codec, or this row; repeatable")
+    several(parser, "--column", "only this column, by its header; repeatable")
+    renamed = "rename a codec, row, column or material in rows, headers, title and notes; repeatable"
+    several(parser, "--name", renamed, "WORD=NAME")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,19 +9,12 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import assignments, usable_device
+from bench.cli.commands import assignments, suite_options, usable_device
 from bench.errors import FAILED, FINE, NOTHING
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("suite", nargs="?", default="trade", help="a built-in suite or a TOML file (default: trade)")
-    parser.add_argument("--out", type=Path, help="the run's folder (default: runs/SUITE)")
-    parser.add_argument(
-        "--material", action="append", default=[], help="only this material, by name or path; repeatable"
-    )
-    parser.add_argument("--codec", action="append", default=[], help="only this codec; repeatable")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    suite_options(parser, "trade")
     parser.add_argument(
         "--full", action="store_true", help="also time batches up to 2^22, which takes half an hour more"
     )

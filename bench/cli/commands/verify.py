@@ -16,19 +16,13 @@ import os
 from collections import Counter
 from pathlib import Path
 
-from bench.cli.commands import assignments
+from bench.cli.commands import assignments, several
 from bench.errors import FINE, NO, NOTHING, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("archive", type=Path, help="an archive of `neubtf-bench submit`")
-    parser.add_argument(
-        "--material",
-        action="append",
-        default=[],
-        metavar="NAME=PATH",
-        help="where the data of this material are here; repeatable",
-    )
+    several(parser, "--material", "where the data of this material are here; repeatable", "NAME=PATH")
     parser.add_argument("--out", type=Path, help="the folder of the run to write (default: runs/NAME)")
 
 

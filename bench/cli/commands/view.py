@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.commands import assignments
+from bench.cli.commands import assignments, several
 from bench.errors import FINE, InputError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="the codec files to show")
     parser.add_argument("--truth", metavar="BTF", help="show this BTF, a built-in material or a path, beside them")
-    parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how --truth is prepared")
+    several(parser, "--set", "how --truth is prepared", "data.KEY=VALUE")
     parser.add_argument("-o", "--out", type=Path, help="write the page here, and open nothing")
 
 

@@ -66,18 +66,12 @@ class Encoded:
     """A BTF that went through a codec file, and the decoded result."""
 
     btf: BTF
-    material: Material
+    decoded: Array  # slices (N, H, W, 3)
 
     @cached_property
     def truth(self) -> Array:
         """The slices (N, H, W, 3), negative radiance counting as 0."""
         return np.maximum(np.stack(list(self.btf)), 0)
-
-    @cached_property
-    def decoded(self) -> Array:
-        """The decoded slices (N, H, W, 3)."""
-        pairs = zip(self.btf.wo.tolist(), self.btf.wi.tolist(), strict=True)
-        return torch.stack([self.material.slice(wo, wi) for wo, wi in pairs]).numpy()
 
 
 @dataclass
@@ -111,7 +105,9 @@ class Subject:
             changes = {"steps": stretch * self.tested.codec.settings.steps} | changes
         codec, path = self.codec(**changes), self.tested.folder / f"stress{container.SUFFIX}"
         container.save(path, codec, codec.encode(btf, self.fit()))
-        return Encoded(btf, loading.load(path, network=self.tested.network)[1])
+        material = loading.load(path, network=self.tested.network)[1]
+        pairs = zip(btf.wo.tolist(), btf.wi.tolist(), strict=True)
+        return Encoded(btf, torch.stack([material.slice(wo, wi) for wo, wi in pairs]).numpy())
 
     @cached_property
     def usual(self) -> Encoded:

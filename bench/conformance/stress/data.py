@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -46,9 +47,11 @@ def material(radiance: Array, wo: Array | None = None, wi: Array | None = None) 
     return BTF("extreme", wo, wi, ArraySource(np.asarray(radiance, np.float32)), periodic=True)
 
 
-def one_pair() -> BTF:
-    """One picture of 5 × 5 texels, which a codebook of 32 entries can hold too."""
-    return material(values()[40:41, :5, :5], ordinary().wo[40:41], ordinary().wi[40:41])
+def painted(radiance: Array, place: Any, value: float) -> BTF:
+    """The material of a radiance (81, 8, 8, 3) with one value at some places."""
+    radiance = radiance.copy()
+    radiance[place] = value
+    return material(radiance)
 
 
 def long_strip() -> BTF:
@@ -57,37 +60,11 @@ def long_strip() -> BTF:
     return material(np.stack(list(like))[:, :3][:, :, np.arange(1001) % 8], like.wo, like.wi)
 
 
-def rank_one() -> BTF:
-    """One picture, scaled by one number for each pair."""
-    return material(values()[:1] * values()[:, 3:4, 4:5, 1:2])
-
-
-def half_maximum() -> BTF:
-    """A quarter of the texels at 65,504 in eight views of nine; all else is 0."""
-    radiance = np.zeros_like(values())
-    radiance[:-9, ::2, ::2] = HALF_MAX
-    return material(radiance)
-
-
-def random_highlights() -> BTF:
-    """Highlights of 65,504 on half of all samples, at random over texels and pairs."""
-    radiance = values().copy()
-    radiance[np.random.default_rng(0).random(radiance.shape[:3]) < 0.5] = HALF_MAX
-    return material(radiance)
-
-
 def beyond_half() -> BTF:
     """1e6, too large for a half, in all views on 2 of 256 texels: so few that the others set the exposure."""
     like = tiny_btf(16)
     radiance = np.stack(list(like))
     radiance[:, [3, 11], [5, 8]] = 1e6
-    return material(radiance)
-
-
-def two_constants() -> BTF:
-    """Two colours, left and right: one bias cannot answer both."""
-    radiance = np.full_like(values(), 0.5)
-    radiance[:, :, 4:] = 0.125
     return material(radiance)
 
 
@@ -99,15 +76,8 @@ def black_from_above() -> BTF:
     return material(radiance)
 
 
-def subnormal() -> BTF:
-    """Radiance below 2⁻¹⁴, in steps of 2⁻²⁴: subnormal halves."""
-    return material((values() * 2.0**-15).astype(np.float16))
-
-
 def firefly() -> BTF:
-    radiance = values().copy()
-    radiance[40, 3, 5] = HALF_MAX
-    return material(radiance)
+    return painted(values(), np.s_[40, 3, 5], HALF_MAX)
 
 
 def negative_noise() -> BTF:
@@ -117,16 +87,9 @@ def negative_noise() -> BTF:
     return material(radiance - np.random.default_rng(0).uniform(0, 1e-3, radiance.shape))
 
 
-def pairs_twice() -> BTF:
-    like = ordinary()
-    return material(np.concatenate([values(), values()]), np.tile(like.wo, (2, 1)), np.tile(like.wi, (2, 1)))
-
-
-def zenith_views() -> BTF:
-    """One view, straight from above, and nine lights."""
-    like = ordinary()
-    chosen = np.flatnonzero(like.wo[:, 2] > 0.999)
-    return material(values()[chosen], like.wo[chosen], like.wi[chosen])
+def of_pairs(pairs: Array, side: int = 8) -> BTF:
+    """Some pairs of the ordinary material, in pictures of `side`² texels."""
+    return material(values()[pairs, :side, :side], ordinary().wo[pairs], ordinary().wi[pairs])
 
 
 def grazing_lights() -> BTF:
@@ -190,22 +153,18 @@ def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
 
 
 def no_worse(encoded: Encoded) -> Measured:
-    """no worse than mean-colour, or closer than half a step of 8 bits"""
     return within(encoded, bound(encoded))
 
 
 def others_no_worse(encoded: Encoded) -> Measured:
-    """the other texels, by themselves, no worse than their mean colours"""
+    """Judge the texels without a firefly by themselves."""
     sound(encoded)
     others = encoded.truth.max((0, 3)) < HALF_MAX
-    pairs, wo, wi = len(encoded.truth), encoded.btf.wo, encoded.btf.wi
-    apart = Encoded(material(encoded.truth[:, others].reshape(pairs, 1, -1, 3), wo, wi), encoded.material)
-    vars(apart)["decoded"] = encoded.decoded[:, others].reshape(pairs, 1, -1, 3)
-    return no_worse(apart)
+    truth, decoded = (slices[:, others][:, None] for slices in (encoded.truth, encoded.decoded))
+    return no_worse(Encoded(material(truth, encoded.btf.wo, encoded.btf.wi), decoded))
 
 
 def constants_hold(encoded: Encoded) -> Measured:
-    """every value within 10 %"""
     sound(encoded)
     worst = float((np.abs(encoded.decoded - encoded.truth) / encoded.truth).max())
     require(worst <= CONSTANT, f"{worst:.1%}", f"a value is off by {worst:.3%}")
@@ -234,7 +193,6 @@ def refused(subject: Subject) -> None:
 
 
 def stored_or_refused(subject: Subject) -> Measured:
-    """no worse than mean-colour, after five times the steps, or refused by an error that names them"""
     try:
         encoded = subject.encode(beyond_half(), stretch=5)
     except InputError as error:
@@ -251,12 +209,15 @@ def mended(subject: Subject) -> Measured:
 
 
 def one_pair_holds(subject: Subject) -> Measured:
-    """no worse than mean-colour, exact here, or than the codec on the ordinary material, after three times its steps"""
-    usual, encoded = subject.usual, subject.encode(one_pair(), stretch=3)
+    """Measure one picture of 5 × 5 texels, which a codebook of 32 entries can hold too."""
+    usual, encoded = subject.usual, subject.encode(of_pairs(np.array([40]), 5), stretch=3)
     # The codec's result on the ordinary material counts only if it is better than mean-colour there.
     limits, errors = bound(usual), mean_squares(usual, usual.decoded)
     lossy = {space: min(errors[space][0] * 10 ** (SAME_DB / 10), limits[space]) for space in limits}
     return within(encoded, {space: max(allowed, lossy[space]) for space, allowed in bound(encoded).items()})
+
+
+NO_WORSE = "no worse than mean-colour, or closer than half a step of 8 bits"
 
 
 def data(
@@ -264,13 +225,18 @@ def data(
     make: Callable[[], BTF],
     test: Callable[[Encoded], Measured] = no_worse,
     cheap: bool = False,
-    holds: str = "",
+    holds: str = NO_WORSE,
 ) -> Case:
     """A case: its name, the function that makes it, and what must hold of it after decoding."""
-    return Case("data", name, holds or test.__doc__ or "", lambda subject: test(subject.encode(make())), cheap)
+    return Case("data", name, holds, lambda subject: test(subject.encode(make())), cheap)
 
 
 SCALES = {"1e-8": 1e-8, "1e-4": 1e-4, "1e4": 1e4}
+OTHERS_NO_WORSE = "the other texels, by themselves, no worse than their mean colours"
+STORED = "no worse than mean-colour, after five times the steps, or refused by an error that names them"
+ONE_PAIR = (
+    "no worse than mean-colour, exact here, or than the codec on the ordinary material, after three times its steps"
+)
 SAME_UNSCALED = f"the quality of the same data unscaled, within {SAME_DB} dB (above {EXACT_DB:.0f} dB all are equal)"
 
 
@@ -286,26 +252,39 @@ def unphysical(case: Case) -> Case:
 
 CASES = (
     data("all zero", lambda: material(np.zeros_like(values())), cheap=True),
-    unphysical(data("two constants", two_constants, constants_hold, cheap=True)),
+    # One bias cannot answer both.
+    unphysical(
+        data(
+            "two constants",
+            lambda: painted(np.full_like(values(), 0.5), np.s_[:, :, 4:], 0.125),
+            constants_hold,
+            cheap=True,
+            holds="every value within 10 %",
+        )
+    ),
     data("one texel", lambda: material(values()[:, :1, :1]), cheap=True),
-    Case("data", "one pair", one_pair_holds.__doc__ or "", one_pair_holds),
+    Case("data", "one pair", ONE_PAIR, one_pair_holds),
     data("one row", lambda: material(values()[:, :1])),
     data("3 × 1,001 texels", long_strip),
-    data("rank one", rank_one),
+    data("rank one", lambda: material(values()[:1] * values()[:, 3:4, 4:5, 1:2])),
     *(Case("data", f"scaled by {name}", SAME_UNSCALED, partial(same_quality, by)) for name, by in SCALES.items()),
-    unphysical(data("65,504 beside zeros", half_maximum)),
-    data("random highlights of 65,504", random_highlights),
-    unphysical(Case("data", "highlights of 1e6", stored_or_refused.__doc__ or "", stored_or_refused)),
-    data("subnormal halves", subnormal),
-    data("one firefly texel", firefly, others_no_worse, cheap=True),
+    # A quarter of the texels in eight views of nine.
+    unphysical(data("65,504 beside zeros", lambda: painted(np.zeros_like(values()), np.s_[:-9, ::2, ::2], HALF_MAX))),
+    data(
+        "random highlights of 65,504",
+        lambda: painted(values(), np.random.default_rng(0).random(values().shape[:3]) < 0.5, HALF_MAX),
+    ),
+    unphysical(Case("data", "highlights of 1e6", STORED, stored_or_refused)),
+    data("subnormal halves", lambda: material((values() * 2.0**-15).astype(np.float16))),  # in steps of 2⁻²⁴
+    data("one firefly texel", firefly, others_no_worse, cheap=True, holds=OTHERS_NO_WORSE),
     data(
         "negative noise below 1e-3",
         negative_noise,
         holds="negative radiance is answered as 0; else no worse than mean-colour",
     ),
-    data("identical pairs twice", pairs_twice),
+    data("identical pairs twice", lambda: of_pairs(np.tile(np.arange(81), 2))),
     data("black seen from above", black_from_above),
-    data("views only at the zenith", zenith_views),
+    data("views only at the zenith", lambda: of_pairs(np.flatnonzero(ordinary().wo[:, 2] > 0.999))),
     unphysical(data("lights only at grazing", grazing_lights)),  # brighter than Fresnel lets the base layer be at 89°
     Case("data", "NaN and infinite texels", "an error that says how many and where", refused, cheap=True),
     Case("data", "NaN texels, repaired", "masked, said so; no worse than mean-colour", mended),

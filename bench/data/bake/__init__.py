@@ -4,11 +4,12 @@
 `neubtf-bench bake` writes the BTF to a given path; a suite or `run --material FOLDER` bakes into the cache.
 """
 
+import functools
 import hashlib
 import json
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,7 +23,7 @@ from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
 from bench.data.bake.partial import Partial
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
-from bench.data.joined import with_heldout, with_validation
+from bench.data.joined import prepared
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
@@ -96,13 +97,13 @@ def _bake(
 
     if path_tracer:
         described = described | path_tracer.described()
-        partial = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
-        show(label, partial.done, len(wo))
-        for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=partial.done):
-            partial.add(slices)
-            show(label, partial.done, len(wo))
-        write(partial.values, described)
-        partial.remove()
+        kept = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
+        show(label, kept.done, len(wo))
+        for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=kept.done):
+            kept.add(slices)
+            show(label, kept.done, len(wo))
+        write(kept.values, described)
+        kept.remove()
         return
     with atomic.temporary(out) as scratch:
         values = atomic.mapped(scratch, np.float32, (len(wo), *surface.shape, 3))
@@ -124,41 +125,33 @@ def open_svbrdf(
 ) -> BTF:
     """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` selects its test pairs.
 
-    Training pairs and held-out pairs are separate files, so another draw does not bake the product again. If a path
-    tracer is killed, its finished slices stay beside them, and the next call resumes from them. Raises `InputError` for
-    maps that cannot be recognised or read, and for counts out of range.
+    If a path tracer is killed, its finished slices stay beside the files, and the next call resumes from them. Raises
+    `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
-    tracer = path_tracer.described() if path_tracer else {}
-    product = _cached(folder, data.size, Pairs(*data.product()), _sampled(data) | tracer, show, path_tracer)
-    if not data.heldout:
-        return product
-    words = {"heldout": data.described(draw)}
-    pairs = Pairs(*data.drawn(product.name, 0, draw))
-    btf = with_heldout(product, _cached(folder, data.size, pairs, words | tracer, show, path_tracer), **words)
-    if not data.validation:
-        return btf
-    chosen_by = data.of_validation()
-    text, pairs = chosen_by.described(), Pairs(*chosen_by.drawn(product.name, 0))
-    heldout = _cached(folder, data.size, pairs, {"heldout": text} | tracer, show, path_tracer)
-    return with_validation(btf, heldout, text)
+    cached = functools.partial(_cached, folder, data.size, show, path_tracer)
+    return prepared(data, folder.resolve().name, 0, draw, _sampled(data), cached)
 
 
 def _cached(
-    folder: Path, size: int, pairs: Pairs, sampled: dict[str, Any], show: Progress, path_tracer: PathTracer | None
+    folder: Path,
+    size: int,
+    show: Progress,
+    path_tracer: PathTracer | None,
+    pairs: tuple[Array, Array],
+    sampled: dict[str, Any],
 ) -> BTF:
-    """A folder of maps at some pairs; `sampled` describes them and the tracer. Read from the cache, or baked into
+    """A folder of maps at some pairs, `wo` and `wi`, which `sampled` describes: read from the cache, or baked into
     it."""
     maps, name = recognise(folder), folder.resolve().name
+    sampled = sampled | (path_tracer.described() if path_tracer else {})
     path = cache_dir() / "materials" / f"{name}-{size}-{_key(maps, size, sampled)[:24]}.npz"
     if not path.exists():
         with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
             if not path.exists():
                 surface = read_surface(maps, size)
                 log.warning("baking %s\n%s", folder, table(surface))
-                _bake(surface, pairs, _described(surface, 0) | sampled, path, show, 0, path_tracer)
-    btf = open_btf(path)
-    btf.name = name
-    return btf
+                _bake(surface, Pairs(*pairs), _described(surface, 0) | sampled, path, show, 0, path_tracer)
+    return replace(open_btf(path), name=name)
 
 
 def table(surface: Surface) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from bench import atomic
 from bench.atomic import cache_dir
 from bench.btf import BTF, RENDERED, Array, ArraySource
-from bench.data.joined import with_heldout, with_validation
+from bench.data.joined import prepared
 from bench.data.materials.maps import Recipe
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
 from bench.data.spec import Preparation
@@ -49,24 +49,12 @@ def load_or_render(
     """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`.
 
     An `outline` has everything but the values, which are 0: its fingerprint is known before anything is rendered.
-
-    Training pairs and held-out pairs are separate renderings, so another draw does not render the product again.
     """
     if data.size < 1:
         raise InputError(f"size must be at least 1, not {data.size}")
-    directions = {"directions": data.directions, "views": data.views, "lights": data.lights}
+    directions: dict[str, Any] = {"directions": data.directions, "views": data.views, "lights": data.lights}
     rendered = partial(_rendered, name, recipe, data.size, seed, outline, show)
-    product = rendered(data.product(), directions)
-    product.heldout = np.zeros(len(product), bool)
-    if not data.heldout:
-        return product
-    words = {"heldout": data.described(draw)}
-    btf = with_heldout(product, rendered(data.drawn(name, seed, draw), words), **words)
-    if not data.validation:
-        return btf
-    chosen_by = data.of_validation()
-    text = chosen_by.described()
-    return with_validation(btf, rendered(chosen_by.drawn(name, seed), {"heldout": text}), text)
+    return prepared(data, name, seed, draw, directions, rendered)
 
 
 def _rendered(
@@ -106,7 +94,8 @@ def _rendered(
                 values = _read(path, shape)
     if values is None:
         raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
-    return BTF(name, *pairs, StoredSource(values, key), periodic=True, provenance=described)
+    nothing, source = np.zeros(len(values), bool), StoredSource(values, key)
+    return BTF(name, *pairs, source, heldout=nothing, periodic=True, provenance=described)
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> Array | None:

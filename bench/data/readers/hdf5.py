@@ -21,7 +21,7 @@ import numpy as np
 
 from bench.archive import LEAST, MAX_FILE, RATIO
 from bench.btf import BTF, Array, Source, finite
-from bench.data.joined import with_heldout
+from bench.data.joined import followed
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
@@ -54,7 +54,7 @@ def opened(seen: Candidate) -> BTF | None:
         raise InputError(
             f"{heldout}: its pictures are {width} x {height}, those of {path.name} {cols} x {rows}: move it away"
         )
-    whole = with_heldout(btf, other, heldout=f"the {len(other)} pairs of {heldout.name}")
+    whole = followed(btf, other, "heldout", f"the {len(other)} pairs of {heldout.name}")
 
     def label(pair: int) -> str:
         return f"{path}: pair {pair}" if pair < len(btf) else f"{heldout}: pair {pair - len(btf)}"

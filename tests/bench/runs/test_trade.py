@@ -12,7 +12,7 @@ from bench import cli, timing
 from bench.choosing.trades import answers, named, usable
 from bench.cli.commands import choose as choose_command
 from bench.conformance.check import tiny_btf
-from bench.data.open import hold_validation
+from bench.data.open import with_validation
 from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
 from bench.material import DecoderCost
@@ -40,9 +40,7 @@ SUITE = Suite(
 
 
 def opened(*_):
-    btf = tiny_btf(12, 6, 6)
-    hold_validation(btf)
-    return btf
+    return with_validation(tiny_btf(12, 6, 6))
 
 
 def without_drjit():
