@@ -1,6 +1,7 @@
 """The fit of `relief`: latents, frames and network, by random samples of every level of detail."""
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import torch
@@ -24,22 +25,14 @@ HIGHEST = 2 * REACH  # and −HIGHEST the lowest height, in widths of the pictur
 HEIGHT_RATE = 0.02  # texels, the highest learning rate of the height
 
 
-class Rectified(Samples):
-    """Samples whose slices show surface points where each view sees them, instead of places on the plane."""
-
-    def __init__(self, samples: Samples, height: Tensor):
-        self.__dict__.update(vars(samples))
-        self.height = height.reshape(-1, 1).to(samples.device)
-
-    def slices(self, pair: Tensor) -> Tensor:
-        """The log radiance (texels, n, 3) of some pairs (n,), texels being those of the height."""
-        texel = torch.arange(self.texels, device=self.device)
-        slices = []
-        for i, flat in zip(pair.tolist(), super().slices(pair).unbind(1), strict=True):
-            along = slope(self.wo[i : i + 1], self.shape)
-            place = wrapped(self.centres(texel) - self.height * along)
-            slices.append(sample_texture(flat.reshape(*self.shape, 3), place))
-        return torch.stack(slices, 1)
+def rectified(samples: Samples, height: Tensor, pair: Tensor) -> Tensor:
+    """`Samples.slices` of the surface points of a height (H, W), where each view sees them, not of the plane."""
+    centres = samples.centres(torch.arange(samples.texels, device=samples.device))
+    height, slices = height.reshape(-1, 1).to(samples.device), []
+    for i, flat in zip(pair.tolist(), samples.slices(pair).unbind(1), strict=True):
+        place = wrapped(centres - height * slope(samples.wo[i : i + 1], samples.shape))
+        slices.append(sample_texture(flat.reshape(*samples.shape, 3), place))
+    return torch.stack(slices, 1)
 
 
 class ReliefObjective(Objective):
@@ -58,8 +51,8 @@ class ReliefObjective(Objective):
         self.offset = nn.Parameter(torch.zeros_like(height)) if height is not None and settings.refine else None
         self.relief = None if height is None else Surface(stepped(height)[2])
         self.moved = False  # whether the marched surface differs from the found one
-        source = self.samples if height is None else Rectified(self.samples, height)
-        self.latents = nn.Parameter(first_latents(source, settings.latents, settings.start, generator))
+        slices = None if height is None else partial(rectified, self.samples, height)
+        self.latents = nn.Parameter(first_latents(self.samples, settings.latents, settings.start, generator, slices))
         self.rounding = Rounding(settings.latents, settings.bits)
 
     def groups(self) -> list[dict[str, Any]]:

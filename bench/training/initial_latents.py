@@ -5,7 +5,7 @@ network ignores small inputs, and scaled down, since it makes little use of the 
 with as much noise, they hold a fit less to the training directions that they were found on.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Literal
 
 import torch
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bench.training.fitting import Samples
 
 Start = Literal["mixed", "components", "random"]
+Slices = Callable[[Tensor], Tensor]  # the log radiance (texels, n, 3) of some pairs (n,)
 
 RANDOM_SPREAD, COMPONENT_SPREAD = 0.1, 0.5  # standard deviation of a channel
 MIXED_SPREAD = 0.2  # of the component in a mixed channel, and of the noise
@@ -25,20 +26,25 @@ PASSES = 2  # passes over the data: a start need not be exact
 BLOCK_BYTES = 16 << 20  # bytes of the matrix in memory at once
 
 
-def first_latents(samples: "Samples", channels: int, start: Start, generator: torch.Generator) -> Tensor:
-    """The first latents (texels, channels) of a fit, float32. Channels beyond the rank of the data are random."""
+def first_latents(
+    samples: "Samples", channels: int, start: Start, generator: torch.Generator, slices: Slices | None = None
+) -> Tensor:
+    """The first latents (texels, channels) of a fit, float32. Channels beyond the rank of the data are random.
+
+    They are found on `Samples.slices`, or on the `slices` that are given instead.
+    """
     noise = torch.randn(samples.texels, channels, generator=generator)
     latents = RANDOM_SPREAD * noise
     if start == "random":
         return latents
-    scores = components(samples, channels, generator).cpu()
+    scores = components(samples, channels, generator, slices).cpu()
     count = scores.shape[1]
     mixed = MIXED_SPREAD * (scores + noise[:, :count])
     latents[:, :count] = mixed if start == "mixed" else COMPONENT_SPREAD * scores
     return latents
 
 
-def components(samples: "Samples", count: int, generator: torch.Generator) -> Tensor:
+def components(samples: "Samples", count: int, generator: torch.Generator, slices: Slices | None = None) -> Tensor:
     """The whitened scores (texels, k ≤ count) of the log ABRDFs on their strongest components, k at most their rank."""
     pairs = torch.randperm(samples.pairs, generator=generator)[:MOST_PAIRS].sort().values
     weight = samples.density.weights[pairs].repeat_interleave(3) if samples.density else None
@@ -46,7 +52,7 @@ def components(samples: "Samples", count: int, generator: torch.Generator) -> Te
 
     def read(label: str) -> Iterator[Tensor]:
         for block in pairs.split(max(1, BLOCK_BYTES // (12 * samples.texels))):
-            yield samples.slices(block).permute(1, 2, 0).flatten(0, 1).contiguous()
+            yield (slices or samples.slices)(block).permute(1, 2, 0).flatten(0, 1).contiguous()
 
     scores = truncated_svd(read, shape, count, PASSES, generator, samples.device, weight).coefficients.T
     return scores / scores.square().mean(0).sqrt()
