@@ -40,7 +40,7 @@ class NeuBTFDirect(Codec):
     }
     """
 
-    name, version = "neubtf-direct", 3
+    name, version = "neubtf-direct", 4
     sizes = ("latents", "width")
     recipes: ClassVar = {
         "paper": {
