@@ -138,19 +138,17 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
     edges = np.linspace(-1, 1, CELLS + 1)
     x = (low[:, None, 0] <= edges[1:] + slack) & (high[:, None, 0] >= edges[:-1] - slack)
     y = (low[:, None, 1] <= edges[1:] + slack) & (high[:, None, 1] >= edges[:-1] - slack)
+    met = y.T[:, None] & x.T  # (rows, columns, triangles)
     middle, centroids = (edges[1:] + edges[:-1]) / 2, corners.mean(1)
-    cells = []
-    for row, column in np.ndindex(CELLS, CELLS):
-        here = np.flatnonzero(y[:, row] & x[:, column])
-        if not len(here):
-            here = np.linalg.norm((middle[column], middle[row]) - centroids, axis=-1).argmin(keepdims=True)
-        cells.append(here)
-    most = max(map(len, cells))
-    if most > MOST_CANDIDATES:
+    for row, column in np.argwhere(~met.any(2)):
+        met[row, column, np.linalg.norm((middle[column], middle[row]) - centroids, axis=-1).argmin()] = True
+    cell, triangle = np.nonzero(met.reshape(CELLS**2, -1))
+    counts = np.bincount(cell)
+    if (most := counts.max()) > MOST_CANDIDATES:
         raise ValueError(f"{most:,} triangles of directions meet in one place, but the limit is {MOST_CANDIDATES:,}")
-    out = np.empty((len(cells), most), np.int64)
-    for row, here in zip(out, cells, strict=True):
-        row[: len(here)], row[len(here) :] = here, here[0]
+    starts = np.cumsum(counts) - counts
+    out = np.repeat(triangle[starts, None], most, axis=1)
+    out[cell, np.arange(len(cell)) - starts[cell]] = triangle
     return out
 
 

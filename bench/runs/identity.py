@@ -86,8 +86,9 @@ def _source(path: Path, module: str) -> _Source:
         tree = ast.parse(content)
     except (SyntaxError, ValueError):  # compiled
         return _Source(hashlib.sha256(content).hexdigest())
-    imported, by_name = tuple(_imported(tree, module, path)), _imports_by_name(tree)
-    for node in ast.walk(tree):
+    nodes = list(ast.walk(tree))  # once: walking is what takes the time
+    imported, by_name = tuple(_imported(nodes, module, path)), _imports_by_name(nodes)
+    for node in nodes:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
     return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported, by_name)
@@ -123,12 +124,12 @@ def _top_file(top: str) -> Path | None:
     return Path(folders[0]) / "__init__.py" if folders else None
 
 
-def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
+def _imported(nodes: list[ast.AST], module: str, path: Path) -> Iterator[str]:
     """The modules that a module may import anywhere in its source, except those that only a type checker sees."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    typed = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
+    typed = [node for node in nodes if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
     unseen = {id(inner) for node in typed if not node.orelse for inner in ast.walk(node)}
-    for node in ast.walk(tree):
+    for node in nodes:
         if id(node) in unseen:
             continue
         if isinstance(node, ast.Import):
@@ -140,9 +141,9 @@ def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def _imports_by_name(tree: ast.Module) -> bool:
+def _imports_by_name(nodes: list[ast.AST]) -> bool:
     """Whether a module imports others by a name that is known only when it runs."""
-    calls = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
+    calls = (node.func for node in nodes if isinstance(node, ast.Call))
     names = (f.attr if isinstance(f, ast.Attribute) else f.id for f in calls if isinstance(f, ast.Attribute | ast.Name))
     return bool(BY_NAME & set(names))
 

@@ -14,11 +14,11 @@ def restored_process_state() -> Iterator[None]:
     """Restore the working directory, settings and global generators of PyTorch and NumPy when the block ends."""
     folder, dtype, device = os.getcwd(), torch.get_default_dtype(), torch.get_default_device()
     threads, gradients = torch.get_num_threads(), torch.is_grad_enabled()
-    exact, warn_only = (
-        torch.are_deterministic_algorithms_enabled(),
-        torch.is_deterministic_algorithms_warn_only_enabled(),
+    exact, precision, complaints = (
+        torch.get_deterministic_debug_mode(),
+        torch.get_float32_matmul_precision(),
+        np.geterr(),
     )
-    precision, complaints = torch.get_float32_matmul_precision(), np.geterr()
     drawn = torch.get_rng_state(), np.random.get_state(), random.getstate()
     try:
         yield
@@ -30,7 +30,7 @@ def restored_process_state() -> Iterator[None]:
             torch.set_default_device(None if device.type == "cpu" else device)
         torch.set_num_threads(threads)
         torch.set_grad_enabled(gradients)
-        torch.use_deterministic_algorithms(exact, warn_only=warn_only)
+        torch.set_deterministic_debug_mode(exact)  # the other setter imports the compiler
         torch.set_float32_matmul_precision(precision)
         np.seterr(**complaints)
         torch.set_rng_state(drawn[0])
