@@ -34,6 +34,13 @@ def brief(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Jobs store nothing to draw: to record a material as a program takes a second."""
+    monkeypatch.setattr("bench.runs.job.drawing", lambda file, keep: {"not_drawn": "undrawn"})
+    monkeypatch.setattr("bench.runs.job.sparse_truth", lambda btf: None)
+
+
+@pytest.fixture
 def gpu() -> Iterator[Any]:
     """An emulated GPU, of which `bench.conformance.emulated` counts the kernels."""
     from bench.conformance.emulated import NoEmulationError, emulated

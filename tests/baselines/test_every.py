@@ -108,7 +108,7 @@ def test_parts_that_do_not_fit_each_other_are_refused(
         codec.decode(parts, CPU)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (5, 3), (2, 16)])
+@pytest.mark.parametrize("size", [(1, 1), pytest.param((5, 3), marks=pytest.mark.long), (2, 16)])
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
@@ -135,7 +135,7 @@ TRAINED = {"steps": 300, "batch": 512}
         ("bcf", TRAINED),
         ("hierarchical", {"steps": 200, "batch": 512}),
         *(
-            (name, settings | {"recipe": recipe})
+            pytest.param(name, settings | {"recipe": recipe}, marks=pytest.mark.long if recipe == "ours" else ())
             for recipe in ("ours", "paper")
             for name, settings in [
                 ("neuralbtf", TRAINED | {"width": 64}),

@@ -47,6 +47,7 @@ def test_the_example_of_the_page_runs_and_has_ten_lines(capsys):
     assert "(32, 32) 101" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_plain_script_with_a_codec_from_outside_runs_once(tmp_path):
     """Without a guard of `__main__`: what tries the codec in another process must not run the script again there."""
     text = "from baselines.pca import PCA\n\nclass Mine(PCA):\n    name = 'mine'\n"

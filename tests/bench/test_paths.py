@@ -11,6 +11,9 @@ import pytest
 from PIL import Image
 
 from bench import cli
+from bench.conformance.check import tiny_btf
+from bench.data.readers.folder import write_folder
+from bench.records import load_run
 from tests.bench.outside import install
 
 PAGE = Path(__file__).parents[2] / "docs" / "api.md"
@@ -68,6 +71,7 @@ def test_a_student_comes_from_arrays_and_a_codec_to_a_table_of_latex(tmp_path, m
     assert done.returncode == 0, done.stdout[-2000:]
 
 
+@pytest.mark.long
 def test_a_studio_comes_from_maps_to_a_shader_and_its_bytes_on_a_gpu(tmp_path, capsys):
     wave = np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False))
     (tmp_path / "maps").mkdir()
@@ -87,3 +91,12 @@ def test_a_studio_comes_from_maps_to_a_shader_and_its_bytes_on_a_gpu(tmp_path, c
     (held,) = re.findall(r"^([\d,]+) bytes of textures on a GPU", said, re.M)
     assert int(held.replace(",", "")) > 0
     assert "material(" in (tmp_path / "shader" / "maps.glsl").read_text()
+
+
+def test_twenty_scattered_pairs_in_a_folder_are_run_and_drawn(tmp_path):
+    chosen = np.random.default_rng(0).choice(81, 20, replace=False)
+    write_folder(tiny_btf(16).subset(chosen), tmp_path / "own")
+    words = ["run", "quick", "--material", str(tmp_path / "own"), "--codec", "pca", "--codec", "mean-colour"]
+    assert cli.main([*words, "--out", str(tmp_path / "run")]) == 0
+    assert all("drawing" in job for job in load_run(tmp_path / "run").jobs)
+    assert [*(tmp_path / "run").glob("drawings/truth-*.npz")]

@@ -148,12 +148,13 @@ def test_every_way_to_fit_gives_a_texture(settings: dict[str, Any]) -> None:
     assert material.slice([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]).std() > 0
 
 
-@pytest.mark.parametrize(
-    "settings", [{"pixel": 0.5}, {"style": 0.0}, {"frequency": 0.0}, {"hue": 0.0}, {"blur": 0.0}, {"noise": 0.0}]
-)
-def test_every_weight_matters(settings: dict[str, Any]) -> None:
-    ours, theirs = (fitted(keep_encoder=True, recipe="paper", **chosen)[1] for chosen in (settings, {}))
-    assert not ours.encoder["weights"].equal(theirs.encoder["weights"])
+def test_every_weight_matters() -> None:
+    weights = ["pixel", "style", "frequency", "hue", "blur", "noise"]
+    chosen = [{}, *({name: 0.5 if name == "pixel" else 0.0} for name in weights)]
+    found = [
+        fitted(keep_encoder=True, recipe="paper", **each)[1].encoder["weights"].numpy().tobytes() for each in chosen
+    ]
+    assert len(set(found)) == len(found)
 
 
 def test_the_papers_recipe_is_what_it_states() -> None:

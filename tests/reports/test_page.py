@@ -172,6 +172,7 @@ def test_figures_that_the_page_draws_itself_are_not_in_it_twice(made):
     assert "a polar" in text
 
 
+@pytest.mark.long
 def test_a_page_of_hostile_names_runs_nothing_of_them(browser, made):
     for name in HOSTILE:
         made.job(f"pca {name}", material=name).timing(f"pca {name}", material=name)

@@ -3,6 +3,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from PIL import Image
 
 from bench import cli
@@ -91,6 +92,7 @@ def test_a_table_needs_no_figures_and_no_torch(made):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 def test_every_figure_is_written_as_svg_and_pdf_where_that_is_asked(made, capsys):
     made.job("a").job("b", psnr=31.0).timing("a").timing("b").trade("a")
     words = ["neubtf-bench", "report", "runs/quick", "--vector"]

@@ -21,7 +21,7 @@ from bench.records import load_run
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
 
 
-pytestmark = pytest.mark.usefixtures("brief")
+pytestmark = pytest.mark.usefixtures("brief", "undrawn")
 
 
 @pytest.fixture

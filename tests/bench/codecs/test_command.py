@@ -57,7 +57,7 @@ def suite(place, encode=ENCODE, decode=DECODE):
 
 
 @pytest.fixture(autouse=True)
-def brief(monkeypatch):
+def brief(monkeypatch, undrawn):
     monkeypatch.setattr("bench.timing.TURNS", 3)
     monkeypatch.delenv("NEUBTF_PERMIT", raising=False)
 
@@ -105,7 +105,11 @@ def test_a_changed_program_is_not_answered_from_earlier_files(tmp_path):
         pytest.param(
             {"decode": "raise SystemExit('no licence')"}, "ended without an answer: no licence", marks=pytest.mark.long
         ),
-        ({"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns, :2]")}, "instead of"),
+        pytest.param(
+            {"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns, :2]")},
+            "instead of",
+            marks=pytest.mark.long,
+        ),
         ({"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns] / 0.0")}, "finite"),
         pytest.param(
             {"decode": DECODE.replace("np.save(answers", "open(answers, 'w').write('text'), (lambda *_: 0)(answers")},

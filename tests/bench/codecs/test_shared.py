@@ -187,7 +187,7 @@ SUITE = Suite("test", "", materials=(MaterialSpec("tiny"),), codecs=(CodecSpec("
 
 
 @pytest.fixture
-def tiny(monkeypatch):
+def tiny(monkeypatch, undrawn):
     """The material of the suite."""
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 4, 4))
     monkeypatch.setattr("bench.timing.TURNS", 3)
@@ -219,6 +219,7 @@ def test_a_record_has_two_sizes_and_its_run_decodes_without_the_place_of_network
 
 
 @pytest.mark.usefixtures("tiny")
+@pytest.mark.long
 def test_another_network_is_another_file(tmp_path):
     make()
     first = job(tmp_path / "run")

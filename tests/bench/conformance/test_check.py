@@ -20,6 +20,7 @@ from bench.conformance.verdicts import check, codec_to_check
 from bench.material import DecoderCost, Material
 from bench.records import FILE, append
 from bench.training.quantise import unpack
+from tests.tiers import short_for
 
 OURS = [
     *("mean-colour", "table", "pca", "vq", "hsh", "tucker"),
@@ -40,10 +41,9 @@ OURS = [
     ),
 ]
 
-SLOW = ("hierarchical", "neuralbtf")  # their steps take longest
 
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.long if name in SLOW else ()) for name in OURS])
+# The stress test tries all of them in CI.
+@pytest.mark.parametrize("name", short_for(OURS, "mean-colour", "neubtf-direct", "rainer2020"))
 def test_our_codecs_keep_every_promise(name, monkeypatch):
     # The extremes are tried on every codec by the stress test, where they have a table of their own.
     learned = name not in ("mean-colour", "table", "pca")

@@ -7,6 +7,7 @@ import bench
 from bench.errors import InputError
 from bench.program import llvm
 from bench.program.recording import program_of
+from tests.tiers import short_for
 
 dr = pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
 CODECS = {
@@ -34,7 +35,7 @@ def btf():
     return bench.open("cable-knit", size=12, views=9, lights=9, heldout=8)
 
 
-@pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize("codec", short_for(CODECS, "pca", "relief"))
 def test_each_codec_answers_alike(tmp_path, btf, codec):
     if reason := llvm.unusable(plugins=True):
         pytest.skip(reason)

@@ -16,6 +16,7 @@ from bench.hemisphere import product, uniform
 from bench.program.operations import OPERATIONS
 from bench.program.recording import program_of
 from tests.bench.program.test_operations import Made
+from tests.tiers import short_for
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +29,7 @@ def steps(program):
     return [(step.operation, step.shape) for step in program.steps]
 
 
+@pytest.mark.long
 def test_frames_that_somebody_keeps_change_no_program(material):
     """As a profiler of the asking thread does: Dask's workers have one."""
     expected, frames = steps(program_of(material)), []
@@ -39,6 +41,7 @@ def test_frames_that_somebody_keeps_change_no_program(material):
     assert recorded == expected
 
 
+@pytest.mark.long
 def test_threads_that_record_at_once_give_what_one_gives(material):
     expected, recorded, together = steps(program_of(material)), [], threading.Barrier(3)
 
@@ -69,8 +72,8 @@ LAYOUTS = {
 }
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("name", ["table", "pca"])
+@pytest.mark.parametrize("layout", short_for(LAYOUTS, "one pair", "lights in a line", "scattered"))
+@pytest.mark.parametrize("name", short_for(["table", "pca"], "table"))
 def test_any_layout_of_few_pairs_is_recorded_in_operations_that_back_ends_know(name, layout):
     wo, wi = LAYOUTS[layout]
     values = np.random.default_rng(0).random((len(wo), 4, 4, 3), np.float32)

@@ -183,6 +183,7 @@ def test_a_codec_of_another_distribution_runs_on_a_cluster_as_documented(tmp_pat
     assert job["status"] == "ok", job.get("error")
 
 
+@pytest.mark.long
 def test_what_a_codec_leaves_behind_reaches_neither_scores_nor_the_next_job(tmp_path):
     undisturbed = ran("vq")["vq"]
     jobs = ran("leaves", "vq", fresh=True)

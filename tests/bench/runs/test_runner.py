@@ -36,7 +36,7 @@ SUITE = Suite(
 
 
 @pytest.fixture(autouse=True)
-def tiny(monkeypatch):
+def tiny(monkeypatch, undrawn):
     """Every material of these suites is the tiny one, larger than SSIM's window."""
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
     monkeypatch.setattr("bench.timing.TURNS", 3)

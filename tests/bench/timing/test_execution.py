@@ -60,6 +60,7 @@ def test_eager_answers_in_any_precision_and_leaves_the_material_as_it_was(precis
 
 @pytest.mark.timeout(400)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # PyTorch's own, when it compiles
+@pytest.mark.long
 def test_compiled_answers_the_same_for_slices_parts_and_whole_chunks():
     compiled = prepared(Textured(), Variant("compiled"))
     assert_same(compiled, 1e-5, (CHUNK + 7,))

@@ -24,6 +24,7 @@ from reports.shaders.export import export
 from reports.shaders.generator import shader
 from tests.baselines.surfaces import bumps
 from tests.reports.shaders.reader import answer
+from tests.tiers import short_for
 
 CODECS = {
     "mean-colour": {},
@@ -52,7 +53,7 @@ def stored(material: Material, folder: Path) -> Program:
     return artefacts.program(folder / "program.npz")
 
 
-@pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize("codec", short_for(CODECS, "pca", "neubtf-direct", "relief"))
 def test_a_shader_answers_as_the_material_does(codec: str, tmp_path: Path) -> None:
     """Within what textures of halves round, 1e-3 of the brightest answer."""
     material = decoded(codec, CODECS[codec])
@@ -128,7 +129,7 @@ def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path
     assert f"{width} × {height} square texels" in (tmp_path / "out" / "README.md").read_text()
 
 
-@pytest.mark.parametrize("codec", ["neubtf-direct", "pca", "relief"])
+@pytest.mark.parametrize("codec", short_for(["neubtf-direct", "pca", "relief"], "neubtf-direct"))
 def test_glsl_and_hlsl_compile(codec: str, tmp_path: Path) -> None:
     validator = shutil.which("glslangValidator")
     if not validator:
@@ -155,6 +156,7 @@ SAYS = """async (code) => {
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.long
 def test_wgsl_compiles(browser: Any, tmp_path: Path) -> None:
     """In the browser, where its validator is."""
     (tmp_path / "empty.html").write_text("<!doctype html><title>compile</title>")

@@ -94,6 +94,7 @@ latents = 6
 """
 
 
+@pytest.mark.long
 def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("bench.timing.TURNS", 3)
     (tmp_path / "own.toml").write_text(OWN)

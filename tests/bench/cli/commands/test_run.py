@@ -2,13 +2,10 @@ import argparse
 import re
 from contextlib import nullcontext
 
-import numpy as np
 import pytest
 
 from bench import cli
 from bench.cli.commands import run as command
-from bench.conformance.check import tiny_btf
-from bench.data.readers.folder import write_folder
 from bench.records import load_run
 from bench.runs import runner
 
@@ -16,7 +13,7 @@ SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for par
 WORDS = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--codec", "table", *SMALL]
 
 
-pytestmark = pytest.mark.usefixtures("brief")
+pytestmark = pytest.mark.usefixtures("brief", "undrawn")
 
 
 def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch, capsys):
@@ -96,12 +93,3 @@ def test_a_run_says_first_what_is_left_and_after_each_job_how_far_it_is(tmp_path
     assert lines.index("2 jobs: 2 left") < lines.index(jobs[0])
     assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
     assert "2 jobs, all recorded; what changed since is done again" in capsys.readouterr().out
-
-
-def test_twenty_scattered_pairs_in_a_folder_are_run_and_drawn(tmp_path):
-    chosen = np.random.default_rng(0).choice(81, 20, replace=False)
-    write_folder(tiny_btf(16).subset(chosen), tmp_path / "own")
-    words = ["run", "quick", "--material", str(tmp_path / "own"), "--codec", "pca", "--codec", "mean-colour"]
-    assert cli.main([*words, "--out", str(tmp_path / "run")]) == 0
-    assert all("drawing" in job for job in load_run(tmp_path / "run").jobs)
-    assert [*(tmp_path / "run").glob("drawings/truth-*.npz")]

@@ -64,7 +64,7 @@ def queries(count, seed=0):
     return uv, wo, wi, torch.from_numpy(rng.uniform(0, 0.3, count).astype(np.float32))
 
 
-@pytest.mark.parametrize("name", short_for(CODECS, *(name for name in CODECS if name != "bcf")))
+@pytest.mark.parametrize("name", short_for(CODECS, "relief", "neubtf-direct", "neumip", "pca", "ntc"))
 def test_each_codec_answers_as_in_eager(tmp_path, btf, name):
     file = tmp_path / "a.nbtf"
     bench.encode(btf, name.split()[0], file, **CODECS[name])
