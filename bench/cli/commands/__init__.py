@@ -6,14 +6,12 @@ that all commands start fast.
 """
 
 import argparse
-import importlib
 import pkgutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 from bench import atomic
@@ -54,11 +52,6 @@ def grouped(known: dict[str, str]) -> str:
     for group, names in (GROUPS | ({"of methods": tuple(others)} if others else {})).items():
         lines += [f"{group}:", *(f"  {name:<12}{first_line(known[name])}" for name in names if name in known)]
     return "\n".join(lines)
-
-
-def load(module: str) -> ModuleType:
-    """The module of a command, imported."""
-    return importlib.import_module(module)
 
 
 def assignments(words: list[str], option: str = "--set", form: str = "KEY=VALUE") -> dict[str, str]:

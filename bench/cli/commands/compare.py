@@ -16,8 +16,6 @@ from pathlib import Path
 
 from bench.cli.commands import several, write_text
 
-_OF_JOBS = ("material", "markdown", "junit", "tracker", "annotations")  # options without a meaning for stress tests
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("base", metavar="BASE", help="the folder of a run, or a file of records such as a reference")
@@ -47,7 +45,8 @@ def run(options: argparse.Namespace) -> int:
     if base.stress:
         from bench.compare.extremes import report
 
-        if ignored := [f"--{name}" for name in _OF_JOBS if getattr(options, name)]:
+        of_jobs = ("material", "markdown", "junit", "tracker", "annotations")
+        if ignored := [f"--{name}" for name in of_jobs if getattr(options, name)]:
             raise InputError(f"{', '.join(ignored)}: not for stress tests, which are compared as text: leave it out")
         text, code = report(base, new, options.codec, options.allow)
         print(text)

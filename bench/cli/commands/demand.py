@@ -45,21 +45,18 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _scene(options: argparse.Namespace) -> "Caster":
-    if Path(options.scene).suffix == ".xml":
-        return _mitsuba_scene(Path(options.scene), options.bsdf)
-    if options.bsdf:
-        raise InputError(f"--bsdf: only for a Mitsuba scene, an .xml file: {options.scene} has one material")
-    from bench.demand.scene import named_scene
-    from bench.demand.text_scene import TextScene
+    path = Path(options.scene)
+    if path.suffix != ".xml":
+        if options.bsdf:
+            raise InputError(f"--bsdf: only for a Mitsuba scene, an .xml file: {path} has one material")
+        from bench.demand.scene import named_scene
+        from bench.demand.text_scene import TextScene
 
-    return TextScene(named_scene(options.scene))
-
-
-def _mitsuba_scene(path: Path, bsdf: str | None) -> "Caster":
+        return TextScene(named_scene(options.scene))
     if not path.is_file():
         raise InputError(f"{path}: there is no such file: check the path")
-    if not bsdf:
+    if not options.bsdf:
         raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
     with installed(f"{path}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]', or describe the scene in TOML"):
         from bench.demand.mitsuba.scene import MitsubaScene
-    return MitsubaScene(path, bsdf)
+    return MitsubaScene(path, options.bsdf)

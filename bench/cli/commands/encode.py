@@ -23,22 +23,19 @@ if TYPE_CHECKING:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("btf", help="a built-in material or the path of a BTF")
-    parser.add_argument("--codec", required=True)
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
-    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
-    parser.add_argument("--demand", type=Path, help="fit the smallest file for a scene, an .npz of `demand`")
-    parser.add_argument("--target-psnr", type=float, metavar="DB", help="with --demand: the PSNR that frames reach …")
-    parser.add_argument(
-        "--target-flip", type=float, metavar="FLIP", help="… or their FLIP (default: that of the full model)"
-    )
-    parser.add_argument(
-        "--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)"
-    )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=threads, default=1)
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="the codec file to write")
+    add = parser.add_argument
+    add("btf", help="a built-in material or the path of a BTF")
+    add("--codec", required=True)
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
+    add("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    add("--demand", type=Path, help="fit the smallest file for a scene, an .npz of `demand`")
+    add("--target-psnr", type=float, metavar="DB", help="with --demand: the PSNR that frames reach …")
+    add("--target-flip", type=float, metavar="FLIP", help="… or their FLIP (default: that of the full model)")
+    add("--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)")
+    add("--seed", type=int, default=0)
+    add("--threads", type=threads, default=1)
+    add("--device", default="cpu")
+    add("-o", "--out", type=Path, required=True, help="the codec file to write")
 
 
 def run(options: argparse.Namespace) -> int:

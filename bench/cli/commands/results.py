@@ -43,20 +43,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add = actions.add_parser("add", help="add the records of a run to a file to commit")
     add.add_argument("run", type=Path, help="the folder of a run")
     add.add_argument("file", type=Path, metavar="FILE", help="a .jsonl file; its own records stay")
-    for action, about in (
-        ("write", "write the tables again"),
-        ("check", "fail if a table is out of date"),
-    ):
-        each = actions.add_parser(action, help=about)
-        each.add_argument(
-            "documents", type=Path, nargs="*" if action == "write" else "+", metavar="DOC", help="a Markdown file"
-        )
-        if action == "write":
-            each.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
-            each.add_argument("--records", type=Path, default=Path("docs/results"), help="of the board (docs/results)")
-            each.add_argument(
-                "--runs", type=Path, action="append", default=[], metavar="RUN", help="with its files; repeatable"
-            )
+    write = actions.add_parser("write", help="write the tables again")
+    write.add_argument("documents", type=Path, nargs="*", metavar="DOC", help="a Markdown file")
+    write.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
+    write.add_argument("--records", type=Path, default=Path("docs/results"), help="of the board (docs/results)")
+    write.add_argument(
+        "--runs", type=Path, action="append", default=[], metavar="RUN", help="with its files; repeatable"
+    )
+    check = actions.add_parser("check", help="fail if a table is out of date")
+    check.add_argument("documents", type=Path, nargs="+", metavar="DOC", help="a Markdown file")
 
 
 def run(options: argparse.Namespace) -> int:
