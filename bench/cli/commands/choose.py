@@ -21,7 +21,6 @@ from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
     from bench.choosing import Rung
-    from bench.data.spec import Preparation
     from bench.runs.suite import Suite
 
 
@@ -72,8 +71,11 @@ def run(options: argparse.Namespace) -> int:
     print(f"{material}: {described(best.of)}")
     print(held(folder, best.of))
     words = ["encode", options.material, "--codec", best.of["codec"]]
-    for key, value in (best.of["settings"] | _changed(suite.data)).items():
+    for key, value in best.of["settings"].items():
         words += ["--set", f"{key}={value}"]
+    for key, value in asdict(suite.data).items():  # as they differ from the defaults
+        if key != "validation" and value != getattr(type(suite.data)(), key):
+            words += ["--set", f"data.{key}={str(value).lower() if value is True else value}"]
     print(f"neubtf-bench {shlex.join([*words, '-o', f'{material}.nbtf'])}")
     return FINE
 
@@ -97,13 +99,6 @@ def _suite(options: argparse.Namespace) -> "Suite":
         return with_changes(suite, [], [], {"steps": str(options.steps)}, None)
     except InputError as error:
         raise InputError(f"--steps {options.steps}: {error}") from error
-
-
-def _changed(data: "Preparation") -> dict[str, object]:
-    """The settings of a suite's data that differ from the defaults, as `--set` takes them, without `validation`."""
-    changed = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
-    changed.pop("validation", None)
-    return {f"data.{key}": str(value).lower() if value is True else value for key, value in changed.items()}
 
 
 def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], list[str]]:

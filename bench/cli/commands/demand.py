@@ -19,12 +19,11 @@ if TYPE_CHECKING:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", help="a scene of the suite, a TOML file, or an XML file of Mitsuba 3")
-    parser.add_argument("--bsdf", metavar="ID", help="the id of the BSDF that is the material, in a Mitsuba scene")
-    parser.add_argument(
-        "--queries", type=int, default=250_000, help="the most queries to keep, up to 1000000 (default: 250000)"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the samples of an environment (default: 0)")
+    add = parser.add_argument
+    add("scene", help="a scene of the suite, a TOML file, or an XML file of Mitsuba 3")
+    add("--bsdf", metavar="ID", help="the id of the BSDF that is the material, in a Mitsuba scene")
+    add("--queries", type=int, default=250_000, help="the most queries to keep, up to 1000000 (default: 250000)")
+    add("--seed", type=int, default=0, help="seed of the samples of an environment (default: 0)")
     out(parser, "the .npz file to write; a .png is drawn beside it")
 
 

@@ -87,7 +87,7 @@ def _add(run: Path, file: Path) -> int:
 def _site(records: Path, runs: list[Path], site: Path) -> None:
     import tempfile
 
-    from bench.records import load_run
+    from bench.records import FILE, load_run
     from reports.board import Source, write_site
 
     files = sorted(records.glob("*.jsonl"))
@@ -99,18 +99,13 @@ def _site(records: Path, runs: list[Path], site: Path) -> None:
             from bench.runs.archive import unpack  # loads PyTorch
 
             found.append(Source(path.name, unpack(path, Path(scratch) / path.stem), claimed=True))
-        folders = [each for run in runs for each in _runs_in(run)]
+        folders: list[Path] = []
+        for run in runs:  # a run itself, or a folder of runs
+            inside = [] if (run / FILE).exists() else sorted(path.parent for path in run.glob(f"*/{FILE}"))
+            folders += inside or [run]
         written = write_site(found, [Source(path.name, load_run(path)) for path in folders], _codecs(), site)
     size = sum(path.stat().st_size for path in written)
     print(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
-
-
-def _runs_in(folder: Path) -> list[Path]:
-    """The folder of a run itself, or those of the runs in it."""
-    from bench.records import FILE
-
-    inside = [] if (folder / FILE).exists() else sorted(path.parent for path in folder.glob(f"*/{FILE}"))
-    return inside or [folder]
 
 
 def _codecs() -> "dict[str, Codec]":

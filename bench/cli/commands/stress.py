@@ -78,8 +78,8 @@ def _again(options: argparse.Namespace) -> int:
     from bench.conformance.stress.properties import data_hold, query_holds
     from bench.conformance.stress.run import chosen
 
-    queries = _numbers("--query", options.query, float)
-    data = _numbers("--data", options.data, int)
+    queries = _numbers("--query", options.query, float, 9)
+    data = _numbers("--data", options.data, int, 6)
     if data and (min(data[:4]) < 1 or max(data[2:4]) > 81):
         raise InputError(f"--data {options.data!r}: at least one texel and pair, at most 81 views and lights")
     failed = False
@@ -99,14 +99,13 @@ def _again(options: argparse.Namespace) -> int:
     return NO if failed else FINE
 
 
-def _numbers(option: str, text: str | None, kind: type) -> list[Any]:
+def _numbers(option: str, text: str | None, kind: type, wanted: int) -> list[Any]:
     if text is None:
         return []
     try:
         numbers = [kind(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
         raise InputError(f"{option} {text!r}: {error}: give numbers with spaces between them") from error
-    wanted = 9 if option == "--query" else 6
     if len(numbers) != wanted:
         raise InputError(f"{option} {text!r}: it takes {wanted} numbers, not {len(numbers)}")
     return numbers
